@@ -1,0 +1,153 @@
+//! The border: arrays and errors across it, in one place.
+
+use numpy::{
+    Element, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use std::borrow::Cow;
+use std::num::NonZero;
+use tertia::batch::RowError;
+use tertia::missing::Present;
+
+/// A float64 array whose last axis is the sample axis; the leading axes are the batch.
+pub struct Samples<'py> {
+    array: PyReadonlyArrayDyn<'py, f64>,
+    name: &'static str,
+}
+
+/// The shape and the values of [`Samples`], contiguous.
+pub struct Rows<'a> {
+    pub shape: &'a [usize],
+    pub values: Cow<'a, [f64]>,
+    name: &'static str,
+}
+
+impl<'py> Samples<'py> {
+    pub fn extract(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
+        let array = value
+            .cast::<PyArrayDyn<f64>>()
+            .map_err(|_| PyTypeError::new_err(format!("{name} must be an array of float64")))?;
+        if array.ndim() == 0 {
+            return Err(PyValueError::new_err(format!(
+                "{name} is a single number; it must be an array with the sample along its last axis"
+            )));
+        }
+        Ok(Self { array: array.readonly(), name })
+    }
+
+    pub fn rows(&self) -> Rows<'_> {
+        let values = match self.array.as_slice() {
+            Ok(slice) => Cow::Borrowed(slice),
+            Err(_) => Cow::Owned(self.array.as_array().iter().copied().collect()),
+        };
+        Rows { shape: self.array.shape(), values, name: self.name }
+    }
+}
+
+impl Rows<'_> {
+    /// Length of a sample.
+    pub fn len(&self) -> usize {
+        self.shape[self.shape.len() - 1]
+    }
+
+    /// Shape of the batch.
+    pub fn batch(&self) -> &[usize] {
+        &self.shape[..self.shape.len() - 1]
+    }
+
+    /// Number of samples.
+    pub fn count(&self) -> usize {
+        self.batch().iter().product()
+    }
+
+    /// The samples, one after the other.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[f64]> + Send {
+        let n = self.len();
+        (0..self.count()).map(move |row| &self.values[row * n..(row + 1) * n])
+    }
+
+    /// The Python error for a failed row, with the row's place in the batch.
+    pub fn error(&self, failure: RowError) -> PyErr {
+        let text = failure.error.to_string();
+        let place = unravel(failure.row, self.batch());
+        if place.is_empty() {
+            return PyValueError::new_err(text);
+        }
+        match text.strip_prefix(&format!("{}[", self.name)) {
+            Some(rest) => PyValueError::new_err(format!("{}[{place}, {rest}", self.name)),
+            None => PyValueError::new_err(format!("{text} (in {}[{place}])", self.name)),
+        }
+    }
+}
+
+/// `row` as indices into a batch of this shape, joined by commas.
+fn unravel(mut row: usize, batch: &[usize]) -> String {
+    let mut indices = Vec::new();
+    for &size in batch.iter().rev() {
+        indices.push((row % size).to_string());
+        row /= size;
+    }
+    indices.reverse();
+    indices.join(", ")
+}
+
+/// Error of a kernel outside a batch.
+pub fn value_error(error: tertia::Error) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// A fresh array of this shape around `values`.
+pub fn array<'py, T: Element>(
+    py: Python<'py>,
+    shape: &[usize],
+    values: Vec<T>,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    PyArray::from_vec(py, values).reshape(shape)
+}
+
+/// `n_threads` of the Python layer.
+pub fn threads(n_threads: Option<isize>) -> PyResult<Option<NonZero<usize>>> {
+    match n_threads.map(usize::try_from) {
+        None => Ok(None),
+        Some(Ok(n)) if n > 0 => Ok(NonZero::new(n)),
+        Some(_) => Err(PyValueError::new_err(format!(
+            "n_threads is {}; it must be a positive number or None",
+            n_threads.unwrap_or_default()
+        ))),
+    }
+}
+
+/// A chunked view that also works for samples of length zero.
+pub fn chunks<T: Send>(
+    values: &mut [T],
+    size: usize,
+    count: usize,
+) -> impl ExactSizeIterator<Item = &mut [T]> + Send {
+    let mut rest = values;
+    (0..count).map(move |_| {
+        let (head, tail) = std::mem::take(&mut rest).split_at_mut(size);
+        rest = tail;
+        head
+    })
+}
+
+/// Buffers for samples with missing measurements.
+#[derive(Default)]
+pub struct Gaps {
+    pub present: Present,
+    pub outlier: Vec<bool>,
+    pub cleaned: Vec<f64>,
+}
+
+impl Gaps {
+    /// Collects what is there and makes room for the results.
+    pub fn collect(&mut self, y: &[f64]) {
+        self.present.collect(y);
+        let n = self.present.values().len();
+        self.outlier.clear();
+        self.outlier.resize(n, false);
+        self.cleaned.clear();
+        self.cleaned.resize(n, 0.0);
+    }
+}

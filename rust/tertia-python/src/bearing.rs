@@ -1,0 +1,158 @@
+//! Bindings of `tertia::bearing`.
+
+use crate::arrays::{Gaps, Samples, array, chunks, threads, value_error};
+use crate::screening::unknown;
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use tertia::batch::for_each_row;
+use tertia::bearing::{
+    Estimate, Estimator, GroupOutput, GroupRule, Method, RobustRule, VarianceTest, Workspace,
+};
+use tertia::screening::BurstRule;
+
+/// Cost per measurement of the slowest method, for the choice of threads.
+const ESTIMATE_NS: f64 = 100.0;
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Groups<'py> = (Array<'py>, Array<'py>, Array<'py>);
+type Estimated<'py> =
+    (Array<'py>, Array<'py>, Bound<'py, PyArrayDyn<bool>>, Array<'py>, Option<Groups<'py>>);
+
+/// The options of the Python function, as they come.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Options {
+    method: String,
+    period: Option<f64>,
+    group_size: usize,
+    k: f64,
+    variance_test: VarianceTestArgument,
+    level: f64,
+    point_penalty: f64,
+    burst_penalty: f64,
+    min_burst: usize,
+    max_burst: usize,
+    correlation: f64,
+    resolution: f64,
+}
+
+#[derive(FromPyObject)]
+pub enum VarianceTestArgument {
+    Name(String),
+    Factor(f64),
+    Off(Option<bool>),
+}
+
+impl Options {
+    fn estimator(self) -> PyResult<Estimator> {
+        let variance_test = match &self.variance_test {
+            VarianceTestArgument::Name(name) if name == "cochran" => {
+                VarianceTest::Cochran(self.level)
+            }
+            VarianceTestArgument::Name(name) if name == "student" => {
+                VarianceTest::Student(self.level)
+            }
+            VarianceTestArgument::Factor(k2) => VarianceTest::Factor(*k2),
+            VarianceTestArgument::Off(None) => VarianceTest::Off,
+            VarianceTestArgument::Name(other) => {
+                return Err(unknown(
+                    "variance_test",
+                    other,
+                    "'cochran', 'student', a number or None",
+                ));
+            }
+            VarianceTestArgument::Off(Some(other)) => {
+                let text = other.to_string();
+                return Err(unknown(
+                    "variance_test",
+                    &text,
+                    "'cochran', 'student', a number or None",
+                ));
+            }
+        };
+        let rule = GroupRule { k: self.k, group_size: self.group_size, variance_test };
+        let method = match self.method.as_str() {
+            "mean" => Method::Mean,
+            "k-sigma" => Method::KSigma(self.k),
+            "paper" => Method::Paper(rule),
+            "corrected" => Method::Corrected(rule, self.level),
+            "robust" => Method::Robust(self.robust()?),
+            other => {
+                let choices = "'robust', 'corrected', 'paper', 'k-sigma' or 'mean'";
+                return Err(unknown("method", other, choices));
+            }
+        };
+        Estimator::try_new(method, self.period, self.correlation).map_err(value_error)
+    }
+
+    fn robust(&self) -> PyResult<RobustRule> {
+        let bursts = BurstRule::try_new(
+            self.point_penalty,
+            self.burst_penalty,
+            (self.min_burst, self.max_burst),
+            self.correlation,
+            self.resolution,
+        );
+        Ok(RobustRule { bursts: bursts.map_err(value_error)?, group_size: self.group_size })
+    }
+}
+
+/// Bearing, sigma, mask, polarity and groups of every row.
+#[pyfunction]
+pub fn estimate_bearing<'py>(
+    py: Python<'py>,
+    theta: &Bound<'py, PyAny>,
+    options: Options,
+    omit: bool,
+    n_threads: Option<isize>,
+) -> PyResult<Estimated<'py>> {
+    let samples = Samples::extract(theta, "theta")?;
+    let (rows, n_threads, estimator) = (samples.rows(), threads(n_threads)?, options.estimator()?);
+    let (n, count) = (rows.len(), rows.count());
+    let groups = estimator.groups(n);
+    let mut outlier = vec![false; n * count];
+    let mut estimates = vec![Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 }; count];
+    let [mut mean, mut variance, mut weight] = [(); 3].map(|()| vec![0.0; groups * count]);
+    let cost = ESTIMATE_NS * (n * count) as f64;
+    py.detach(|| {
+        let columns = chunks(&mut mean, groups, count)
+            .zip(chunks(&mut variance, groups, count))
+            .zip(chunks(&mut weight, groups, count));
+        let outputs = chunks(&mut outlier, n, count).zip(columns).zip(&mut estimates);
+        let new = || (Workspace::default(), Gaps::default());
+        for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |(workspace, gaps), item| {
+            let (theta, ((flags, ((mean, variance), weight)), out)) = item;
+            let mut groups = GroupOutput { mean, variance, weight };
+            if omit {
+                gaps.collect(theta);
+                let Gaps { present, outlier, .. } = gaps;
+                *out = estimator
+                    .estimate(present.values(), outlier, &mut groups, workspace)
+                    .map_err(|error| present.locate(error))?;
+                present.scatter(outlier, false, flags);
+            } else {
+                *out = estimator.estimate(theta, flags, &mut groups, workspace)?;
+            }
+            Ok(())
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    let column =
+        |f: fn(&Estimate) -> f64| array(py, rows.batch(), estimates.iter().map(f).collect());
+    let shape = [rows.batch(), &[groups]].concat();
+    let groups = match groups {
+        0 => None,
+        _ => Some((
+            array(py, &shape, mean)?,
+            array(py, &shape, variance)?,
+            array(py, &shape, weight)?,
+        )),
+    };
+    Ok((
+        column(|e| e.value)?,
+        column(|e| e.sigma)?,
+        array(py, rows.shape, outlier)?,
+        column(|e| e.polarity)?,
+        groups,
+    ))
+}

@@ -1,0 +1,385 @@
+//! Bindings of `tertia::screening`.
+
+use crate::arrays::{Gaps, Samples, array, chunks, threads, value_error};
+use numpy::{PyArray1, PyArrayDyn};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::num::NonZero;
+use tertia::batch::for_each_row;
+use tertia::screening::{
+    self, BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
+    Summary, Test,
+};
+
+/// Cost of the streaming kernels per measurement, for the choice of threads.
+const STREAM_NS: f64 = 1.0;
+/// Cost of the kernels that write a cleaned sample, likewise.
+const SCREEN_NS: f64 = 3.0;
+/// Cost of the burst detection, likewise.
+const BURST_NS: f64 = 60.0;
+/// Cost of a sine, a cosine and a median, likewise.
+const ANGLE_NS: f64 = 40.0;
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Mask<'py> = Bound<'py, PyArrayDyn<bool>>;
+type Screened<'py> = (Mask<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>);
+
+/// Leave-one-out mean and variance of every measurement.
+#[pyfunction]
+pub fn leave_one_out_statistics<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    n_threads: Option<isize>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let samples = Samples::extract(y, "y")?;
+    let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
+    let (n, count) = (rows.len(), rows.count());
+    let (mut mean, mut variance) = (vec![0.0; n * count], vec![0.0; n * count]);
+    let cost = STREAM_NS * (n * count) as f64;
+    py.detach(|| {
+        let outputs = chunks(&mut mean, n, count).zip(chunks(&mut variance, n, count));
+        let work = |(): &mut (), (y, (m, v)): (&[f64], (&mut [f64], &mut [f64]))| {
+            screening::statistics(y, m, v)
+        };
+        for_each_row(rows.iter().zip(outputs), cost, n_threads, || (), work)
+    })
+    .map_err(|failure| rows.error(failure))?;
+    Ok((array(py, rows.shape, mean)?, array(py, rows.shape, variance)?))
+}
+
+/// Mask of the leave-one-out rule with frozen statistics.
+#[pyfunction]
+pub fn leave_one_out_mask<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    k: f64,
+    n_threads: Option<isize>,
+) -> PyResult<Mask<'py>> {
+    let samples = Samples::extract(y, "y")?;
+    let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
+    let (n, count) = (rows.len(), rows.count());
+    let mut outlier = vec![false; n * count];
+    let cost = STREAM_NS * (n * count) as f64;
+    py.detach(|| {
+        let work = |(): &mut (), (y, flags): (&[f64], &mut [bool])| screening::mask(y, k, flags);
+        let items = rows.iter().zip(chunks(&mut outlier, n, count));
+        for_each_row(items, cost, n_threads, || (), work)
+    })
+    .map_err(|failure| rows.error(failure))?;
+    array(py, rows.shape, outlier)
+}
+
+/// The factor c(k, N) of the rule with frozen statistics.
+#[pyfunction]
+pub fn threshold_coefficient(k: f64, n: usize) -> f64 {
+    screening::threshold_coefficient(k, n as f64)
+}
+
+/// Screening by the leave-one-out rule.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the Python signature
+pub fn leave_one_out<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    k: f64,
+    statistics: &str,
+    order: &str,
+    replace: bool,
+    passes: usize,
+    omit: bool,
+    n_threads: Option<isize>,
+) -> PyResult<Screened<'py>> {
+    let statistics = match statistics {
+        "sequential" => Statistics::Sequential,
+        "frozen" => Statistics::Frozen,
+        other => return Err(unknown("statistics", other, "'sequential' or 'frozen'")),
+    };
+    let order = match order {
+        "forward" => Order::Forward,
+        "backward" => Order::Backward,
+        other => return Err(unknown("order", other, "'forward' or 'backward'")),
+    };
+    let rule = LeaveOneOutRule::try_new(k, statistics, order, replace, passes);
+    let rule = rule.map_err(value_error)?;
+    let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
+        rule.screen(y, outlier, cleaned, scratch)
+    };
+    screen(py, y, SCREEN_NS, omit, threads(n_threads)?, Vec::new, kernel)
+}
+
+/// Screening by the k-sigma rule.
+#[pyfunction]
+pub fn k_sigma<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    k: f64,
+    replace: Option<&str>,
+    omit: bool,
+    n_threads: Option<isize>,
+) -> PyResult<Screened<'py>> {
+    let replacement = match replace {
+        Some("neighbours") => Replacement::Neighbours,
+        Some("mean") => Replacement::Mean,
+        None => Replacement::Excluded,
+        Some(other) => return Err(unknown("replace", other, "'neighbours', 'mean' or None")),
+    };
+    let rule = KSigmaRule::try_new(k, replacement).map_err(value_error)?;
+    let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
+        rule.screen(y, outlier, cleaned, scratch)
+    };
+    screen(py, y, SCREEN_NS, omit, threads(n_threads)?, Vec::new, kernel)
+}
+
+/// Detection of points and bursts.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the Python signature
+pub fn bursts<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    point_penalty: f64,
+    burst_penalty: f64,
+    min_burst: usize,
+    max_burst: usize,
+    correlation: f64,
+    resolution: f64,
+    omit: bool,
+    n_threads: Option<isize>,
+) -> PyResult<Screened<'py>> {
+    let lengths = (min_burst, max_burst);
+    let rule = BurstRule::try_new(point_penalty, burst_penalty, lengths, correlation, resolution);
+    let rule = rule.map_err(value_error)?;
+    let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
+        rule.screen(y, outlier, cleaned, work)
+    };
+    screen(py, y, BURST_NS, omit, threads(n_threads)?, BurstWorkspace::default, kernel)
+}
+
+/// Runs a screening kernel over all rows.
+fn screen<'py, S>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    nanoseconds: f64,
+    omit: bool,
+    n_threads: Option<NonZero<usize>>,
+    state: impl Fn() -> S + Sync,
+    kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync,
+) -> PyResult<Screened<'py>> {
+    let samples = Samples::extract(y, "y")?;
+    let rows = samples.rows();
+    let (n, count) = (rows.len(), rows.count());
+    let (mut outlier, mut cleaned) = (vec![false; n * count], vec![0.0; n * count]);
+    let mut summaries = vec![Summary { mean: 0.0, variance: 0.0, threshold: 0.0 }; count];
+    let cost = nanoseconds * (n * count) as f64;
+    py.detach(|| {
+        let outputs = chunks(&mut outlier, n, count).zip(chunks(&mut cleaned, n, count));
+        let items = rows.iter().zip(outputs.zip(&mut summaries));
+        let new = || (state(), Gaps::default());
+        for_each_row(items, cost, n_threads, new, |(state, gaps), (y, ((flags, kept), out))| {
+            if omit {
+                gaps.collect(y);
+                let Gaps { present, outlier, cleaned } = gaps;
+                *out = kernel(present.values(), outlier, cleaned, state)
+                    .map_err(|error| present.locate(error))?;
+                present.scatter(outlier, false, flags);
+                present.scatter(cleaned, f64::NAN, kept);
+            } else {
+                *out = kernel(y, flags, kept, state)?;
+            }
+            Ok(())
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    let column =
+        |f: fn(&Summary) -> f64| array(py, rows.batch(), summaries.iter().map(f).collect());
+    Ok((
+        array(py, rows.shape, outlier)?,
+        array(py, rows.shape, cleaned)?,
+        column(|s| s.mean)?,
+        column(|s| s.variance)?,
+        column(|s| s.threshold)?,
+    ))
+}
+
+/// Angles unwrapped about their circular median.
+#[pyfunction]
+pub fn unwrap<'py>(
+    py: Python<'py>,
+    theta: &Bound<'py, PyAny>,
+    period: f64,
+    n_threads: Option<isize>,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(theta, "theta")?;
+    let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
+    let (n, count) = (rows.len(), rows.count());
+    let mut unwrapped = vec![0.0; n * count];
+    let cost = ANGLE_NS * (n * count) as f64;
+    py.detach(|| {
+        let items = rows.iter().zip(chunks(&mut unwrapped, n, count));
+        for_each_row(items, cost, n_threads, Vec::new, |scratch, (theta, out)| {
+            screening::unwrap(theta, period, out, scratch)
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    array(py, rows.shape, unwrapped)
+}
+
+/// Test of `x` (one number per row of y) against the others y, sigma known.
+#[pyfunction]
+pub fn known_sigma<'py>(
+    py: Python<'py>,
+    x: &Bound<'py, PyArray1<f64>>,
+    y: &Bound<'py, PyAny>,
+    sigma: &Bound<'py, PyArray1<f64>>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let (x, sigma) = (numbers(x)?, numbers(sigma)?);
+    one_test(py, y, |row, y| screening::known_sigma(x[row], y, sigma[row]))
+}
+
+/// Test of `x` (one number per row of y) against the others y, sigma unknown.
+#[pyfunction]
+pub fn unknown_sigma<'py>(
+    py: Python<'py>,
+    x: &Bound<'py, PyArray1<f64>>,
+    y: &Bound<'py, PyAny>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let x = numbers(x)?;
+    one_test(py, y, |row, y| screening::unknown_sigma(x[row], y))
+}
+
+fn numbers(x: &Bound<'_, PyArray1<f64>>) -> PyResult<Vec<f64>> {
+    use numpy::PyArrayMethods;
+    Ok(x.try_readonly()?.as_array().to_vec())
+}
+
+/// Statistic and p-value of one test per row.
+fn one_test<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    test: impl Fn(usize, &[f64]) -> tertia::Result<screening::OutlierTest> + Sync,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let (_, statistic, p_value) =
+        extreme(py, y, "y", |row, y| test(row, y).map(|result| (0, result)))?;
+    Ok((statistic, p_value))
+}
+
+type Extreme<'py> = (Bound<'py, PyArrayDyn<i64>>, Array<'py>, Array<'py>);
+
+/// Index, statistic and p-value of one test per row.
+fn extreme<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    name: &'static str,
+    test: impl Fn(usize, &[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync,
+) -> PyResult<Extreme<'py>> {
+    let samples = Samples::extract(y, name)?;
+    let rows = samples.rows();
+    let mut results = vec![(0_i64, 0.0, 0.0); rows.count()];
+    let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
+    py.detach(|| {
+        let items = rows.iter().enumerate().zip(&mut results);
+        for_each_row(
+            items,
+            cost,
+            None,
+            || (),
+            |(), ((row, y), out)| {
+                let (index, result) = test(row, y)?;
+                *out = (index as i64, result.statistic, result.p_value);
+                Ok(())
+            },
+        )
+    })
+    .map_err(|failure| rows.error(failure))?;
+    Ok((
+        array(py, rows.batch(), results.iter().map(|r| r.0).collect())?,
+        array(py, rows.batch(), results.iter().map(|r| r.1).collect())?,
+        array(py, rows.batch(), results.iter().map(|r| r.2).collect())?,
+    ))
+}
+
+/// Thompson's tau of every measurement and its p-value.
+#[pyfunction]
+pub fn thompson_tau<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let samples = Samples::extract(y, "y")?;
+    let rows = samples.rows();
+    let (n, count) = (rows.len(), rows.count());
+    let (mut statistic, mut p_value) = (vec![0.0; n * count], vec![0.0; n * count]);
+    // an incomplete beta function per measurement
+    let cost = 500.0 * (n * count) as f64;
+    py.detach(|| {
+        let outputs = chunks(&mut statistic, n, count).zip(chunks(&mut p_value, n, count));
+        let items = rows.iter().zip(outputs);
+        for_each_row(items, cost, None, || (), |(), (y, (t, p))| screening::thompson_tau(y, t, p))
+    })
+    .map_err(|failure| rows.error(failure))?;
+    Ok((array(py, rows.shape, statistic)?, array(py, rows.shape, p_value)?))
+}
+
+/// Grubbs' test of every row.
+#[pyfunction]
+pub fn grubbs<'py>(py: Python<'py>, y: &Bound<'py, PyAny>) -> PyResult<Extreme<'py>> {
+    extreme(py, y, "y", |_, y| screening::grubbs(y))
+}
+
+/// Cochran's test of every row of variances.
+#[pyfunction]
+pub fn cochran<'py>(
+    py: Python<'py>,
+    variances: &Bound<'py, PyAny>,
+    degrees_of_freedom: f64,
+) -> PyResult<Extreme<'py>> {
+    extreme(py, variances, "variances", |_, d| screening::cochran(d, degrees_of_freedom))
+}
+
+/// Threshold of a test.
+#[pyfunction]
+pub fn critical_value(
+    n: usize,
+    level: f64,
+    test: &str,
+    degrees_of_freedom: Option<f64>,
+) -> PyResult<f64> {
+    screening::critical_value(n, level, parse_test(test, degrees_of_freedom)?).map_err(value_error)
+}
+
+/// False alarm probability of a test.
+#[pyfunction]
+pub fn false_alarm_probability(
+    k: f64,
+    n: usize,
+    test: &str,
+    degrees_of_freedom: Option<f64>,
+) -> PyResult<f64> {
+    let test = parse_test(test, degrees_of_freedom)?;
+    screening::false_alarm_probability(k, n, test).map_err(value_error)
+}
+
+fn parse_test(test: &str, degrees_of_freedom: Option<f64>) -> PyResult<Test> {
+    match (test, degrees_of_freedom) {
+        ("cochran", Some(degrees)) => Ok(Test::Cochran(degrees)),
+        ("cochran", None) => Err(PyValueError::new_err(
+            "test='cochran' needs degrees_of_freedom, those of one variance",
+        )),
+        (_, Some(_)) => {
+            Err(PyValueError::new_err("degrees_of_freedom goes with test='cochran' only"))
+        }
+        ("known-sigma", None) => Ok(Test::KnownSigma),
+        ("unknown-sigma", None) => Ok(Test::UnknownSigma),
+        ("leave-one-out", None) => Ok(Test::LeaveOneOut),
+        ("thompson-tau", None) => Ok(Test::ThompsonTau),
+        ("grubbs", None) => Ok(Test::Grubbs),
+        (other, None) => Err(unknown(
+            "test",
+            other,
+            "'leave-one-out', 'known-sigma', 'unknown-sigma', 'thompson-tau', 'grubbs' or 'cochran'",
+        )),
+    }
+}
+
+/// The error for a word that is not among the choices.
+pub fn unknown(argument: &str, value: &str, choices: &str) -> PyErr {
+    PyValueError::new_err(format!("{argument} is '{value}'; it must be {choices}"))
+}

@@ -1,0 +1,61 @@
+//! Angles: wrapping, and unwrapping about the circular median.
+
+use crate::error::{Result, require, require_count, require_finite};
+use std::f64::consts::TAU;
+
+/// Turns `theta` by whole periods to within half a period of `reference`. A value that is there
+/// already comes back bit for bit.
+#[inline]
+pub(crate) fn nearest(theta: f64, reference: f64, period: f64) -> f64 {
+    theta - period * ((theta - reference) / period).round()
+}
+
+/// The equivalent of `theta` in [0, period).
+#[inline]
+pub(crate) fn principal(theta: f64, period: f64) -> f64 {
+    let angle = theta.rem_euclid(period);
+    if angle < period { angle } else { 0.0 }
+}
+
+/// Median; the mean of the two middle values where their number is even. O(N); `values` is
+/// reordered.
+pub(crate) fn median(values: &mut [f64]) -> f64 {
+    let n = values.len();
+    let (lower, &mut upper, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    if n % 2 == 1 {
+        return upper;
+    }
+    let below = lower.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    below + 0.5 * (upper - below)
+}
+
+/// Unwraps angles about their circular mean, then about the median of the result, so that all lie
+/// within half a period of the circular median. O(N).
+///
+/// # Errors
+/// An empty sample, an angle that is not finite, a period that is not positive.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn unwrap(
+    theta: &[f64],
+    period: f64,
+    unwrapped: &mut [f64],
+    scratch: &mut Vec<f64>,
+) -> Result<()> {
+    require("period", period, period > 0.0 && period.is_finite(), "a positive number")?;
+    require_count("theta", theta.len(), 1)?;
+    require_finite("theta", theta)?;
+    let (sine, cosine) = theta.iter().fold((0.0, 0.0), |(s, c), &angle| {
+        let (sin, cos) = (angle / period * TAU).sin_cos();
+        (s + sin, c + cos)
+    });
+    let mean = sine.atan2(cosine) / TAU * period;
+    scratch.clear();
+    scratch.extend(theta.iter().map(|&angle| nearest(angle, mean, period)));
+    let centre = median(scratch);
+    for (u, &angle) in unwrapped.iter_mut().zip(theta) {
+        *u = nearest(angle, centre, period);
+    }
+    Ok(())
+}

@@ -1,0 +1,125 @@
+//! Rows of a batch on several threads.
+//!
+//! Threads live for one call: there is no pool whose threads a forked process would miss, and
+//! starting them (about 30 µs each) is paid only where the work takes a millisecond or more.
+
+use crate::error::{Error, Result};
+use std::num::NonZero;
+use std::sync::Mutex;
+
+/// Work below this is done by the calling thread.
+const MIN_NANOSECONDS_TO_SHARE: f64 = 1e6;
+/// Shares per thread, so that a thread on a busy core does not hold up the others.
+const SHARES_PER_THREAD: usize = 8;
+
+/// The first row that failed, and why.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RowError {
+    /// Index of the row in the batch.
+    pub row: usize,
+    /// What was wrong with it.
+    pub error: Error,
+}
+
+/// Threads to use: as many as asked for, or one for little work, or all there are.
+fn threads(n_threads: Option<NonZero<usize>>, rows: usize, nanoseconds: f64) -> usize {
+    let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
+    match n_threads {
+        Some(n) => n.get().min(rows.max(1)),
+        None if nanoseconds < MIN_NANOSECONDS_TO_SHARE => 1,
+        None => available().min(rows.max(1)),
+    }
+}
+
+/// Calls `work` on every row, with one `state` per thread; returns the error of the lowest row
+/// that failed. `nanoseconds` is an estimate of the whole work on one thread.
+///
+/// # Errors
+/// That of the first failing row, the same for any number of threads.
+pub fn for_each_row<R: Send, S>(
+    rows: impl ExactSizeIterator<Item = R> + Send,
+    nanoseconds: f64,
+    n_threads: Option<NonZero<usize>>,
+    state: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, R) -> Result<()> + Sync,
+) -> std::result::Result<(), RowError> {
+    let n_threads = threads(n_threads, rows.len(), nanoseconds);
+    if n_threads == 1 {
+        let mut state = state();
+        for (row, item) in rows.enumerate() {
+            work(&mut state, item).map_err(|error| RowError { row, error })?;
+        }
+        return Ok(());
+    }
+    let share = rows.len().div_ceil(n_threads * SHARES_PER_THREAD);
+    let queue = Mutex::new(rows.enumerate());
+    let failure: Mutex<Option<RowError>> = Mutex::new(None);
+    let run = || {
+        let mut state = state();
+        loop {
+            let items: Vec<_> = lock(&queue).by_ref().take(share).collect();
+            if items.is_empty() {
+                return;
+            }
+            for (row, item) in items {
+                if let Err(error) = work(&mut state, item) {
+                    let mut failure = lock(&failure);
+                    if failure.as_ref().is_none_or(|first| row < first.row) {
+                        *failure = Some(RowError { row, error });
+                    }
+                    break;
+                }
+            }
+            if lock(&failure).is_some() {
+                return;
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..n_threads {
+            scope.spawn(run);
+        }
+        run();
+    });
+    match failure.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+        None => Ok(()),
+        Some(first) => Err(first),
+    }
+}
+
+/// Locks, whatever happened to another thread: nothing behind these locks can be half done.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_once_and_the_first_error() {
+        let rows = 1000;
+        for n in [1, 2, 7] {
+            let mut done = vec![0_u32; rows];
+            let result = for_each_row(
+                done.iter_mut().enumerate(),
+                0.0,
+                NonZero::new(n),
+                || (),
+                |(), (_, count)| {
+                    *count += 1;
+                    Ok(())
+                },
+            );
+            assert!(result.is_ok() && done.iter().all(|&count| count == 1));
+            let result = for_each_row(
+                0..rows,
+                0.0,
+                NonZero::new(n),
+                || (),
+                |(), row| crate::error::require("x", row as f64, row < 700, "below 700"),
+            );
+            assert_eq!(result.unwrap_err().row, 700);
+        }
+    }
+}

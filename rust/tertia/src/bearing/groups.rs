@@ -1,0 +1,127 @@
+//! Groups of consecutive measurements.
+
+use super::GroupOutput;
+use crate::distribution::student_two_sided_quantile;
+use crate::error::Result;
+use crate::moments::Moments;
+use crate::screening::extreme_variance_p_value;
+
+/// Mean, variance, size and weight of each group.
+#[derive(Clone, Debug, Default)]
+pub(super) struct GroupTable {
+    pub mean: Vec<f64>,
+    /// nan: fewer than two measurements.
+    pub variance: Vec<f64>,
+    /// Measurements that are not excluded.
+    pub count: Vec<f64>,
+    pub weight: Vec<f64>,
+}
+
+impl GroupTable {
+    /// Groups of `group_size`, the last one with the remainder; nan values are left out.
+    pub fn fill(
+        &mut self,
+        cleaned: &[f64],
+        group_size: usize,
+        scratch: &mut Vec<f64>,
+    ) -> Result<()> {
+        let groups = (cleaned.len() / group_size).max(1);
+        for column in [&mut self.mean, &mut self.variance, &mut self.count, &mut self.weight] {
+            column.clear();
+        }
+        for j in 0..groups {
+            let members = group_range(j, groups, group_size, cleaned.len());
+            scratch.clear();
+            scratch.extend(cleaned[members].iter().filter(|v| !v.is_nan()));
+            let moments = Moments::of("theta", scratch)?;
+            let count = moments.count();
+            self.mean.push(if count > 0.0 { moments.mean() } else { f64::NAN });
+            self.variance.push(if count > 1.0 { moments.variance() } else { f64::NAN });
+            self.count.push(count);
+        }
+        self.weight.resize(groups, 0.0);
+        Ok(())
+    }
+
+    pub fn len(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// Degrees of freedom of a group's variance.
+    pub fn degrees(&self, j: usize) -> f64 {
+        (self.count[j] - 1.0).max(0.0)
+    }
+
+    /// `Σ ν_j d_j / Σ ν_j` over the groups that `used` names.
+    pub fn pooled_variance(&self, used: impl Fn(usize) -> bool) -> f64 {
+        let (mut squares, mut degrees) = (0.0, 0.0);
+        for j in (0..self.len()).filter(|&j| used(j) && self.degrees(j) > 0.0) {
+            squares += self.degrees(j) * self.variance[j];
+            degrees += self.degrees(j);
+        }
+        squares / degrees
+    }
+
+    /// Whether the variance of group j is too large against those of the other `used` groups, by
+    /// the exact F test with Bonferroni's correction (equal sizes: Cochran's test).
+    pub fn variance_is_extreme(&self, j: usize, used: impl Fn(usize) -> bool, level: f64) -> bool {
+        let count = (0..self.len()).filter(|&i| used(i)).count() as f64;
+        let others = |i| i != j && used(i);
+        let degrees: f64 = (0..self.len()).filter(|&i| others(i)).map(|i| self.degrees(i)).sum();
+        if degrees == 0.0 || self.degrees(j) == 0.0 {
+            return false;
+        }
+        let nu = self.degrees(j);
+        let sum = self.pooled_variance(others) * degrees / nu;
+        extreme_variance_p_value(self.variance[j], nu, sum, degrees, count) < level
+    }
+
+    /// Weights proportional to `information`, summing to one; infinite ones share it equally.
+    pub fn set_weights(&mut self, information: impl Fn(usize) -> f64) {
+        let raw: Vec<f64> = (0..self.len()).map(information).collect();
+        let largest = raw.iter().copied().fold(0.0, f64::max);
+        let scaled = |v: f64| match (largest.is_infinite(), v.is_infinite()) {
+            (true, infinite) => f64::from(u8::from(infinite)),
+            (false, _) => v / largest,
+        };
+        let total: f64 = raw.iter().map(|&v| scaled(v)).sum();
+        for (weight, &v) in self.weight.iter_mut().zip(&raw) {
+            *weight = scaled(v) / total;
+        }
+    }
+
+    /// `Σ p_j m_j`, from the first mean so that a common offset costs no digits.
+    pub fn weighted_mean(&self) -> f64 {
+        let used = |(w, _): &(&f64, &f64)| **w > 0.0;
+        let origin = self.weight.iter().zip(&self.mean).find(used).map_or(0.0, |(_, m)| *m);
+        let pairs = self.weight.iter().zip(&self.mean).filter(used);
+        origin + pairs.map(|(w, m)| w * (m - origin)).sum::<f64>()
+    }
+
+    pub fn write(&self, output: &mut GroupOutput<'_>) {
+        for (column, out, missing) in [
+            (&self.mean, &mut *output.mean, f64::NAN),
+            (&self.variance, &mut *output.variance, f64::NAN),
+            (&self.weight, &mut *output.weight, 0.0),
+        ] {
+            out.fill(missing);
+            out[..column.len()].copy_from_slice(column);
+        }
+    }
+}
+
+/// Members of group j of `groups`; the last one takes the remainder.
+pub(super) fn group_range(
+    j: usize,
+    groups: usize,
+    size: usize,
+    n: usize,
+) -> std::ops::Range<usize> {
+    let end = if j + 1 == groups { n } else { (j + 1) * size };
+    j * size..end
+}
+
+/// The k2 that the paper takes 'from Student's distribution'.
+pub(super) fn student_factor(level: f64, group_size: usize) -> f64 {
+    student_two_sided_quantile(level, group_size as f64 - 1.0)
+}

@@ -1,0 +1,97 @@
+//! What can be wrong with an input, with the numbers that show it.
+
+use thiserror::Error;
+
+/// A rejected input. The message names the argument, where it is wrong and what it must be.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum Error {
+    /// A measurement is nan or infinite.
+    #[error("{argument}[{index}] is {value}; every measurement must be a finite number")]
+    NotFinite {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Position along the sample axis.
+        index: usize,
+        /// The offending value.
+        value: f64,
+    },
+    /// The sample is shorter than the method needs.
+    #[error("{argument} has {count} measurements; at least {minimum} are needed")]
+    TooFew {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Measurements present.
+        count: usize,
+        /// Measurements needed.
+        minimum: usize,
+    },
+    /// The rule left fewer measurements than a variance needs.
+    #[error("only {kept} of {count} measurements are not anomalous; choose a larger threshold")]
+    AllAnomalous {
+        /// Measurements that passed.
+        kept: usize,
+        /// Measurements given.
+        count: usize,
+    },
+    /// Squares of the deviations would overflow or underflow.
+    #[error(
+        "the deviations of {argument} from their mean are too large or too small to be squared \
+         in double precision (allowed: about 1e-140 to 1e150); change the unit"
+    )]
+    OutOfRange {
+        /// Name of the argument.
+        argument: &'static str,
+    },
+    /// A parameter is outside its domain.
+    #[error("{argument} is {value}; it must be {requirement}")]
+    InvalidParameter {
+        /// Name of the argument.
+        argument: &'static str,
+        /// The offending value.
+        value: f64,
+        /// What it must be.
+        requirement: &'static str,
+    },
+}
+
+impl Error {
+    /// The same error about the bearings that were screened.
+    pub(crate) fn about_theta(self) -> Self {
+        match self {
+            Self::NotFinite { index, value, .. } => {
+                Self::NotFinite { argument: "theta", index, value }
+            }
+            Self::TooFew { count, minimum, .. } => {
+                Self::TooFew { argument: "theta", count, minimum }
+            }
+            Self::OutOfRange { .. } => Self::OutOfRange { argument: "theta" },
+            other => other,
+        }
+    }
+}
+
+/// Result of a kernel.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Returns `value` if `holds`, otherwise the error that names the parameter.
+pub(crate) fn require(
+    argument: &'static str,
+    value: f64,
+    holds: bool,
+    requirement: &'static str,
+) -> Result<()> {
+    if holds { Ok(()) } else { Err(Error::InvalidParameter { argument, value, requirement }) }
+}
+
+/// Fails with the first value of `y` that is not finite.
+pub(crate) fn require_finite(argument: &'static str, y: &[f64]) -> Result<()> {
+    match y.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(Error::NotFinite { argument, index, value: y[index] }),
+    }
+}
+
+/// Fails if fewer than `minimum` measurements are there.
+pub(crate) fn require_count(argument: &'static str, count: usize, minimum: usize) -> Result<()> {
+    if count >= minimum { Ok(()) } else { Err(Error::TooFew { argument, count, minimum }) }
+}

@@ -1,0 +1,45 @@
+//! Samples with missing (nan) measurements: taken out before a kernel, put back after it.
+
+use crate::error::Error;
+
+/// The measurements that are there, and where they were.
+#[derive(Clone, Debug, Default)]
+pub struct Present {
+    values: Vec<f64>,
+    index: Vec<usize>,
+}
+
+impl Present {
+    /// Collects what is not nan. O(N).
+    pub fn collect(&mut self, y: &[f64]) {
+        self.values.clear();
+        self.index.clear();
+        for (i, &v) in y.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+            self.values.push(v);
+            self.index.push(i);
+        }
+    }
+
+    /// The measurements that are there.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Writes one result per present measurement to its place, `missing` to the others.
+    pub fn scatter<T: Copy>(&self, results: &[T], missing: T, out: &mut [T]) {
+        out.fill(missing);
+        for (&i, &result) in self.index.iter().zip(results) {
+            out[i] = result;
+        }
+    }
+
+    /// Names the place in the whole sample.
+    pub fn locate(&self, error: Error) -> Error {
+        match error {
+            Error::NotFinite { argument, index, value } => {
+                Error::NotFinite { argument, index: self.index[index], value }
+            }
+            other => other,
+        }
+    }
+}

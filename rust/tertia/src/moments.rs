@@ -1,0 +1,207 @@
+//! Mean and variance that keep their digits.
+//!
+//! Deviations are taken from an origin inside the sample before anything is summed, so a common
+//! offset of 1e9 costs nothing; blocks that fit the L1 cache are summed twice (mean, then squares
+//! about it) and merged, so memory is read once and the squares never cancel.
+
+use crate::error::{Error, Result, require_finite};
+
+/// Independent sums per block: enough to hide the latency of the adder at 256 bits. It is fixed, so
+/// that every instruction set returns the same bits.
+const LANES: usize = 16;
+/// 16 KiB: half of the smallest L1 data cache in use.
+const BLOCK: usize = 2048;
+/// A smaller sum of squares may have lost digits to underflow.
+const MIN_SUM_OF_SQUARES: f64 = 1e-280;
+
+/// Count, mean and sum of squared deviations of a sample; the mean is `origin + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moments {
+    count: f64,
+    origin: f64,
+    offset: f64,
+    sum_of_squares: f64,
+}
+
+impl Moments {
+    /// Moments of a sample. O(N), one read of memory.
+    ///
+    /// # Errors
+    /// A value that is not finite; deviations whose squares leave the range of a double.
+    pub fn of(argument: &'static str, y: &[f64]) -> Result<Self> {
+        pulp::Arch::new().dispatch(|| Self::unchecked(y)).checked(argument, &[y])
+    }
+
+    /// Moments of all values but `y[i]`. O(N).
+    ///
+    /// # Errors
+    /// As [`Moments::of`].
+    pub fn of_others(argument: &'static str, y: &[f64], i: usize) -> Result<Self> {
+        let (before, after) = (&y[..i], &y[i + 1..]);
+        Self::unchecked(before).merge(Self::unchecked(after)).checked(argument, &[before, after])
+    }
+
+    /// As [`Moments::of`], for callers that check and dispatch by themselves.
+    #[inline(always)]
+    pub(crate) fn unchecked(y: &[f64]) -> Self {
+        let n = y.len();
+        let origin = if n == 0 { 0.0 } else { median_of_three(y[0], y[n / 2], y[n - 1]) };
+        y.chunks(BLOCK)
+            .map(|block| Self::of_block(origin, block))
+            .fold(Self::empty(origin), Self::merge)
+    }
+
+    #[inline(always)]
+    fn empty(origin: f64) -> Self {
+        Self { count: 0.0, origin, offset: 0.0, sum_of_squares: 0.0 }
+    }
+
+    #[inline(always)]
+    fn of_block(origin: f64, block: &[f64]) -> Self {
+        let count = block.len() as f64;
+        let offset = sum_by(block, |v| v - origin) / count;
+        let sum_of_squares = sum_by(block, |v| {
+            let deviation = (v - origin) - offset;
+            deviation * deviation
+        });
+        Self { count, origin, offset, sum_of_squares }
+    }
+
+    /// Moments of both samples together (Chan, Golub, LeVeque 1979).
+    #[inline(always)]
+    pub fn merge(self, other: Self) -> Self {
+        if self.count == 0.0 {
+            return other;
+        }
+        if other.count == 0.0 {
+            return self;
+        }
+        let count = self.count + other.count;
+        let delta = (other.origin - self.origin) + (other.offset - self.offset);
+        let share = other.count / count;
+        Self {
+            count,
+            origin: self.origin,
+            offset: self.offset + delta * share,
+            sum_of_squares: self.sum_of_squares
+                + other.sum_of_squares
+                + delta * delta * self.count * share,
+        }
+    }
+
+    /// Returns the moments, or says which of `samples` spoilt them.
+    pub(crate) fn checked(self, argument: &'static str, samples: &[&[f64]]) -> Result<Self> {
+        let squares = self.sum_of_squares;
+        if squares.is_finite() && squares >= MIN_SUM_OF_SQUARES {
+            return Ok(self);
+        }
+        let all = || samples.iter().copied().flatten();
+        for sample in samples {
+            require_finite(argument, sample)?;
+        }
+        let constant = all().all(|v| Some(v) == all().next());
+        if constant { Ok(self) } else { Err(Error::OutOfRange { argument }) }
+    }
+
+    /// Measurements, as a number.
+    pub fn count(&self) -> f64 {
+        self.count
+    }
+
+    /// Sample mean M.
+    pub fn mean(&self) -> f64 {
+        self.origin + self.offset
+    }
+
+    /// Sum of squared deviations SS.
+    pub fn sum_of_squares(&self) -> f64 {
+        self.sum_of_squares
+    }
+
+    /// Sample variance D, divisor N − 1.
+    pub fn variance(&self) -> f64 {
+        self.sum_of_squares / (self.count - 1.0)
+    }
+
+    /// `y − M`, without the rounding of M.
+    #[inline(always)]
+    pub fn deviation(&self, y: f64) -> f64 {
+        (y - self.origin) - self.offset
+    }
+
+    /// Share of SS that disappears with a value at this deviation: `e² N/(N−1) / SS`.
+    #[inline(always)]
+    pub fn share(&self, deviation: f64) -> f64 {
+        deviation * deviation * self.count / (self.count - 1.0) / self.sum_of_squares
+    }
+
+    /// Moments without a value of the sample, by downdating; exact to rounding while its
+    /// [`Moments::share`] is not above one half.
+    #[inline(always)]
+    pub fn without(&self, y: f64) -> Self {
+        let e = self.deviation(y);
+        Self {
+            count: self.count - 1.0,
+            origin: self.origin,
+            // M' = M − e/(N−1)
+            offset: self.offset - e / (self.count - 1.0),
+            // SS' = SS − e² N/(N−1)
+            sum_of_squares: self.sum_of_squares - e * e * (self.count / (self.count - 1.0)),
+        }
+    }
+
+    /// The same mean and squares with one value more, at the mean.
+    pub fn with_one_at_mean(self) -> Self {
+        Self { count: self.count + 1.0, ..self }
+    }
+
+    /// Bounds `(low, high)` such that, for every double y, `y < low` or `y > high` exactly where
+    /// `|y − M| > threshold`: the sums are rounded towards the side that changes no decision.
+    pub fn bounds(&self, threshold: f64) -> (f64, f64) {
+        (
+            round_up(self.origin, self.offset - threshold),
+            round_down(self.origin, self.offset + threshold),
+        )
+    }
+}
+
+/// Sum of `f` over the sample.
+#[inline(always)]
+fn sum_by(y: &[f64], f: impl Fn(f64) -> f64) -> f64 {
+    let (chunks, rest) = y.as_chunks::<LANES>();
+    let mut lanes = [0.0; LANES];
+    for chunk in chunks {
+        for (lane, &v) in lanes.iter_mut().zip(chunk) {
+            *lane += f(v);
+        }
+    }
+    let mut width = LANES / 2;
+    while width > 0 {
+        for i in 0..width {
+            lanes[i] += lanes[i + width];
+        }
+        width /= 2;
+    }
+    lanes[0] + rest.iter().map(|&v| f(v)).sum::<f64>()
+}
+
+#[inline(always)]
+fn median_of_three(a: f64, b: f64, c: f64) -> f64 {
+    a.max(b).min(a.min(b).max(c))
+}
+
+/// Rounding error of `a + b` (Knuth's two-sum).
+fn rounding_error(a: f64, b: f64, sum: f64) -> f64 {
+    let b_rounded = sum - a;
+    (a - (sum - b_rounded)) + (b - b_rounded)
+}
+
+fn round_down(a: f64, b: f64) -> f64 {
+    let sum = a + b;
+    if rounding_error(a, b, sum) < 0.0 { sum.next_down() } else { sum }
+}
+
+fn round_up(a: f64, b: f64) -> f64 {
+    let sum = a + b;
+    if rounding_error(a, b, sum) > 0.0 { sum.next_up() } else { sum }
+}

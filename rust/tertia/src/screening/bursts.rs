@@ -1,0 +1,252 @@
+//! Points and bursts: anomalies alone and in runs of one polarity, found together.
+//!
+//! Collective and point anomaly detection (Fisch, Eckley, Fearnhead 2022) for a change in mean,
+//! started from median and MAD, solved exactly by dynamic programming.
+
+use super::Summary;
+use crate::angle::median;
+use crate::error::{Result, require, require_count};
+use crate::moments::Moments;
+
+/// MAD of the normal distribution to its standard deviation.
+const MAD_TO_SIGMA: f64 = 1.4826;
+/// Refits of centre and scale; more never changed a flag in the simulations of the docs.
+const MAX_ITERATIONS: usize = 3;
+/// With fewer values than this (or a quarter of the sample) left, all flags are dropped.
+const MIN_KEPT: usize = 5;
+/// Scores are cut here, so that their squares stay finite.
+const MAX_SCORE: f64 = 1e150;
+
+/// Parameters of the detection, validated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BurstRule {
+    point_penalty: f64,
+    burst_penalty: f64,
+    min_length: usize,
+    max_length: usize,
+    resolution: f64,
+    /// 1/(l φ_l) for l = max_length ..= 1, φ_l the variance inflation of a sum of l values.
+    inverse_lengths: Vec<f64>,
+}
+
+/// Buffers that are reused from row to row.
+#[derive(Clone, Debug, Default)]
+pub struct BurstWorkspace {
+    score: Vec<f64>,
+    /// Sum of the scores from each start to the current value.
+    sum: Vec<f64>,
+    /// Best total before each start, less the best total so far.
+    total: Vec<f64>,
+    gain: Vec<f64>,
+    /// Length of the anomaly that ends at each value in the best solution up to it, 0: none.
+    length: Vec<usize>,
+    kept: Vec<f64>,
+}
+
+impl BurstRule {
+    /// A rule with penalties in units of ln N per point and per burst, burst lengths from
+    /// `min_length` to `max_length`, lag-one `correlation` of the noise and `resolution` of the
+    /// readings (0: continuous).
+    ///
+    /// # Errors
+    /// A parameter outside its domain.
+    pub fn try_new(
+        point_penalty: f64,
+        burst_penalty: f64,
+        (min_length, max_length): (usize, usize),
+        correlation: f64,
+        resolution: f64,
+    ) -> Result<Self> {
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        require("point_penalty", point_penalty, positive(point_penalty), "a positive number")?;
+        require("burst_penalty", burst_penalty, positive(burst_penalty), "a positive number")?;
+        require("min_burst", min_length as f64, min_length >= 2, "at least 2")?;
+        let holds = max_length >= min_length;
+        require("max_burst", max_length as f64, holds, "at least min_burst")?;
+        let holds = correlation.abs() < 1.0;
+        require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
+        let holds = resolution >= 0.0 && resolution.is_finite();
+        require("resolution", resolution, holds, "zero or a positive number")?;
+        let inverse = |length| 1.0 / (length as f64 * inflation(correlation, length));
+        Ok(Self {
+            point_penalty,
+            burst_penalty,
+            min_length,
+            max_length,
+            resolution,
+            inverse_lengths: (1..=max_length).rev().map(inverse).collect(),
+        })
+    }
+
+    /// Marks points and bursts. O(N · max_length).
+    ///
+    /// # Errors
+    /// Fewer than 3 values, a value that is not finite, deviations out of range.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    pub fn detect(
+        &self,
+        y: &[f64],
+        outlier: &mut [bool],
+        workspace: &mut BurstWorkspace,
+    ) -> Result<Summary> {
+        assert_eq!(y.len(), outlier.len());
+        require_count("y", y.len(), 3)?;
+        Moments::of("y", y)?;
+        let (mut centre, mut scale) = self.start(y, &mut workspace.kept);
+        let mut kept = Moments::of("y", y)?;
+        let ln_n = (y.len() as f64).ln();
+        outlier.fill(false);
+        for _ in 0..MAX_ITERATIONS {
+            if scale == 0.0 {
+                break;
+            }
+            workspace.standardise(y, centre, scale);
+            pulp::Arch::new().dispatch(|| self.solve(ln_n, workspace));
+            workspace.backtrack(outlier);
+            kept = workspace.refit(y, outlier)?;
+            let previous = std::mem::replace(&mut centre, kept.mean());
+            scale = kept.variance().sqrt().max(self.quantisation_sigma());
+            if centre == previous {
+                break;
+            }
+        }
+        Ok(Summary::of_moments(&kept, (self.point_penalty * ln_n).sqrt() * scale))
+    }
+
+    /// As [`BurstRule::detect`], and writes the cleaned sample (nan where anomalous).
+    ///
+    /// # Errors
+    /// As [`BurstRule::detect`].
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    pub fn screen(
+        &self,
+        y: &[f64],
+        outlier: &mut [bool],
+        cleaned: &mut [f64],
+        workspace: &mut BurstWorkspace,
+    ) -> Result<Summary> {
+        assert_eq!(y.len(), cleaned.len());
+        let summary = self.detect(y, outlier, workspace)?;
+        for ((c, &v), &flag) in cleaned.iter_mut().zip(y).zip(&*outlier) {
+            *c = if flag { f64::NAN } else { v };
+        }
+        Ok(summary)
+    }
+
+    /// Median and MAD; where the MAD is zero, the resolution or the mean absolute deviation.
+    fn start(&self, y: &[f64], scratch: &mut Vec<f64>) -> (f64, f64) {
+        let n = y.len() as f64;
+        scratch.clear();
+        scratch.extend_from_slice(y);
+        let centre = median(scratch);
+        for v in scratch.iter_mut() {
+            *v = (*v - centre).abs();
+        }
+        let mean = scratch.iter().sum::<f64>() / n;
+        let scale = MAD_TO_SIGMA * n / (n - 0.8) * median(scratch);
+        let fallback = if self.resolution > 0.0 { self.quantisation_sigma() } else { mean };
+        (centre, if scale > 0.0 { scale } else { fallback })
+    }
+
+    /// Standard deviation of the rounding to the resolution.
+    pub(crate) fn quantisation_sigma(&self) -> f64 {
+        self.resolution / 12_f64.sqrt()
+    }
+
+    /// The best partition into normal values, points and bursts:
+    /// `C[t] = max(C[t−1], C[t−1] + x_t² − β_p, max_l C[t−l] + (x_{t−l+1}+…+x_t)²/(l φ_l) − β_c)`.
+    /// Ties: normal before point before the longest burst. Totals are kept relative to the latest,
+    /// so one enormous value does not swallow the digits of the later ones.
+    #[inline(always)]
+    fn solve(&self, ln_n: f64, workspace: &mut BurstWorkspace) {
+        let (point_cost, burst_cost) = (self.point_penalty * ln_n, self.burst_penalty * ln_n);
+        let BurstWorkspace { score, sum, total, gain, length, .. } = workspace;
+        let n = score.len();
+        for (buffer, size) in [(&mut *sum, n), (&mut *total, n + 1), (&mut *gain, self.max_length)]
+        {
+            buffer.clear();
+            buffer.resize(size, 0.0);
+        }
+        length.clear();
+        for (t, &x) in score.iter().enumerate() {
+            // starts of the segments that may end at t
+            let first = (t + 1).saturating_sub(self.max_length);
+            let sums = &mut sum[first..=t];
+            let weights = &self.inverse_lengths[self.max_length - sums.len()..];
+            let mut best = f64::NEG_INFINITY;
+            for (s, g, w, c) in izip(sums, gain, weights, &total[first..=t]) {
+                *s += x;
+                *g = c + *s * *s * w;
+            }
+            let long_enough = (t + 2 - first).saturating_sub(self.min_length);
+            for &g in &gain[..long_enough] {
+                best = best.max(g);
+            }
+            let point = x * x - point_cost;
+            let (mut rise, mut found) = if point > 0.0 { (point, 1) } else { (0.0, 0) };
+            if best - burst_cost > rise {
+                rise = best - burst_cost;
+                let longest = gain[..long_enough].iter().position(|&g| g == best);
+                found = t + 1 - (first + longest.unwrap_or(0));
+            }
+            length.push(found);
+            for c in &mut total[first..=t] {
+                *c -= rise;
+            }
+        }
+    }
+}
+
+/// Four slices in step.
+#[inline(always)]
+fn izip<'a>(
+    sums: &'a mut [f64],
+    gains: &'a mut [f64],
+    weights: &'a [f64],
+    totals: &'a [f64],
+) -> impl Iterator<Item = (&'a mut f64, &'a mut f64, &'a f64, &'a f64)> {
+    let pairs = sums.iter_mut().zip(gains);
+    pairs.zip(weights.iter().zip(totals)).map(|((s, g), (w, c))| (s, g, w, c))
+}
+
+/// Variance of the mean of `length` values of an AR(1) process over that of white noise:
+/// `1 + 2 Σ_{j<l} (1 − j/l) ρ^j`.
+fn inflation(correlation: f64, length: usize) -> f64 {
+    let l = length as f64;
+    let term = |j: usize| (1.0 - j as f64 / l) * correlation.powi(j as i32);
+    1.0 + 2.0 * (1..length).map(term).sum::<f64>()
+}
+
+impl BurstWorkspace {
+    fn standardise(&mut self, y: &[f64], centre: f64, scale: f64) {
+        let score = |v: &f64| ((v - centre) / scale).clamp(-MAX_SCORE, MAX_SCORE);
+        self.score.clear();
+        self.score.extend(y.iter().map(score));
+    }
+
+    fn backtrack(&self, outlier: &mut [bool]) {
+        outlier.fill(false);
+        let mut end = self.length.len();
+        while end > 0 {
+            let length = self.length[end - 1];
+            outlier[end - length..end].fill(true);
+            end -= length.max(1);
+        }
+    }
+
+    /// Moments of what is not flagged; of everything, and no flags, where too little is left.
+    fn refit(&mut self, y: &[f64], outlier: &mut [bool]) -> Result<Moments> {
+        self.kept.clear();
+        let pairs = y.iter().zip(&*outlier);
+        self.kept.extend(pairs.filter(|(_, flag)| !**flag).map(|(v, _)| v));
+        if self.kept.len() < MIN_KEPT.max(y.len().div_ceil(4)) {
+            outlier.fill(false);
+            return Moments::of("y", y);
+        }
+        Moments::of("y", &self.kept)
+    }
+}

@@ -1,0 +1,259 @@
+//! Tests of a single value, of the most deviating one, and of the largest variance.
+
+use super::moments_of_others;
+use crate::distribution::{
+    fisher_upper, fisher_upper_quantile, normal_two_sided, normal_two_sided_quantile,
+    student_two_sided, student_two_sided_quantile,
+};
+use crate::error::{Result, require, require_count, require_finite};
+use crate::moments::Moments;
+
+/// A test statistic and the probability of a more extreme one when nothing is anomalous.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutlierTest {
+    /// The test statistic.
+    pub statistic: f64,
+    /// Probability of a statistic at least as large under the hypothesis 'not anomalous'.
+    pub p_value: f64,
+}
+
+/// The tests whose thresholds [`critical_value`] gives; `n` is the number that follows the name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Test {
+    /// (R1): a value against n others, sigma known.
+    KnownSigma,
+    /// (R2), (R3): a value against n others, sigma estimated from them.
+    UnknownSigma,
+    /// (M4): a value against the others of a sample of n.
+    LeaveOneOut,
+    /// (M1) for a value chosen beforehand, n with it (Thompson's τ).
+    ThompsonTau,
+    /// The most deviating value of n.
+    Grubbs,
+    /// The largest of n variances, as a share of their sum; each with these degrees of freedom.
+    Cochran(f64),
+}
+
+/// Threshold of `test` at significance `level` for sample size `n`.
+///
+/// Exact, except for `Grubbs` and `Cochran`: there the level is Bonferroni's, exact as long as two
+/// values cannot exceed the threshold at once (G > √((N−1)/2), C > 1/2), else not above `level`.
+///
+/// # Errors
+/// n too small for the test, or a level outside (0, 1).
+pub fn critical_value(n: usize, level: f64, test: Test) -> Result<f64> {
+    require("level", level, level > 0.0 && level < 1.0, "between 0 and 1")?;
+    require("n", n as f64, n >= minimum(test), minimum_text(test))?;
+    let count = n as f64;
+    Ok(match test {
+        Test::KnownSigma => normal_two_sided_quantile(level),
+        Test::UnknownSigma => {
+            student_two_sided_quantile(level, count - 1.0) * ((count + 1.0) / count).sqrt()
+        }
+        Test::LeaveOneOut => {
+            student_two_sided_quantile(level, count - 2.0) * (count / (count - 1.0)).sqrt()
+        }
+        Test::ThompsonTau => tau(student_two_sided_quantile(level, count - 2.0), count),
+        Test::Grubbs => tau(student_two_sided_quantile(level / count, count - 2.0), count),
+        Test::Cochran(degrees) => {
+            require("degrees_of_freedom", degrees, degrees >= 1.0, "at least 1")?;
+            let f = fisher_upper_quantile(level / count, degrees, degrees * (count - 1.0));
+            f / (f + count - 1.0)
+        }
+    })
+}
+
+/// Probability that `test` with threshold `k` calls a clean sample anomalous: the inverse of
+/// [`critical_value`].
+///
+/// # Errors
+/// n too small for the test, or k ≤ 0.
+pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
+    require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+    require("n", n as f64, n >= minimum(test), minimum_text(test))?;
+    let count = n as f64;
+    Ok(match test {
+        Test::KnownSigma => normal_two_sided(k),
+        Test::UnknownSigma => student_two_sided(k * (count / (count + 1.0)).sqrt(), count - 1.0),
+        Test::LeaveOneOut => student_two_sided(k * ((count - 1.0) / count).sqrt(), count - 2.0),
+        Test::ThompsonTau => tau_p_value(k, count),
+        Test::Grubbs => (count * tau_p_value(k, count)).min(1.0),
+        Test::Cochran(degrees) => {
+            require("degrees_of_freedom", degrees, degrees >= 1.0, "at least 1")?;
+            let f = k * (count - 1.0) / (1.0 - k).max(0.0);
+            (count * fisher_upper(f, degrees, degrees * (count - 1.0))).min(1.0)
+        }
+    })
+}
+
+fn minimum(test: Test) -> usize {
+    match test {
+        Test::KnownSigma => 1,
+        Test::UnknownSigma | Test::Cochran(_) => 2,
+        Test::LeaveOneOut | Test::ThompsonTau | Test::Grubbs => 3,
+    }
+}
+
+fn minimum_text(test: Test) -> &'static str {
+    match minimum(test) {
+        1 => "at least 1 for this test",
+        2 => "at least 2 for this test",
+        _ => "at least 3 for this test",
+    }
+}
+
+/// `τ = t (N−1) / √(N (N−2+t²))`.
+fn tau(t: f64, n: f64) -> f64 {
+    t * (n - 1.0) / (n * (n - 2.0 + t * t)).sqrt()
+}
+
+/// P-value of `|y_i − M| / √D` for a value chosen beforehand.
+fn tau_p_value(tau: f64, n: f64) -> f64 {
+    // t² = τ² N (N−2) / ((N−1)² − N τ²)
+    let room = (n - 1.0) * (n - 1.0) - n * tau * tau;
+    if room <= 0.0 {
+        return 0.0;
+    }
+    student_two_sided(tau * (n * (n - 2.0) / room).sqrt(), n - 2.0)
+}
+
+/// P-value of `x` against n others with these moments: `t = (|x − ȳ|/s) √(n/(n+1))`, ν = n − 1.
+fn p_value_against(others: &Moments, x: f64) -> f64 {
+    let n = others.count();
+    let deviation = others.deviation(x).abs();
+    if deviation == 0.0 {
+        return 1.0;
+    }
+    let t = deviation / others.variance().sqrt() * (n / (n + 1.0)).sqrt();
+    student_two_sided(t, n - 1.0)
+}
+
+/// Is `x` anomalous against the n others `y`, sigma being known (R1)?
+/// `t = |x − ȳ| / (σ √((n+1)/n))`. O(n).
+///
+/// # Errors
+/// No others, a value that is not finite, sigma ≤ 0.
+pub fn known_sigma(x: f64, y: &[f64], sigma: f64) -> Result<OutlierTest> {
+    require("sigma", sigma, sigma > 0.0 && sigma.is_finite(), "a positive number")?;
+    let others = others_of(x, y, 1)?;
+    let n = others.count();
+    let statistic = others.deviation(x).abs() / (sigma * ((n + 1.0) / n).sqrt());
+    Ok(OutlierTest { statistic, p_value: normal_two_sided(statistic) })
+}
+
+/// Is `x` anomalous against the n others `y`, sigma being estimated from them (R2), (R3)?
+/// `t = |x − ȳ| / s`. O(n).
+///
+/// # Errors
+/// Fewer than two others, or a value that is not finite.
+pub fn unknown_sigma(x: f64, y: &[f64]) -> Result<OutlierTest> {
+    let others = others_of(x, y, 2)?;
+    let statistic = standardised(&others, x);
+    Ok(OutlierTest { statistic, p_value: p_value_against(&others, x) })
+}
+
+/// `|x − M| / √D`, zero where x is the mean of a constant sample.
+fn standardised(moments: &Moments, x: f64) -> f64 {
+    match moments.deviation(x).abs() {
+        0.0 => 0.0,
+        deviation => deviation / moments.variance().sqrt(),
+    }
+}
+
+fn others_of(x: f64, y: &[f64], minimum: usize) -> Result<Moments> {
+    require_count("y", y.len(), minimum)?;
+    require_finite("x", &[x])?;
+    Moments::of("y", y)
+}
+
+/// Thompson's τ of every value, `|y_i − M| / √D`, and its p-value as if it had been chosen
+/// beforehand. O(N).
+///
+/// # Errors
+/// Fewer than 3 values, a value that is not finite, deviations out of range.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn thompson_tau(y: &[f64], statistic: &mut [f64], p_value: &mut [f64]) -> Result<()> {
+    assert!(y.len() == statistic.len() && y.len() == p_value.len());
+    require_count("y", y.len(), 3)?;
+    let moments = Moments::of("y", y)?;
+    let mut scratch = Vec::new();
+    for (i, (t, p)) in statistic.iter_mut().zip(p_value).enumerate() {
+        let others = moments_of_others(y, i, &moments, &mut scratch)?;
+        *t = standardised(&moments, y[i]);
+        *p = p_value_against(&others, y[i]);
+    }
+    Ok(())
+}
+
+/// Grubbs' test: index of the most deviating value, `G = |y_i − M| / √D` and its two-sided p-value
+/// (Bonferroni, exact while G > √((N−1)/2)). O(N).
+///
+/// # Errors
+/// Fewer than 3 values, a value that is not finite, deviations out of range.
+pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
+    require_count("y", y.len(), 3)?;
+    let moments = Moments::of("y", y)?;
+    let index = index_of_largest(y.iter().map(|&v| moments.deviation(v).abs()));
+    let others = moments_of_others(y, index, &moments, &mut Vec::new())?;
+    let statistic = standardised(&moments, y[index]);
+    let p_value = (moments.count() * p_value_against(&others, y[index])).min(1.0);
+    Ok((index, OutlierTest { statistic, p_value }))
+}
+
+/// Cochran's test: index of the largest of L variances, its share C of their sum, and the p-value
+/// (Bonferroni, exact while C > 1/2). O(L).
+///
+/// # Errors
+/// Fewer than 2 variances, one that is negative or not finite, or all zero; degrees of freedom
+/// below 1.
+pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, OutlierTest)> {
+    require_count("variances", variances.len(), 2)?;
+    require_finite("variances", variances)?;
+    let holds = degrees_of_freedom >= 1.0 && degrees_of_freedom.is_finite();
+    require("degrees_of_freedom", degrees_of_freedom, holds, "at least 1")?;
+    if let Some(&value) = variances.iter().find(|&&d| d < 0.0) {
+        require("variances", value, false, "zero or more everywhere")?;
+    }
+    let index = index_of_largest(variances.iter().copied());
+    let largest = variances[index];
+    require("variances", largest, largest > 0.0, "positive somewhere")?;
+    // scaled by the largest, so that no sum overflows
+    let others: f64 = sum_of_others(variances, index) / largest;
+    let count = variances.len() as f64;
+    let degrees_others = degrees_of_freedom * (count - 1.0);
+    let p_value = extreme_variance_p_value(1.0, degrees_of_freedom, others, degrees_others, count);
+    Ok((index, OutlierTest { statistic: 1.0 / (1.0 + others), p_value }))
+}
+
+/// P-value of one variance of `count`, `d` with `nu` degrees of freedom, against the pooled others,
+/// whose sum of squares is `sum_others · nu` with `nu_others`.
+pub(crate) fn extreme_variance_p_value(
+    d: f64,
+    nu: f64,
+    sum_others: f64,
+    nu_others: f64,
+    count: f64,
+) -> f64 {
+    if d <= 0.0 {
+        return 1.0;
+    }
+    let pooled = sum_others * nu / nu_others;
+    (count * fisher_upper(d / pooled, nu, nu_others)).min(1.0)
+}
+
+fn sum_of_others(values: &[f64], index: usize) -> f64 {
+    values[..index].iter().chain(&values[index + 1..]).sum()
+}
+
+/// Index of the first largest value.
+fn index_of_largest(values: impl Iterator<Item = f64>) -> usize {
+    let mut best = (0, f64::NEG_INFINITY);
+    for (i, v) in values.enumerate() {
+        if v > best.1 {
+            best = (i, v);
+        }
+    }
+    best.0
+}

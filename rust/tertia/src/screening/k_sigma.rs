@@ -1,0 +1,96 @@
+//! The classical rule (M1): each value against the mean and variance of the whole sample.
+
+use super::{Summary, moments_of_cleaned};
+use crate::error::{Error, Result, require, require_count};
+use crate::moments::Moments;
+
+/// What takes the place of an anomalous value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Replacement {
+    /// Mean of the nearest values on both sides that are not anomalous (at an end: the one there is).
+    Neighbours,
+    /// Mean of the whole sample, the anomalous values included.
+    Mean,
+    /// Nothing: the value is excluded.
+    Excluded,
+}
+
+/// The k-sigma rule and what it does with an anomalous value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KSigmaRule {
+    k: f64,
+    replacement: Replacement,
+}
+
+impl KSigmaRule {
+    /// A rule that calls y_i anomalous if `|y_i − M| > k √D`.
+    ///
+    /// # Errors
+    /// k ≤ 0.
+    pub fn try_new(k: f64, replacement: Replacement) -> Result<Self> {
+        require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+        Ok(Self { k, replacement })
+    }
+
+    /// Screens `y`: marks anomalous values and writes the cleaned sample (nan where excluded). O(N).
+    ///
+    /// # Errors
+    /// Fewer than 2 values, a value that is not finite, deviations out of range, or too few left.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    pub fn screen(
+        &self,
+        y: &[f64],
+        outlier: &mut [bool],
+        cleaned: &mut [f64],
+        scratch: &mut Vec<f64>,
+    ) -> Result<Summary> {
+        assert_eq!(y.len(), outlier.len());
+        require_count("y", y.len(), 2)?;
+        let moments = Moments::of("y", y)?;
+        let threshold = self.k * moments.variance().sqrt();
+        let (low, high) = moments.bounds(threshold);
+        cleaned.copy_from_slice(y);
+        for (flag, &v) in outlier.iter_mut().zip(y) {
+            *flag = v < low || v > high;
+        }
+        if !outlier.contains(&true) {
+            return Ok(Summary::of_moments(&moments, threshold));
+        }
+        match self.replacement {
+            Replacement::Neighbours => interpolate(outlier, cleaned)?,
+            Replacement::Mean => fill(outlier, cleaned, moments.mean()),
+            Replacement::Excluded => fill(outlier, cleaned, f64::NAN),
+        }
+        let cleaned_moments = moments_of_cleaned(cleaned, scratch)?;
+        Ok(Summary::of_moments(&cleaned_moments, threshold))
+    }
+}
+
+fn fill(outlier: &[bool], cleaned: &mut [f64], value: f64) {
+    for (v, &flag) in cleaned.iter_mut().zip(outlier) {
+        if flag {
+            *v = value;
+        }
+    }
+}
+
+/// Replaces each run of flagged values by the mean of the values on both sides of it.
+fn interpolate(outlier: &[bool], cleaned: &mut [f64]) -> Result<()> {
+    let n = cleaned.len();
+    let mut start = 0;
+    while let Some(first) = (start..n).find(|&i| outlier[i]) {
+        let end = (first..n).find(|&i| !outlier[i]).unwrap_or(n);
+        let before = first.checked_sub(1).map(|i| cleaned[i]);
+        let after = cleaned.get(end).copied();
+        let value = match (before, after) {
+            (Some(a), Some(b)) => a + 0.5 * (b - a),
+            (Some(v), None) | (None, Some(v)) => v,
+            (None, None) => return Err(Error::AllAnomalous { kept: 0, count: n }),
+        };
+        cleaned[first..end].fill(value);
+        start = end;
+    }
+    Ok(())
+}

@@ -1,0 +1,254 @@
+//! The leave-one-out rule (M2)–(M4): each value against the mean and variance of the others.
+
+use super::{Summary, moments_of_cleaned, moments_of_kept, moments_of_others};
+use crate::error::{Result, require, require_count};
+use crate::moments::Moments;
+
+/// Values needed: D'_i has the divisor N − 2.
+pub(super) const MIN_COUNT: usize = 3;
+/// Repeated passes that replace eat the whole sample below k = 2.1617; refused below this.
+const MIN_K_REPLACING_PASSES: f64 = 2.5;
+/// Repeated passes that exclude do so below √3.
+const MIN_K_EXCLUDING_PASSES: f64 = 1.732_050_807_568_877_2;
+
+/// Which mean and variance the values of one pass are tested with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Statistics {
+    /// Those of the sample as corrected so far: what the paper describes.
+    Sequential,
+    /// Those of the sample at the start of the pass.
+    Frozen,
+}
+
+/// Direction of a sequential pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// From the first value to the last.
+    Forward,
+    /// From the last value to the first.
+    Backward,
+}
+
+/// Leave-one-out mean M'_i (M2) and variance D'_i (M3) of every value. O(N).
+///
+/// With e_i = y_i − M: `M'_i = M − e_i/(N−1)`, `D'_i = (SS − e_i² N/(N−1)) / (N−2)`.
+///
+/// # Errors
+/// Fewer than 3 values, a value that is not finite, deviations out of range.
+///
+/// # Panics
+/// If the three slices differ in length.
+pub fn statistics(y: &[f64], mean: &mut [f64], variance: &mut [f64]) -> Result<()> {
+    assert!(y.len() == mean.len() && y.len() == variance.len());
+    require_count("y", y.len(), MIN_COUNT)?;
+    let moments = Moments::of("y", y)?;
+    let dominated = pulp::Arch::new().dispatch(|| {
+        let mut dominated = false;
+        for ((&v, m), d) in y.iter().zip(&mut *mean).zip(&mut *variance) {
+            let others = moments.without(v);
+            *m = others.mean();
+            *d = others.variance();
+            dominated |= moments.share(moments.deviation(v)) > 0.5;
+        }
+        dominated
+    });
+    if dominated {
+        let mut scratch = Vec::new();
+        for i in 0..y.len() {
+            let others = moments_of_others(y, i, &moments, &mut scratch)?;
+            (mean[i], variance[i]) = (others.mean(), others.variance());
+        }
+    }
+    Ok(())
+}
+
+/// The factor c(k, N) with which the leave-one-out rule is `|y_i − M| > c √D`:
+/// `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`.
+pub fn threshold_coefficient(k: f64, n: f64) -> f64 {
+    k * (n - 1.0) * ((n - 1.0) / (n * (n * (n - 2.0) + k * k * (n - 1.0)))).sqrt()
+}
+
+/// Marks the values that the rule with frozen statistics finds anomalous. O(N): two streaming
+/// reads, no temporary.
+///
+/// # Errors
+/// k ≤ 0, fewer than 3 values, a value that is not finite, deviations out of range.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn mask(y: &[f64], k: f64, outlier: &mut [bool]) -> Result<()> {
+    assert_eq!(y.len(), outlier.len());
+    require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+    require_count("y", y.len(), MIN_COUNT)?;
+    let moments = pulp::Arch::new().dispatch(|| {
+        let moments = Moments::unchecked(y);
+        let (low, high) = moments.bounds(threshold(k, &moments));
+        for (flag, &v) in outlier.iter_mut().zip(y) {
+            *flag = (v < low) | (v > high);
+        }
+        moments
+    });
+    moments.checked("y", &[y]).map(|_| ())
+}
+
+#[inline(always)]
+fn threshold(k: f64, moments: &Moments) -> f64 {
+    threshold_coefficient(k, moments.count()) * moments.variance().sqrt()
+}
+
+/// The leave-one-out rule and what it does with an anomalous value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeaveOneOutRule {
+    k: f64,
+    statistics: Statistics,
+    order: Order,
+    replace: bool,
+    passes: usize,
+}
+
+impl LeaveOneOutRule {
+    /// A rule that calls y_i anomalous if `|M'_i − y_i| > k √D'_i` and replaces it by M'_i or,
+    /// without `replace`, excludes it.
+    ///
+    /// # Errors
+    /// k ≤ 0, no pass, or several passes with a k at which they would eat the whole sample.
+    pub fn try_new(
+        k: f64,
+        statistics: Statistics,
+        order: Order,
+        replace: bool,
+        passes: usize,
+    ) -> Result<Self> {
+        require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+        require("passes", passes as f64, passes >= 1, "at least 1")?;
+        if passes > 1 && replace {
+            let holds = k >= MIN_K_REPLACING_PASSES;
+            require("k", k, holds, "at least 2.5 with passes > 1 and replace=True")?;
+        } else if passes > 1 {
+            let holds = k >= MIN_K_EXCLUDING_PASSES;
+            require("k", k, holds, "at least 1.7321 (√3) with passes > 1 and replace=False")?;
+        }
+        Ok(Self { k, statistics, order, replace, passes })
+    }
+
+    /// Screens `y`: marks anomalous values and writes the cleaned sample (nan where excluded).
+    /// O(N) a pass; each of the few values that dominate the sum of squares costs O(N) more.
+    ///
+    /// # Errors
+    /// Fewer than 3 values, a value that is not finite, deviations out of range, or fewer than 2
+    /// values left.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    pub fn screen(
+        &self,
+        y: &[f64],
+        outlier: &mut [bool],
+        cleaned: &mut [f64],
+        scratch: &mut Vec<f64>,
+    ) -> Result<Summary> {
+        assert_eq!(y.len(), outlier.len());
+        require_count("y", y.len(), MIN_COUNT)?;
+        cleaned.copy_from_slice(y);
+        outlier.fill(false);
+        let mut moments = Moments::of("y", y)?;
+        let mut band = threshold(self.k, &moments);
+        for _ in 0..self.passes {
+            band = threshold(self.k, &moments);
+            let found = match self.statistics {
+                Statistics::Frozen => self.frozen_pass(&moments, outlier, cleaned, scratch)?,
+                Statistics::Sequential => {
+                    self.sequential_pass(moments, outlier, cleaned, scratch)?
+                }
+            };
+            if !found {
+                break;
+            }
+            moments = moments_of_cleaned(cleaned, scratch)?;
+            if self.statistics == Statistics::Sequential {
+                band = threshold(self.k, &moments);
+            }
+            if moments.count() < MIN_COUNT as f64 {
+                break;
+            }
+        }
+        Ok(Summary::of_moments(&moments, band))
+    }
+
+    fn frozen_pass(
+        &self,
+        moments: &Moments,
+        outlier: &mut [bool],
+        cleaned: &mut [f64],
+        scratch: &mut Vec<f64>,
+    ) -> Result<bool> {
+        let (low, high) = moments.bounds(threshold(self.k, moments));
+        let mut replacements = Vec::new();
+        for (i, &v) in cleaned.iter().enumerate() {
+            if v < low || v > high {
+                let others = moments_of_others(cleaned, i, moments, scratch)?;
+                replacements.push((i, if self.replace { others.mean() } else { f64::NAN }));
+            }
+        }
+        for &(i, value) in &replacements {
+            outlier[i] = true;
+            cleaned[i] = value;
+        }
+        Ok(!replacements.is_empty())
+    }
+
+    /// A flagged value changes the statistics to exactly M ← M'_i, SS ← SS'_i, so between two
+    /// flagged values the pass is a search for the next value outside fixed bounds.
+    fn sequential_pass(
+        &self,
+        mut moments: Moments,
+        outlier: &mut [bool],
+        cleaned: &mut [f64],
+        scratch: &mut Vec<f64>,
+    ) -> Result<bool> {
+        let mut reference = moments.sum_of_squares();
+        let mut found = false;
+        let mut open = 0..cleaned.len();
+        while moments.count() >= MIN_COUNT as f64 {
+            let bounds = moments.bounds(threshold(self.k, &moments));
+            let Some(i) = self.next_outside(cleaned, open.clone(), bounds) else {
+                break;
+            };
+            let mut others = moments_of_others(cleaned, i, &moments, scratch)?;
+            cleaned[i] = f64::NAN;
+            if others.sum_of_squares() < 0.5 * reference {
+                // many small downdates have cancelled: start afresh
+                others = moments_of_kept(cleaned, scratch)?;
+                reference = others.sum_of_squares();
+            }
+            moments = others;
+            if self.replace {
+                cleaned[i] = others.mean();
+                moments = others.with_one_at_mean();
+            }
+            outlier[i] = true;
+            found = true;
+            match self.order {
+                Order::Forward => open.start = i + 1,
+                Order::Backward => open.end = i,
+            }
+        }
+        Ok(found)
+    }
+
+    fn next_outside(
+        &self,
+        y: &[f64],
+        open: std::ops::Range<usize>,
+        (low, high): (f64, f64),
+    ) -> Option<usize> {
+        let outside = |v: &f64| *v < low || *v > high;
+        let start = open.start;
+        let y = &y[open];
+        let found = match self.order {
+            Order::Forward => y.iter().position(outside),
+            Order::Backward => y.iter().rposition(outside),
+        };
+        found.map(|i| start + i)
+    }
+}
