@@ -245,7 +245,8 @@ fn k_sigma(k: f64, workspace: &mut Workspace, outlier: &mut [bool]) -> Result<(f
 fn polarity(angle: &[f64], outlier: &[bool], value: f64) -> f64 {
     let flagged = angle.iter().zip(outlier).filter(|(_, flag)| **flag);
     let balance: f64 = flagged.map(|(v, _)| (v - value).partial_cmp(&0.0)).map(sign).sum();
-    balance / angle.len() as f64
+    // an empty sum is −0
+    (balance + 0.0) / angle.len() as f64
 }
 
 fn sign(ordering: Option<std::cmp::Ordering>) -> f64 {

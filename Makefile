@@ -1,0 +1,52 @@
+# Everything runs in .venv, against the installed wheel, never against the source tree.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+WHEEL := dist/.installed
+SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name Cargo.toml)
+
+.PHONY: demo test lint figures bench clean
+
+demo: $(WHEEL)
+	$(BIN)/tertia bearing examples/bearings.csv --column bearing_deg --by target --plot bearings.png
+	@echo "The picture is in bearings.png"
+
+test: $(WHEEL) $(VENV)/.test
+	cargo test --workspace
+	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --doctest-modules --pyargs tertia
+	$(BIN)/python -m mypy.stubtest tertia._core
+
+lint: $(WHEEL) $(VENV)/.test
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy python tests docs
+
+figures: $(WHEEL)
+	$(BIN)/python docs/figures.py
+
+bench: $(WHEEL) $(VENV)/.bench
+	cargo bench
+	$(BIN)/python -m pytest benches --benchmark-columns=min,median,rounds
+	$(BIN)/python benches/peers/screening.py
+
+clean:
+	rm -rf $(VENV) dist target
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1" "maturin>=1.9,<2"
+
+$(WHEEL): $(BIN)/python $(SOURCES)
+	rm -rf dist
+	$(BIN)/maturin build --quiet --release --out dist
+	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps dist/tertia-*.whl
+	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,plot]"
+	touch $@
+
+$(VENV)/.test $(VENV)/.bench: $(VENV)/.%: pyproject.toml $(BIN)/python
+	$(BIN)/python -m pip install --quiet --group $*
+	touch $@

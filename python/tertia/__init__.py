@@ -1,0 +1,32 @@
+"""One estimate with an error bar that can be believed.
+
+For measurements that are redundant and sometimes wrong. `tertia.screening` finds the anomalous
+ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.simulate` makes
+records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
+`cli`.
+"""
+
+import warnings
+
+from tertia import bearing, screening, simulate
+from tertia._core import DEBUG_BUILD, VERSION
+from tertia.bearing import BearingEstimate, estimate_bearing
+
+__version__ = VERSION
+
+__all__ = [
+    "BearingEstimate",
+    "__version__",
+    "bearing",
+    "estimate_bearing",
+    "screening",
+    "simulate",
+]
+
+if DEBUG_BUILD:
+    warnings.warn(
+        "tertia was built without optimisation and is many times slower than it should be; "
+        "build it with `maturin develop --release` or install a wheel",
+        RuntimeWarning,
+        stacklevel=2,
+    )

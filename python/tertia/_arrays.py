@@ -1,0 +1,79 @@
+"""What every public function does with its arguments and results."""
+
+import operator
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+NanPolicy: TypeAlias = Literal["raise", "omit"]
+
+_FLOAT64 = np.dtype(np.float64)
+
+
+def samples(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return `value` as float64 numbers; a masked measurement is nan."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:
+        return value
+    if isinstance(value, np.ma.MaskedArray):
+        value = np.ma.filled(value.astype(np.float64), np.nan)
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(
+            f"{name} is ragged; all its rows must have the same number of measurements"
+        ) from None
+    if array.dtype.kind not in "iufO":
+        raise TypeError(f"{name} has dtype {array.dtype}; it must hold real numbers")
+    if array.dtype.kind == "O":
+        _refuse_objects(array, name)
+    return np.asarray(array, dtype=np.float64)
+
+
+def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
+    """Fail with the first object that is neither a real number nor None."""
+    for index, item in np.ndenumerate(array):
+        if item is not None:
+            place = ", ".join(map(str, index))
+            real(item, f"{name}[{place}]")
+
+
+def integer(value: Any, name: str, minimum: int) -> int:
+    """Return `value` as an int that the core can take."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} is {value!r}; it must be an integer") from None
+    if not minimum <= number < 2**31:
+        raise ValueError(f"{name} is {number}; it must be between {minimum} and {2**31 - 1}")
+    return number
+
+
+def real(value: Any, name: str) -> float:
+    """Return `value` as a float."""
+    try:
+        if not isinstance(value, (str, bytes)):
+            return float(value)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise TypeError(f"{name} is {value!r}; it must be a real number")
+
+
+def threads(n_threads: int | None) -> int | None:
+    """Return the number of threads asked for."""
+    return None if n_threads is None else integer(n_threads, "n_threads", 1)
+
+
+def omits(nan_policy: NanPolicy) -> bool:
+    """Return whether nan means 'no measurement'."""
+    if nan_policy not in {"raise", "omit"}:
+        raise ValueError(f"nan_policy is {nan_policy!r}; it must be 'raise' or 'omit'")
+    return nan_policy == "omit"
+
+
+def scalar_or_array(array: npt.NDArray[Any]) -> Any:
+    """Return a Python scalar where there is no batch, the array otherwise."""
+    return array if array.ndim else array.item()
