@@ -1,6 +1,6 @@
 //! Bindings of `tertia::bearing`.
 
-use crate::arrays::{Gaps, Samples, array, chunks, threads, value_error};
+use crate::arrays::{Gaps, Output, Samples, array, chunks, threads, value_error};
 use crate::screening::unknown;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
@@ -110,7 +110,8 @@ pub fn estimate_bearing<'py>(
     let (rows, n_threads, estimator) = (samples.rows(), threads(n_threads)?, options.estimator()?);
     let (n, count) = (rows.len(), rows.count());
     let groups = estimator.groups(n);
-    let mut outlier = vec![false; n * count];
+    let mut outlier = Output::new(py, rows.shape);
+    let outliers = outlier.values()?;
     let mut estimates = vec![Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 }; count];
     let [mut mean, mut variance, mut weight] = [(); 3].map(|()| vec![0.0; groups * count]);
     let cost = ESTIMATE_NS * (n * count) as f64;
@@ -118,7 +119,7 @@ pub fn estimate_bearing<'py>(
         let columns = chunks(&mut mean, groups, count)
             .zip(chunks(&mut variance, groups, count))
             .zip(chunks(&mut weight, groups, count));
-        let outputs = chunks(&mut outlier, n, count).zip(columns).zip(&mut estimates);
+        let outputs = chunks(outliers, n, count).zip(columns).zip(&mut estimates);
         let new = || (Workspace::default(), Gaps::default());
         for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |(workspace, gaps), item| {
             let (theta, ((flags, ((mean, variance), weight)), out)) = item;
@@ -151,7 +152,7 @@ pub fn estimate_bearing<'py>(
     Ok((
         column(|e| e.value)?,
         column(|e| e.sigma)?,
-        array(py, rows.shape, outlier)?,
+        outlier.into_array(),
         column(|e| e.polarity)?,
         groups,
     ))

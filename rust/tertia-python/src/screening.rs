@@ -1,6 +1,6 @@
 //! Bindings of `tertia::screening`.
 
-use crate::arrays::{Gaps, Samples, array, chunks, threads, value_error};
+use crate::arrays::{Gaps, Output, Samples, array, chunks, threads, value_error};
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -34,17 +34,19 @@ pub fn leave_one_out_statistics<'py>(
     let samples = Samples::extract(y, "y")?;
     let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
     let (n, count) = (rows.len(), rows.count());
-    let (mut mean, mut variance) = (vec![0.0; n * count], vec![0.0; n * count]);
+    let mut mean = Output::new(py, rows.shape);
+    let mut variance = Output::new(py, rows.shape);
+    let (means, variances) = (mean.values()?, variance.values()?);
     let cost = STREAM_NS * (n * count) as f64;
     py.detach(|| {
-        let outputs = chunks(&mut mean, n, count).zip(chunks(&mut variance, n, count));
+        let outputs = chunks(means, n, count).zip(chunks(variances, n, count));
         let work = |(): &mut (), (y, (m, v)): (&[f64], (&mut [f64], &mut [f64]))| {
             screening::statistics(y, m, v)
         };
         for_each_row(rows.iter().zip(outputs), cost, n_threads, || (), work)
     })
     .map_err(|failure| rows.error(failure))?;
-    Ok((array(py, rows.shape, mean)?, array(py, rows.shape, variance)?))
+    Ok((mean.into_array(), variance.into_array()))
 }
 
 /// Mask of the leave-one-out rule with frozen statistics.
@@ -58,15 +60,16 @@ pub fn leave_one_out_mask<'py>(
     let samples = Samples::extract(y, "y")?;
     let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
     let (n, count) = (rows.len(), rows.count());
-    let mut outlier = vec![false; n * count];
+    let mut outlier = Output::new(py, rows.shape);
+    let flags = outlier.values()?;
     let cost = STREAM_NS * (n * count) as f64;
     py.detach(|| {
         let work = |(): &mut (), (y, flags): (&[f64], &mut [bool])| screening::mask(y, k, flags);
-        let items = rows.iter().zip(chunks(&mut outlier, n, count));
+        let items = rows.iter().zip(chunks(flags, n, count));
         for_each_row(items, cost, n_threads, || (), work)
     })
     .map_err(|failure| rows.error(failure))?;
-    array(py, rows.shape, outlier)
+    Ok(outlier.into_array())
 }
 
 /// The factor c(k, N) of the rule with frozen statistics.
@@ -167,11 +170,13 @@ fn screen<'py, S>(
     let samples = Samples::extract(y, "y")?;
     let rows = samples.rows();
     let (n, count) = (rows.len(), rows.count());
-    let (mut outlier, mut cleaned) = (vec![false; n * count], vec![0.0; n * count]);
+    let mut outlier = Output::new(py, rows.shape);
+    let mut cleaned = Output::new(py, rows.shape);
+    let (outliers, cleaneds) = (outlier.values()?, cleaned.values()?);
     let mut summaries = vec![Summary { mean: 0.0, variance: 0.0, threshold: 0.0 }; count];
     let cost = nanoseconds * (n * count) as f64;
     py.detach(|| {
-        let outputs = chunks(&mut outlier, n, count).zip(chunks(&mut cleaned, n, count));
+        let outputs = chunks(outliers, n, count).zip(chunks(cleaneds, n, count));
         let items = rows.iter().zip(outputs.zip(&mut summaries));
         let new = || (state(), Gaps::default());
         for_each_row(items, cost, n_threads, new, |(state, gaps), (y, ((flags, kept), out))| {
@@ -192,8 +197,8 @@ fn screen<'py, S>(
     let column =
         |f: fn(&Summary) -> f64| array(py, rows.batch(), summaries.iter().map(f).collect());
     Ok((
-        array(py, rows.shape, outlier)?,
-        array(py, rows.shape, cleaned)?,
+        outlier.into_array(),
+        cleaned.into_array(),
         column(|s| s.mean)?,
         column(|s| s.variance)?,
         column(|s| s.threshold)?,
@@ -211,16 +216,17 @@ pub fn unwrap<'py>(
     let samples = Samples::extract(theta, "theta")?;
     let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
     let (n, count) = (rows.len(), rows.count());
-    let mut unwrapped = vec![0.0; n * count];
+    let mut unwrapped = Output::new(py, rows.shape);
+    let angles = unwrapped.values()?;
     let cost = ANGLE_NS * (n * count) as f64;
     py.detach(|| {
-        let items = rows.iter().zip(chunks(&mut unwrapped, n, count));
+        let items = rows.iter().zip(chunks(angles, n, count));
         for_each_row(items, cost, n_threads, Vec::new, |scratch, (theta, out)| {
             screening::unwrap(theta, period, out, scratch)
         })
     })
     .map_err(|failure| rows.error(failure))?;
-    array(py, rows.shape, unwrapped)
+    Ok(unwrapped.into_array())
 }
 
 /// Test of `x` (one number per row of y) against the others y, sigma known.
@@ -306,16 +312,18 @@ pub fn thompson_tau<'py>(
     let samples = Samples::extract(y, "y")?;
     let rows = samples.rows();
     let (n, count) = (rows.len(), rows.count());
-    let (mut statistic, mut p_value) = (vec![0.0; n * count], vec![0.0; n * count]);
+    let mut statistic = Output::new(py, rows.shape);
+    let mut p_value = Output::new(py, rows.shape);
+    let (statistics, p_values) = (statistic.values()?, p_value.values()?);
     // an incomplete beta function per measurement
     let cost = 500.0 * (n * count) as f64;
     py.detach(|| {
-        let outputs = chunks(&mut statistic, n, count).zip(chunks(&mut p_value, n, count));
+        let outputs = chunks(statistics, n, count).zip(chunks(p_values, n, count));
         let items = rows.iter().zip(outputs);
         for_each_row(items, cost, None, || (), |(), (y, (t, p))| screening::thompson_tau(y, t, p))
     })
     .map_err(|failure| rows.error(failure))?;
-    Ok((array(py, rows.shape, statistic)?, array(py, rows.shape, p_value)?))
+    Ok((statistic.into_array(), p_value.into_array()))
 }
 
 /// Grubbs' test of every row.

@@ -1,13 +1,12 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle <- screening <- bearing`, with [`batch`] and [`missing`] for their
-//! callers: a module uses those to its
-//! left only. Kernels take slices and fill the caller's outputs.
+//! `error, moments, distribution, angle <- screening <- bearing`, with [`batch`] and
+//! [`missing`] for their callers: a module uses those to its left only. Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
 //! |---|---|---|
-//! | [`screening::mask`] | O(N), two reads | none |
+//! | [`screening::mask`] | O(N), one to two reads | N/85 bytes |
 //! | [`screening::statistics`] | O(N), two reads, two writes | none |
 //! | [`screening::LeaveOneOutRule::screen`] | O(N) a pass | N where values are flagged |
 //! | [`screening::KSigmaRule::screen`] | O(N) | N where values are flagged |

@@ -5,12 +5,13 @@
 //! about it) and merged, so memory is read once and the squares never cancel.
 
 use crate::error::{Error, Result, require_finite};
+use pulp::{Simd, WithSimd};
 
 /// Independent sums per block: enough to hide the latency of the adder at 256 bits. It is fixed, so
 /// that every instruction set returns the same bits.
 const LANES: usize = 16;
 /// 16 KiB: half of the smallest L1 data cache in use.
-const BLOCK: usize = 2048;
+pub(crate) const BLOCK: usize = 2048;
 /// A smaller sum of squares may have lost digits to underflow.
 const MIN_SUM_OF_SQUARES: f64 = 1e-280;
 
@@ -29,7 +30,7 @@ impl Moments {
     /// # Errors
     /// A value that is not finite; deviations whose squares leave the range of a double.
     pub fn of(argument: &'static str, y: &[f64]) -> Result<Self> {
-        pulp::Arch::new().dispatch(|| Self::unchecked(y)).checked(argument, &[y])
+        pulp::Arch::new().dispatch(OfSample(y)).checked(argument, &[y])
     }
 
     /// Moments of all values but `y[i]`. O(N).
@@ -38,33 +39,37 @@ impl Moments {
     /// As [`Moments::of`].
     pub fn of_others(argument: &'static str, y: &[f64], i: usize) -> Result<Self> {
         let (before, after) = (&y[..i], &y[i + 1..]);
-        Self::unchecked(before).merge(Self::unchecked(after)).checked(argument, &[before, after])
+        let arch = pulp::Arch::new();
+        let merged = arch.dispatch(OfSample(before)).merge(arch.dispatch(OfSample(after)));
+        merged.checked(argument, &[before, after])
     }
 
     /// As [`Moments::of`], for callers that check and dispatch by themselves.
     #[inline(always)]
-    pub(crate) fn unchecked(y: &[f64]) -> Self {
-        let n = y.len();
-        let origin = if n == 0 { 0.0 } else { median_of_three(y[0], y[n / 2], y[n - 1]) };
-        y.chunks(BLOCK)
-            .map(|block| Self::of_block(origin, block))
-            .fold(Self::empty(origin), Self::merge)
+    pub(crate) fn unchecked<S: Simd>(simd: S, y: &[f64]) -> Self {
+        // a `for`, because the standard iterators' `fold` is not inlined into dispatched code
+        let mut moments = Self::before(y);
+        for block in y.chunks(BLOCK) {
+            moments = moments.with_block(simd, block);
+        }
+        moments
     }
 
+    /// Moments of no values, with the origin for those of `y`.
     #[inline(always)]
-    fn empty(origin: f64) -> Self {
+    pub(crate) fn before(y: &[f64]) -> Self {
+        let n = y.len();
+        let origin = if n == 0 { 0.0 } else { median_of_three(y[0], y[n / 2], y[n - 1]) };
         Self { count: 0.0, origin, offset: 0.0, sum_of_squares: 0.0 }
     }
 
+    /// Moments with at most [`BLOCK`] values more.
     #[inline(always)]
-    fn of_block(origin: f64, block: &[f64]) -> Self {
-        let count = block.len() as f64;
-        let offset = sum_by(block, |v| v - origin) / count;
-        let sum_of_squares = sum_by(block, |v| {
-            let deviation = (v - origin) - offset;
-            deviation * deviation
-        });
-        Self { count, origin, offset, sum_of_squares }
+    pub(crate) fn with_block<S: Simd>(self, simd: S, block: &[f64]) -> Self {
+        let (count, origin) = (block.len() as f64, self.origin);
+        let offset = sum_of_deviations(simd, block, origin) / count;
+        let sum_of_squares = sum_of_squares(simd, block, origin, offset);
+        self.merge(Self { count, origin, offset, sum_of_squares })
     }
 
     /// Moments of both samples together (Chan, Golub, LeVeque 1979).
@@ -165,14 +170,47 @@ impl Moments {
     }
 }
 
-/// Sum of `f` over the sample.
+/// [`Moments::unchecked`] for the widest vectors of the machine.
+struct OfSample<'a>(&'a [f64]);
+
+impl WithSimd for OfSample<'_> {
+    type Output = Moments;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Moments {
+        Moments::unchecked(simd, self.0)
+    }
+}
+
+/// Sum of `y − origin`.
 #[inline(always)]
-fn sum_by(y: &[f64], f: impl Fn(f64) -> f64) -> f64 {
+fn sum_of_deviations<S: Simd>(simd: S, y: &[f64], origin: f64) -> f64 {
+    let shift = simd.splat_f64s(origin);
+    let (sum, rest) = sum_by(simd, y, |v| simd.sub_f64s(v, shift));
+    sum + rest.iter().map(|v| v - origin).sum::<f64>()
+}
+
+/// Sum of `(y − origin − offset)²`.
+#[inline(always)]
+fn sum_of_squares<S: Simd>(simd: S, y: &[f64], origin: f64, offset: f64) -> f64 {
+    let (shift, mean) = (simd.splat_f64s(origin), simd.splat_f64s(offset));
+    let (sum, rest) = sum_by(simd, y, |v| {
+        let e = simd.sub_f64s(simd.sub_f64s(v, shift), mean);
+        simd.mul_f64s(e, e)
+    });
+    let square = |v: &f64| (v - origin - offset) * (v - origin - offset);
+    sum + rest.iter().map(square).sum::<f64>()
+}
+
+/// Sum of `f` over as many values as fill the lanes, and the values that are left.
+#[inline(always)]
+fn sum_by<S: Simd>(simd: S, y: &[f64], f: impl Fn(S::f64s) -> S::f64s) -> (f64, &[f64]) {
     let (chunks, rest) = y.as_chunks::<LANES>();
     let mut lanes = [0.0; LANES];
+    let sums = S::as_mut_simd_f64s(&mut lanes).0;
     for chunk in chunks {
-        for (lane, &v) in lanes.iter_mut().zip(chunk) {
-            *lane += f(v);
+        for (sum, &v) in sums.iter_mut().zip(S::as_simd_f64s(chunk).0) {
+            *sum = simd.add_f64s(*sum, f(v));
         }
     }
     let mut width = LANES / 2;
@@ -182,7 +220,7 @@ fn sum_by(y: &[f64], f: impl Fn(f64) -> f64) -> f64 {
         }
         width /= 2;
     }
-    lanes[0] + rest.iter().map(|&v| f(v)).sum::<f64>()
+    (lanes[0], rest)
 }
 
 #[inline(always)]

@@ -24,6 +24,9 @@ pub use crate::angle::unwrap;
 use crate::error::{Error, Result};
 use crate::moments::Moments;
 
+/// A value with a larger share of the sum of squares is not downdated but left out anew.
+const MAX_SHARE: f64 = 0.5;
+
 /// The cleaned sample in numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Summary {
@@ -65,7 +68,6 @@ fn moments_of_others(
     moments: &Moments,
     scratch: &mut Vec<f64>,
 ) -> Result<Moments> {
-    const MAX_SHARE: f64 = 0.5;
     if moments.share(moments.deviation(cleaned[i])) <= MAX_SHARE {
         return Ok(moments.without(cleaned[i]));
     }

@@ -7,6 +7,7 @@ use super::Summary;
 use crate::angle::median;
 use crate::error::{Result, require, require_count};
 use crate::moments::Moments;
+use pulp::{Simd, WithSimd};
 
 /// MAD of the normal distribution to its standard deviation.
 const MAD_TO_SIGMA: f64 = 1.4826;
@@ -103,7 +104,7 @@ impl BurstRule {
                 break;
             }
             workspace.standardise(y, centre, scale);
-            pulp::Arch::new().dispatch(|| self.solve(ln_n, workspace));
+            pulp::Arch::new().dispatch(Solve { rule: self, ln_n, workspace });
             workspace.backtrack(outlier);
             kept = workspace.refit(y, outlier)?;
             let previous = std::mem::replace(&mut centre, kept.mean());
@@ -198,6 +199,21 @@ impl BurstRule {
                 *c -= rise;
             }
         }
+    }
+}
+
+struct Solve<'a> {
+    rule: &'a BurstRule,
+    ln_n: f64,
+    workspace: &'a mut BurstWorkspace,
+}
+
+impl WithSimd for Solve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.rule.solve(self.ln_n, self.workspace);
     }
 }
 
