@@ -9,6 +9,8 @@ use std::sync::Mutex;
 
 /// Work below this is done by the calling thread.
 const MIN_NANOSECONDS_TO_SHARE: f64 = 1e6;
+/// More threads than any machine in sight has cores.
+const MAX_THREADS: usize = 256;
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 const SHARES_PER_THREAD: usize = 8;
 
@@ -25,7 +27,7 @@ pub struct RowError {
 fn threads(n_threads: Option<NonZero<usize>>, rows: usize, nanoseconds: f64) -> usize {
     let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
     match n_threads {
-        Some(n) => n.get().min(rows.max(1)),
+        Some(n) => n.get().min(MAX_THREADS).min(rows.max(1)),
         None if nanoseconds < MIN_NANOSECONDS_TO_SHARE => 1,
         None => available().min(rows.max(1)),
     }
@@ -77,7 +79,8 @@ pub fn for_each_row<R: Send, S>(
     };
     std::thread::scope(|scope| {
         for _ in 1..n_threads {
-            scope.spawn(run);
+            // a thread that the system refuses is not missed: the others do its rows
+            let _ = std::thread::Builder::new().spawn_scoped(scope, run);
         }
         run();
     });

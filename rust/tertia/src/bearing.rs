@@ -252,3 +252,87 @@ fn polarity(angle: &[f64], outlier: &[bool], value: f64) -> f64 {
 fn sign(ordering: Option<std::cmp::Ordering>) -> f64 {
     ordering.map_or(0.0, |o| f64::from(o as i8))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Outcome {
+        estimate: Estimate,
+        outlier: Vec<usize>,
+        weight: Vec<f64>,
+    }
+
+    fn run(method: Method, period: Option<f64>, theta: &[f64]) -> Outcome {
+        let estimator = Estimator::try_new(method, period, 0.0).unwrap();
+        let mut outlier = vec![false; theta.len()];
+        let [mut mean, mut variance, mut weight] =
+            [(); 3].map(|()| vec![0.0; estimator.groups(theta.len())]);
+        let mut output =
+            GroupOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
+        let estimate = estimator
+            .estimate(theta, &mut outlier, &mut output, &mut Workspace::default())
+            .unwrap();
+        let outlier = (0..theta.len()).filter(|&i| outlier[i]).collect();
+        Outcome { estimate, outlier, weight }
+    }
+
+    fn assert_close(actual: f64, expected: f64) {
+        assert!((actual / expected - 1.0).abs() < 1e-12, "{actual} is not {expected}");
+    }
+
+    fn robust(group_size: usize, max_length: usize) -> Method {
+        let bursts = BurstRule::try_new(2.5, 3.0, (2, max_length), 0.0, 0.0).unwrap();
+        Method::Robust(RobustRule { bursts, group_size })
+    }
+
+    const WITH_BURST: [f64; 30] = [
+        10.3, 9.1, 10.8, 9.7, 10.5, 19.0, 9.4, 10.1, 11.2, 9.9, 8.8, 10.6, 14.2, 13.1, 14.9, 13.8,
+        14.4, 13.5, 10.2, 9.3, 10.9, 9.8, 11.0, 9.6, 10.4, 9.2, 10.7, 10.0, 9.5, 10.1,
+    ];
+
+    #[test]
+    fn the_default_leaves_out_a_point_and_a_burst() {
+        let result = run(robust(5, 10), None, &WITH_BURST);
+        assert_eq!(result.outlier, [5, 12, 13, 14, 15, 16, 17]);
+        assert_close(result.estimate.value, 10.047_826_086_957);
+        assert_close(result.estimate.sigma, 0.147_745_201_280);
+        assert_close(result.estimate.polarity, 7.0 / 30.0);
+    }
+
+    #[test]
+    fn north_is_a_direction_like_any_other() {
+        let rule = GroupRule { k: 2.5, group_size: 5, variance_test: VarianceTest::Cochran(0.05) };
+        for method in [
+            Method::Mean,
+            Method::KSigma(2.5),
+            Method::Paper(rule),
+            Method::Corrected(rule, 0.05),
+            robust(5, 10),
+        ] {
+            let south = run(method.clone(), Some(360.0), &WITH_BURST.map(|v| v + 170.0));
+            let north = run(method, Some(360.0), &WITH_BURST.map(|v| (v + 350.0) % 360.0));
+            let turned = (north.estimate.value - south.estimate.value).rem_euclid(360.0);
+            assert!((turned - 180.0).abs() < 1e-10);
+            assert!((north.estimate.sigma / south.estimate.sigma - 1.0).abs() < 1e-10);
+            assert_eq!(north.outlier, south.outlier);
+        }
+    }
+
+    /// One group's mean and another one's variance are anomalous; no single value is at k = 4.
+    #[test]
+    fn the_paper_replaces_groups() {
+        let theta = [
+            10.3, 9.6, 10.5, 9.8, 10.4, 10.1, 9.5, 10.2, 13.9, 14.3, 14.1, 13.6, 9.7, 10.0, 9.8,
+            10.1, 10.0, 6.5, 13.4, 9.8, 9.9, 10.6, 9.7, 10.3,
+        ];
+        let rule = GroupRule { k: 4.0, group_size: 4, variance_test: VarianceTest::Cochran(0.05) };
+        let result = run(Method::Paper(rule), None, &theta);
+        assert_eq!(result.outlier, [8, 9, 10, 11, 16, 17, 18, 19]);
+        assert_close(result.estimate.value, 9.949_805_171_303_07);
+        assert_close(result.estimate.sigma, 0.105_587_824_271_096);
+        assert!((result.weight.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        // the quietest group's variance was copied
+        assert_eq!(result.weight[4], result.weight[3]);
+    }
+}

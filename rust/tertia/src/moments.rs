@@ -243,3 +243,58 @@ fn round_up(a: f64, b: f64) -> f64 {
     let sum = a + b;
     if rounding_error(a, b, sum) > 0.0 { sum.next_up() } else { sum }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 0, 1, …, n − 1: mean (n−1)/2, SS = n (n² − 1)/12, both exact.
+    fn ramp(n: usize, offset: f64) -> Vec<f64> {
+        (0..n).map(|i| offset + i as f64).collect()
+    }
+
+    #[test]
+    fn ramps_have_known_moments_whatever_the_offset() {
+        for n in [1, 2, 15, 16, 17, 2047, 2048, 2049, 10_000] {
+            for offset in [0.0, 1e9, -1e12] {
+                let moments = Moments::of("y", &ramp(n, offset)).unwrap();
+                let exact = n as f64 * ((n * n) as f64 - 1.0) / 12.0;
+                assert_eq!(moments.mean(), offset + (n as f64 - 1.0) / 2.0);
+                assert!((moments.sum_of_squares() - exact).abs() <= 1e-14 * exact);
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_value_equals_the_moments_of_the_others() {
+        let y = ramp(5000, 1e6);
+        let all = Moments::of("y", &y).unwrap();
+        for i in [0, 1, 2499, 4999] {
+            let (down, anew) = (all.without(y[i]), Moments::of_others("y", &y, i).unwrap());
+            assert!((down.mean() / anew.mean() - 1.0).abs() < 1e-15);
+            assert!((down.variance() / anew.variance() - 1.0).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn bounds_decide_as_the_exact_deviation_does() {
+        let y = [1e16, 1e16 + 2.0, 1e16 + 6.0, 1e16 + 8.0];
+        let moments = Moments::of("y", &y).unwrap();
+        // the mean 1e16 + 4 and its edges ± 3 lie between doubles, which are 2 apart
+        let (low, high) = moments.bounds(3.0);
+        assert_eq!(y.map(|v| v < low || v > high), [true, false, false, true]);
+    }
+
+    #[test]
+    fn what_cannot_be_squared_is_an_error() {
+        assert!(matches!(
+            Moments::of("y", &[0.0, f64::NAN]),
+            Err(Error::NotFinite { index: 1, .. })
+        ));
+        for scale in [1e160, 1e-160] {
+            let y = [0.0, scale, -scale];
+            assert!(matches!(Moments::of("y", &y), Err(Error::OutOfRange { .. })), "{scale:e}");
+        }
+        assert_eq!(Moments::of("y", &[1e300; 3]).unwrap().sum_of_squares(), 0.0);
+    }
+}

@@ -76,3 +76,18 @@ fn moments_of_others(
     scratch.extend(others.copied().filter(|v| !v.is_nan()));
     Moments::of("y", scratch)
 }
+
+#[cfg(test)]
+mod tests {
+    /// Twelve digits; the expected values are printed with 15.
+    pub(super) fn assert_close(actual: f64, expected: f64) {
+        let error = (actual / expected - 1.0).abs();
+        assert!(error < 1e-12, "{actual:.17e} is not {expected:.17e}: {error:.1e}");
+    }
+
+    /// Noise without a generator: mean 0, between −2 and 2.
+    pub(super) fn noise(i: usize) -> f64 {
+        let phase = |step: f64| (i as f64 * step).fract() * 2.0 - 1.0;
+        phase(0.754_877_666_246_692_8) + phase(0.569_840_290_998_053_3)
+    }
+}

@@ -15,6 +15,8 @@ const MAD_TO_SIGMA: f64 = 1.4826;
 const MAX_ITERATIONS: usize = 3;
 /// With fewer values than this (or a quarter of the sample) left, all flags are dropped.
 const MIN_KEPT: usize = 5;
+/// A longer one is not a burst, and its table would not fit.
+const LONGEST_BURST: usize = 100_000;
 /// Scores are cut here, so that their squares stay finite.
 const MAX_SCORE: f64 = 1e150;
 
@@ -68,14 +70,15 @@ impl BurstRule {
         require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
         let holds = resolution >= 0.0 && resolution.is_finite();
         require("resolution", resolution, holds, "zero or a positive number")?;
-        let inverse = |length| 1.0 / (length as f64 * inflation(correlation, length));
+        let holds = max_length <= LONGEST_BURST;
+        require("max_burst", max_length as f64, holds, "at most 100000")?;
         Ok(Self {
             point_penalty,
             burst_penalty,
             min_length,
             max_length,
             resolution,
-            inverse_lengths: (1..=max_length).rev().map(inverse).collect(),
+            inverse_lengths: inverse_lengths(correlation, max_length),
         })
     }
 
@@ -229,12 +232,21 @@ fn izip<'a>(
     pairs.zip(weights.iter().zip(totals)).map(|((s, g), (w, c))| (s, g, w, c))
 }
 
-/// Variance of the mean of `length` values of an AR(1) process over that of white noise:
-/// `1 + 2 Σ_{j<l} (1 − j/l) ρ^j`.
-fn inflation(correlation: f64, length: usize) -> f64 {
-    let l = length as f64;
-    let term = |j: usize| (1.0 - j as f64 / l) * correlation.powi(j as i32);
-    1.0 + 2.0 * (1..length).map(term).sum::<f64>()
+/// `1/(l φ_l)` for l = longest ..= 1, where `φ_l = 1 + 2 Σ_{j<l} (1 − j/l) ρ^j` is the variance of the
+/// mean of l values of an AR(1) process over that of white noise. O(longest).
+fn inverse_lengths(correlation: f64, longest: usize) -> Vec<f64> {
+    // Σ ρ^j and Σ j ρ^j over j < l
+    let (mut sum, mut first_moment, mut power) = (0.0, 0.0, 1.0);
+    let mut inverse = Vec::with_capacity(longest);
+    for length in 1..=longest {
+        let l = length as f64;
+        inverse.push(1.0 / (l + 2.0 * (l * sum - first_moment)));
+        power *= correlation;
+        sum += power;
+        first_moment += l * power;
+    }
+    inverse.reverse();
+    inverse
 }
 
 impl BurstWorkspace {
@@ -264,5 +276,53 @@ impl BurstWorkspace {
             return Moments::of("y", y);
         }
         Moments::of("y", &self.kept)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::screening::tests::noise;
+
+    fn rule(correlation: f64) -> BurstRule {
+        BurstRule::try_new(2.5, 3.0, (2, 10), correlation, 0.0).unwrap()
+    }
+
+    fn found(rule: &BurstRule, y: &[f64]) -> Vec<usize> {
+        let mut outlier = vec![false; y.len()];
+        rule.detect(y, &mut outlier, &mut BurstWorkspace::default()).unwrap();
+        (0..y.len()).filter(|&i| outlier[i]).collect()
+    }
+
+    #[test]
+    fn points_and_bursts_are_found_beside_an_enormous_value() {
+        let mut y: Vec<f64> = (0..60).map(noise).collect();
+        y[30..34].fill(6.0);
+        y[50] = -9.0;
+        y[5] = 1e140;
+        assert_eq!(found(&rule(0.0), &y), [5, 30, 31, 32, 33, 50]);
+    }
+
+    #[test]
+    fn a_majority_is_never_flagged() {
+        let y: Vec<f64> =
+            (0..20).map(|i| if i % 4 == 0 { noise(i) * 1e-3 } else { 50.0 }).collect();
+        let flagged = found(&rule(0.0), &y).len();
+        assert!(flagged <= 15, "{flagged}");
+    }
+
+    /// `1 + 2 Σ (1 − j/l) ρ^j` summed directly.
+    #[test]
+    fn inflation_of_correlated_means() {
+        for rho in [-0.5, 0.0, 0.3, 0.9] {
+            for length in [1, 2, 7, 50] {
+                let l = length as f64;
+                let direct: f64 = (1..length)
+                    .map(|j| 2.0 * (1.0 - j as f64 / l) * f64::powi(rho, j as i32))
+                    .sum();
+                let stored = 1.0 / (inverse_lengths(rho, 50)[50 - length] * l);
+                assert!((stored - 1.0 - direct).abs() < 1e-12);
+            }
+        }
     }
 }

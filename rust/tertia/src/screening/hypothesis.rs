@@ -257,3 +257,57 @@ fn index_of_largest(values: impl Iterator<Item = f64>) -> usize {
     }
     best.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::screening::tests::assert_close;
+
+    const OTHERS: [f64; 5] = [10.1, 9.8, 10.3, 10.0, 9.9];
+
+    #[test]
+    fn one_value_against_the_others() {
+        let known = known_sigma(12.6, &OTHERS, 1.0).unwrap();
+        assert_close(known.statistic, 2.355_206_997_272_21);
+        assert_close(known.p_value, 0.018_512_390_089_309_6);
+        let unknown = unknown_sigma(10.8, &OTHERS).unwrap();
+        assert_close(unknown.statistic, 4.055_026_910_298_28);
+        assert_close(unknown.p_value, 0.020_804_163_965_268_6);
+    }
+
+    /// The leave-one-out rule and (R3) with n − 1 others are one test.
+    #[test]
+    fn leave_one_out_is_unknown_sigma_with_one_fewer() {
+        for n in [3, 10, 1000] {
+            for level in [0.05, 0.01, 0.001] {
+                let k = critical_value(n, level, Test::LeaveOneOut).unwrap();
+                assert_close(k, critical_value(n - 1, level, Test::UnknownSigma).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn critical_values_invert_false_alarm_probabilities() {
+        for test in [
+            Test::KnownSigma,
+            Test::UnknownSigma,
+            Test::LeaveOneOut,
+            Test::ThompsonTau,
+            Test::Grubbs,
+            Test::Cochran(4.0),
+        ] {
+            for n in [3, 8, 200] {
+                let k = critical_value(n, 0.01, test).unwrap();
+                assert_close(false_alarm_probability(k, n, test).unwrap(), 0.01);
+            }
+        }
+    }
+
+    #[test]
+    fn the_most_extreme_is_found() {
+        let (index, test) = grubbs(&[9.8, 10.1, 25.0, 10.0, 9.9]).unwrap();
+        assert!(index == 2 && test.p_value < 1e-4);
+        let (index, test) = cochran(&[0.176, 0.22, 0.0896, 0.03, 7.929, 0.1493], 3.0).unwrap();
+        assert!(index == 4 && test.statistic > 0.9 && test.p_value < 1e-4);
+    }
+}

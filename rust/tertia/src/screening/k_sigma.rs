@@ -94,3 +94,33 @@ fn interpolate(outlier: &[bool], cleaned: &mut [f64]) -> Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cleaned(y: &[f64], replacement: Replacement) -> Result<Vec<f64>> {
+        let (mut outlier, mut cleaned) = (vec![false; y.len()], vec![0.0; y.len()]);
+        let rule = KSigmaRule::try_new(1.2, replacement)?;
+        rule.screen(y, &mut outlier, &mut cleaned, &mut Vec::new())?;
+        Ok(cleaned)
+    }
+
+    #[test]
+    fn replacements() {
+        let y = [9.0, 1.0, 3.0, 9.0, 9.0, 2.0, 1.0, 2.0, 1.0, 2.0];
+        let neighbours = [1.0, 1.0, 3.0, 2.5, 2.5, 2.0, 1.0, 2.0, 1.0, 2.0];
+        assert_eq!(cleaned(&y, Replacement::Neighbours).unwrap(), neighbours);
+        assert_eq!(cleaned(&y, Replacement::Mean).unwrap()[3], 3.9);
+        assert!(cleaned(&y, Replacement::Excluded).unwrap()[3].is_nan());
+    }
+
+    #[test]
+    fn nothing_left_is_an_error() {
+        let rule = KSigmaRule::try_new(0.5, Replacement::Neighbours).unwrap();
+        let (mut outlier, mut cleaned) = ([false; 4], [0.0; 4]);
+        let result =
+            rule.screen(&[-1.0, -1.0, 1.0, 1.0], &mut outlier, &mut cleaned, &mut Vec::new());
+        assert_eq!(result, Err(Error::AllAnomalous { kept: 0, count: 4 }));
+    }
+}

@@ -363,3 +363,83 @@ impl LeaveOneOutRule {
         found.map(|i| start + i)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::screening::tests::{assert_close, noise};
+
+    const SAMPLE: [f64; 10] = [12.4, 11.8, 40.0, 12.1, 12.9, 11.5, 20.0, 12.2, 12.0, 11.9];
+
+    fn screen(rule: LeaveOneOutRule) -> (Vec<usize>, Vec<f64>, Summary) {
+        let (mut outlier, mut cleaned) = ([false; 10], vec![0.0; 10]);
+        let summary = rule.screen(&SAMPLE, &mut outlier, &mut cleaned, &mut Vec::new()).unwrap();
+        ((0..10).filter(|&i| outlier[i]).collect(), cleaned, summary)
+    }
+
+    fn rule(statistics: Statistics, order: Order, replace: bool) -> LeaveOneOutRule {
+        LeaveOneOutRule::try_new(2.5, statistics, order, replace, 1).unwrap()
+    }
+
+    /// (M2), (M3) by hand.
+    #[test]
+    fn statistics_of_the_others() {
+        let (mut mean, mut variance) = ([0.0; 10], [0.0; 10]);
+        statistics(&SAMPLE, &mut mean, &mut variance).unwrap();
+        assert_close(mean[2], 116.8 / 9.0);
+        assert_close(variance[2], 7.089_444_444_444_444);
+        assert_close(mean[6], 15.2);
+        assert_close(variance[6], 86.645);
+    }
+
+    #[test]
+    fn order_and_statistics_decide_what_is_found() {
+        let (found, cleaned, summary) = screen(rule(Statistics::Sequential, Order::Forward, true));
+        assert_eq!(found, [2, 6]);
+        assert_close(cleaned[6], 12.197_530_864_197_53);
+        assert_close(summary.variance, 0.213_875_933_546_715);
+        let (found, ..) = screen(rule(Statistics::Sequential, Order::Backward, true));
+        assert_eq!(found, [2]);
+        let (found, cleaned, _) = screen(rule(Statistics::Frozen, Order::Forward, true));
+        assert_eq!(found, [2]);
+        assert_close(cleaned[2], 116.8 / 9.0);
+        let (found, cleaned, _) = screen(rule(Statistics::Sequential, Order::Forward, false));
+        assert!(found == [2, 6] && cleaned[2].is_nan() && cleaned[6].is_nan());
+    }
+
+    #[test]
+    fn threshold_coefficients() {
+        for (k, n, c) in [
+            (2.5, 10.0, 1.828_670_745_992_21),
+            (2.5, 100.0, 2.412_598_158_422_82),
+            (2.2, 20.0, 1.916_408_482_272_67),
+            (3.0, 100.0, 2.858_017_487_759_74),
+            (2.5, 5.0, std::f64::consts::SQRT_2),
+        ] {
+            assert_close(threshold_coefficient(k, n), c);
+        }
+    }
+
+    /// The blocks marked early are marked again where the band has moved over a value.
+    #[test]
+    fn a_mask_is_the_same_however_the_sample_drifts() {
+        let n = 5 * BLOCK + 77;
+        let drifts: [fn(f64) -> f64; 4] = [
+            |_| 0.0,
+            |t| 8.0 * t,
+            |t| -3.0 * t * t,
+            |t| {
+                if t < 0.01 { 1e12 } else { 0.0 }
+            },
+        ];
+        for drift in drifts {
+            let y: Vec<f64> = (0..n).map(|i| noise(i) + drift(i as f64 / n as f64)).collect();
+            let moments = Moments::of("y", &y).unwrap();
+            let (low, high) = moments.bounds(threshold(1.5, &moments));
+            let mut outlier = vec![false; n];
+            mask(&y, 1.5, &mut outlier).unwrap();
+            let marked = outlier.iter().filter(|&&flag| flag).count();
+            assert!(marked > 0 && (0..n).all(|i| outlier[i] == (y[i] < low || y[i] > high)));
+        }
+    }
+}
