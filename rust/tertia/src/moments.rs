@@ -160,13 +160,22 @@ impl Moments {
         Self { count: self.count + 1.0, ..self }
     }
 
-    /// Bounds `(low, high)` such that, for every double y, `y < low` or `y > high` exactly where
-    /// `|y − M| > threshold`: the sums are rounded towards the side that changes no decision.
-    pub fn bounds(&self, threshold: f64) -> (f64, f64) {
-        (
-            round_up(self.origin, self.offset - threshold),
-            round_down(self.origin, self.offset + threshold),
-        )
+    /// Whether `|y − M| > half_width`; false for nan.
+    #[inline(always)]
+    pub fn is_beyond(&self, y: f64, half_width: f64) -> bool {
+        self.deviation(y).abs() > half_width
+    }
+
+    /// How far the mean is from that of other moments with the same origin.
+    #[inline(always)]
+    pub(crate) fn distance(&self, other: &Self) -> f64 {
+        (self.offset - other.offset).abs()
+    }
+
+    /// A bound of the rounding of [`Moments::deviation`] for values within `half_width` of the mean.
+    #[inline(always)]
+    pub(crate) fn rounding(&self, half_width: f64) -> f64 {
+        4.0 * f64::EPSILON * (self.offset.abs() + half_width)
     }
 }
 
@@ -228,22 +237,6 @@ fn median_of_three(a: f64, b: f64, c: f64) -> f64 {
     a.max(b).min(a.min(b).max(c))
 }
 
-/// Rounding error of `a + b` (Knuth's two-sum).
-fn rounding_error(a: f64, b: f64, sum: f64) -> f64 {
-    let b_rounded = sum - a;
-    (a - (sum - b_rounded)) + (b - b_rounded)
-}
-
-fn round_down(a: f64, b: f64) -> f64 {
-    let sum = a + b;
-    if rounding_error(a, b, sum) < 0.0 { sum.next_down() } else { sum }
-}
-
-fn round_up(a: f64, b: f64) -> f64 {
-    let sum = a + b;
-    if rounding_error(a, b, sum) > 0.0 { sum.next_up() } else { sum }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -277,12 +270,11 @@ mod tests {
     }
 
     #[test]
-    fn bounds_decide_as_the_exact_deviation_does() {
-        let y = [1e16, 1e16 + 2.0, 1e16 + 6.0, 1e16 + 8.0];
+    fn deviations_keep_what_the_mean_cannot_hold() {
+        // the mean 1e16 + 3 lies between doubles, which are 2 apart
+        let y = [1e16, 1e16 + 2.0, 1e16 + 2.0, 1e16 + 8.0];
         let moments = Moments::of("y", &y).unwrap();
-        // the mean 1e16 + 4 and its edges ± 3 lie between doubles, which are 2 apart
-        let (low, high) = moments.bounds(3.0);
-        assert_eq!(y.map(|v| v < low || v > high), [true, false, false, true]);
+        assert_eq!(y.map(|v| moments.deviation(v)), [-3.0, -1.0, -1.0, 5.0]);
     }
 
     #[test]

@@ -50,10 +50,9 @@ impl KSigmaRule {
         require_count("y", y.len(), 2)?;
         let moments = Moments::of("y", y)?;
         let threshold = self.k * moments.variance().sqrt();
-        let (low, high) = moments.bounds(threshold);
         cleaned.copy_from_slice(y);
         for (flag, &v) in outlier.iter_mut().zip(y) {
-            *flag = v < low || v > high;
+            *flag = moments.is_beyond(v, threshold);
         }
         if !outlier.contains(&true) {
             return Ok(Summary::of_moments(&moments, threshold));

@@ -137,20 +137,20 @@ impl WithSimd for Mark<'_> {
 #[inline(always)]
 fn mark<S: Simd>(simd: S, y: &[f64], k: f64, outlier: &mut [bool]) -> Moments {
     let moments = Moments::unchecked(simd, y);
-    mark_outside(y, moments.bounds(threshold(k, &moments)), outlier);
+    mark_beyond(y, &moments, threshold(k, &moments), outlier);
     moments
 }
 
 #[inline(always)]
-fn mark_outside(y: &[f64], (low, high): (f64, f64), outlier: &mut [bool]) {
+fn mark_beyond(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut [bool]) {
     for (flag, &v) in outlier.iter_mut().zip(y) {
-        *flag = (v < low) | (v > high);
+        *flag = moments.is_beyond(v, half_width);
     }
 }
 
 /// The band a block was marked with, and the distance of its nearest value to the band's edges.
 struct Marked {
-    centre: f64,
+    moments: Moments,
     half_width: f64,
     margin: f64,
 }
@@ -163,36 +163,30 @@ fn mark_blocks<S: Simd>(simd: S, y: &[f64], k: f64, outlier: &mut [bool]) -> Mom
     let mut blocks = Vec::with_capacity(y.len().div_ceil(BLOCK));
     for (block, flags) in y.chunks(BLOCK).zip(outlier.chunks_mut(BLOCK)) {
         moments = moments.with_block(simd, block);
-        let (centre, half_width) = (moments.mean(), threshold(k, &moments));
-        blocks.push(Marked {
-            centre,
-            half_width,
-            margin: mark_with_margin(block, centre, half_width, flags),
-        });
+        let half_width = threshold(k, &moments);
+        let margin = mark_with_margin(block, &moments, half_width, flags);
+        blocks.push(Marked { moments, half_width, margin });
     }
-    let (centre, half_width) = (moments.mean(), threshold(k, &moments));
-    let bounds = moments.bounds(half_width);
+    let half_width = threshold(k, &moments);
     let items = y.chunks(BLOCK).zip(outlier.chunks_mut(BLOCK)).zip(&blocks);
     for ((block, flags), marked) in items {
-        let moved = (marked.centre - centre).abs() + (marked.half_width - half_width).abs();
-        let size = marked.centre.abs() + marked.half_width + centre.abs() + half_width;
-        // more than the rounding of the edges and of the margin
-        let rounding = 8.0 * f64::EPSILON * size;
+        let moved = moments.distance(&marked.moments) + (marked.half_width - half_width).abs();
+        let rounding = moments.rounding(half_width) + marked.moments.rounding(marked.half_width);
         let certain = marked.margin > moved + rounding;
         if !certain {
-            mark_outside(block, bounds, flags);
+            mark_beyond(block, &moments, half_width, flags);
         }
     }
     moments
 }
 
-/// Marks the values beyond `half_width` of `centre`; returns how near to the edges a value comes.
+/// As [`mark_beyond`]; returns how near to the edges a value comes.
 #[inline(always)]
-fn mark_with_margin(y: &[f64], centre: f64, half_width: f64, outlier: &mut [bool]) -> f64 {
+fn mark_with_margin(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut [bool]) -> f64 {
     // as integers: see `downdate`
     let mut nearest = f64::INFINITY.to_bits().cast_signed();
     for (flag, &v) in outlier.iter_mut().zip(y) {
-        let beyond = (v - centre).abs() - half_width;
+        let beyond = moments.deviation(v).abs() - half_width;
         *flag = beyond > 0.0;
         nearest = nearest.min(beyond.abs().to_bits().cast_signed());
     }
@@ -293,10 +287,10 @@ impl LeaveOneOutRule {
         cleaned: &mut [f64],
         scratch: &mut Vec<f64>,
     ) -> Result<bool> {
-        let (low, high) = moments.bounds(threshold(self.k, moments));
+        let half_width = threshold(self.k, moments);
         let mut replacements = Vec::new();
         for (i, &v) in cleaned.iter().enumerate() {
-            if v < low || v > high {
+            if moments.is_beyond(v, half_width) {
                 let others = moments_of_others(cleaned, i, moments, scratch)?;
                 replacements.push((i, if self.replace { others.mean() } else { f64::NAN }));
             }
@@ -309,7 +303,7 @@ impl LeaveOneOutRule {
     }
 
     /// A flagged value changes the statistics to exactly M ← M'_i, SS ← SS'_i, so between two
-    /// flagged values the pass is a search for the next value outside fixed bounds.
+    /// flagged values the pass is a search for the next value outside a fixed band.
     fn sequential_pass(
         &self,
         mut moments: Moments,
@@ -321,8 +315,8 @@ impl LeaveOneOutRule {
         let mut found = false;
         let mut open = 0..cleaned.len();
         while moments.count() >= MIN_COUNT as f64 {
-            let bounds = moments.bounds(threshold(self.k, &moments));
-            let Some(i) = self.next_outside(cleaned, open.clone(), bounds) else {
+            let half_width = threshold(self.k, &moments);
+            let Some(i) = self.next_beyond(&moments, half_width, cleaned, open.clone()) else {
                 break;
             };
             let mut others = moments_of_others(cleaned, i, &moments, scratch)?;
@@ -347,18 +341,19 @@ impl LeaveOneOutRule {
         Ok(found)
     }
 
-    fn next_outside(
+    fn next_beyond(
         &self,
+        moments: &Moments,
+        half_width: f64,
         y: &[f64],
         open: std::ops::Range<usize>,
-        (low, high): (f64, f64),
     ) -> Option<usize> {
-        let outside = |v: &f64| *v < low || *v > high;
+        let beyond = |v: &f64| moments.is_beyond(*v, half_width);
         let start = open.start;
         let y = &y[open];
         let found = match self.order {
-            Order::Forward => y.iter().position(outside),
-            Order::Backward => y.iter().rposition(outside),
+            Order::Forward => y.iter().position(beyond),
+            Order::Backward => y.iter().rposition(beyond),
         };
         found.map(|i| start + i)
     }
@@ -435,11 +430,13 @@ mod tests {
         for drift in drifts {
             let y: Vec<f64> = (0..n).map(|i| noise(i) + drift(i as f64 / n as f64)).collect();
             let moments = Moments::of("y", &y).unwrap();
-            let (low, high) = moments.bounds(threshold(1.5, &moments));
+            let half_width = threshold(1.5, &moments);
             let mut outlier = vec![false; n];
             mask(&y, 1.5, &mut outlier).unwrap();
             let marked = outlier.iter().filter(|&&flag| flag).count();
-            assert!(marked > 0 && (0..n).all(|i| outlier[i] == (y[i] < low || y[i] > high)));
+            assert!(
+                marked > 0 && (0..n).all(|i| outlier[i] == moments.is_beyond(y[i], half_width))
+            );
         }
     }
 }

@@ -1,0 +1,148 @@
+"""The mask of anomalous values, side by side with what else computes one, in one run.
+
+Nanoseconds of CPU time per value, the least of several rounds on one thread, and the ratio to
+Tertia. The alternatives do not all answer the same question (sigma clipping iterates, Hampel looks
+at a window), but each is what its users would call for it. The last lines fit cost = a N^b to
+Tertia's times.
+"""
+
+import os
+import time
+import warnings
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import hampel
+import numba
+import numpy as np
+import scipy.stats
+from astropy.stats import sigma_clip
+from tertia import screening
+
+K = 2.5
+SECONDS = 0.5
+SLOWEST = 3.0
+
+
+def tertia_mask(y):
+    return screening.leave_one_out_mask(y, K, n_threads=1)
+
+
+def numpy_threshold(y):
+    """Two passes with the constant c(k, N)."""
+    n = y.shape[-1]
+    c = K * (n - 1) ** 1.5 / np.sqrt(n * (n * (n - 2) + K**2 * (n - 1)))
+    mean = y.mean(axis=-1, keepdims=True)
+    return np.abs(y - mean) > c * y.std(axis=-1, ddof=1, keepdims=True)
+
+
+def numpy_leave_one_out(y):
+    """M', D' and the mask, by the formulas."""
+    n = y.shape[-1]
+    e = y - y.mean(axis=-1, keepdims=True)
+    squares = (e**2).sum(axis=-1, keepdims=True)
+    variance = (squares - e**2 * n / (n - 1)) / (n - 2)
+    return np.abs(e) * n / (n - 1) > K * np.sqrt(variance)
+
+
+def scipy_zscore(y):
+    return np.abs(scipy.stats.zscore(y, axis=-1)) > K
+
+
+def astropy_sigma_clip(y):
+    return sigma_clip(y, sigma=K, maxiters=1, axis=-1 if y.ndim > 1 else None).mask
+
+
+def hampel_filter(y):
+    return hampel.hampel(y, window_size=11, n_sigma=K).outlier_indices
+
+
+@numba.njit
+def _numba_rows(y, k, out):
+    rows, n = y.shape
+    c = k * (n - 1) ** 1.5 / np.sqrt(n * (n * (n - 2) + k * k * (n - 1)))
+    for i in range(rows):
+        total = 0.0
+        for j in range(n):
+            total += y[i, j]
+        mean = total / n
+        squares = 0.0
+        for j in range(n):
+            squares += (y[i, j] - mean) ** 2
+        threshold = c * np.sqrt(squares / (n - 1))
+        for j in range(n):
+            out[i, j] = abs(y[i, j] - mean) > threshold
+
+
+def numba_loops(y):
+    rows = y.reshape(-1, y.shape[-1])
+    out = np.empty(rows.shape, dtype=bool)
+    _numba_rows(rows, K, out)
+    return out.reshape(y.shape)
+
+
+ALTERNATIVES = {
+    "NumPy, threshold form": numpy_threshold,
+    "NumPy, M' and D'": numpy_leave_one_out,
+    "numba": numba_loops,
+    "SciPy zscore": scipy_zscore,
+    "astropy sigma_clip": astropy_sigma_clip,
+    "hampel": hampel_filter,
+}
+
+
+def nanoseconds(function, y):
+    """Least CPU time per value of repeated calls."""
+    function(y)
+    start = time.process_time_ns()
+    function(y)
+    once = max(time.process_time_ns() - start, 1)
+    if once > SLOWEST * 1e9:
+        return once / y.size
+    calls = max(1, int(2e7 / once))
+    best, end = np.inf, time.monotonic() + SECONDS
+    while time.monotonic() < end:
+        start = time.process_time_ns()
+        for _ in range(calls):
+            function(y)
+        best = min(best, (time.process_time_ns() - start) / calls)
+    return best / y.size
+
+
+def compare(shape):
+    y = np.random.default_rng(1).standard_normal(shape)
+    own = nanoseconds(tertia_mask, y)
+    print(f"\n{' x '.join(map(str, shape))} values\n  {'Tertia':<24}{own:10.2f} ns")
+    for name, function in ALTERNATIVES.items():
+        if name == "hampel" and (y.ndim > 1 or y.size > 100_000):
+            continue
+        other = nanoseconds(function, y)
+        print(f"  {name:<24}{other:10.2f} ns {other / own:10.1f} times")
+    read = nanoseconds(np.sum, y)
+    print(f"  {'(np.sum: one read)':<24}{read:10.2f} ns {read / own:10.1f} times")
+
+
+def fit_growth(name, function):
+    lengths = np.array([10**2, 10**3, 10**4, 10**5, 10**6, 10**7])
+    rng = np.random.default_rng(1)
+    per_value = [nanoseconds(function, rng.standard_normal(n)) for n in lengths]
+    # below 10^4 the call itself costs more than the values
+    exponent = np.polyfit(np.log(lengths[2:]), np.log(per_value[2:] * lengths[2:]), 1)[0]
+    costs = ", ".join(f"{cost:.2f}" for cost in per_value)
+    print(f"{name}: N^{exponent:.3f} from 10^4 to 10^7; ns per value from 10^2 on: {costs}")
+
+
+def main():
+    warnings.simplefilter("ignore")
+    for shape in [(100,), (10_000,), (10_000_000,), (10_000, 100)]:
+        compare(shape)
+    print()
+    fit_growth("leave_one_out_mask", tertia_mask)
+    fit_growth("leave_one_out", lambda y: screening.leave_one_out(y, n_threads=1))
+    fit_growth(
+        "leave_one_out_statistics", lambda y: screening.leave_one_out_statistics(y, n_threads=1)
+    )
+
+
+if __name__ == "__main__":
+    main()
