@@ -46,6 +46,9 @@ impl Summary {
 
 /// Moments of the values that are not nan.
 fn moments_of_kept(cleaned: &[f64], scratch: &mut Vec<f64>) -> Result<Moments> {
+    if !cleaned.iter().any(|v| v.is_nan()) {
+        return Moments::of("y", cleaned);
+    }
     scratch.clear();
     scratch.extend(cleaned.iter().copied().filter(|v| !v.is_nan()));
     Moments::of("y", scratch)
