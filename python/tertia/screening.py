@@ -202,7 +202,7 @@ def leave_one_out_mask(
     >>> leave_one_out_mask([9.8, 10.1, 10.0, 25.0])
     array([False, False, False,  True])
     """
-    return _core.leave_one_out_mask(samples(y, "y"), k, threads(n_threads))
+    return _core.leave_one_out_mask(samples(y, "y"), real(k, "k"), threads(n_threads))
 
 
 def leave_one_out(
@@ -270,8 +270,8 @@ def leave_one_out(
             _core.leave_one_out(
                 samples(y, "y"),
                 real(k, "k"),
-                statistics,
-                order,
+                str(statistics),
+                str(order),
                 bool(replace),
                 integer(passes, "passes", 1),
                 omits(nan_policy),
@@ -329,7 +329,11 @@ def k_sigma(
     return Screening(
         *_screened(
             _core.k_sigma(
-                samples(y, "y"), real(k, "k"), replace, omits(nan_policy), threads(n_threads)
+                samples(y, "y"),
+                real(k, "k"),
+                None if replace is None else str(replace),
+                omits(nan_policy),
+                threads(n_threads),
             )
         )
     )
@@ -584,7 +588,7 @@ def cochran(
     ------
     ValueError
         Fewer than 2 variances, one that is negative or not finite, all zero, degrees of freedom
-        below 1, or a level outside (0, 1).
+        not between 1 and 1e9, or a level outside (0, 1).
     TypeError
         `variances` does not hold real numbers.
 
@@ -624,7 +628,7 @@ def critical_value(
         "leave-one-out": k of `leave_one_out`; "known-sigma": `known_sigma`; "unknown-sigma":
         `unknown_sigma`; "thompson-tau": `thompson_tau`; "grubbs": `grubbs`; "cochran": `cochran`.
     degrees_of_freedom : float
-        Of each variance, for "cochran" only.
+        Of each variance, 1 to 1e9, for "cochran" only.
 
     Returns
     -------
@@ -648,7 +652,7 @@ def critical_value(
     3.3841
     """
     n, level = integer(n, "n", 1), real(level, "level")
-    return _core.critical_value(n, level, test, _optional(degrees_of_freedom))
+    return _core.critical_value(n, level, str(test), _optional(degrees_of_freedom))
 
 
 def false_alarm_probability(
@@ -672,7 +676,7 @@ def false_alarm_probability(
     test : str
         As in `critical_value`.
     degrees_of_freedom : float
-        Of each variance, for "cochran" only.
+        Of each variance, 1 to 1e9, for "cochran" only.
 
     Returns
     -------
@@ -692,7 +696,7 @@ def false_alarm_probability(
     (0.0451, 0.0146)
     """
     k, n = real(k, "k"), integer(n, "n", 1)
-    return _core.false_alarm_probability(k, n, test, _optional(degrees_of_freedom))
+    return _core.false_alarm_probability(k, n, str(test), _optional(degrees_of_freedom))
 
 
 def unwrap(

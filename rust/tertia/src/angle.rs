@@ -1,7 +1,10 @@
 //! Angles: wrapping, and unwrapping about the circular median.
 
-use crate::error::{Result, require, require_count, require_finite};
+use crate::error::{Result, require, require_count, require_each, require_finite};
 use std::f64::consts::TAU;
+
+/// Farther from zero, the rounding of an angle is more than 1e-7 periods.
+const MAX_PERIODS: f64 = 1e9;
 
 /// Turns `theta` by whole periods to within half a period of `reference`. A value that is there
 /// already comes back bit for bit.
@@ -46,6 +49,8 @@ pub fn unwrap(
     require("period", period, period > 0.0 && period.is_finite(), "a positive number")?;
     require_count("theta", theta.len(), 1)?;
     require_finite("theta", theta)?;
+    let holds = |angle: f64| angle.abs() <= MAX_PERIODS * period;
+    require_each("theta", theta, holds, "every angle must be within 1e9 periods of zero")?;
     let (sine, cosine) = theta.iter().fold((0.0, 0.0), |(s, c), &angle| {
         let (sin, cos) = (angle / period * TAU).sin_cos();
         (s + sin, c + cos)

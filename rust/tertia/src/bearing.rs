@@ -9,7 +9,7 @@ mod paper;
 mod robust;
 
 use crate::angle::{principal, unwrap};
-use crate::error::{Result, require, require_count};
+use crate::error::{Result, require, require_count, require_level};
 use crate::moments::Moments;
 use crate::screening::{
     BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
@@ -124,7 +124,7 @@ impl Estimator {
             Method::KSigma(k) => (2, *k),
             Method::Paper(rule) => (rule.group_size, rule.validated()?.k),
             Method::Corrected(rule, level) => {
-                require("level", *level, *level > 0.0 && *level < 1.0, "between 0 and 1")?;
+                require_level(*level)?;
                 (rule.group_size, rule.validated()?.k)
             }
             Method::Robust(rule) => (rule.group_size, 1.0),
@@ -200,7 +200,7 @@ impl GroupRule {
     fn validated(&self) -> Result<&Self> {
         match self.variance_test {
             VarianceTest::Cochran(level) | VarianceTest::Student(level) => {
-                require("level", level, level > 0.0 && level < 1.0, "between 0 and 1")?;
+                require_level(level)?;
             }
             VarianceTest::Factor(k2) => {
                 let holds = k2 >= 1.0 && k2.is_finite();

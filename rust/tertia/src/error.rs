@@ -5,15 +5,17 @@ use thiserror::Error;
 /// A rejected input. The message names the argument, where it is wrong and what it must be.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum Error {
-    /// A measurement is nan or infinite.
-    #[error("{argument}[{index}] is {value}; every measurement must be a finite number")]
-    NotFinite {
+    /// A measurement that cannot be used.
+    #[error("{argument}[{index}] is {}; {requirement}", text(*.value))]
+    InvalidMeasurement {
         /// Name of the argument.
         argument: &'static str,
         /// Position along the sample axis.
         index: usize,
         /// The offending value.
         value: f64,
+        /// What it must be.
+        requirement: &'static str,
     },
     /// The sample is shorter than the method needs.
     #[error("{argument} has {count} measurements; at least {minimum} are needed")]
@@ -43,7 +45,7 @@ pub enum Error {
         argument: &'static str,
     },
     /// A parameter is outside its domain.
-    #[error("{argument} is {value}; it must be {requirement}")]
+    #[error("{argument} is {}; it must be {requirement}", text(*.value))]
     InvalidParameter {
         /// Name of the argument.
         argument: &'static str,
@@ -58,8 +60,8 @@ impl Error {
     /// The same error about the bearings that were screened.
     pub(crate) fn about_theta(self) -> Self {
         match self {
-            Self::NotFinite { index, value, .. } => {
-                Self::NotFinite { argument: "theta", index, value }
+            Self::InvalidMeasurement { index, value, requirement, .. } => {
+                Self::InvalidMeasurement { argument: "theta", index, value, requirement }
             }
             Self::TooFew { count, minimum, .. } => {
                 Self::TooFew { argument: "theta", count, minimum }
@@ -68,6 +70,12 @@ impl Error {
             other => other,
         }
     }
+}
+
+/// The number as Python writes it.
+fn text(value: f64) -> String {
+    let text = format!("{value:?}").to_lowercase();
+    text.strip_suffix(".0").unwrap_or(&text).to_owned()
 }
 
 /// Result of a kernel.
@@ -83,11 +91,30 @@ pub(crate) fn require(
     if holds { Ok(()) } else { Err(Error::InvalidParameter { argument, value, requirement }) }
 }
 
+/// Fails unless `level` is a probability that a test can have; its share among the values of a
+/// sample must still be a normal double.
+pub(crate) fn require_level(level: f64) -> Result<()> {
+    let holds = (1e-290..1.0).contains(&level);
+    require("level", level, holds, "between 0 and 1 (exclusive, not below 1e-290)")
+}
+
 /// Fails with the first value of `y` that is not finite.
 pub(crate) fn require_finite(argument: &'static str, y: &[f64]) -> Result<()> {
-    match y.iter().position(|value| !value.is_finite()) {
+    require_each(argument, y, f64::is_finite, "every measurement must be a finite number")
+}
+
+/// Fails with the first value of `y` that does not hold.
+pub(crate) fn require_each(
+    argument: &'static str,
+    y: &[f64],
+    holds: impl Fn(f64) -> bool,
+    requirement: &'static str,
+) -> Result<()> {
+    match y.iter().position(|&value| !holds(value)) {
         None => Ok(()),
-        Some(index) => Err(Error::NotFinite { argument, index, value: y[index] }),
+        Some(index) => {
+            Err(Error::InvalidMeasurement { argument, index, value: y[index], requirement })
+        }
     }
 }
 

@@ -36,8 +36,9 @@ impl Present {
     /// Names the place in the whole sample.
     pub fn locate(&self, error: Error) -> Error {
         match error {
-            Error::NotFinite { argument, index, value } => {
-                Error::NotFinite { argument, index: self.index[index], value }
+            Error::InvalidMeasurement { argument, index, value, requirement } => {
+                let index = self.index[index];
+                Error::InvalidMeasurement { argument, index, value, requirement }
             }
             other => other,
         }

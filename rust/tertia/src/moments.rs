@@ -281,7 +281,7 @@ mod tests {
     fn what_cannot_be_squared_is_an_error() {
         assert!(matches!(
             Moments::of("y", &[0.0, f64::NAN]),
-            Err(Error::NotFinite { index: 1, .. })
+            Err(Error::InvalidMeasurement { index: 1, .. })
         ));
         for scale in [1e160, 1e-160] {
             let y = [0.0, scale, -scale];

@@ -5,7 +5,7 @@ use crate::distribution::{
     fisher_upper, fisher_upper_quantile, normal_two_sided, normal_two_sided_quantile,
     student_two_sided, student_two_sided_quantile,
 };
-use crate::error::{Result, require, require_count, require_finite};
+use crate::error::{Result, require, require_count, require_each, require_finite, require_level};
 use crate::moments::Moments;
 
 /// A test statistic and the probability of a more extreme one when nothing is anomalous.
@@ -42,7 +42,7 @@ pub enum Test {
 /// # Errors
 /// n too small for the test, or a level outside (0, 1).
 pub fn critical_value(n: usize, level: f64, test: Test) -> Result<f64> {
-    require("level", level, level > 0.0 && level < 1.0, "between 0 and 1")?;
+    require_level(level)?;
     require("n", n as f64, n >= minimum(test), minimum_text(test))?;
     let count = n as f64;
     Ok(match test {
@@ -56,7 +56,7 @@ pub fn critical_value(n: usize, level: f64, test: Test) -> Result<f64> {
         Test::ThompsonTau => tau(student_two_sided_quantile(level, count - 2.0), count),
         Test::Grubbs => tau(student_two_sided_quantile(level / count, count - 2.0), count),
         Test::Cochran(degrees) => {
-            require("degrees_of_freedom", degrees, degrees >= 1.0, "at least 1")?;
+            require_degrees(degrees)?;
             let f = fisher_upper_quantile(level / count, degrees, degrees * (count - 1.0));
             f / (f + count - 1.0)
         }
@@ -79,11 +79,17 @@ pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
         Test::ThompsonTau => tau_p_value(k, count),
         Test::Grubbs => (count * tau_p_value(k, count)).min(1.0),
         Test::Cochran(degrees) => {
-            require("degrees_of_freedom", degrees, degrees >= 1.0, "at least 1")?;
+            require_degrees(degrees)?;
             let f = k * (count - 1.0) / (1.0 - k).max(0.0);
             (count * fisher_upper(f, degrees, degrees * (count - 1.0))).min(1.0)
         }
     })
+}
+
+/// The upper limit is where the tails have lost four digits.
+fn require_degrees(degrees: f64) -> Result<()> {
+    let holds = (1.0..=1e9).contains(&degrees);
+    require("degrees_of_freedom", degrees, holds, "between 1 and 1e9")
 }
 
 fn minimum(test: Test) -> usize {
@@ -211,11 +217,8 @@ pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
 pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, OutlierTest)> {
     require_count("variances", variances.len(), 2)?;
     require_finite("variances", variances)?;
-    let holds = degrees_of_freedom >= 1.0 && degrees_of_freedom.is_finite();
-    require("degrees_of_freedom", degrees_of_freedom, holds, "at least 1")?;
-    if let Some(&value) = variances.iter().find(|&&d| d < 0.0) {
-        require("variances", value, false, "zero or more everywhere")?;
-    }
+    require_degrees(degrees_of_freedom)?;
+    require_each("variances", variances, |d| d >= 0.0, "a variance must not be negative")?;
     let index = index_of_largest(variances.iter().copied());
     let largest = variances[index];
     require("variances", largest, largest > 0.0, "positive somewhere")?;
