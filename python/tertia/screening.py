@@ -362,8 +362,8 @@ def bursts(
     y : array_like of shape (..., N)
         Samples, N >= 3; 30 or more are needed for the error rates of the documentation.
     point_penalty, burst_penalty : float
-        What a single anomaly and a burst must explain, in units of `ln N`. Smaller is more
-        sensitive: (2.0, 2.5) finds more and calls more of a clean sample anomalous.
+        What a single anomaly and a burst must explain, in units of `ln max(N, 30)`. Smaller is
+        more sensitive: (2.0, 2.5) finds more and calls more of a clean sample anomalous.
     min_burst, max_burst : int
         Shortest (>= 2) and longest (at most 100 000) burst, in measurements.
     correlation : float

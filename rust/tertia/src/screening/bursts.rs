@@ -15,6 +15,9 @@ const MAD_TO_SIGMA: f64 = 1.4826;
 const MAX_ITERATIONS: usize = 3;
 /// With fewer values than this (or a quarter of the sample) left, all flags are dropped.
 const MIN_KEPT: usize = 5;
+/// The penalties of shorter samples are those of this many values: median and MAD of a few values
+/// are so uncertain that with ln N itself one clean value in fifteen is flagged.
+const FEWEST_FOR_PENALTY: usize = 30;
 /// A longer one is not a burst, and its table would not fit.
 const LONGEST_BURST: usize = 100_000;
 /// Scores are cut here, so that their squares stay finite.
@@ -100,7 +103,7 @@ impl BurstRule {
         Moments::of("y", y)?;
         let (mut centre, mut scale) = self.start(y, &mut workspace.kept);
         let mut kept = Moments::of("y", y)?;
-        let ln_n = (y.len() as f64).ln();
+        let ln_n = (y.len().max(FEWEST_FOR_PENALTY) as f64).ln();
         outlier.fill(false);
         for _ in 0..MAX_ITERATIONS {
             if scale == 0.0 {
