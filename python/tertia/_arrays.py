@@ -1,5 +1,7 @@
 """What every public function does with its arguments and results."""
 
+from __future__ import annotations
+
 import operator
 from typing import Any, Literal, TypeAlias
 

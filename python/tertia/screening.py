@@ -7,6 +7,8 @@ Sources: Manoilov, Pysarchuk, Pavliuk 2006, equations (M1)-(M4); Motylev 2010, e
 Fisch, Eckley, Fearnhead 2022 for points and bursts.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

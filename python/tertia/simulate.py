@@ -1,5 +1,7 @@
 """Records to try the estimators on, with the truth."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 
