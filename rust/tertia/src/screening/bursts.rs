@@ -184,15 +184,12 @@ impl BurstRule {
             let first = (t + 1).saturating_sub(self.max_length);
             let sums = &mut sum[first..=t];
             let weights = &self.inverse_lengths[self.max_length - sums.len()..];
-            let mut best = f64::NEG_INFINITY;
             for (s, g, w, c) in izip(sums, gain, weights, &total[first..=t]) {
                 *s += x;
                 *g = c + *s * *s * w;
             }
             let long_enough = (t + 2 - first).saturating_sub(self.min_length);
-            for &g in &gain[..long_enough] {
-                best = best.max(g);
-            }
+            let best = largest(&gain[..long_enough]);
             let point = x * x - point_cost;
             let (mut rise, mut found) = if point > 0.0 { (point, 1) } else { (0.0, 0) };
             if best - burst_cost > rise {
@@ -201,8 +198,10 @@ impl BurstRule {
                 found = t + 1 - (first + longest.unwrap_or(0));
             }
             length.push(found);
-            for c in &mut total[first..=t] {
-                *c -= rise;
+            if rise > 0.0 {
+                for c in &mut total[first..=t] {
+                    *c -= rise;
+                }
             }
         }
     }
@@ -221,6 +220,24 @@ impl WithSimd for Solve<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         self.rule.solve(self.ln_n, self.workspace);
     }
+}
+
+/// The largest value, −∞ of none; in lanes, because a single maximum waits for the one before.
+#[inline(always)]
+fn largest(values: &[f64]) -> f64 {
+    let larger = |a: f64, b: f64| if b > a { b } else { a };
+    let (chunks, rest) = values.as_chunks::<4>();
+    let mut lanes = [f64::NEG_INFINITY; 4];
+    for chunk in chunks {
+        for (lane, &v) in lanes.iter_mut().zip(chunk) {
+            *lane = larger(*lane, v);
+        }
+    }
+    let mut best = larger(larger(lanes[0], lanes[1]), larger(lanes[2], lanes[3]));
+    for &v in rest {
+        best = larger(best, v);
+    }
+    best
 }
 
 /// Four slices in step.
