@@ -1,6 +1,7 @@
 """Cost of a bearing from Python, one record and a batch."""
 
 import pytest
+
 from tertia import estimate_bearing
 from tertia.simulate import direction_finder
 

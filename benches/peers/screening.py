@@ -17,6 +17,7 @@ import numba
 import numpy as np
 import scipy.stats
 from astropy.stats import sigma_clip
+
 from tertia import screening
 
 K = 2.5

@@ -38,9 +38,11 @@ impl<'py> Samples<'py> {
     }
 
     pub fn rows(&self) -> Rows<'_> {
-        let values = match self.array.as_slice() {
-            Ok(slice) => Cow::Borrowed(slice),
-            Err(_) => Cow::Owned(self.array.as_array().iter().copied().collect()),
+        // not the array's own `as_slice`, which also gives memory that lies column by column
+        let view = self.array.as_array();
+        let values = match view.to_slice() {
+            Some(slice) => Cow::Borrowed(slice),
+            None => Cow::Owned(view.iter().copied().collect()),
         };
         Rows { shape: self.array.shape(), values, name: self.name }
     }

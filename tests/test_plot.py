@@ -1,0 +1,235 @@
+"""Pictures: what is drawn is what was measured and estimated."""
+
+import sys
+from collections.abc import Callable, Iterator
+from typing import Literal
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+import tertia
+from tertia import plot, screening
+
+Y = [12.4, 11.8, 40.0, 12.1, 12.9, 11.5, 20.0, 12.2, 12.0, 11.9]
+
+
+@pytest.fixture(autouse=True)
+def no_window() -> Iterator[None]:
+    mpl.use("Agg")
+    yield
+    plt.close("all")
+
+
+def line(ax: Axes, label: str) -> npt.NDArray[np.float64]:
+    """Return the points of the line with this label, shape (n, 2)."""
+    (found,) = (a for a in ax.get_lines() if a.get_label() == label)
+    assert isinstance(found, Line2D)
+    return np.asarray(found.get_xydata(), dtype=np.float64)
+
+
+def band(ax: Axes) -> tuple[float, float]:
+    (found,) = ax.patches
+    assert isinstance(found, Rectangle)
+    return found.get_y(), found.get_y() + found.get_height()
+
+
+def groups(ax: Axes) -> LineCollection:
+    (found,) = (c for c in ax.collections if c.get_label() == "group mean")
+    assert isinstance(found, LineCollection)
+    return found
+
+
+def labels(ax: Axes) -> list[str]:
+    legend = ax.get_legend()
+    assert legend is not None
+    return sorted(text.get_text() for text in legend.get_texts())
+
+
+def north() -> npt.NDArray[np.float64]:
+    return tertia.simulate.direction_finder(105, bearing=359.0, bursts_per_100=2, rng=4).theta
+
+
+def test_measurements_are_drawn_once_and_continuously_across_north() -> None:
+    theta = north()
+    estimate = tertia.estimate_bearing(theta)
+    ax = plot.bearing(theta, estimate)
+    kept, flagged = line(ax, "measurement"), line(ax, "anomalous")
+    assert flagged[:, 0].tolist() == np.flatnonzero(estimate.outlier).tolist()
+    drawn = np.concatenate([kept, flagged])
+    drawn = drawn[drawn[:, 0].argsort()]
+    assert drawn[:, 0].tolist() == list(range(105))
+    np.testing.assert_allclose(drawn[:, 1] % 360, theta, rtol=0, atol=1e-9)
+    assert np.abs(drawn[:, 1] - estimate.value).max() < 40
+
+
+@pytest.mark.parametrize("period", [360.0, 2 * np.pi, None])
+def test_estimate_and_band(period: float | None) -> None:
+    theta = np.random.default_rng(0).normal(1.0, 0.1, 50)
+    estimate = tertia.estimate_bearing(theta, period=period)
+    ax = plot.bearing(theta, estimate, period=period)
+    value, sigma = float(estimate.value), float(estimate.sigma)
+    assert line(ax, "bearing")[:, 1].tolist() == [value, value]
+    assert band(ax) == pytest.approx((value - 2 * sigma, value + 2 * sigma), rel=1e-12)
+    assert ax.get_title() == f"{value:.3f} ± {sigma:.3f}"
+    units = {360.0: "bearing (°)", 2 * np.pi: "bearing (rad)", None: "bearing"}
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("measurement", units[period])
+
+
+def test_tick_labels_are_wrapped_back() -> None:
+    theta = [350.0, 10.0, 0.0, 355.0, 5.0, 358.0]
+    ax = plot.bearing(theta, tertia.estimate_bearing(theta))
+    ax.set_yticks([-10.0, -0.2, -1e-16, 0.0, 5.0, 360.0, 370.0])
+    texts = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert texts == ["350", "359.8", "0", "0", "5", "0", "10"]
+
+
+@pytest.mark.parametrize("method", ["robust", "corrected", "paper"])
+def test_groups_have_their_means_extents_and_weights(
+    method: Literal["robust", "corrected", "paper"],
+) -> None:
+    theta = north()
+    estimate = tertia.estimate_bearing(theta, method=method)
+    assert estimate.group_means is not None
+    assert estimate.group_weights is not None
+    # a group of which every measurement is anomalous has no mean
+    has_mean = np.isfinite(estimate.group_means)
+    number, weights = np.flatnonzero(has_mean), estimate.group_weights[has_mean]
+    assert method != "robust" or len(number) < 10
+    found = groups(plot.bearing(theta, estimate))
+    segments = np.array(found.get_segments())
+    expected = estimate.group_means[has_mean] % 360
+    np.testing.assert_allclose(segments[:, 0, 1] % 360, expected, rtol=0, atol=1e-9)
+    assert np.abs(segments[:, :, 1] - estimate.value).max() < 40
+    assert segments[:, 0, 0].tolist() == (10 * number - 0.5).tolist()
+    # the last group takes the remainder
+    assert segments[:, 1, 0].tolist() == [104.5 if j == 9 else 10 * j + 9.5 for j in number]
+    opacity = np.asarray(found.get_colors())[:, 3]
+    np.testing.assert_allclose(opacity, 0.25 + 0.75 * weights / weights.max(), rtol=1e-12)
+
+
+def test_groups_where_measurements_are_missing() -> None:
+    theta = np.random.default_rng(0).normal(0, 2, 105)
+    theta[5:25] = np.nan
+    estimate = tertia.estimate_bearing(theta, nan_policy="omit")
+    ax = plot.bearing(theta, estimate)
+    segments = np.array(groups(ax).get_segments())
+    # 85 are there: eight groups, of which the first reaches over the gap
+    assert segments[:, :, 0].tolist()[:2] == [[-0.5, 29.5], [29.5, 39.5]]
+    assert len(segments) == 8
+    kept = line(ax, "measurement")
+    assert np.isnan(kept[np.isin(kept[:, 0], range(5, 25)), 1]).all()
+    assert np.isfinite(band(ax)).all()
+
+
+@pytest.mark.parametrize("method", ["mean", "k-sigma"])
+def test_methods_without_groups(method: Literal["mean", "k-sigma"]) -> None:
+    ax = plot.bearing(Y, tertia.estimate_bearing(Y, method=method), group_size=3)
+    assert not ax.collections
+    assert "group mean" not in labels(ax)
+
+
+def test_legend_names_what_there_is() -> None:
+    theta = north()
+    everything = ["anomalous", "bearing", "group mean", "measurement", "± 2 sigma"]
+    estimate = tertia.estimate_bearing(theta)
+    assert labels(plot.bearing(theta, estimate)) == everything
+    assert plot.bearing(theta, estimate, legend=False).get_legend() is None
+    quiet = [1.0, 2.0, 1.5, 1.2, 1.8]
+    assert labels(plot.bearing(quiet, tertia.estimate_bearing(quiet))) == everything[1:]
+
+
+def test_axes_given_are_used_and_nothing_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plt, "show", lambda: pytest.fail("plt.show was called"))
+    _, axes = plt.subplots(1, 2)
+    assert plot.bearing(Y, tertia.estimate_bearing(Y), ax=axes[0]) is axes[0]
+    assert plot.screening(Y, screening.leave_one_out(Y), ax=axes[1]) is axes[1]
+    assert len(plt.get_fignums()) == 1
+    axes[0].figure.canvas.draw()
+
+
+def test_screening_that_replaces() -> None:
+    found = screening.leave_one_out(Y)
+    ax = plot.screening(Y, found)
+    assert line(ax, "measurement").tolist() == [[i, Y[i]] for i in (0, 1, 3, 4, 5, 7, 8, 9)]
+    assert line(ax, "anomalous").tolist() == [[2, 40.0], [6, 20.0]]
+    assert line(ax, "replacement").tolist() == [[2, found.cleaned[2]], [6, found.cleaned[6]]]
+    mean, threshold = float(found.mean), float(found.threshold)
+    assert line(ax, "mean")[:, 1].tolist() == [mean, mean]
+    assert band(ax) == pytest.approx((mean - threshold, mean + threshold), rel=1e-12)
+    assert ax.get_title() == "2 of 10 anomalous"
+    expected = ["anomalous", "mean", "mean ± threshold", "measurement", "replacement"]
+    assert labels(ax) == expected
+
+
+def test_screening_that_excludes() -> None:
+    y = [*Y, float("nan")]
+    ax = plot.screening(y, screening.leave_one_out(y, replace=False, nan_policy="omit"))
+    assert "replacement" not in labels(ax)
+    assert ax.get_title() == "2 of 10 anomalous"
+    assert plot.screening(Y, screening.leave_one_out(Y), legend=False).get_legend() is None
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (
+            lambda e, s: plot.bearing([Y, Y], e),
+            r"theta has shape \(2, 10\); one sample of shape \(N,\) can be drawn",
+        ),
+        (lambda e, s: plot.bearing(3.0, e), r"theta has shape \(\); one sample"),
+        (
+            lambda e, s: plot.bearing(Y[1:], e),
+            r"theta has shape \(9,\), but estimate was made of shape \(10,\)",
+        ),
+        (
+            lambda e, s: plot.bearing(Y, e, group_size=5),
+            "group_size is 5, which makes 2 groups of 10 measurements; estimate has 1",
+        ),
+        (lambda e, s: plot.bearing(Y, e, group_size=1), "group_size is 1; it must be between 2"),
+        (lambda e, s: plot.screening([Y], s), r"y has shape \(1, 10\); one sample of shape"),
+        (
+            lambda e, s: plot.screening([*Y, 1.0], s),
+            r"y has shape \(11,\), but screening was made of shape \(10,\)",
+        ),
+    ],
+)
+def test_errors(
+    draw: Callable[[tertia.BearingEstimate, screening.Screening], Axes], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        draw(tertia.estimate_bearing(Y), screening.leave_one_out(Y))
+    assert not plt.get_fignums()
+
+
+def test_text_is_not_a_measurement() -> None:
+    with pytest.raises(TypeError, match="theta"):
+        plot.bearing(["a"] * 10, tertia.estimate_bearing(Y))
+
+
+def test_missing_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ImportError, match=r"needs Matplotlib: pip install 'tertia\[plot\]'"):
+        plot.bearing(Y, tertia.estimate_bearing(Y))
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "expected"),
+    [
+        (358.4772, 0.3051, ("358.48", "0.31")),
+        (358.4772, 0.0996, ("358.48", "0.10")),
+        (358.4772, 3.051, ("358.5", "3.1")),
+        (358.4772, 30.51, ("358", "31")),
+        (12345.6, 456.0, ("12346", "456")),
+        (0.123456, 0.00012, ("0.12346", "0.00012")),
+        (10.1, 0.0, ("10.1", "0")),
+    ],
+)
+def test_rounding_to_sigma(value: float, sigma: float, expected: tuple[str, str]) -> None:
+    assert plot.rounded(value, sigma) == expected
