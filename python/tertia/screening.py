@@ -707,7 +707,8 @@ def unwrap(
     """Unwrap angles about their circular median.
 
     The angles are turned by whole periods to within half a period of their circular mean, then of
-    the median of the result. Up to nearly half of them may be wrong without moving the others.
+    the median of the result, on the turn on which the first one lies. Up to nearly half of them may
+    be wrong without moving the others.
 
     Parameters
     ----------
@@ -734,7 +735,7 @@ def unwrap(
     --------
     >>> from tertia.screening import unwrap
     >>> unwrap([359.0, 1.0, 2.0, 358.0, 0.5])
-    array([-1. ,  1. ,  2. , -2. ,  0.5])
+    array([359. , 361. , 362. , 358. , 360.5])
     """
     return _core.unwrap(samples(theta, "theta"), real(period, "period"), threads(n_threads))
 

@@ -33,7 +33,7 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
 }
 
 /// Unwraps angles about their circular mean, then about the median of the result, so that all lie
-/// within half a period of the circular median. O(N).
+/// within half a period of the circular median, on the turn of the first. O(N).
 ///
 /// # Errors
 /// An empty sample, an angle that is not finite, a period that is not positive.
@@ -55,7 +55,7 @@ pub fn unwrap(
         let (sin, cos) = (angle / period * TAU).sin_cos();
         (s + sin, c + cos)
     });
-    let mean = sine.atan2(cosine) / TAU * period;
+    let mean = nearest(sine.atan2(cosine) / TAU * period, theta[0], period);
     scratch.clear();
     scratch.extend(theta.iter().map(|&angle| nearest(angle, mean, period)));
     let centre = median(scratch);

@@ -1,0 +1,1 @@
+"""The formulas of the papers in plain NumPy, as they are printed (misprints mended)."""

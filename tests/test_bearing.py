@@ -1,0 +1,407 @@
+import numpy as np
+import pytest
+from reference import bearing as reference
+from tolerances import PARITY, VECTOR
+
+from tertia import estimate_bearing
+from tertia.screening import critical_value
+from tertia.simulate import direction_finder
+
+METHODS = ["robust", "corrected", "paper", "k-sigma", "mean"]
+GROUPED = ["robust", "corrected", "paper"]
+BURST = np.array(
+    [
+        "10.3",
+        "9.1",
+        "10.8",
+        "9.7",
+        "10.5",
+        "19.0",
+        "9.4",
+        "10.1",
+        "11.2",
+        "9.9",
+        "8.8",
+        "10.6",
+        "14.2",
+        "13.1",
+        "14.9",
+        "13.8",
+        "14.4",
+        "13.5",
+        "10.2",
+        "9.3",
+        "10.9",
+        "9.8",
+        "11.0",
+        "9.6",
+        "10.4",
+        "9.2",
+        "10.7",
+        "10.0",
+        "9.5",
+        "10.1",
+    ],
+    dtype=float,
+)
+GROUPS = np.array(
+    [
+        "10.3",
+        "9.6",
+        "10.5",
+        "9.8",
+        "10.4",
+        "10.1",
+        "9.5",
+        "10.2",
+        "13.9",
+        "14.3",
+        "14.1",
+        "13.6",
+        "9.7",
+        "10.0",
+        "9.8",
+        "10.1",
+        "10.0",
+        "6.5",
+        "13.4",
+        "9.8",
+        "9.9",
+        "10.6",
+        "9.7",
+        "10.3",
+    ],
+    dtype=float,
+)
+CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
+RECORDS = [(n, seed) for n in (12, 30, 47, 100, 203) for seed in range(8)]
+
+
+def close(expected, relative=VECTOR):
+    return pytest.approx(expected, rel=relative, abs=0)
+
+
+def record(n, seed, **options):
+    return direction_finder(n, bearing=50.0, period=None, rng=seed, **options).theta
+
+
+def turned(angle, period=360.0):
+    """Within half a period of zero."""
+    return (angle + period / 2) % period - period / 2
+
+
+def check_estimate(theta, estimate, period=360.0):
+    """What holds for every estimate, whatever the method."""
+    theta = np.asarray(theta)
+    batch = theta.shape[:-1]
+    assert estimate.outlier.shape == theta.shape
+    for field in (estimate.value, estimate.sigma, estimate.polarity):
+        assert np.shape(field) == batch
+        assert np.all(np.isfinite(field))
+    assert np.all(estimate.sigma > 0)
+    value = np.asarray(estimate.value)[..., None]
+    if period is not None:
+        assert np.all((value >= 0) & (value < period))
+    side = np.sign(turned(theta - value, period) if period else theta - value)
+    polarity = (side * estimate.outlier).mean(axis=-1)
+    np.testing.assert_allclose(estimate.polarity, polarity, atol=1e-15)
+    if estimate.group_weights is not None:
+        np.testing.assert_allclose(estimate.group_weights.sum(axis=-1), 1.0, rtol=1e-14)
+        assert np.all(estimate.group_weights >= 0)
+        used = np.where(estimate.group_weights > 0, estimate.group_means, 0.0)
+        mean = (estimate.group_weights * used).sum(axis=-1)
+        error = turned(mean - value[..., 0], period) if period else mean - value[..., 0]
+        np.testing.assert_allclose(error, 0.0, atol=1e-12 * (period or np.abs(mean).max()))
+
+
+class TestVectors:
+    def test_the_default_leaves_out_a_point_and_a_burst(self):
+        estimate = estimate_bearing(BURST, period=None, group_size=5, max_burst=10)
+        assert estimate.outlier.nonzero()[0].tolist() == [5, 12, 13, 14, 15, 16, 17]
+        assert (estimate.value, estimate.sigma) == close((10.047826086957, 0.147745201280))
+
+    @pytest.mark.parametrize("variance_test", ["cochran", 34.1188565541952])
+    def test_the_paper_replaces_two_groups(self, variance_test):
+        """No single value is anomalous at k = 4, one mean and one variance are."""
+        estimate = estimate_bearing(
+            GROUPS, period=None, method="paper", k=4.0, group_size=4, variance_test=variance_test
+        )
+        assert estimate.value == close(9.94980517130307)
+        assert estimate.sigma == close(0.105587824271096)
+        assert estimate.outlier.nonzero()[0].tolist() == [8, 9, 10, 11, 16, 17, 18, 19]
+        assert 1 / (1 / estimate.group_variances).sum() == close(0.0111487886343038)
+        assert estimate.group_weights[4] == estimate.group_weights[3]
+
+    def test_students_quantile_rejects_a_clean_group_nearly_always(self):
+        theta = record(100, 1, batch=300, **CLEAN)
+        counts = {}
+        for test in ("student", "cochran"):
+            estimate = estimate_bearing(
+                theta, period=None, method="paper", k=9.0, variance_test=test
+            )
+            counts[test] = estimate.outlier.any(axis=-1).mean()
+        assert counts["student"] == 1.0
+        assert counts["cochran"] < 0.12
+
+
+@pytest.mark.parametrize(("n", "seed"), RECORDS)
+class TestAgreesWithTheFormulas:
+    def check(self, theta, expected, **options):
+        estimate = estimate_bearing(theta, period=None, **options)
+        check_estimate(theta, estimate, None)
+        value, sigma, outlier = expected[:3]
+        np.testing.assert_array_equal(estimate.outlier, outlier)
+        assert (estimate.value, estimate.sigma) == close((value, sigma), PARITY)
+        return estimate
+
+    def test_mean(self, n, seed):
+        theta = record(n, seed)
+        expected = (*reference.mean(theta), np.zeros(n, dtype=bool))
+        self.check(theta, expected, method="mean")
+
+    def test_k_sigma(self, n, seed):
+        theta = record(n, seed)
+        self.check(theta, reference.k_sigma(theta, 2.1), method="k-sigma", k=2.1)
+
+    @pytest.mark.parametrize("k2", [{"level": 0.05}, 12.0])
+    @pytest.mark.parametrize("size", [4, 10])
+    def test_paper(self, n, seed, size, k2):
+        theta = record(n, seed)
+        test = "cochran" if isinstance(k2, dict) else k2
+        expected = reference.paper(theta, 2.4, size, k2)
+        options = {"method": "paper", "k": 2.4, "group_size": size, "variance_test": test}
+        estimate = self.check(theta, expected, **options)
+        mean, variance, weight = expected[3]
+        np.testing.assert_allclose(estimate.group_means, mean, rtol=PARITY)
+        np.testing.assert_allclose(estimate.group_variances, variance, rtol=PARITY)
+        np.testing.assert_allclose(estimate.group_weights, weight, rtol=PARITY)
+
+    @pytest.mark.parametrize("size", [4, 10])
+    def test_corrected(self, n, seed, size):
+        theta = record(n, seed)
+        expected = reference.corrected(theta, 2.4, size, 0.05)
+        self.check(theta, expected, method="corrected", k=2.4, group_size=size)
+
+    @pytest.mark.parametrize("size", [5, 10])
+    def test_robust(self, n, seed, size):
+        theta = record(n, seed)
+        expected = reference.robust(theta, size, lmax=12, correlation=0.2)
+        self.check(theta, expected, group_size=size, max_burst=12, correlation=0.2)
+
+
+@pytest.mark.parametrize("method", METHODS)
+class TestEveryMethod:
+    def test_north_is_a_direction_like_any_other(self, method):
+        """The same records about 180 degrees, 0 degrees and 90 degrees: the same errors."""
+        errors = {}
+        for true in (180.0, 0.0, 90.0):
+            records = direction_finder(100, bearing=true, batch=500, rng=3)
+            estimate = estimate_bearing(records.theta, method=method)
+            check_estimate(records.theta, estimate)
+            errors[true] = turned(estimate.value - true)
+        np.testing.assert_allclose(errors[0.0], errors[180.0], atol=1e-9)
+        np.testing.assert_allclose(errors[90.0], errors[180.0], atol=1e-9)
+        assert np.sqrt(np.mean(errors[0.0] ** 2)) < 1.1
+
+    def test_the_unit_does_not_matter(self, method):
+        theta = direction_finder(100, bearing=359.0, rng=4).theta
+        degrees = estimate_bearing(theta, method=method)
+        radians = estimate_bearing(np.radians(theta), period=2 * np.pi, method=method)
+        assert np.degrees(radians.value) == close(degrees.value, 1e-10)
+        assert np.degrees(radians.sigma) == close(degrees.sigma, 1e-10)
+        np.testing.assert_array_equal(radians.outlier, degrees.outlier)
+
+    def test_whole_turns_do_not_matter(self, method):
+        theta = direction_finder(60, bearing=1.0, rng=5).theta
+        turns = np.random.default_rng(6).integers(-3, 4, 60)
+        plain, wound = (estimate_bearing(t, method=method) for t in (theta, theta + 360 * turns))
+        assert turned(wound.value - plain.value) == pytest.approx(0, abs=1e-10)
+        assert wound.sigma == close(plain.sigma, 1e-9)
+
+    def test_without_a_period_an_offset_does_not_matter(self, method):
+        theta = np.round(record(100, 7), 3)
+        plain = estimate_bearing(theta, period=None, method=method)
+        far = estimate_bearing(theta + 2.0**30, period=None, method=method)
+        assert far.value - 2.0**30 == pytest.approx(plain.value, abs=3e-7)
+        assert far.sigma == close(plain.sigma, 1e-6)
+        np.testing.assert_array_equal(far.outlier, plain.outlier)
+
+    def test_a_batch_is_its_rows_on_any_number_of_threads(self, method):
+        theta = direction_finder(47, batch=(5, 40), rng=8).theta
+        alone = estimate_bearing(theta, method=method, n_threads=1)
+        for n_threads in (3, None):
+            many = estimate_bearing(theta, method=method, n_threads=n_threads)
+            for name in alone.__slots__:
+                np.testing.assert_array_equal(getattr(many, name), getattr(alone, name))
+        for place in np.ndindex(5, 40):
+            row = estimate_bearing(theta[place], method=method)
+            assert (row.value, row.sigma) == (alone.value[place], alone.sigma[place])
+            np.testing.assert_array_equal(row.outlier, alone.outlier[place])
+            if method in GROUPED:
+                np.testing.assert_array_equal(row.group_weights, alone.group_weights[place])
+
+    def test_layout_and_kind_of_numbers_do_not_matter(self, method):
+        theta = np.round(direction_finder(40, batch=6, rng=9).theta)
+        expected = estimate_bearing(theta, method=method)
+        for same in (
+            np.asfortranarray(theta),
+            np.repeat(theta, 2, axis=1)[:, ::2],
+            theta.astype(np.float32),
+            theta.astype(int),
+            theta.tolist(),
+        ):
+            found = estimate_bearing(same, method=method)
+            np.testing.assert_array_equal(found.value, expected.value)
+            np.testing.assert_array_equal(found.sigma, expected.sigma)
+
+    def test_missing_measurements_are_left_out(self, method):
+        theta = direction_finder(47, bearing=10.0, rng=10).theta
+        gaps = np.insert(theta, [0, 9, 30, 47], np.nan)
+        there = ~np.isnan(gaps)
+        expected = estimate_bearing(theta, method=method)
+        found = estimate_bearing(gaps, method=method, nan_policy="omit")
+        assert (found.value, found.sigma) == (expected.value, expected.sigma)
+        np.testing.assert_array_equal(found.outlier[there], expected.outlier)
+        assert not found.outlier[~there].any()
+        assert found.polarity == expected.polarity
+        with pytest.raises(ValueError, match=r"theta\[0\] is nan"):
+            estimate_bearing(gaps, method=method)
+
+    def test_no_rows(self, method):
+        estimate = estimate_bearing(np.empty((0, 30)), method=method)
+        assert estimate.value.shape == estimate.sigma.shape == (0,)
+
+    def test_constant_records(self, method):
+        estimate = estimate_bearing(np.full(30, 12.5), method=method)
+        assert (estimate.value, estimate.sigma) == (12.5, 0.0)
+
+    def test_one_enormous_value(self, method):
+        theta = np.r_[record(60, 11, **CLEAN), 1e9]
+        estimate = estimate_bearing(theta, period=None, method=method)
+        if method != "mean":
+            assert estimate.value == pytest.approx(50, abs=2)
+            assert estimate.outlier[-1]
+
+    def test_fewest_measurements(self, method):
+        fewest = {"robust": 5, "mean": 2}.get(method, 3)
+        estimate_bearing([10.0, 11.0, 12.0, 11.5, 10.5][:fewest], method=method)
+        message = f"theta has {fewest - 1} measurements; at least {fewest} are needed"
+        with pytest.raises(ValueError, match=message):
+            estimate_bearing([10.0] * (fewest - 1), method=method)
+
+
+class TestErrorBars:
+    """Share of 20 000 records whose error is below 2 sigma; its own standard error is .0016."""
+
+    trials = 20_000
+    error = 0.0016
+
+    def coverage(self, n=100, seed=0, anomalies=None, **options):
+        theta = record(n, seed, batch=self.trials, **(anomalies or {}))
+        estimate = estimate_bearing(theta, period=None, **options)
+        return np.mean(np.abs(estimate.value - 50) < 2 * estimate.sigma)
+
+    @pytest.mark.parametrize(("anomalies", "expected"), [(CLEAN, 0.947), ({}, 0.946)])
+    def test_robust(self, anomalies, expected):
+        found = self.coverage(anomalies=anomalies)
+        assert found == pytest.approx(expected, abs=4 * self.error)
+
+    @pytest.mark.parametrize("n", [200, 400])
+    @pytest.mark.parametrize("anomalies", [CLEAN, {}], ids=["clean", "PS1"])
+    def test_robust_long(self, n, anomalies):
+        assert 0.94 < self.coverage(n, anomalies=anomalies) < 0.965
+
+    @pytest.mark.parametrize(("n", "least"), [(10, 0.86), (20, 0.9), (30, 0.91), (50, 0.925)])
+    def test_robust_short(self, n, least):
+        """Shorter records cover less: the documentation says how much."""
+        assert self.coverage(n, anomalies=CLEAN) > least
+
+    @pytest.mark.parametrize(
+        ("anomalies", "least", "most"), [(CLEAN, 0.908, 0.930), ({}, 0.905, 0.946)]
+    )
+    @pytest.mark.parametrize("group_size", [5, 10])
+    def test_corrected(self, anomalies, least, most, group_size):
+        found = self.coverage(
+            200, anomalies=anomalies, method="corrected", group_size=group_size, k=2.4
+        )
+        assert least - 4 * self.error < found < most + 4 * self.error
+
+    @pytest.mark.parametrize("n", [10, 100])
+    def test_mean_of_clean_records_follows_student(self, n):
+        expected = {10: 0.92345, 100: 0.95177}[n]  # P(|t| < 2) with n - 1 degrees of freedom
+        found = self.coverage(n, anomalies=CLEAN, method="mean")
+        assert found == pytest.approx(expected, abs=4 * 0.0019)
+
+    @pytest.mark.parametrize(
+        ("group_size", "anomalies", "expected"),
+        [(5, CLEAN, 0.873), (5, {}, 0.770), (10, CLEAN, 0.998), (10, {}, 0.993)],
+    )
+    def test_the_printed_sigma_does_not_hold(self, group_size, anomalies, expected):
+        """(7), k2 = L F: too small with groups of 5, too large with groups of 10."""
+        groups = 100 // group_size
+        c = critical_value(groups, 0.05, test="cochran", degrees_of_freedom=group_size - 1)
+        found = self.coverage(
+            anomalies=anomalies,
+            method="paper",
+            group_size=group_size,
+            k=2.4,
+            variance_test=groups * c * (groups - 1) / (1 - c),
+        )
+        error = np.sqrt(2 * expected * (1 - expected) / self.trials)
+        assert found == pytest.approx(expected, abs=4 * error)
+
+    def test_correlated_noise_widens_sigma(self):
+        rho, trials = 0.5, 5000
+        noise = np.random.default_rng(1).normal(size=(trials, 300))
+        for t in range(1, 300):
+            noise[:, t] = rho * noise[:, t - 1] + np.sqrt(1 - rho**2) * noise[:, t]
+        told = estimate_bearing(noise, period=None, correlation=rho)
+        blind = estimate_bearing(noise, period=None)
+        covered = np.mean(np.abs(told.value) < 2 * told.sigma)
+        assert covered > 0.93
+        assert np.mean(np.abs(blind.value) < 2 * blind.sigma) < covered - 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"method": "x"}, ValueError, "method is 'x'; it must be 'robust'"),
+        ({"method": None}, ValueError, "method is 'None'"),
+        ({"period": 0}, ValueError, "period is 0; it must be a positive number"),
+        ({"period": np.inf}, ValueError, "period is inf"),
+        ({"period": "360"}, TypeError, "period is '360'"),
+        ({"group_size": 1}, ValueError, "group_size is 1"),
+        ({"group_size": 2.5}, TypeError, "group_size is 2.5"),
+        ({"k": 0, "method": "paper"}, ValueError, "k is 0; it must be a positive number"),
+        ({"k": np.nan, "method": "k-sigma"}, ValueError, "k is nan"),
+        ({"variance_test": "x"}, ValueError, "variance_test is 'x'"),
+        ({"variance_test": [1]}, TypeError, r"variance_test is \[1\]"),
+        ({"variance_test": 0.5, "method": "paper"}, ValueError, "variance_test is 0.5"),
+        ({"level": 0, "method": "corrected"}, ValueError, "level is 0"),
+        ({"level": 1, "method": "paper"}, ValueError, "level is 1"),
+        ({"correlation": -1}, ValueError, "correlation is -1"),
+        ({"point_penalty": -1}, ValueError, "point_penalty is -1"),
+        ({"resolution": np.nan}, ValueError, "resolution is nan"),
+        ({"min_burst": 0}, ValueError, "min_burst is 0"),
+        ({"nan_policy": "drop"}, ValueError, "nan_policy is 'drop'"),
+        ({"n_threads": -1}, ValueError, "n_threads is -1"),
+    ],
+)
+def test_bad_parameters(options, error, message):
+    with pytest.raises(error, match=message):
+        estimate_bearing(GROUPS, **options)
+
+
+def test_a_bad_measurement_is_named_with_its_row():
+    theta = np.ones((2, 3, 20))
+    theta[1, 2, 7] = np.inf
+    with pytest.raises(ValueError, match=r"theta\[1, 2, 7\] is inf"):
+        estimate_bearing(theta)
+
+
+def test_results_are_printed_usefully():
+    estimate = estimate_bearing(BURST, period=None, group_size=5, max_burst=10)
+    expected = "BearingEstimate(10.0478 ± 0.148, 7 of 30 anomalous, polarity +0.233)"
+    assert repr(estimate) == expected
+    batch = estimate_bearing(np.stack([BURST, BURST]))
+    assert repr(batch).startswith("BearingEstimate(batch (2,), ")
