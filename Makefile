@@ -23,7 +23,7 @@ lint: $(WHEEL) $(VENV)/.test
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
-	$(BIN)/mypy python tests docs
+	$(BIN)/mypy python docs examples
 
 figures: $(WHEEL)
 	$(BIN)/python docs/figures.py

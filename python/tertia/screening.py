@@ -561,7 +561,9 @@ def grubbs(y: npt.ArrayLike, level: float = 0.05) -> ExtremeTest:
     (3, True)
     """
     y = samples(y, "y")
-    return _extreme_test(_core.grubbs(y), critical_value(y.shape[-1], level, test="grubbs"))
+    result = _core.grubbs(y)
+    count = _at_least(3, y.shape[-1], "y")
+    return _extreme_test(result, critical_value(count, level, test="grubbs"))
 
 
 def cochran(
@@ -604,7 +606,7 @@ def cochran(
     variances = samples(variances, "variances")
     degrees = real(degrees_of_freedom, "degrees_of_freedom")
     result = _core.cochran(variances, degrees)
-    count = variances.shape[-1]
+    count = _at_least(2, variances.shape[-1], "variances")
     return _extreme_test(
         result, critical_value(count, level, test="cochran", degrees_of_freedom=degrees)
     )
@@ -763,6 +765,13 @@ def _outlier_test(result: tuple[FloatArray, FloatArray], batch: tuple[int, ...])
 def _extreme_test(result: tuple[IntArray, FloatArray, FloatArray], critical: float) -> ExtremeTest:
     index, statistic, p_value = map(scalar_or_array, result)
     return ExtremeTest(index, statistic, p_value, critical, statistic > critical)
+
+
+def _at_least(minimum: int, count: int, name: str) -> int:
+    """Return the length of a sample, checked for batches without rows too."""
+    if count < minimum:
+        raise ValueError(f"{name} has {count} measurements; at least {minimum} are needed")
+    return count
 
 
 def _batch(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:

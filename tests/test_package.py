@@ -1,0 +1,116 @@
+"""The package as it is installed."""
+
+import importlib.metadata
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tertia
+from tertia import _core, bearing, plot, screening, simulate
+
+MODULES = [bearing, plot, screening, simulate, tertia]
+
+
+def run(code):
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True
+    )
+    return result.stdout
+
+
+def test_the_version_is_that_of_the_distribution():
+    assert tertia.__version__ == importlib.metadata.version("tertia")
+
+
+def test_importing_needs_numpy_alone():
+    loaded = run("import tertia, sys; print(*sys.modules)").split()
+    for name in ("scipy", "matplotlib", "polars", "typer", "rich", "pandas", "numpy.random"):
+        assert name not in loaded
+
+
+def test_an_optimised_build_does_not_warn():
+    assert _core.DEBUG_BUILD is False
+
+
+def test_a_debug_build_warns():
+    code = """
+import sys, types, warnings
+core = types.ModuleType("tertia._core")
+core.DEBUG_BUILD, core.VERSION = True, "0"
+sys.modules["tertia._core"] = core
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    import tertia
+print(caught[0].category.__name__, caught[0].message)
+"""
+    assert run(code).startswith("RuntimeWarning tertia was built without optimisation")
+
+
+def test_it_is_the_wheel_that_is_tested():
+    """Not the source tree, unless somebody works on it in an environment of their own."""
+    source = Path(__file__).parents[1] / "python"
+    installed = Path(tertia.__file__)
+    if source in installed.parents:
+        pytest.skip("installed for development")
+    assert (installed.parent / "py.typed").is_file()
+    assert (installed.parent / "_core.pyi").is_file()
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_every_public_name_exists_and_is_documented(module):
+    assert module.__doc__
+    for name in module.__all__:
+        thing = getattr(module, name)
+        if callable(thing) and name not in {"Method", "TestName"}:
+            assert len(thing.__doc__) > 60, name
+
+
+@pytest.mark.parametrize("module", [bearing, screening, simulate], ids=lambda m: m.__name__)
+def test_functions_document_what_they_take_return_and_raise(module):
+    for name in module.__all__:
+        thing = getattr(module, name)
+        if callable(thing) and name[0].islower():
+            for section in ("Parameters", "Returns", "Raises", "Examples"):
+                assert f"{section}\n    ---" in thing.__doc__, (name, section)
+
+
+def test_a_forked_child_can_use_threads_after_its_parent_did():
+    code = """
+import os, numpy as np, tertia
+y = np.ones((200, 200)); y[:, 0] = 2
+tertia.screening.leave_one_out_mask(y, n_threads=4)
+if (child := os.fork()) == 0:
+    tertia.screening.leave_one_out_mask(y, n_threads=4)
+    os._exit(7)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+    assert run(code).strip() == "7"
+
+
+def test_the_lock_of_the_interpreter_is_released():
+    """Another thread goes on while a kernel runs."""
+    code = """
+import threading, time, numpy as np, tertia
+y = np.random.default_rng(0).normal(size=(40, 100_000))
+ticks, running = 0, True
+def tick():
+    global ticks
+    while running:
+        ticks += 1
+        time.sleep(0.001)
+thread = threading.Thread(target=tick); thread.start()
+start = ticks
+tertia.screening.bursts(y, n_threads=1)
+print(ticks - start); running = False; thread.join()
+"""
+    assert int(run(code)) > 10
+
+
+def test_results_are_frozen():
+    result = screening.leave_one_out([1.0, 2.0, 4.0])
+    with pytest.raises(AttributeError):
+        result.mean = 0.0
+    assert np.isfinite(result.mean)

@@ -1,0 +1,263 @@
+"""Whatever comes in: a result that makes sense or one clear error, no panic, no silent nan."""
+
+import dataclasses
+import inspect
+import re
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from tertia import estimate_bearing, screening, simulate
+
+settings.register_profile(
+    "tertia",
+    deadline=None,
+    derandomize=True,
+    max_examples=150,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("tertia")
+
+NASTY = [0.0, -0.0, 1.0, 1e9, -1e9, 1e150, -1e300, 1.7e308, 5e-324, 1e-160, np.inf, np.nan, 360.0]
+VALUES = st.one_of(
+    st.sampled_from(NASTY), st.floats(-400, 400), st.floats(allow_nan=True, allow_infinity=True)
+)
+SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=14)
+SAMPLES = st.one_of(
+    hnp.arrays(np.float64, SHAPES, elements=VALUES),
+    hnp.arrays(np.float64, st.tuples(st.integers(5, 80)), elements=st.floats(-400, 400)),
+    hnp.arrays(
+        np.float64, st.tuples(st.integers(5, 60)), elements=st.sampled_from([0.0, 1.0, 9.0])
+    ),
+    hnp.arrays(np.int32, SHAPES),
+)
+NUMBERS = st.one_of(
+    st.floats(0.1, 5), st.sampled_from([0, -1, 1e-300, 1e308, np.nan, np.inf, 2**70, "2", None])
+)
+COUNTS = st.one_of(
+    st.integers(-2, 30), st.sampled_from([2**31 - 1, 2**31, 2**70, -(2**70), 2.5, "3", None])
+)
+POLICY = st.sampled_from(["raise", "omit", "drop", None])
+THREADS = st.sampled_from([None, 1, 2, 1000, 0, "2"])
+
+
+def outcome(function, *arguments, **options):
+    """The result, or None after a clear error; a panic is neither."""
+    try:
+        return function(*arguments, **options)
+    except (ValueError, TypeError) as error:
+        message = str(error)
+    names = [*inspect.signature(function).parameters, "measurements"]
+    assert any(re.search(rf"\b{name}\b", message) for name in names), message
+    return None
+
+
+def assert_no_silent_nan(result, missing, allowed=()):
+    """Nan only in the cleaned sample, where something is excluded or missing, or where allowed."""
+    for field in dataclasses.fields(result):
+        values = np.asarray(getattr(result, field.name))
+        if field.name == "cleaned":
+            bad = np.isnan(values) & ~result.outlier & ~missing
+        elif values.dtype == float and field.name not in allowed:
+            bad = np.isnan(values)
+        else:
+            continue
+        assert not bad.any(), field.name
+
+
+@given(SAMPLES, THREADS)
+def test_leave_one_out_statistics(y, n_threads):
+    result = outcome(screening.leave_one_out_statistics, y, n_threads=n_threads)
+    if result is not None:
+        assert all(part.shape == y.shape for part in result)
+        assert all(np.isfinite(part).all() for part in result)
+        assert (result[1] >= 0).all()
+
+
+@given(SAMPLES, NUMBERS, THREADS)
+def test_leave_one_out_mask(y, k, n_threads):
+    result = outcome(screening.leave_one_out_mask, y, k, n_threads=n_threads)
+    assert result is None or result.shape == y.shape
+
+
+@given(
+    SAMPLES,
+    NUMBERS,
+    st.fixed_dictionaries(
+        {
+            "statistics": st.sampled_from(["sequential", "frozen", "x"]),
+            "order": st.sampled_from(["forward", "backward", 3]),
+            "replace": st.booleans(),
+            "passes": COUNTS,
+            "nan_policy": POLICY,
+            "n_threads": THREADS,
+        }
+    ),
+)
+def test_leave_one_out(y, k, options):
+    result = outcome(screening.leave_one_out, y, k, **options)
+    if result is not None:
+        assert_no_silent_nan(result, np.isnan(y))
+
+
+@given(SAMPLES, NUMBERS, st.sampled_from(["neighbours", "mean", None, "x"]), POLICY)
+def test_k_sigma(y, k, replace, nan_policy):
+    result = outcome(screening.k_sigma, y, k, replace=replace, nan_policy=nan_policy)
+    if result is not None:
+        assert_no_silent_nan(result, np.isnan(y))
+
+
+BURST_OPTIONS = {
+    "point_penalty": NUMBERS,
+    "burst_penalty": NUMBERS,
+    "min_burst": COUNTS,
+    "max_burst": COUNTS,
+    "correlation": st.one_of(st.floats(-1.1, 1.1), NUMBERS),
+    "resolution": NUMBERS,
+    "nan_policy": POLICY,
+    "n_threads": THREADS,
+}
+
+
+@given(SAMPLES, st.fixed_dictionaries({}, optional=BURST_OPTIONS))
+def test_bursts(y, options):
+    result = outcome(screening.bursts, y, **options)
+    if result is not None:
+        assert_no_silent_nan(result, np.isnan(y))
+
+
+@given(SAMPLES, NUMBERS, THREADS)
+def test_unwrap(theta, period, n_threads):
+    result = outcome(screening.unwrap, theta, period, n_threads=n_threads)
+    if result is not None:
+        assert np.isfinite(result).all()
+        spread = np.ptp(result, axis=-1) if theta.size else np.zeros(0)
+        assert (spread <= 1.0000001 * period + 1e-6).all()
+
+
+@given(SAMPLES, SAMPLES, SAMPLES)
+def test_known_sigma(x, y, sigma):
+    result = outcome(screening.known_sigma, x, y, np.abs(sigma))
+    if result is not None:
+        assert_no_silent_nan(result, None)
+        assert (np.asarray(result.p_value) <= 1).all()
+
+
+@given(SAMPLES, SAMPLES)
+def test_unknown_sigma(x, y):
+    result = outcome(screening.unknown_sigma, x, y)
+    if result is not None:
+        assert_no_silent_nan(result, None)
+        assert (np.asarray(result.p_value) <= 1).all()
+
+
+@given(SAMPLES)
+def test_thompson_tau(y):
+    result = outcome(screening.thompson_tau, y)
+    if result is not None:
+        assert_no_silent_nan(result, None)
+        assert result.p_value.shape == y.shape
+
+
+@given(SAMPLES, NUMBERS)
+def test_grubbs(y, level):
+    result = outcome(screening.grubbs, y, level)
+    if result is not None:
+        assert_no_silent_nan(result, None)
+
+
+@given(SAMPLES, NUMBERS, NUMBERS)
+def test_cochran(variances, degrees_of_freedom, level):
+    result = outcome(screening.cochran, np.abs(variances), degrees_of_freedom, level)
+    if result is not None:
+        assert_no_silent_nan(result, None)
+
+
+TESTS = st.sampled_from(
+    ["leave-one-out", "known-sigma", "unknown-sigma", "thompson-tau", "grubbs", "cochran", "x"]
+)
+
+
+@given(COUNTS, st.one_of(st.floats(0, 1), NUMBERS), TESTS, NUMBERS)
+def test_critical_value(n, level, test, degrees):
+    options = {"test": test, "degrees_of_freedom": degrees if test == "cochran" else None}
+    k = outcome(screening.critical_value, n, level, **options)
+    if k is not None:
+        assert 0 < k < np.inf
+
+
+@given(NUMBERS, COUNTS, TESTS, NUMBERS)
+def test_false_alarm_probability(k, n, test, degrees):
+    options = {"test": test, "degrees_of_freedom": degrees if test == "cochran" else None}
+    p = outcome(screening.false_alarm_probability, k, n, **options)
+    assert p is None or 0 <= p <= 1
+
+
+@given(
+    SAMPLES,
+    st.sampled_from(["robust", "corrected", "paper", "k-sigma", "mean", "x", None]),
+    st.fixed_dictionaries(
+        {},
+        optional={
+            **BURST_OPTIONS,
+            "period": st.one_of(st.sampled_from([None, 360.0, 2 * np.pi]), NUMBERS),
+            "group_size": COUNTS,
+            "k": NUMBERS,
+            "variance_test": st.one_of(st.sampled_from(["cochran", "student", None, "x"]), NUMBERS),
+            "level": NUMBERS,
+        },
+    ),
+)
+@settings(max_examples=600)
+def test_estimate_bearing(theta, method, options):
+    estimate = outcome(estimate_bearing, theta, method=method, **options)
+    if estimate is None:
+        return
+    # documented: empty groups have no mean, groups of one no variance
+    allowed = ("group_means", "group_variances", "group_weights")
+    assert_no_silent_nan(estimate, None, allowed)
+    assert (np.asarray(estimate.sigma) >= 0).all()
+    if estimate.group_weights is not None:
+        assert not np.isnan(estimate.group_weights).any()
+
+
+@given(
+    COUNTS,
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "bearing": NUMBERS,
+            "sigma": NUMBERS,
+            "single_probability": NUMBERS,
+            "bursts_per_100": st.one_of(st.floats(0, 50), st.sampled_from([-1, np.nan, "x"])),
+            "burst_length": st.one_of(st.tuples(st.integers(-1, 9), st.integers(-1, 9)), NUMBERS),
+            "amplitude": st.one_of(st.tuples(NUMBERS, NUMBERS), NUMBERS),
+            "positive_probability": NUMBERS,
+            "period": NUMBERS,
+            "batch": st.sampled_from([(), 2, (2, 0), -1, 1.5]),
+            "rng": st.sampled_from([None, 1, np.random.default_rng(1)]),
+        },
+    ),
+)
+def test_direction_finder(n, options):
+    if isinstance(n, int) and n > 100:
+        return  # would be granted
+    record = outcome(simulate.direction_finder, n, **options)
+    if record is not None:
+        assert record.theta.shape == record.single.shape == record.burst.shape
+
+
+def test_a_panic_would_be_noticed():
+    """The exception of a panic is not a ValueError: `outcome` lets it through."""
+
+    class PanicError(BaseException):
+        pass
+
+    def panics():
+        raise PanicError
+
+    with pytest.raises(PanicError):
+        outcome(panics)
