@@ -2,6 +2,26 @@ from typing import Any
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 
+__all__ = [
+    "DEBUG_BUILD",
+    "VERSION",
+    "bursts",
+    "cochran",
+    "critical_value",
+    "estimate_bearing",
+    "false_alarm_probability",
+    "grubbs",
+    "k_sigma",
+    "known_sigma",
+    "leave_one_out",
+    "leave_one_out_mask",
+    "leave_one_out_statistics",
+    "thompson_tau",
+    "threshold_coefficient",
+    "unknown_sigma",
+    "unwrap",
+]
+
 VERSION: str
 DEBUG_BUILD: bool
 
