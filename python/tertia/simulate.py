@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, integer, real
 
 __all__ = ["BearingRecord", "direction_finder"]
+
+# keeps every product of two parameters finite
+_LARGEST = 1e100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +67,7 @@ def direction_finder(
     single_probability : float
         Probability that a measurement is a single anomaly.
     bursts_per_100 : float
-        Expected number of bursts per 100 measurements.
+        Expected number of bursts per 100 measurements, at most 10 000.
     burst_length : (int, int)
         Shortest and longest burst, in measurements; none is longer than the record.
     amplitude : (float, float)
@@ -100,25 +102,17 @@ def direction_finder(
     """
     n = integer(n, "n", 1)
     shortest, longest = (integer(v, "burst_length", 1) for v in _pair(burst_length, "burst_length"))
-    low, high = (real(v, "amplitude") for v in _pair(amplitude, "amplitude"))
-    sigma, bearing = real(sigma, "sigma"), real(bearing, "bearing")
+    low, high = (_number(v, "amplitude") for v in _pair(amplitude, "amplitude"))
     _require(shortest <= longest, "burst_length", burst_length, "a pair (shortest, longest)")
-    _require(low <= high < np.inf, "amplitude", amplitude, "a pair (smallest, largest)")
-    _require(0 <= sigma < np.inf, "sigma", sigma, "zero or a positive number")
-    _require(np.isfinite(bearing), "bearing", bearing, "a finite number")
-    _require(
-        0 <= single_probability <= 1, "single_probability", single_probability, "between 0 and 1"
-    )
-    _require(
-        0 <= positive_probability <= 1,
-        "positive_probability",
-        positive_probability,
-        "between 0 and 1",
-    )
-    _require(
-        0 <= bursts_per_100 < np.inf, "bursts_per_100", bursts_per_100, "zero or a positive number"
-    )
-    _require(period is None or 0 < period < np.inf, "period", period, "a positive number or None")
+    _require(low <= high, "amplitude", amplitude, "a pair (smallest, largest)")
+    bearing = _number(bearing, "bearing")
+    sigma = _number(sigma, "sigma", 0)
+    single_probability = _number(single_probability, "single_probability", 0, 1)
+    positive_probability = _number(positive_probability, "positive_probability", 0, 1)
+    bursts_per_100 = _number(bursts_per_100, "bursts_per_100", 0, 10_000)
+    if period is not None:
+        period = _number(period, "period", 0)
+        _require(period > 0, "period", period, "a positive number or None")
     generator = np.random.default_rng(rng)
     shape = (*_shape(batch), n)
     records = int(np.prod(shape[:-1]))
@@ -165,6 +159,13 @@ def _shape(batch: int | tuple[int, ...]) -> tuple[int, ...]:
     return tuple(integer(size, "batch", 0) for size in sizes)
 
 
-def _require(holds: npt.ArrayLike, name: str, value: object, requirement: str) -> None:
+def _number(value: Any, name: str, low: float = -_LARGEST, high: float = _LARGEST) -> float:
+    """Return `value` as a float between the limits."""
+    number = real(value, name)
+    _require(low <= number <= high, name, value, f"between {low:g} and {high:g}")
+    return number
+
+
+def _require(holds: bool, name: str, value: object, requirement: str) -> None:
     if not holds:
         raise ValueError(f"{name} is {value!r}; it must be {requirement}")
