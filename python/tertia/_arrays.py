@@ -13,12 +13,13 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 NanPolicy: TypeAlias = Literal["raise", "omit"]
 
+_ARRAY = np.ndarray
 _FLOAT64 = np.dtype(np.float64)
 
 
 def samples(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers; a masked measurement is nan."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64:
+    if type(value) is _ARRAY and value.dtype is _FLOAT64:
         return value
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(np.float64), np.nan)
@@ -56,6 +57,8 @@ def integer(value: Any, name: str, minimum: int) -> int:
 
 def real(value: Any, name: str) -> float:
     """Return `value` as a float."""
+    if type(value) is float:
+        return value
     try:
         if not isinstance(value, (str, bytes)):
             return float(value)
