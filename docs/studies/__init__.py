@@ -1,0 +1,1 @@
+"""The simulations behind the pages; `python docs/figures.py` runs them all."""

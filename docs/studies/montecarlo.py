@@ -1,0 +1,138 @@
+"""Scenarios, methods and errors of the studies behind the pages; see `docs/figures.py`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import estimate_bearing, screening
+from tertia.simulate import direction_finder
+
+FloatArray = npt.NDArray[np.float64]
+
+SEED = 2006
+K1 = 2.4
+CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
+SINGLES = {"single_probability": 0.05, "bursts_per_100": 0.0}
+SENSITIVE: dict[str, Any] = {"point_penalty": 2.0, "burst_penalty": 2.5}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a batch of estimates, and the standard deviations that were claimed for them."""
+
+    error: FloatArray
+    sigma: FloatArray | None = None
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square error."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def rmse_error(self) -> float:
+        """Standard error of `rmse`."""
+        return float(np.std(self.error**2) / np.sqrt(self.error.size) / (2 * self.rmse))
+
+    @property
+    def coverage(self) -> float:
+        """Share of errors within two of the claimed standard deviations."""
+        assert self.sigma is not None
+        return float(np.mean(np.abs(self.error) <= 2 * self.sigma))
+
+
+Estimator = Callable[[FloatArray], Errors]
+
+
+def generator(*study: int) -> np.random.Generator:
+    """Return the source of randomness of one part of one study."""
+    return np.random.default_rng([SEED, *study])
+
+
+def records(n: int, count: int, rng: np.random.Generator, **scenario: Any) -> FloatArray:
+    """Return `count` records of `n` errors of measurement: the true bearing is 0, no wrapping."""
+    return direction_finder(n, batch=count, rng=rng, period=None, **scenario).theta
+
+
+def k2(n: int, group_size: int, level: float = 0.05) -> float:
+    """Return k2 of (M5) from the F distribution: L F(level / L; nu, (L-1) nu)."""
+    groups = max(n // group_size, 2)
+    c = screening.critical_value(groups, level, test="cochran", degrees_of_freedom=group_size - 1)
+    return groups * c * (groups - 1) / (1 - c)
+
+
+def library(**options: Any) -> Estimator:
+    """Return `estimate_bearing` with these options."""
+
+    def estimate(theta: FloatArray) -> Errors:
+        result = estimate_bearing(theta, period=None, **options)
+        return Errors(np.asarray(result.value), np.asarray(result.sigma))
+
+    return estimate
+
+
+def paper(group_size: int, k: float = K1, **options: Any) -> Estimator:
+    """Return the algorithm as printed, with k2 from the F distribution."""
+
+    def estimate(theta: FloatArray) -> Errors:
+        factor = k2(theta.shape[-1], group_size)
+        run = library(method="paper", group_size=group_size, k=k, variance_test=factor, **options)
+        return run(theta)
+
+    return estimate
+
+
+def classical(k: float = K1) -> Estimator:
+    """Return the k-sigma rule to the letter, in place, element after element.
+
+    An anomalous value becomes the mean of the two beside it: the left one as it is by then, the
+    right one as it was measured, anomalous or not.
+    """
+
+    def estimate(theta: FloatArray) -> Errors:
+        mean, sd = theta.mean(-1, keepdims=True), theta.std(-1, ddof=1, keepdims=True)
+        flagged = (np.abs(theta - mean) > k * sd).T
+        y, last = theta.T.copy(), theta.shape[-1] - 1
+        for i in range(last + 1):
+            left, right = y[i - 1 if i > 0 else 1], y[i + 1 if i < last else last - 1]
+            y[i] = np.where(flagged[i], (left + right) / 2, y[i])
+        return Errors(y.mean(axis=0))
+
+    return estimate
+
+
+def nearest_kept(theta: FloatArray) -> Errors:
+    """Mean after `screening.k_sigma`, which replaces by the nearest values that are not flagged."""
+    return Errors(np.asarray(screening.k_sigma(theta, K1).mean))
+
+
+def median(theta: FloatArray) -> Errors:
+    """Median."""
+    return Errors(np.median(theta, axis=-1))
+
+
+def hampel(theta: FloatArray) -> Errors:
+    """Mean of what lies within three deviations (1.4826 MAD) of the median."""
+    deviation = np.abs(theta - np.median(theta, axis=-1, keepdims=True))
+    kept = deviation <= 3 * 1.4826 * np.median(deviation, axis=-1, keepdims=True)
+    return Errors(np.mean(theta, axis=-1, where=kept))
+
+
+METHODS: dict[str, Estimator] = {
+    "mean": library(method="mean"),
+    "k-sigma, to the letter": classical(),
+    "k-sigma, nearest kept": nearest_kept,
+    "k-sigma, excluded": library(method="k-sigma", k=K1),
+    "median": median,
+    "Hampel (3 MAD), excluded": hampel,
+    "paper, n_g=5": paper(5),
+    "paper, n_g=10": paper(10),
+    "paper, n_g=5, Cochran": library(method="paper", group_size=5, k=K1),
+    "paper, n_g=10, Cochran": library(method="paper", k=K1),
+    "corrected, n_g=5": library(method="corrected", group_size=5, k=K1),
+    "corrected, n_g=10": library(method="corrected", k=K1),
+    "default": library(),
+}
+WITH_SIGMA = ["mean", "k-sigma, excluded", *(name for name in METHODS if "n_g" in name), "default"]

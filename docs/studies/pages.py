@@ -1,0 +1,38 @@
+"""Tables into the pages, pictures beside them."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+DOCS = Path(__file__).parents[1]
+# Okabe and Ito: distinct for colour-blind readers
+BLUE, GREEN, ORANGE, PURPLE, SKY = "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+GREY = "#888888"
+
+
+def write(page: str, name: str, text: str) -> None:
+    """Put a table between its marks in a page."""
+    path = DOCS / page
+    marks = rf"(<!-- table: {name} -->\n).*?(<!-- end -->)"
+    replaced, found = re.subn(
+        marks, lambda m: f"{m[1]}{text}{m[2]}", path.read_text("utf-8"), flags=re.DOTALL
+    )
+    if found != 1:
+        raise ValueError(f"{page} has {found} places for the table {name}, not 1")
+    path.write_text(replaced, "utf-8")
+
+
+def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Format a table."""
+    head = list(head)
+    lines = [head, ["---"] * len(head), *map(list, rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def save(figure: Figure, name: str) -> None:
+    """Save a picture for the pages."""
+    path = DOCS / "img" / name
+    path.parent.mkdir(exist_ok=True)
+    figure.savefig(path, dpi=110)
