@@ -44,6 +44,8 @@ EXPECTED = {
     "median": (0.802, 0.553, 0.387, 0.272),
     "default": (0.595, 0.386, 0.272, 0.190),
 }
+# the other reading of the same rule, compared with the same numbers but not counted
+READINGS = {"k-sigma, both as measured": "k-sigma, to the letter"}
 
 
 def reproduction() -> str:
@@ -56,14 +58,16 @@ def reproduction() -> str:
         for i, theta in enumerate(data):
             errors = method(theta)
             cell = f"{errors.rmse:.3f} ± {errors.rmse_error:.3f}"
-            if name in EXPECTED:
-                z = (errors.rmse - EXPECTED[name][i]) / (np.sqrt(2) * errors.rmse_error)
-                largest = max(largest, abs(z))
-                cell += f" ({EXPECTED[name][i]:.3f}, {z:+.1f})"
+            expected = EXPECTED.get(READINGS.get(name, name))
+            if expected:
+                z = (errors.rmse - expected[i]) / (np.sqrt(2) * errors.rmse_error)
+                largest = max(largest, abs(z)) if name in EXPECTED else largest
+                cell += f" ({expected[i]:.3f}, {z:+.1f})"
             cells.append(cell)
         rows.append([name, *cells])
     table = markdown(["RMSE, degrees", *(f"N = {n}" for n in SIZES)], rows)
-    return f"{table}\nLargest |z|: {largest:.1f}, of {len(EXPECTED) * len(SIZES)}.\n"
+    counted = f"of {len(EXPECTED) * len(SIZES)} (without 'both as measured')"
+    return f"{table}\nLargest |z|: {largest:.1f}, {counted}.\n"
 
 
 def _covered(errors: Errors) -> str:

@@ -84,19 +84,20 @@ def paper(group_size: int, k: float = K1, **options: Any) -> Estimator:
     return estimate
 
 
-def classical(k: float = K1) -> Estimator:
+def classical(k: float = K1, in_place: bool = True) -> Estimator:
     """Return the k-sigma rule to the letter, in place, element after element.
 
     An anomalous value becomes the mean of the two beside it: the left one as it is by then, the
-    right one as it was measured, anomalous or not.
+    right one as it was measured, anomalous or not. Not in place: both as they were measured.
     """
 
     def estimate(theta: FloatArray) -> Errors:
         mean, sd = theta.mean(-1, keepdims=True), theta.std(-1, ddof=1, keepdims=True)
         flagged = (np.abs(theta - mean) > k * sd).T
         y, last = theta.T.copy(), theta.shape[-1] - 1
+        source = y if in_place else theta.T
         for i in range(last + 1):
-            left, right = y[i - 1 if i > 0 else 1], y[i + 1 if i < last else last - 1]
+            left, right = source[i - 1 if i > 0 else 1], source[i + 1 if i < last else last - 1]
             y[i] = np.where(flagged[i], (left + right) / 2, y[i])
         return Errors(y.mean(axis=0))
 
@@ -123,6 +124,7 @@ def hampel(theta: FloatArray) -> Errors:
 METHODS: dict[str, Estimator] = {
     "mean": library(method="mean"),
     "k-sigma, to the letter": classical(),
+    "k-sigma, both as measured": classical(in_place=False),
     "k-sigma, nearest kept": nearest_kept,
     "k-sigma, excluded": library(method="k-sigma", k=K1),
     "median": median,
