@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from reference import bearing as reference
-from tolerances import PARITY, VECTOR
+from tolerances import PARITY, PARITY_WITH_OFFSET, VECTOR
 
 from tertia import estimate_bearing
 from tertia.screening import critical_value
@@ -27,6 +27,16 @@ GROUPS = np.ravel(
 )
 CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
 RECORDS = [(n, seed) for n in (12, 30, 47, 100, 203) for seed in range(8)]
+
+
+# the last one may reject all groups
+VARIANCE_TESTS = ["cochran", 12.0, None, "student"]
+
+
+def limit(test, size, level=0.05):
+    """The k2 of the reference for a `variance_test`."""
+    words = {"cochran": {"level": level}, "student": reference.student_factor(size, level)}
+    return words.get(test, test)
 
 
 def close(expected, relative=VECTOR):
@@ -84,6 +94,24 @@ class TestVectors:
         assert 1 / (1 / estimate.group_variances).sum() == close(0.0111487886343038)
         assert estimate.group_weights[4] == estimate.group_weights[3]
 
+    def test_intermediate_numbers_of_the_vectors(self):
+        """V3: D before and after correction, F of the noisy group; V7: the start."""
+        d = GROUPS.reshape(6, 4).var(axis=1, ddof=1)
+        assert 1 / (1 / d).sum() == close(0.0167163285407597)
+        assert d[4] / np.delete(d, 4).mean() == close(64.925068119891)
+        c = critical_value(6, 0.05, test="cochran", degrees_of_freedom=3)
+        f = 5 * c / (1 - c)
+        assert f == close(5.68647609236586)
+        assert 6 * f == close(34.1188565541952)
+        untested = estimate_bearing(
+            GROUPS, period=None, method="paper", k=4.0, group_size=4, variance_test=None
+        )
+        assert untested.sigma**2 == close(0.0167163285407597)
+        assert untested.group_means[2] == close(10.01)
+        deviation = np.abs(BURST - np.median(BURST))
+        assert np.median(BURST) == close(10.35)
+        assert 1.4826 * 30 / 29.2 * np.median(deviation) == close(1.066253424658)
+
     def test_students_quantile_rejects_a_clean_group_nearly_always(self):
         theta = record(100, 1, batch=300, **CLEAN)
         counts = {}
@@ -115,12 +143,11 @@ class TestAgreesWithTheFormulas:
         theta = record(n, seed)
         self.check(theta, reference.k_sigma(theta, 2.1), method="k-sigma", k=2.1)
 
-    @pytest.mark.parametrize("k2", [{"level": 0.05}, 12.0])
+    @pytest.mark.parametrize("test", VARIANCE_TESTS, ids=str)
     @pytest.mark.parametrize("size", [4, 10])
-    def test_paper(self, n, seed, size, k2):
+    def test_paper(self, n, seed, size, test):
         theta = record(n, seed)
-        test = "cochran" if isinstance(k2, dict) else k2
-        expected = reference.paper(theta, 2.4, size, k2)
+        expected = reference.paper(theta, 2.4, size, limit(test, size))
         options = {"method": "paper", "k": 2.4, "group_size": size, "variance_test": test}
         estimate = self.check(theta, expected, **options)
         mean, variance, weight = expected[3]
@@ -128,17 +155,91 @@ class TestAgreesWithTheFormulas:
         np.testing.assert_allclose(estimate.group_variances, variance, rtol=PARITY)
         np.testing.assert_allclose(estimate.group_weights, weight, rtol=PARITY)
 
+    @pytest.mark.parametrize("test", VARIANCE_TESTS[:3], ids=str)
     @pytest.mark.parametrize("size", [4, 10])
-    def test_corrected(self, n, seed, size):
+    def test_corrected(self, n, seed, size, test):
         theta = record(n, seed)
-        expected = reference.corrected(theta, 2.4, size, 0.05)
-        self.check(theta, expected, method="corrected", k=2.4, group_size=size)
+        options = {"method": "corrected", "k": 2.4, "group_size": size, "variance_test": test}
+        expected = reference.corrected(theta, 2.4, size, 0.05, limit(test, size))
+        estimate = self.check(theta, expected, **options)
+        np.testing.assert_allclose(estimate.group_weights, expected[3], rtol=PARITY)
 
     @pytest.mark.parametrize("size", [5, 10])
-    def test_robust(self, n, seed, size):
+    @pytest.mark.parametrize("resolution", [0.0, 1.0])
+    def test_robust(self, n, seed, size, resolution):
         theta = record(n, seed)
-        expected = reference.robust(theta, size, lmax=12, correlation=0.2)
-        self.check(theta, expected, group_size=size, max_burst=12, correlation=0.2)
+        if resolution:
+            theta = np.round(theta)
+        options = {"correlation": 0.2, "resolution": resolution}
+        expected = reference.robust(theta, size, lmax=12, **options)
+        estimate = self.check(theta, expected, group_size=size, max_burst=12, **options)
+        np.testing.assert_allclose(estimate.group_weights, expected[3], rtol=PARITY)
+
+    def test_on_the_circle(self, n, seed):
+        """Unwrapped, estimated, wrapped back, and the polarity of what was flagged."""
+        theta = direction_finder(n, bearing=359.5, rng=seed).theta
+        estimators = {
+            "robust": lambda y: reference.robust(y, 5),
+            "corrected": lambda y: reference.corrected(y, 2.5, 5, 0.05),
+            "paper": lambda y: reference.paper(y, 2.5, 5, {"level": 0.05}),
+            "k-sigma": lambda y: reference.k_sigma(y, 2.5),
+            "mean": lambda y: (*reference.mean(y), np.zeros(n, dtype=bool)),
+        }
+        for method, estimator in estimators.items():
+            expected = reference.on_the_circle(estimator, theta, 360.0)
+            estimate = estimate_bearing(theta, method=method, group_size=5)
+            assert turned(estimate.value - expected[0]) == pytest.approx(0, abs=1e-10)
+            assert estimate.sigma == close(expected[1], PARITY)
+            np.testing.assert_array_equal(estimate.outlier, expected[2])
+            assert estimate.polarity == pytest.approx(expected[3], abs=1e-15)
+
+
+HARD = {
+    "fewest": np.array([1.0, 2.0, 4.5, 2.2, 1.1]),
+    "offset": 1e9 + np.round(record(60, 1), 2),
+    "outlier": np.r_[record(60, 2), 1e9],
+    "two outliers": np.r_[1e9, record(60, 3), -7e8],
+    "strided": record(120, 4)[::2],
+    "reversed": record(45, 5)[::-1],
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("method", METHODS)
+def test_hard_samples_agree_with_the_formulas(method, name):
+    y = HARD[name]
+    none = np.zeros(len(y), dtype=bool)
+    value, sigma, outlier = {
+        "robust": lambda: reference.robust(y, 10),
+        "corrected": lambda: reference.corrected(y, 2.5, 10, 0.05),
+        "paper": lambda: reference.paper(y, 2.5, 10, {"level": 0.05}),
+        "k-sigma": lambda: reference.k_sigma(y, 2.5),
+        "mean": lambda: (*reference.mean(y), none),
+    }[method]()[:3]
+    estimate = estimate_bearing(y, period=None, method=method)
+    np.testing.assert_array_equal(estimate.outlier, outlier)
+    tolerance = PARITY_WITH_OFFSET if name == "offset" else PARITY
+    assert estimate.value == close(value, PARITY)
+    assert estimate.sigma == close(sigma, tolerance)
+
+
+def with_a_group_of_one():
+    """Six groups of four: of the first one value is left, the last one is noisy."""
+    y = np.random.default_rng(3).normal(size=24)
+    y[20:23] = [-6.0, 6.0, -5.0]
+    y[:3] = [300.0, 305.0, 295.0]
+    return y
+
+
+@pytest.mark.parametrize("test", VARIANCE_TESTS, ids=str)
+def test_a_group_of_one_value_does_not_stop_the_test_of_the_others(test):
+    y = with_a_group_of_one()
+    expected = reference.corrected(y, 3.0, 4, 0.05, limit(test, 4))
+    estimate = estimate_bearing(
+        y, period=None, method="corrected", k=3.0, group_size=4, variance_test=test
+    )
+    np.testing.assert_array_equal(estimate.outlier, expected[2])
+    assert (estimate.value, estimate.sigma) == close(expected[:2], PARITY)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -154,6 +255,23 @@ class TestEveryMethod:
         np.testing.assert_allclose(errors[0.0], errors[180.0], atol=1e-9)
         np.testing.assert_allclose(errors[90.0], errors[180.0], atol=1e-9)
         assert np.sqrt(np.mean(errors[0.0] ** 2)) < 1.1
+
+    @pytest.mark.parametrize("turn", [1.0, 33.3, 201.7, 359.0])
+    def test_turning_the_measurements_turns_the_bearing(self, method, turn):
+        theta = direction_finder(100, bearing=20.0, batch=50, rng=12).theta
+        plain = estimate_bearing(theta, method=method)
+        found = estimate_bearing((theta + turn) % 360, method=method)
+        np.testing.assert_allclose(turned(found.value - plain.value - turn), 0, atol=1e-9)
+        np.testing.assert_allclose(found.sigma, plain.sigma, rtol=1e-9)
+        np.testing.assert_array_equal(found.outlier, plain.outlier)
+
+    def test_mirroring_the_measurements_mirrors_the_bearing(self, method):
+        theta = record(100, 13, batch=50)
+        plain, mirrored = (estimate_bearing(t, period=None, method=method) for t in (theta, -theta))
+        np.testing.assert_allclose(mirrored.value, -plain.value, rtol=1e-12)
+        np.testing.assert_allclose(mirrored.sigma, plain.sigma, rtol=1e-10)
+        np.testing.assert_array_equal(mirrored.outlier, plain.outlier)
+        np.testing.assert_allclose(mirrored.polarity, -plain.polarity, atol=1e-15)
 
     def test_the_unit_does_not_matter(self, method):
         theta = direction_finder(100, bearing=359.0, rng=4).theta
@@ -242,6 +360,52 @@ class TestEveryMethod:
             estimate_bearing([10.0] * (fewest - 1), method=method)
 
 
+def quantised(n, seed, sigma, true, trials=4000):
+    """Clean records, rounded to whole numbers."""
+    return np.round(np.random.default_rng(seed).normal(true, sigma, (trials, n)))
+
+
+class TestRoundedReadings:
+    """Readings of a resolution that is coarse beside the noise, and nothing wrong with them."""
+
+    @pytest.mark.parametrize("resolution", [0.0, 1.0])
+    @pytest.mark.parametrize("true", [10.2, 10.5])
+    @pytest.mark.parametrize("sigma", [0.3, 0.4, 0.5, 0.7, 1.0])
+    def test_the_error_bar_holds(self, sigma, true, resolution):
+        theta = quantised(100, 1, sigma, true)
+        estimate = estimate_bearing(theta, period=None, resolution=resolution)
+        # what the rounding itself does to the mean of infinitely many readings
+        expected = quantised(100, 2, sigma, true, 20_000).mean()
+        covered = np.mean(np.abs(estimate.value - expected) < 2 * estimate.sigma)
+        assert covered > 0.93
+        assert np.all(estimate.sigma > 0)
+        plain = estimate_bearing(theta, period=None, method="mean")
+        rmse = [np.sqrt(np.mean((e.value - expected) ** 2)) for e in (estimate, plain)]
+        assert rmse[0] < 1.25 * rmse[1]
+
+    @pytest.mark.parametrize("n", [30, 100])
+    @pytest.mark.parametrize("seed", range(6))
+    @pytest.mark.parametrize("resolution", [0.0, 1.0])
+    def test_agrees_with_the_formulas(self, n, seed, resolution):
+        theta = np.round(record(n, seed, sigma=0.4, amplitude=(10, 20)))
+        expected = reference.robust(theta, 10, resolution=resolution)
+        estimate = estimate_bearing(theta, period=None, resolution=resolution)
+        np.testing.assert_array_equal(estimate.outlier, expected[2])
+        assert (estimate.value, estimate.sigma) == close(expected[:2], PARITY)
+
+    def test_constant_blocks_that_differ(self):
+        estimate = estimate_bearing([10.0] * 50 + [11.0] * 50)
+        assert estimate.value == close(10.5)
+        # 10 blocks: s² = 25/99, Q/(L - 1) = (100/s²/4)/9
+        s2 = 25 / 99
+        assert estimate.sigma == close(np.sqrt(s2 / 100 * (25 / s2 / 9)))
+
+    def test_one_different_reading_tells_the_step(self):
+        estimate = estimate_bearing([10.0] * 99 + [11.0])
+        assert (estimate.value, estimate.sigma) == close((10.0, 1 / np.sqrt(12)))
+        assert estimate.outlier.sum() == 1
+
+
 class TestErrorBars:
     """Share of 20 000 records whose error is below 2 sigma; its own standard error is .0016."""
 
@@ -263,9 +427,11 @@ class TestErrorBars:
     def test_robust_long(self, n, anomalies):
         assert 0.94 < self.coverage(n, anomalies=anomalies) < 0.965
 
-    @pytest.mark.parametrize(("n", "least"), [(10, 0.86), (20, 0.9), (30, 0.91), (50, 0.925)])
+    @pytest.mark.parametrize(
+        ("n", "least"), [(5, 0.875), (10, 0.855), (20, 0.905), (30, 0.91), (50, 0.925)]
+    )
     def test_robust_short(self, n, least):
-        """Shorter records cover less: the documentation says how much."""
+        """Shorter records cover less. Measured with 40 000: .886, .865, .913, .917, .934."""
         assert self.coverage(n, anomalies=CLEAN) > least
 
     @pytest.mark.parametrize(
@@ -301,6 +467,12 @@ class TestErrorBars:
         )
         error = np.sqrt(2 * expected * (1 - expected) / self.trials)
         assert found == pytest.approx(expected, abs=4 * error)
+
+    @pytest.mark.parametrize(("anomalies", "expected"), [(CLEAN, 0.933), ({}, 0.818)])
+    def test_k_sigma_does_not_hold_with_bursts(self, anomalies, expected):
+        """What the documentation says of it: screening by deviation leaves bursts in."""
+        found = self.coverage(anomalies=anomalies, method="k-sigma")
+        assert found == pytest.approx(expected, abs=4 * 0.0027)
 
     def test_correlated_noise_widens_sigma(self):
         rho, trials = 0.5, 5000

@@ -90,6 +90,30 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
     assert run(code).strip() == "7"
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        "screening.leave_one_out(np.empty((10**9, 0)))",
+        "screening.grubbs(np.empty((10**9, 0)))",
+        "screening.leave_one_out_statistics(np.broadcast_to(1.0, (10**6, 10**6)))",
+        "screening.unwrap(np.broadcast_to(1.0, (10**12,)))",
+        "estimate_bearing(np.broadcast_to(1.0, (3, 10**11)))",
+    ],
+)
+def test_too_large_is_an_error_and_not_an_abort(call):
+    code = f"""
+import resource
+resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, 4 * 2**30))
+import numpy as np
+from tertia import estimate_bearing, screening
+try:
+    {call}
+except (MemoryError, ValueError) as error:
+    print("refused", error)
+"""
+    assert run(code).startswith("refused")
+
+
 def test_the_lock_of_the_interpreter_is_released():
     """Another thread goes on while a kernel runs."""
     code = """

@@ -189,6 +189,17 @@ class TestMask:
         assert result.threshold / y.std(ddof=1) == close(c)
 
 
+class TestEnormousThresholds:
+    @pytest.mark.parametrize("k", [1e10, 1e153, 1e154, 1e300, 1.7e308])
+    def test_nothing_is_flagged(self, k):
+        y = [1.0, 2.0, 3.0, 4.0]
+        assert not screening.leave_one_out_mask(y, k).any()
+        result = screening.leave_one_out(y, k)
+        assert not result.outlier.any()
+        # c(k, N) tends to (N - 1)/sqrt(N)
+        assert result.threshold == close(3 / 2 * np.std(y, ddof=1))
+
+
 class TestKSigma:
     @pytest.mark.parametrize("replace", REPLACEMENTS)
     @pytest.mark.parametrize("k", [1.2, 2.1, 3.0])
@@ -247,6 +258,16 @@ class TestSingleValues:
         assert screening.grubbs(y).index == 40
         assert 0 < screening.grubbs(y).p_value < 1e-100
 
+    def test_many_values_against_one_sample(self):
+        """The others are averaged once, not once per value."""
+        x, y = rng(8).normal(size=300_000), rng(9).normal(size=10_000)
+        test = screening.unknown_sigma(x, y)
+        assert test.p_value[7] == screening.unknown_sigma(x[7], y).p_value
+        assert test.p_value.shape == x.shape
+
+    def test_enormous_variances(self):
+        assert screening.cochran([1e308] * 5, 3).statistic == close(0.2)
+
     def test_cochran_vector_and_formula(self):
         rows = """
             10.3 9.6 10.5 9.8    10.4 10.1 9.5 10.2    13.9 14.3 14.1 13.6
@@ -297,6 +318,23 @@ class TestLevels:
         c = screening.critical_value(6, 0.05, **options)
         assert c == close(reference.critical_value(6, 0.05, "cochran", nu), DISTRIBUTION)
         assert screening.false_alarm_probability(c, 6, **options) == close(0.05, DISTRIBUTION)
+
+    @pytest.mark.parametrize(
+        ("test", "n", "expected"),
+        [
+            # Cauchy: P(|t| > x) = 2/(pi x) there
+            ("unknown-sigma", 2, 2 / np.pi * 1e200 * np.sqrt(1.5)),
+            ("leave-one-out", 3, 2 / np.pi * 1e200 * np.sqrt(1.5)),
+            # the largest value that tau can have
+            ("thompson-tau", 3, 2 / np.sqrt(3)),
+            ("grubbs", 3, 2 / np.sqrt(3)),
+        ],
+    )
+    def test_far_tails(self, test, n, expected):
+        k = screening.critical_value(n, 1e-200, test=test)
+        assert k == close(expected)
+        if test == "unknown-sigma":
+            assert screening.false_alarm_probability(k, n, test=test) == close(1e-200)
 
     def test_printed_false_alarm_probabilities(self):
         assert screening.false_alarm_probability(2.5, 10) == close(0.0451259354468073)
@@ -584,12 +622,17 @@ def test_masked_measurements_are_missing():
         (lambda: screening.bursts(SAMPLE, resolution=-1), ValueError, "resolution is -1"),
         (lambda: screening.bursts(SAMPLE, point_penalty=0), ValueError, "point_penalty is 0"),
         (lambda: screening.known_sigma(1, SAMPLE, 0), ValueError, "sigma is 0"),
-        (lambda: screening.known_sigma(np.nan, SAMPLE, 1), ValueError, r"x\[0\] is nan"),
+        (lambda: screening.known_sigma(np.nan, SAMPLE, 1), ValueError, "x is nan; it must be a"),
+        (lambda: screening.known_sigma([1, np.nan], SAMPLE, 1), ValueError, r"x\[1\] is nan"),
+        (lambda: screening.leave_one_out({1: 2}), TypeError, r"y is \{1: 2\}"),
+        (lambda: screening.k_sigma(SAMPLE, nan_policy=["omit"]), ValueError, "nan_policy is"),
+        (lambda: screening.unwrap([1, 2], 1e308), ValueError, r"period is 1e\+?308"),
         (lambda: screening.known_sigma([1, 2], [SAMPLE] * 3, 1), ValueError, "do not broadcast"),
         (lambda: screening.grubbs(SAMPLE, 0), ValueError, "level is 0"),
         (lambda: screening.grubbs(SAMPLE, 1e-300), ValueError, "level is 1e-300"),
+        (lambda: screening.grubbs(np.empty((0, 2))), ValueError, "y has 2 measurements"),
         (lambda: screening.cochran([1, -2], 3), ValueError, r"variances\[1\] is -2"),
-        (lambda: screening.cochran([0, 0], 3), ValueError, "positive somewhere"),
+        (lambda: screening.cochran([0, 0], 3), ValueError, "largest of variances is 0; it must be"),
         (lambda: screening.cochran([1, 2], 0.5), ValueError, "degrees_of_freedom is 0.5"),
         (lambda: screening.critical_value(2, 0.05), ValueError, "n is 2; it must be at least 3"),
         (lambda: screening.critical_value(-5, 0.05), ValueError, "n is -5"),

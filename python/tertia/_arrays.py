@@ -40,8 +40,21 @@ def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
     """Fail with the first object that is neither a real number nor None."""
     for index, item in np.ndenumerate(array):
         if item is not None:
-            place = ", ".join(map(str, index))
-            real(item, f"{name}[{place}]")
+            real(item, _place(name, index))
+
+
+def finite(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return `value` as float64 numbers, all of them finite."""
+    array = samples(value, name)
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        place = _place(name, tuple(bad[0]))
+        raise ValueError(f"{place} is {array[tuple(bad[0])]}; it must be a finite number")
+    return array
+
+
+def _place(name: str, index: tuple[int, ...]) -> str:
+    return f"{name}[{', '.join(map(str, index))}]" if index else name
 
 
 def integer(value: Any, name: str, minimum: int) -> int:
@@ -74,7 +87,7 @@ def threads(n_threads: int | None) -> int | None:
 
 def omits(nan_policy: NanPolicy) -> bool:
     """Return whether nan means 'no measurement'."""
-    if nan_policy not in {"raise", "omit"}:
+    if nan_policy not in ("raise", "omit"):  # a list is not hashable
         raise ValueError(f"nan_policy is {nan_policy!r}; it must be 'raise' or 'omit'")
     return nan_policy == "omit"
 

@@ -9,6 +9,7 @@ Fisch, Eckley, Fearnhead 2022 for points and bursts.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -21,6 +22,7 @@ from tertia._arrays import (
     FloatArray,
     IntArray,
     NanPolicy,
+    finite,
     integer,
     omits,
     real,
@@ -453,11 +455,10 @@ def known_sigma(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> Out
     >>> round(test.statistic, 4), round(test.p_value, 4)
     (2.3552, 0.0185)
     """
-    x, y, sigma = samples(x, "x"), samples(y, "y"), samples(sigma, "sigma")
+    x, y, sigma = finite(x, "x"), samples(y, "y"), finite(sigma, "sigma")
     batch = _batch({"x": x.shape, "y": y.shape[:-1], "sigma": sigma.shape})
-    return _outlier_test(
-        _core.known_sigma(_flat(x, batch), _over(y, batch), _flat(sigma, batch)), batch
-    )
+    result = _core.known_sigma(_flat(x, batch), _rows(y, batch), y, _flat(sigma, batch))
+    return _outlier_test(result, batch)
 
 
 def unknown_sigma(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
@@ -491,9 +492,9 @@ def unknown_sigma(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     >>> round(unknown_sigma(10.8, [10.1, 9.8, 10.3, 10.0, 9.9]).p_value, 4)
     0.0208
     """
-    x, y = samples(x, "x"), samples(y, "y")
+    x, y = finite(x, "x"), samples(y, "y")
     batch = _batch({"x": x.shape, "y": y.shape[:-1]})
-    return _outlier_test(_core.unknown_sigma(_flat(x, batch), _over(y, batch)), batch)
+    return _outlier_test(_core.unknown_sigma(_flat(x, batch), _rows(y, batch), y), batch)
 
 
 def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
@@ -786,8 +787,11 @@ def _flat(array: FloatArray, batch: tuple[int, ...]) -> FloatArray:
     return np.broadcast_to(array, batch).ravel()
 
 
-def _over(y: FloatArray, batch: tuple[int, ...]) -> FloatArray:
-    return y if y.ndim == 0 else np.broadcast_to(y, (*batch, y.shape[-1]))
+def _rows(y: FloatArray, batch: tuple[int, ...]) -> IntArray:
+    """Which row of y each test of the batch is against."""
+    own = y.shape[:-1]
+    rows = np.arange(math.prod(own), dtype=np.int64).reshape(own)
+    return np.broadcast_to(rows, batch).ravel()
 
 
 def _optional(degrees_of_freedom: float | None) -> float | None:

@@ -22,8 +22,22 @@ def k_sigma(y, k):
     return value, sigma, outlier
 
 
+def extreme_variances(d, nu, k2):
+    """3.2 (M5): k2 a number, None for no test, or {"level": level} of the exact test."""
+    if k2 is None:
+        return np.zeros(len(d), dtype=bool)
+    if isinstance(k2, dict):
+        return variances_above_f(d, nu, k2["level"])
+    return d > k2 / (1 / d).sum()
+
+
+def student_factor(size, level):
+    """The k2 'from Student's distribution' of the paper."""
+    return stats.t.isf(level / 2, size - 1)
+
+
 def paper(y, k, size, k2):
-    """Stages 1 to 3.2, (M5) to (M7), D recomputed; k2 a number or the level of Cochran's test."""
+    """Stages 1 to 3.2, (M5) to (M7), D recomputed."""
     outlier, y = screening.leave_one_out(y, k)
     groups = groups_of(len(y), size)
     m = np.array([y[g].mean() for g in groups])
@@ -31,10 +45,7 @@ def paper(y, k, size, k2):
     bad = np.zeros(len(m), dtype=bool)
     if len(m) >= 3:
         bad, m = screening.leave_one_out(m, k)
-    if isinstance(k2, dict):
-        extreme = variances_above_f(d, [g.stop - g.start - 1 for g in groups], k2["level"])
-    else:
-        extreme = d > k2 / (1 / d).sum()
+    extreme = extreme_variances(d, [g.stop - g.start - 1 for g in groups], k2)
     donor = np.argmin(d)
     m[extreme], d[extreme] = m[donor], d[donor]
     total = 1 / (1 / d).sum()
@@ -53,8 +64,9 @@ def variances_above_f(d, nu, level):
     return np.array(p) * len(d) < level
 
 
-def corrected(y, k, size, level):
-    """Exclusion, Grubbs on the means, F on the variances, sigma^2 = s^2 sum p^2/r."""
+def corrected(y, k, size, level, k2="level"):
+    """Exclusion, Grubbs on the means, F (or k2) on the variances, sigma^2 = s^2 sum p^2/r."""
+    k2 = {"level": level} if k2 == "level" else k2
     outlier, y = screening.leave_one_out(y, k, replace=False)
     groups = groups_of(len(y), size)
     kept = [y[g][~np.isnan(y[g])] for g in groups]
@@ -65,7 +77,7 @@ def corrected(y, k, size, level):
         _, p = screening.thompson_tau(means)
         used = used[p * len(means) >= level]
     d = np.array([kept[j].var(ddof=1) for j in used])
-    used_after = used[~variances_above_f(d, r[used] - 1, level)]
+    used_after = used[~extreme_variances(d, r[used] - 1, k2)]
     m = np.array([kept[j].mean() for j in used_after])
     d = np.array([kept[j].var(ddof=1) for j in used_after])
     r_used = r[used_after]
@@ -73,29 +85,46 @@ def corrected(y, k, size, level):
     pooled = ((r_used - 1) * d).sum() / (r_used - 1).sum()
     for j in set(range(len(groups))) - set(used_after):
         outlier[groups[j]] = True
-    return (p * m).sum(), np.sqrt(pooled * (p**2 / r_used).sum()), outlier
+    weight = np.zeros(len(groups))
+    weight[used_after] = p
+    return (p * m).sum(), np.sqrt(pooled * (p**2 / r_used).sum()), outlier, weight
 
 
 def robust(y, size, **options):
     outlier, _, _ = screening.bursts(y, **options)
-    blocks = [y[g][~outlier[g]] for g in groups_of(len(y), size)]
-    blocks = [v for v in blocks if len(v)]
+    kept = y[~outlier]
+    step = options.get("resolution", 0.0)
+    if np.median(np.abs(y - np.median(y))) == 0:
+        step = screening.step_of_ties(y, np.median(y), step)
+    if np.ptp(kept) == 0:
+        count = np.array([np.count_nonzero(~outlier[g]) for g in groups_of(len(y), size)])
+        return kept[0], step / np.sqrt(12), outlier, count / count.sum()
+    every = [y[g][~outlier[g]] for g in groups_of(len(y), size)]
+    blocks = [v for v in every if len(v)]
     r = np.array([len(v) for v in blocks])
     m = np.array([v.mean() for v in blocks])
     d = np.array([v.var(ddof=1) if len(v) > 1 else np.nan for v in blocks])
-    w = r / moderated(d, r - 1)
+    floor = step**2 / 12
+    overall = max(kept.var(ddof=1), floor)
+    coarse = step**2 > kept.var(ddof=1)
+    w = r / (overall if coarse else np.maximum(moderated(d, r - 1, overall), floor))
     value = (w * m).sum() / w.sum()
     q = (w * (m - value) ** 2).sum()
     ratio = q / (len(blocks) - 1) if len(blocks) > 1 else 0.0
     rho = options.get("correlation", 0.0)
     sigma = max(1.0, np.sqrt(ratio)) / np.sqrt(w.sum()) * np.sqrt((1 + rho) / (1 - rho))
-    return value, sigma, outlier
+    weight = np.zeros(len(every))
+    weight[[len(v) > 0 for v in every]] = w / w.sum()
+    return value, sigma, outlier, weight
 
 
-def moderated(d, nu):
-    """Variances shrunk towards their common value."""
-    known = nu > 0
-    pooled = (nu[known] * d[known]).sum() / nu[known].sum()
+def moderated(d, nu, overall):
+    """Variances shrunk towards their common value; `overall` if each block is constant."""
+    measured = nu > 0
+    pooled = (nu[measured] * d[measured]).sum() / nu[measured].sum()
+    known = measured & (d > 0)  # equal readings have no logarithm
+    if not known.any():
+        return np.full(len(d), overall)
     if np.count_nonzero(known) < 2:
         return np.full(len(d), pooled)
     half = nu[known] / 2
@@ -109,4 +138,13 @@ def moderated(d, nu):
     half0 = np.exp(ln_half)
     s02 = np.exp(e.mean() + special.digamma(half0) - np.log(half0))
     nu0 = 2 * half0
-    return np.where(known, (nu0 * s02 + nu * np.where(known, d, 0)) / (nu0 + nu), s02)
+    d = np.where(measured, d, 0.0)
+    return np.where(measured, (nu0 * s02 + nu * d) / (nu0 + nu), s02)
+
+
+def on_the_circle(estimate, theta, period):
+    """An estimator of plain numbers applied to angles: value in [0, period), polarity."""
+    u = screening.unwrap(theta, period)
+    value, sigma, outlier = estimate(u)[:3]
+    polarity = (np.sign(u - value) * outlier).mean()
+    return value % period, sigma, outlier, polarity

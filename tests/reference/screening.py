@@ -116,9 +116,10 @@ def bursts(y, bp=2.5, bc=3.0, lmin=2, lmax=20, correlation=0.0, resolution=0.0):
     n = len(y)
     c = np.median(y)
     deviation = np.abs(y - c)
-    s = 1.4826 * n / (n - 0.8) * np.median(deviation)
-    if s == 0:
-        s = resolution / np.sqrt(12) if resolution else deviation.mean()
+    s = np.hypot(1.4826 * n / (n - 0.8) * np.median(deviation), resolution / np.sqrt(12))
+    step = resolution
+    if np.median(deviation) == 0:
+        c, s, step = _start_of_ties(y, c, resolution)
     outlier = np.zeros(n, dtype=bool)
     for _ in range(3):
         if s == 0:
@@ -128,10 +129,28 @@ def bursts(y, bp=2.5, bc=3.0, lmin=2, lmax=20, correlation=0.0, resolution=0.0):
             outlier[:] = False
         kept = y[~outlier]
         previous, c = c, kept.mean()
-        s = max(kept.std(ddof=1), resolution / np.sqrt(12))
+        s = np.hypot(kept.std(ddof=1), step / np.sqrt(12))
         if c == previous:
             break
     return outlier, c, s
+
+
+def _start_of_ties(y, c, resolution):
+    """More than half of the values are equal: those one step off are as good."""
+    deviation = np.abs(y - c)
+    step = step_of_ties(y, c, resolution)
+    rounding = step / np.sqrt(12)
+    floor = 0.0 if resolution else deviation.mean()
+    near = y[deviation <= 1.5 * step]
+    if np.count_nonzero(near != c) < 2:
+        return c, max(rounding, floor), step
+    return near.mean(), max(np.hypot(near.std(ddof=1), rounding), floor), step
+
+
+def step_of_ties(y, c, resolution):
+    """The resolution, or the distance of the nearest reading that differs, or zero."""
+    off = np.abs(y - c)[y != c]
+    return resolution or off.min(initial=np.inf) if off.size else resolution
 
 
 def _points_and_segments(x, bp, bc, lmin, lmax, correlation):

@@ -4,10 +4,9 @@ use numpy::{
     Element, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::borrow::Cow;
-use std::num::NonZero;
 use tertia::batch::RowError;
 use tertia::missing::Present;
 
@@ -37,14 +36,18 @@ impl<'py> Samples<'py> {
         Ok(Self { array: array.readonly(), name })
     }
 
-    pub fn rows(&self) -> Rows<'_> {
+    pub fn rows(&self) -> PyResult<Rows<'_>> {
         // not the array's own `as_slice`, which also gives memory that lies column by column
         let view = self.array.as_array();
         let values = match view.to_slice() {
             Some(slice) => Cow::Borrowed(slice),
-            None => Cow::Owned(view.iter().copied().collect()),
+            None => {
+                let mut values = room_for(view.len())?;
+                values.extend(view.iter().copied());
+                Cow::Owned(values)
+            }
         };
-        Rows { shape: self.array.shape(), values, name: self.name }
+        Ok(Rows { shape: self.array.shape(), values, name: self.name })
     }
 }
 
@@ -100,6 +103,21 @@ pub fn value_error(error: tertia::Error) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
+/// An empty vector with room for so many values, or a `MemoryError`.
+pub fn room_for<T>(count: usize) -> PyResult<Vec<T>> {
+    let mut room = Vec::new();
+    room.try_reserve_exact(count)
+        .map_err(|_| PyMemoryError::new_err(format!("no memory for {count} numbers")))?;
+    Ok(room)
+}
+
+/// So many equal values, or a `MemoryError`.
+pub fn repeated<T: Clone>(value: T, count: usize) -> PyResult<Vec<T>> {
+    let mut values = room_for(count)?;
+    values.resize(count, value);
+    Ok(values)
+}
+
 /// A fresh array of this shape around `values`.
 pub fn array<'py, T: Element>(
     py: Python<'py>,
@@ -114,8 +132,10 @@ pub fn array<'py, T: Element>(
 pub struct Output<'py, T: Element>(PyReadwriteArrayDyn<'py, T>);
 
 impl<'py, T: Element> Output<'py, T> {
-    pub fn new(py: Python<'py>, shape: &[usize]) -> Self {
-        Self(PyArrayDyn::zeros(py, shape, false).readwrite())
+    pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        // rust-numpy panics where NumPy has no memory
+        room_for::<T>(shape.iter().product())?;
+        Ok(Self(PyArrayDyn::zeros(py, shape, false).readwrite()))
     }
 
     /// The numbers, row after row.
@@ -125,18 +145,6 @@ impl<'py, T: Element> Output<'py, T> {
 
     pub fn into_array(self) -> Bound<'py, PyArrayDyn<T>> {
         (**self.0).clone()
-    }
-}
-
-/// `n_threads` of the Python layer.
-pub fn threads(n_threads: Option<isize>) -> PyResult<Option<NonZero<usize>>> {
-    match n_threads.map(usize::try_from) {
-        None => Ok(None),
-        Some(Ok(n)) if n > 0 => Ok(NonZero::new(n)),
-        Some(_) => Err(PyValueError::new_err(format!(
-            "n_threads is {}; it must be a positive number or None",
-            n_threads.unwrap_or_default()
-        ))),
     }
 }
 

@@ -1,9 +1,10 @@
 //! Bindings of `tertia::bearing`.
 
-use crate::arrays::{Gaps, Output, Samples, array, chunks, threads, value_error};
+use crate::arrays::{Gaps, Output, Samples, array, chunks, repeated, value_error};
 use crate::screening::unknown;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::bearing::{
     Estimate, Estimator, GroupOutput, GroupRule, Method, RobustRule, VarianceTest, Workspace,
@@ -26,7 +27,7 @@ pub struct Options {
     period: Option<f64>,
     group_size: usize,
     k: f64,
-    variance_test: VarianceTestArgument,
+    variance_test: Option<VarianceTestArgument>,
     level: f64,
     point_penalty: f64,
     burst_penalty: f64,
@@ -40,32 +41,23 @@ pub struct Options {
 pub enum VarianceTestArgument {
     Name(String),
     Factor(f64),
-    Off(Option<bool>),
 }
 
 impl Options {
     fn estimator(self) -> PyResult<Estimator> {
         let variance_test = match &self.variance_test {
-            VarianceTestArgument::Name(name) if name == "cochran" => {
+            Some(VarianceTestArgument::Name(name)) if name == "cochran" => {
                 VarianceTest::Cochran(self.level)
             }
-            VarianceTestArgument::Name(name) if name == "student" => {
+            Some(VarianceTestArgument::Name(name)) if name == "student" => {
                 VarianceTest::Student(self.level)
             }
-            VarianceTestArgument::Factor(k2) => VarianceTest::Factor(*k2),
-            VarianceTestArgument::Off(None) => VarianceTest::Off,
-            VarianceTestArgument::Name(other) => {
+            Some(VarianceTestArgument::Factor(k2)) => VarianceTest::Factor(*k2),
+            None => VarianceTest::Off,
+            Some(VarianceTestArgument::Name(other)) => {
                 return Err(unknown(
                     "variance_test",
                     other,
-                    "'cochran', 'student', a number or None",
-                ));
-            }
-            VarianceTestArgument::Off(Some(other)) => {
-                let text = other.to_string();
-                return Err(unknown(
-                    "variance_test",
-                    &text,
                     "'cochran', 'student', a number or None",
                 ));
             }
@@ -104,16 +96,18 @@ pub fn estimate_bearing<'py>(
     theta: &Bound<'py, PyAny>,
     options: Options,
     omit: bool,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Estimated<'py>> {
     let samples = Samples::extract(theta, "theta")?;
-    let (rows, n_threads, estimator) = (samples.rows(), threads(n_threads)?, options.estimator()?);
+    let (rows, estimator) = (samples.rows()?, options.estimator()?);
     let (n, count) = (rows.len(), rows.count());
     let groups = estimator.groups(n);
-    let mut outlier = Output::new(py, rows.shape);
+    let mut outlier = Output::new(py, rows.shape)?;
     let outliers = outlier.values()?;
-    let mut estimates = vec![Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 }; count];
-    let [mut mean, mut variance, mut weight] = [(); 3].map(|()| vec![0.0; groups * count]);
+    let mut estimates = repeated(Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 }, count)?;
+    let mut mean = repeated(0.0, groups * count)?;
+    let mut variance = repeated(0.0, groups * count)?;
+    let mut weight = repeated(0.0, groups * count)?;
     let cost = ESTIMATE_NS * (n * count) as f64;
     py.detach(|| {
         let columns = chunks(&mut mean, groups, count)

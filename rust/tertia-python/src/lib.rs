@@ -14,8 +14,8 @@ mod core_module {
     #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,
-        leave_one_out, leave_one_out_mask, leave_one_out_statistics, thompson_tau,
-        threshold_coefficient, unknown_sigma, unwrap,
+        leave_one_out, leave_one_out_mask, leave_one_out_statistics, thompson_tau, unknown_sigma,
+        unwrap,
     };
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");

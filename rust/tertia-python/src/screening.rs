@@ -1,10 +1,11 @@
 //! Bindings of `tertia::screening`.
 
-use crate::arrays::{Gaps, Output, Samples, array, chunks, threads, value_error};
-use numpy::{PyArray1, PyArrayDyn};
+use crate::arrays::{Gaps, Output, Samples, array, chunks, repeated, value_error};
+use numpy::{PyArrayDyn, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::num::NonZero;
+use tertia::Moments;
 use tertia::batch::for_each_row;
 use tertia::screening::{
     self, BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
@@ -17,6 +18,8 @@ const STREAM_NS: f64 = 1.0;
 const SCREEN_NS: f64 = 3.0;
 /// Cost of the burst detection, likewise.
 const BURST_NS: f64 = 60.0;
+/// Cost of an incomplete beta function, likewise.
+const TAIL_NS: f64 = 500.0;
 /// Cost of a sine, a cosine and a median, likewise.
 const ANGLE_NS: f64 = 40.0;
 
@@ -29,13 +32,13 @@ type Screened<'py> = (Mask<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>)
 pub fn leave_one_out_statistics<'py>(
     py: Python<'py>,
     y: &Bound<'py, PyAny>,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let samples = Samples::extract(y, "y")?;
-    let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
+    let rows = samples.rows()?;
     let (n, count) = (rows.len(), rows.count());
-    let mut mean = Output::new(py, rows.shape);
-    let mut variance = Output::new(py, rows.shape);
+    let mut mean = Output::new(py, rows.shape)?;
+    let mut variance = Output::new(py, rows.shape)?;
     let (means, variances) = (mean.values()?, variance.values()?);
     let cost = STREAM_NS * (n * count) as f64;
     py.detach(|| {
@@ -55,12 +58,12 @@ pub fn leave_one_out_mask<'py>(
     py: Python<'py>,
     y: &Bound<'py, PyAny>,
     k: f64,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Mask<'py>> {
     let samples = Samples::extract(y, "y")?;
-    let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
+    let rows = samples.rows()?;
     let (n, count) = (rows.len(), rows.count());
-    let mut outlier = Output::new(py, rows.shape);
+    let mut outlier = Output::new(py, rows.shape)?;
     let flags = outlier.values()?;
     let cost = STREAM_NS * (n * count) as f64;
     py.detach(|| {
@@ -70,12 +73,6 @@ pub fn leave_one_out_mask<'py>(
     })
     .map_err(|failure| rows.error(failure))?;
     Ok(outlier.into_array())
-}
-
-/// The factor c(k, N) of the rule with frozen statistics.
-#[pyfunction]
-pub fn threshold_coefficient(k: f64, n: usize) -> f64 {
-    screening::threshold_coefficient(k, n as f64)
 }
 
 /// Screening by the leave-one-out rule.
@@ -90,7 +87,7 @@ pub fn leave_one_out<'py>(
     replace: bool,
     passes: usize,
     omit: bool,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Screened<'py>> {
     let statistics = match statistics {
         "sequential" => Statistics::Sequential,
@@ -107,7 +104,7 @@ pub fn leave_one_out<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
     };
-    screen(py, y, SCREEN_NS, omit, threads(n_threads)?, Vec::new, kernel)
+    screen(py, y, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
 /// Screening by the k-sigma rule.
@@ -118,7 +115,7 @@ pub fn k_sigma<'py>(
     k: f64,
     replace: Option<&str>,
     omit: bool,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Screened<'py>> {
     let replacement = match replace {
         Some("neighbours") => Replacement::Neighbours,
@@ -130,7 +127,7 @@ pub fn k_sigma<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
     };
-    screen(py, y, SCREEN_NS, omit, threads(n_threads)?, Vec::new, kernel)
+    screen(py, y, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
 /// Detection of points and bursts.
@@ -146,7 +143,7 @@ pub fn bursts<'py>(
     correlation: f64,
     resolution: f64,
     omit: bool,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Screened<'py>> {
     let lengths = (min_burst, max_burst);
     let rule = BurstRule::try_new(point_penalty, burst_penalty, lengths, correlation, resolution);
@@ -154,7 +151,7 @@ pub fn bursts<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
         rule.screen(y, outlier, cleaned, work)
     };
-    screen(py, y, BURST_NS, omit, threads(n_threads)?, BurstWorkspace::default, kernel)
+    screen(py, y, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
 }
 
 /// Runs a screening kernel over all rows.
@@ -168,12 +165,12 @@ fn screen<'py, S>(
     kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync,
 ) -> PyResult<Screened<'py>> {
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows();
+    let rows = samples.rows()?;
     let (n, count) = (rows.len(), rows.count());
-    let mut outlier = Output::new(py, rows.shape);
-    let mut cleaned = Output::new(py, rows.shape);
+    let mut outlier = Output::new(py, rows.shape)?;
+    let mut cleaned = Output::new(py, rows.shape)?;
     let (outliers, cleaneds) = (outlier.values()?, cleaned.values()?);
-    let mut summaries = vec![Summary { mean: 0.0, variance: 0.0, threshold: 0.0 }; count];
+    let mut summaries = repeated(Summary { mean: 0.0, variance: 0.0, threshold: 0.0 }, count)?;
     let cost = nanoseconds * (n * count) as f64;
     py.detach(|| {
         let outputs = chunks(outliers, n, count).zip(chunks(cleaneds, n, count));
@@ -211,12 +208,12 @@ pub fn unwrap<'py>(
     py: Python<'py>,
     theta: &Bound<'py, PyAny>,
     period: f64,
-    n_threads: Option<isize>,
+    n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Array<'py>> {
     let samples = Samples::extract(theta, "theta")?;
-    let (rows, n_threads) = (samples.rows(), threads(n_threads)?);
+    let rows = samples.rows()?;
     let (n, count) = (rows.len(), rows.count());
-    let mut unwrapped = Output::new(py, rows.shape);
+    let mut unwrapped = Output::new(py, rows.shape)?;
     let angles = unwrapped.values()?;
     let cost = ANGLE_NS * (n * count) as f64;
     py.detach(|| {
@@ -229,43 +226,80 @@ pub fn unwrap<'py>(
     Ok(unwrapped.into_array())
 }
 
-/// Test of `x` (one number per row of y) against the others y, sigma known.
+/// Tests of `x[i]` against the others `y[row[i]]`, sigma known.
 #[pyfunction]
 pub fn known_sigma<'py>(
     py: Python<'py>,
-    x: &Bound<'py, PyArray1<f64>>,
+    x: PyReadonlyArray1<'py, f64>,
+    row: PyReadonlyArray1<'py, i64>,
     y: &Bound<'py, PyAny>,
-    sigma: &Bound<'py, PyArray1<f64>>,
+    sigma: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let (x, sigma) = (numbers(x)?, numbers(sigma)?);
-    one_test(py, y, |row, y| screening::known_sigma(x[row], y, sigma[row]))
+    let sigma = sigma.as_array().to_vec();
+    one_by_one(py, &x, &row, y, |i, x, others| screening::known_sigma(x, others, sigma[i]))
 }
 
-/// Test of `x` (one number per row of y) against the others y, sigma unknown.
+/// Tests of `x[i]` against the others `y[row[i]]`, sigma unknown.
 #[pyfunction]
 pub fn unknown_sigma<'py>(
     py: Python<'py>,
-    x: &Bound<'py, PyArray1<f64>>,
+    x: PyReadonlyArray1<'py, f64>,
+    row: PyReadonlyArray1<'py, i64>,
     y: &Bound<'py, PyAny>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let x = numbers(x)?;
-    one_test(py, y, |row, y| screening::unknown_sigma(x[row], y))
+    one_by_one(py, &x, &row, y, |_, x, others| screening::unknown_sigma(x, others))
 }
 
-fn numbers(x: &Bound<'_, PyArray1<f64>>) -> PyResult<Vec<f64>> {
-    use numpy::PyArrayMethods;
-    Ok(x.try_readonly()?.as_array().to_vec())
-}
-
-/// Statistic and p-value of one test per row.
-fn one_test<'py>(
+/// Moments of every row of y, once; then a test for every x.
+fn one_by_one<'py>(
     py: Python<'py>,
+    x: &PyReadonlyArray1<'py, f64>,
+    row: &PyReadonlyArray1<'py, i64>,
     y: &Bound<'py, PyAny>,
-    test: impl Fn(usize, &[f64]) -> tertia::Result<screening::OutlierTest> + Sync,
+    test: impl Fn(usize, f64, &Moments) -> tertia::Result<screening::OutlierTest> + Sync,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let (_, statistic, p_value) =
-        extreme(py, y, "y", |row, y| test(row, y).map(|result| (0, result)))?;
-    Ok((statistic, p_value))
+    let samples = Samples::extract(y, "y")?;
+    let rows = samples.rows()?;
+    let (x, row) = (x.as_array().to_vec(), row.as_array().to_vec());
+    let mut others = repeated(None, rows.count())?;
+    let mut results = repeated((0.0, 0.0), x.len())?;
+    let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
+    py.detach(|| {
+        let items = rows.iter().zip(&mut others);
+        for_each_row(
+            items,
+            cost,
+            None,
+            || (),
+            |(), (y, out)| {
+                *out = Some(Moments::of("y", y)?);
+                Ok(())
+            },
+        )
+    })
+    .map_err(|failure| rows.error(failure))?;
+    py.detach(|| {
+        let items = x.iter().zip(&row).enumerate().zip(&mut results);
+        let cost = TAIL_NS * x.len() as f64;
+        for_each_row(
+            items,
+            cost,
+            None,
+            || (),
+            |(), ((i, (&x, &row)), out)| {
+                if let Some(others) = &others[row as usize] {
+                    let result = test(i, x, others)?;
+                    *out = (result.statistic, result.p_value);
+                }
+                Ok(())
+            },
+        )
+    })
+    .map_err(|failure| value_error(failure.error))?;
+    Ok((
+        array(py, &[x.len()], results.iter().map(|r| r.0).collect())?,
+        array(py, &[x.len()], results.iter().map(|r| r.1).collect())?,
+    ))
 }
 
 type Extreme<'py> = (Bound<'py, PyArrayDyn<i64>>, Array<'py>, Array<'py>);
@@ -278,8 +312,8 @@ fn extreme<'py>(
     test: impl Fn(usize, &[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync,
 ) -> PyResult<Extreme<'py>> {
     let samples = Samples::extract(y, name)?;
-    let rows = samples.rows();
-    let mut results = vec![(0_i64, 0.0, 0.0); rows.count()];
+    let rows = samples.rows()?;
+    let mut results = repeated((0_i64, 0.0, 0.0), rows.count())?;
     let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
     py.detach(|| {
         let items = rows.iter().enumerate().zip(&mut results);
@@ -310,13 +344,12 @@ pub fn thompson_tau<'py>(
     y: &Bound<'py, PyAny>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows();
+    let rows = samples.rows()?;
     let (n, count) = (rows.len(), rows.count());
-    let mut statistic = Output::new(py, rows.shape);
-    let mut p_value = Output::new(py, rows.shape);
+    let mut statistic = Output::new(py, rows.shape)?;
+    let mut p_value = Output::new(py, rows.shape)?;
     let (statistics, p_values) = (statistic.values()?, p_value.values()?);
-    // an incomplete beta function per measurement
-    let cost = 500.0 * (n * count) as f64;
+    let cost = TAIL_NS * (n * count) as f64;
     py.detach(|| {
         let outputs = chunks(statistics, n, count).zip(chunks(p_values, n, count));
         let items = rows.iter().zip(outputs);

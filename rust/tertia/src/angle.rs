@@ -32,6 +32,12 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     below + 0.5 * (upper - below)
 }
 
+/// Fails unless sums of whole periods stay finite.
+pub(crate) fn require_period(period: f64) -> Result<()> {
+    let holds = period > 0.0 && period <= 1e100;
+    require("period", period, holds, "a positive number, not above 1e100")
+}
+
 /// Unwraps angles about their circular mean, then about the median of the result, so that all lie
 /// within half a period of the circular median, on the turn of the first. O(N).
 ///
@@ -46,7 +52,7 @@ pub fn unwrap(
     unwrapped: &mut [f64],
     scratch: &mut Vec<f64>,
 ) -> Result<()> {
-    require("period", period, period > 0.0 && period.is_finite(), "a positive number")?;
+    require_period(period)?;
     require_count("theta", theta.len(), 1)?;
     require_finite("theta", theta)?;
     let holds = |angle: f64| angle.abs() <= MAX_PERIODS * period;

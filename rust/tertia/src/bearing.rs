@@ -8,7 +8,7 @@ mod groups;
 mod paper;
 mod robust;
 
-use crate::angle::{principal, unwrap};
+use crate::angle::{principal, require_period, unwrap};
 use crate::error::{Result, require, require_count, require_level};
 use crate::moments::Moments;
 use crate::screening::{
@@ -115,7 +115,7 @@ impl Estimator {
     /// A parameter outside its domain.
     pub fn try_new(method: Method, period: Option<f64>, correlation: f64) -> Result<Self> {
         if let Some(period) = period {
-            require("period", period, period > 0.0 && period.is_finite(), "a positive number")?;
+            require_period(period)?;
         }
         let holds = correlation.abs() < 1.0;
         require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
@@ -137,11 +137,12 @@ impl Estimator {
 
     /// Groups of a sample of `n`; the last one takes the remainder.
     pub fn groups(&self, n: usize) -> usize {
-        match &self.method {
-            Method::Mean | Method::KSigma(_) => 0,
-            Method::Paper(rule) | Method::Corrected(rule, _) => (n / rule.group_size).max(1),
-            Method::Robust(rule) => (n / rule.group_size).max(1),
-        }
+        let group_size = match &self.method {
+            Method::Mean | Method::KSigma(_) => return 0,
+            Method::Paper(rule) | Method::Corrected(rule, _) => rule.group_size,
+            Method::Robust(rule) => rule.group_size,
+        };
+        (n / group_size).max(1)
     }
 
     /// Fewest measurements the method can do with.

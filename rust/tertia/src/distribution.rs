@@ -7,6 +7,8 @@
 
 use special::{Error as _, Gamma};
 
+/// Beyond this `t²/ν` only the leading term of a tail is left, and the square may overflow.
+const FAR: f64 = 1e280;
 const LN_SQRT_PI: f64 = 0.572_364_942_924_700_1;
 const HALF_LN_TWO_PI: f64 = 0.918_938_533_204_672_7;
 /// From here on the Stirling remainder below is exact to a double.
@@ -26,8 +28,9 @@ pub fn normal_two_sided_quantile(p: f64) -> f64 {
 pub fn student_two_sided(t: f64, nu: f64) -> f64 {
     // P(|T| > t) = I_x(ν/2, 1/2), x = ν / (ν + t²)
     let r = t * t / nu;
-    if r.is_infinite() {
-        return 0.0;
+    if r > FAR {
+        let ln_x = nu.ln() - 2.0 * t.ln();
+        return (0.5 * nu * ln_x - (0.5 * nu).ln() - ln_beta(0.5 * nu, 0.5)).exp();
     }
     incomplete_beta(0.5 * nu, 0.5, 1.0 / (1.0 + r), r / (1.0 + r))
 }

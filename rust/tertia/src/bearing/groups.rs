@@ -90,12 +90,13 @@ impl GroupTable {
         }
     }
 
-    /// `Σ p_j m_j`, from the first mean so that a common offset costs no digits.
+    /// `Σ p_j m_j`, from the heaviest mean, so that neither a common offset nor a far mean of little
+    /// weight costs digits.
     pub fn weighted_mean(&self) -> f64 {
-        let used = |(w, _): &(&f64, &f64)| **w > 0.0;
-        let origin = self.weight.iter().zip(&self.mean).find(used).map_or(0.0, |(_, m)| *m);
-        let pairs = self.weight.iter().zip(&self.mean).filter(used);
-        origin + pairs.map(|(w, m)| w * (m - origin)).sum::<f64>()
+        let pairs = || self.weight.iter().zip(&self.mean).filter(|(w, _)| **w > 0.0);
+        let heaviest = pairs().max_by(|a, b| a.0.total_cmp(b.0));
+        let origin = heaviest.map_or(0.0, |(_, m)| *m);
+        origin + pairs().map(|(w, m)| w * (m - origin)).sum::<f64>()
     }
 
     pub fn write(&self, output: &mut GroupOutput<'_>) {

@@ -26,7 +26,7 @@ pub(super) fn as_printed(
         rule.leave_one_out(true)?.screen(&means, &mut flagged, &mut groups.mean, scratch)?;
     }
     // 3.2 (M5): groups with an anomalous variance become copies of the quietest
-    let extreme = extreme_variances(rule, groups);
+    let extreme = extreme_variances(rule, groups, &vec![true; groups.len()]);
     let donor = (0..groups.len())
         .fold(0, |best, j| if groups.variance[j] < groups.variance[best] { j } else { best });
     for j in (0..groups.len()).filter(|&j| extreme[j]) {
@@ -42,20 +42,19 @@ pub(super) fn as_printed(
     Ok((groups.weighted_mean(), total.recip().sqrt()))
 }
 
-fn extreme_variances(rule: &GroupRule, groups: &GroupTable) -> Vec<bool> {
-    let total: f64 = groups.variance.iter().map(|d| 1.0 / d).sum();
-    let above = |k2: f64| move |j: usize| groups.variance[j] > k2 / total;
-    let indices = 0..groups.len();
-    match rule.variance_test {
-        VarianceTest::Off => vec![false; groups.len()],
-        VarianceTest::Factor(k2) => indices.map(above(k2)).collect(),
+/// (M5) among the `used` groups.
+fn extreme_variances(rule: &GroupRule, groups: &GroupTable, used: &[bool]) -> Vec<bool> {
+    let total: f64 =
+        groups.variance.iter().zip(used).filter(|(_, used)| **used).map(|(d, _)| 1.0 / d).sum();
+    let is_extreme = |j: usize| match rule.variance_test {
+        VarianceTest::Off => false,
+        VarianceTest::Factor(k2) => groups.variance[j] > k2 / total,
         VarianceTest::Student(level) => {
-            indices.map(above(student_factor(level, rule.group_size))).collect()
+            groups.variance[j] > student_factor(level, rule.group_size) / total
         }
-        VarianceTest::Cochran(level) => {
-            indices.map(|j| groups.variance_is_extreme(j, |_| true, level)).collect()
-        }
-    }
+        VarianceTest::Cochran(level) => groups.variance_is_extreme(j, |i| used[i], level),
+    };
+    (0..groups.len()).map(|j| used[j] && is_extreme(j)).collect()
 }
 
 /// Exclusion instead of copying, exact tests among groups, and the sigma that belongs to it:
@@ -72,13 +71,7 @@ pub(super) fn corrected(
     let measured: Vec<bool> = (0..groups.len()).map(|j| groups.degrees(j) > 0.0).collect();
     let mut used = measured.clone();
     reject_means(groups, level, &mut used)?;
-    let after_means = used.clone();
-    let extreme = match rule.variance_test {
-        VarianceTest::Cochran(level) => (0..groups.len())
-            .map(|j| after_means[j] && groups.variance_is_extreme(j, |i| after_means[i], level))
-            .collect(),
-        _ => extreme_variances(rule, groups),
-    };
+    let extreme = extreme_variances(rule, groups, &used);
     for j in 0..groups.len() {
         used[j] &= !extreme[j];
     }

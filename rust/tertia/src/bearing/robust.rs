@@ -20,13 +20,17 @@ pub(super) fn estimate(
     let Workspace { angle, cleaned, scratch, groups, bursts } = workspace;
     let summary = rule.bursts.screen(angle, outlier, cleaned, bursts)?;
     groups.fill(cleaned, rule.group_size, scratch)?;
-    let floor = rule.bursts.quantisation_sigma();
+    let floor = bursts.rounding_sigma();
     if summary.variance == 0.0 {
         let count = groups.count.clone();
         groups.set_weights(|j| count[j]);
         return Ok((summary.mean, floor));
     }
-    let variance = moderated(groups, floor * floor);
+    let overall = summary.variance.max(floor * floor);
+    // readings that are coarse beside the noise: a block's variance goes with its mean
+    let coarse = bursts.step().powi(2) > summary.variance;
+    let variance =
+        if coarse { vec![overall; groups.len()] } else { moderated(groups, floor, overall) };
     let information: Vec<f64> = groups.count.iter().zip(variance).map(|(r, d)| r / d).collect();
     groups.set_weights(|j| information[j]);
     let value = groups.weighted_mean();
@@ -42,12 +46,14 @@ pub(super) fn estimate(
 ///
 /// `e_j = ln d_j − ψ(ν_j/2) + ln(ν_j/2)`, `ψ'(ν0/2) = var(e) − mean ψ'(ν_j/2)`,
 /// `s0² = exp(mean e + ψ(ν0/2) − ln(ν0/2))`, `d~ = (ν0 s0² + ν d)/(ν0 + ν)`; pooled where the
-/// right-hand side is not positive. Nowhere below `floor`.
-fn moderated(groups: &GroupTable, floor: f64) -> Vec<f64> {
+/// right-hand side is not positive. Nowhere below `floor²`; `overall` where every block is constant.
+fn moderated(groups: &GroupTable, floor: f64, overall: f64) -> Vec<f64> {
     let degrees = |j: usize| groups.degrees(j);
     let estimated: Vec<usize> =
         (0..groups.len()).filter(|&j| degrees(j) > 0.0 && groups.variance[j] > 0.0).collect();
-    let pooled = groups.pooled_variance(|_| true).max(floor);
+    let within = groups.pooled_variance(|_| true);
+    let least = floor * floor;
+    let pooled = if within > 0.0 { within.max(least) } else { overall };
     let count = estimated.len() as f64;
     let log_variance = |j: usize| {
         let half = 0.5 * degrees(j);
@@ -67,5 +73,5 @@ fn moderated(groups: &GroupTable, floor: f64) -> Vec<f64> {
         0.0 => prior,
         nu => (nu0 * prior + nu * groups.variance[j]) / (nu0 + nu),
     };
-    (0..groups.len()).map(|j| posterior(j).max(floor)).collect()
+    (0..groups.len()).map(|j| posterior(j).max(least)).collect()
 }

@@ -47,6 +47,8 @@ pub struct BurstWorkspace {
     /// Length of the anomaly that ends at each value in the best solution up to it, 0: none.
     length: Vec<usize>,
     kept: Vec<f64>,
+    /// Step of the readings as far as it is known, else zero.
+    step: f64,
 }
 
 impl BurstRule {
@@ -101,7 +103,8 @@ impl BurstRule {
         assert_eq!(y.len(), outlier.len());
         require_count("y", y.len(), 3)?;
         Moments::of("y", y)?;
-        let (mut centre, mut scale) = self.start(y, &mut workspace.kept);
+        let (mut centre, start) = self.start(y, workspace)?;
+        let mut scale = start;
         let mut kept = Moments::of("y", y)?;
         let ln_n = (y.len().max(FEWEST_FOR_PENALTY) as f64).ln();
         outlier.fill(false);
@@ -114,7 +117,7 @@ impl BurstRule {
             workspace.backtrack(outlier);
             kept = workspace.refit(y, outlier)?;
             let previous = std::mem::replace(&mut centre, kept.mean());
-            scale = kept.variance().sqrt().max(self.quantisation_sigma());
+            scale = kept.variance().sqrt().hypot(workspace.rounding_sigma());
             if centre == previous {
                 break;
             }
@@ -144,24 +147,51 @@ impl BurstRule {
         Ok(summary)
     }
 
-    /// Median and MAD; where the MAD is zero, the resolution or the mean absolute deviation.
-    fn start(&self, y: &[f64], scratch: &mut Vec<f64>) -> (f64, f64) {
+    /// Median and MAD, or [`BurstRule::start_of_ties`] where the MAD is zero; notes the step of the
+    /// readings.
+    fn start(&self, y: &[f64], workspace: &mut BurstWorkspace) -> Result<(f64, f64)> {
         let n = y.len() as f64;
-        scratch.clear();
-        scratch.extend_from_slice(y);
-        let centre = median(scratch);
-        for v in scratch.iter_mut() {
+        let deviations = &mut workspace.kept;
+        deviations.clear();
+        deviations.extend_from_slice(y);
+        let centre = median(deviations);
+        for v in deviations.iter_mut() {
             *v = (*v - centre).abs();
         }
-        let mean = scratch.iter().sum::<f64>() / n;
-        let scale = MAD_TO_SIGMA * n / (n - 0.8) * median(scratch);
-        let fallback = if self.resolution > 0.0 { self.quantisation_sigma() } else { mean };
-        (centre, if scale > 0.0 { scale } else { fallback })
+        let scale = MAD_TO_SIGMA * n / (n - 0.8) * median(deviations);
+        workspace.step = self.resolution;
+        if scale > 0.0 {
+            return Ok((centre, scale.hypot(workspace.rounding_sigma())));
+        }
+        self.start_of_ties(y, centre, workspace)
     }
 
-    /// Standard deviation of the rounding to the resolution.
-    pub(crate) fn quantisation_sigma(&self) -> f64 {
-        self.resolution / 12_f64.sqrt()
+    /// More than half of the readings are equal to `centre`. If they are rounded, those one step
+    /// off are as good, so both make centre and scale. If the resolution is not known, the nearest
+    /// reading tells the step, and the scale is not below the mean absolute deviation.
+    fn start_of_ties(
+        &self,
+        y: &[f64],
+        centre: f64,
+        workspace: &mut BurstWorkspace,
+    ) -> Result<(f64, f64)> {
+        let deviations = &mut workspace.kept;
+        let mut floor = 0.0;
+        if self.resolution == 0.0 {
+            let off = deviations.iter().copied().filter(|&d| d > 0.0);
+            let nearest = off.fold(f64::INFINITY, f64::min);
+            workspace.step = if nearest.is_finite() { nearest } else { 0.0 };
+            floor = deviations.iter().sum::<f64>() / y.len() as f64;
+        }
+        let within = |v: &f64| (v - centre).abs() <= 1.5 * workspace.step;
+        deviations.clear();
+        deviations.extend(y.iter().copied().filter(within));
+        let near = Moments::of("y", deviations)?;
+        let rounding = workspace.rounding_sigma();
+        if workspace.kept.iter().filter(|&&v| v != centre).count() < 2 {
+            return Ok((centre, rounding.max(floor)));
+        }
+        Ok((near.mean(), near.variance().sqrt().hypot(rounding).max(floor)))
     }
 
     /// The best partition into normal values, points and bursts:
@@ -270,6 +300,16 @@ fn inverse_lengths(correlation: f64, longest: usize) -> Vec<f64> {
 }
 
 impl BurstWorkspace {
+    /// Step of the readings of the last sample as far as it is known, else zero.
+    pub(crate) fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// Standard deviation of the rounding of the readings.
+    pub(crate) fn rounding_sigma(&self) -> f64 {
+        self.step / 12_f64.sqrt()
+    }
+
     fn standardise(&mut self, y: &[f64], centre: f64, scale: f64) {
         let score = |v: &f64| ((v - centre) / scale).clamp(-MAX_SCORE, MAX_SCORE);
         self.score.clear();

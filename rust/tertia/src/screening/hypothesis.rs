@@ -58,7 +58,7 @@ pub fn critical_value(n: usize, level: f64, test: Test) -> Result<f64> {
         Test::Cochran(degrees) => {
             require_degrees(degrees)?;
             let f = fisher_upper_quantile(level / count, degrees, degrees * (count - 1.0));
-            f / (f + count - 1.0)
+            1.0 / (1.0 + (count - 1.0) / f)
         }
     })
 }
@@ -110,7 +110,8 @@ fn minimum_text(test: Test) -> &'static str {
 
 /// `τ = t (N−1) / √(N (N−2+t²))`.
 fn tau(t: f64, n: f64) -> f64 {
-    t * (n - 1.0) / (n * (n - 2.0 + t * t)).sqrt()
+    // divided by t, whose square may overflow
+    (n - 1.0) / (n * (1.0 + (n - 2.0) / (t * t))).sqrt()
 }
 
 /// P-value of `|y_i − M| / √D` for a value chosen beforehand.
@@ -134,28 +135,28 @@ fn p_value_against(others: &Moments, x: f64) -> f64 {
     student_two_sided(t, n - 1.0)
 }
 
-/// Is `x` anomalous against the n others `y`, sigma being known (R1)?
-/// `t = |x − ȳ| / (σ √((n+1)/n))`. O(n).
+/// Is `x` anomalous against n others with these moments, sigma being known (R1)?
+/// `t = |x − ȳ| / (σ √((n+1)/n))`. O(1).
 ///
 /// # Errors
-/// No others, a value that is not finite, sigma ≤ 0.
-pub fn known_sigma(x: f64, y: &[f64], sigma: f64) -> Result<OutlierTest> {
+/// No others, an x that is not finite, sigma ≤ 0.
+pub fn known_sigma(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
     require("sigma", sigma, sigma > 0.0 && sigma.is_finite(), "a positive number")?;
-    let others = others_of(x, y, 1)?;
+    require_others(x, others, 1)?;
     let n = others.count();
     let statistic = others.deviation(x).abs() / (sigma * ((n + 1.0) / n).sqrt());
     Ok(OutlierTest { statistic, p_value: normal_two_sided(statistic) })
 }
 
-/// Is `x` anomalous against the n others `y`, sigma being estimated from them (R2), (R3)?
-/// `t = |x − ȳ| / s`. O(n).
+/// Is `x` anomalous against n others with these moments, sigma being estimated (R2), (R3)?
+/// `t = |x − ȳ| / s`. O(1).
 ///
 /// # Errors
-/// Fewer than two others, or a value that is not finite.
-pub fn unknown_sigma(x: f64, y: &[f64]) -> Result<OutlierTest> {
-    let others = others_of(x, y, 2)?;
-    let statistic = standardised(&others, x);
-    Ok(OutlierTest { statistic, p_value: p_value_against(&others, x) })
+/// Fewer than two others, or an x that is not finite.
+pub fn unknown_sigma(x: f64, others: &Moments) -> Result<OutlierTest> {
+    require_others(x, others, 2)?;
+    let statistic = standardised(others, x);
+    Ok(OutlierTest { statistic, p_value: p_value_against(others, x) })
 }
 
 /// `|x − M| / √D`, zero where x is the mean of a constant sample.
@@ -166,10 +167,9 @@ fn standardised(moments: &Moments, x: f64) -> f64 {
     }
 }
 
-fn others_of(x: f64, y: &[f64], minimum: usize) -> Result<Moments> {
-    require_count("y", y.len(), minimum)?;
-    require_finite("x", &[x])?;
-    Moments::of("y", y)
+fn require_others(x: f64, others: &Moments, minimum: usize) -> Result<()> {
+    require_count("y", others.count() as usize, minimum)?;
+    require_finite("x", &[x])
 }
 
 /// Thompson's τ of every value, `|y_i − M| / √D`, and its p-value as if it had been chosen
@@ -221,9 +221,10 @@ pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, Out
     require_each("variances", variances, |d| d >= 0.0, "a variance must not be negative")?;
     let index = index_of_largest(variances.iter().copied());
     let largest = variances[index];
-    require("variances", largest, largest > 0.0, "positive somewhere")?;
+    require("the largest of variances", largest, largest > 0.0, "positive")?;
     // scaled by the largest, so that no sum overflows
-    let others: f64 = sum_of_others(variances, index) / largest;
+    let others = variances[..index].iter().chain(&variances[index + 1..]);
+    let others: f64 = others.map(|d| d / largest).sum();
     let count = variances.len() as f64;
     let degrees_others = degrees_of_freedom * (count - 1.0);
     let p_value = extreme_variance_p_value(1.0, degrees_of_freedom, others, degrees_others, count);
@@ -246,10 +247,6 @@ pub(crate) fn extreme_variance_p_value(
     (count * fisher_upper(d / pooled, nu, nu_others)).min(1.0)
 }
 
-fn sum_of_others(values: &[f64], index: usize) -> f64 {
-    values[..index].iter().chain(&values[index + 1..]).sum()
-}
-
 /// Index of the first largest value.
 fn index_of_largest(values: impl Iterator<Item = f64>) -> usize {
     let mut best = (0, f64::NEG_INFINITY);
@@ -270,10 +267,11 @@ mod tests {
 
     #[test]
     fn one_value_against_the_others() {
-        let known = known_sigma(12.6, &OTHERS, 1.0).unwrap();
+        let others = Moments::of("y", &OTHERS).unwrap();
+        let known = known_sigma(12.6, &others, 1.0).unwrap();
         assert_close(known.statistic, 2.355_206_997_272_21);
         assert_close(known.p_value, 0.018_512_390_089_309_6);
-        let unknown = unknown_sigma(10.8, &OTHERS).unwrap();
+        let unknown = unknown_sigma(10.8, &others).unwrap();
         assert_close(unknown.statistic, 4.055_026_910_298_28);
         assert_close(unknown.p_value, 0.020_804_163_965_268_6);
     }

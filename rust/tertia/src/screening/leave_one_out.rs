@@ -98,7 +98,8 @@ fn downdate(moments: &Moments, y: &[f64], mean: &mut [f64], variance: &mut [f64]
 /// The factor c(k, N) with which the leave-one-out rule is `|y_i − M| > c √D`:
 /// `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`.
 pub fn threshold_coefficient(k: f64, n: f64) -> f64 {
-    k * (n - 1.0) * ((n - 1.0) / (n * (n * (n - 2.0) + k * k * (n - 1.0)))).sqrt()
+    // divided by k, so that k² may overflow
+    (n - 1.0) * ((n - 1.0) / (n * (n * (n - 2.0) / (k * k) + (n - 1.0)))).sqrt()
 }
 
 /// Marks the values that the rule with frozen statistics finds anomalous. O(N); about one read of
@@ -215,8 +216,8 @@ fn mark_with_margin(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut
 fn threshold(k: f64, moments: &Moments) -> f64 {
     // c √D, with one root
     let n = moments.count();
-    let square = moments.sum_of_squares() / (n * (n * (n - 2.0) + k * k * (n - 1.0)));
-    k * (n - 1.0) * square.sqrt()
+    let square = moments.sum_of_squares() / (n * (n * (n - 2.0) / (k * k) + (n - 1.0)));
+    (n - 1.0) * square.sqrt()
 }
 
 /// The leave-one-out rule and what it does with an anomalous value.
