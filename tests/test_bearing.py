@@ -516,6 +516,24 @@ def test_bad_parameters(options, error, message):
         estimate_bearing(GROUPS, **options)
 
 
+@pytest.mark.parametrize("resolution", [1e100, 1e150, 1e160, 1e300])
+def test_an_enormous_resolution_is_an_error_or_an_estimate(resolution):
+    try:
+        estimate = estimate_bearing(GROUPS, resolution=resolution)
+    except ValueError as error:
+        assert "resolution is" in str(error)  # noqa: PT017 - either is right
+    else:
+        assert np.isfinite([estimate.value, estimate.sigma]).all()
+        assert np.isfinite(estimate.group_weights).all()
+
+
+def test_where_no_group_has_two_values_left_the_error_says_so():
+    """Three of five values are excluded: 9.9 and 9.8 are left, one to a group."""
+    theta = [8.7, 9.9, 10.7, 9.8, 9.6]
+    with pytest.raises(ValueError, match="group"):
+        estimate_bearing(theta, period=None, method="corrected", group_size=2)
+
+
 def test_a_bad_measurement_is_named_with_its_row():
     theta = np.ones((2, 3, 20))
     theta[1, 2, 7] = np.inf

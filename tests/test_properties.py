@@ -22,6 +22,7 @@ settings.register_profile(
 settings.load_profile("tertia")
 
 NASTY = [0.0, -0.0, 1.0, 1e9, -1e9, 1e150, -1e300, 1.7e308, 5e-324, 1e-160, np.inf, np.nan, 360.0]
+MAGNITUDES = st.integers(-320, 307).map(lambda exponent: float(f"1e{exponent}"))
 VALUES = st.one_of(
     st.sampled_from(NASTY), st.floats(-400, 400), st.floats(allow_nan=True, allow_infinity=True)
 )
@@ -33,14 +34,23 @@ SAMPLES = st.one_of(
         np.float64, st.tuples(st.integers(5, 60)), elements=st.sampled_from([0.0, 1.0, 9.0])
     ),
     hnp.arrays(np.int32, SHAPES),
+    # of any magnitude, mostly fit to be squared
+    st.builds(
+        lambda y, scale: y * scale,
+        hnp.arrays(np.float64, st.tuples(st.integers(3, 40)), elements=st.floats(-4, 4)),
+        MAGNITUDES,
+    ),
 )
 NUMBERS = st.one_of(
-    st.floats(0.1, 5), st.sampled_from([0, -1, 1e-300, 1e308, np.nan, np.inf, 2**70, "2", None])
+    st.floats(0.1, 5),
+    MAGNITUDES,
+    st.sampled_from([0, -1, 5e-324, 1.7e308, np.nan, np.inf, 2**70, "2", None, [1.0, 2.0], 1j]),
 )
 COUNTS = st.one_of(
     st.integers(-2, 30), st.sampled_from([2**31 - 1, 2**31, 2**70, -(2**70), 2.5, "3", None])
 )
-POLICY = st.sampled_from(["raise", "omit", "drop", None])
+POLICY = st.sampled_from(["raise", "omit", "drop", None, ["omit"], np.array([1, 2])])
+WORDS = st.sampled_from([None, 3, "x", ["x"], np.array([1, 2])])
 THREADS = st.sampled_from([None, 1, 2, 1000, 0, "2"])
 
 
@@ -88,9 +98,9 @@ def test_leave_one_out_mask(y, k, n_threads):
     NUMBERS,
     st.fixed_dictionaries(
         {
-            "statistics": st.sampled_from(["sequential", "frozen", "x"]),
-            "order": st.sampled_from(["forward", "backward", 3]),
-            "replace": st.booleans(),
+            "statistics": st.one_of(st.sampled_from(["sequential", "frozen"]), WORDS),
+            "order": st.one_of(st.sampled_from(["forward", "backward"]), WORDS),
+            "replace": st.one_of(st.booleans(), WORDS),
             "passes": COUNTS,
             "nan_policy": POLICY,
             "n_threads": THREADS,
@@ -103,7 +113,7 @@ def test_leave_one_out(y, k, options):
         assert_no_silent_nan(result, np.isnan(y))
 
 
-@given(SAMPLES, NUMBERS, st.sampled_from(["neighbours", "mean", None, "x"]), POLICY)
+@given(SAMPLES, NUMBERS, st.one_of(st.sampled_from(["neighbours", "mean", None]), WORDS), POLICY)
 def test_k_sigma(y, k, replace, nan_policy):
     result = outcome(screening.k_sigma, y, k, replace=replace, nan_policy=nan_policy)
     if result is not None:
@@ -220,8 +230,9 @@ def test_estimate_bearing(theta, method, options):
     allowed = ("group_means", "group_variances", "group_weights")
     assert_no_silent_nan(estimate, None, allowed)
     assert (np.asarray(estimate.sigma) >= 0).all()
+    assert np.isfinite(estimate.value).all()
     if estimate.group_weights is not None:
-        assert not np.isnan(estimate.group_weights).any()
+        np.testing.assert_allclose(estimate.group_weights.sum(axis=-1), 1.0, rtol=1e-12)
 
 
 @given(
@@ -238,7 +249,7 @@ def test_estimate_bearing(theta, method, options):
             "positive_probability": NUMBERS,
             "period": NUMBERS,
             "batch": st.sampled_from([(), 2, (2, 0), -1, 1.5]),
-            "rng": st.sampled_from([None, 1, np.random.default_rng(1)]),
+            "rng": st.sampled_from([None, 1, np.random.default_rng(1), "x", -1, 1.5]),
         },
     ),
 )
@@ -248,6 +259,51 @@ def test_direction_finder(n, options):
     record = outcome(simulate.direction_finder, n, **options)
     if record is not None:
         assert record.theta.shape == record.single.shape == record.burst.shape
+
+
+# blocks of equal values, ties, steps, and outliers that dwarf them
+TIED = st.lists(
+    st.tuples(st.sampled_from([0.0, 1.0, 1.0, 2.0, 10.5, -7.0, 1e9]), st.integers(1, 30)),
+    min_size=1,
+    max_size=8,
+).map(lambda runs: np.repeat(*zip(*runs, strict=True)))
+VALID = st.fixed_dictionaries(
+    {
+        "method": st.sampled_from(["robust", "corrected", "paper", "k-sigma", "mean"]),
+        "period": st.sampled_from([None, 360.0]),
+        "group_size": st.integers(2, 25),
+        "k": st.floats(0.5, 1e300),
+        "variance_test": st.sampled_from(["cochran", "student", None, 1.0, 30.0]),
+        "level": st.floats(1e-6, 0.5),
+        "point_penalty": st.floats(0.1, 10),
+        "burst_penalty": st.floats(0.1, 10),
+        "max_burst": st.integers(2, 40),
+        "correlation": st.floats(-0.9, 0.9),
+        "resolution": st.sampled_from([0.0, 0.5, 1.0, 100.0]),
+    }
+)
+
+
+@given(TIED, VALID)
+@settings(max_examples=1500)
+def test_valid_options_give_a_finite_estimate_whatever_the_ties(theta, options):
+    estimate = outcome(estimate_bearing, theta, **options)
+    if estimate is None:
+        return
+    assert np.isfinite([estimate.value, estimate.sigma, estimate.polarity]).all()
+    if options["method"] == "robust" and np.ptp(theta) > 0:
+        assert estimate.sigma > 0
+
+
+@given(TIED, st.floats(0.5, 1e300))
+@settings(max_examples=400)
+def test_the_mask_is_that_of_the_frozen_rule(y, k):
+    frozen = outcome(screening.leave_one_out, y, k, statistics="frozen", replace=True)
+    mask = outcome(screening.leave_one_out_mask, y, k)
+    if frozen is not None:
+        np.testing.assert_array_equal(mask, frozen.outlier)
+        assert np.isfinite(frozen.threshold)
+        assert frozen.threshold > 0 or np.ptp(y) == 0 or np.ptp(frozen.cleaned) == 0
 
 
 def test_a_panic_would_be_noticed():

@@ -84,6 +84,13 @@ def check_screening(y, result):
     assert np.all(result.threshold >= 0)
 
 
+def check_extreme(test, level):
+    """What holds for every test of an extreme, batched."""
+    assert np.all((test.p_value >= 0) & (test.p_value <= 1))
+    np.testing.assert_array_equal(test.outlier, test.statistic > test.critical_value)
+    np.testing.assert_array_equal(test.outlier, test.p_value < level)
+
+
 class TestLeaveOneOutStatistics:
     def test_vector(self):
         mean, variance = screening.leave_one_out_statistics(SAMPLE)
@@ -187,6 +194,49 @@ class TestMask:
         y = rng(n).normal(size=n)
         result = screening.leave_one_out(y, k, statistics="frozen")
         assert result.threshold / y.std(ddof=1) == close(c)
+
+
+class TestFrozenRule:
+    """The leave-one-out rule with frozen statistics is a k-sigma rule with another threshold."""
+
+    @pytest.mark.parametrize("n", [3, 4, 10, 30])
+    def test_the_mask_is_that_of_really_leaving_out(self, n):
+        """40 000 records in all, the others of each value summed anew."""
+        y = rng(n).normal(size=(10_000, n))
+        y[::3, 0] += 5
+        rest = np.stack([np.delete(y, i, axis=1) for i in range(n)], axis=1)
+        for k in (1.5, 2.5, 3.0):
+            expected = np.abs(rest.mean(axis=2) - y) > k * rest.std(axis=2, ddof=1)
+            np.testing.assert_array_equal(screening.leave_one_out_mask(y, k), expected)
+
+    @pytest.mark.parametrize(("n", "k"), [(10, 1.8), (30, 2.5), (100, 2.2), (100, 3.0)])
+    def test_equal_errors_mask_each_other_as_the_formula_says(self, n, k):
+        """All caught if and only if (N - m)(N - 2) > k^2 (m - 1)(N - 1)."""
+        for m in range(2, n // 2):
+            y = np.r_[np.zeros(n - m), np.ones(m)]
+            caught = (n - m) * (n - 2) / ((m - 1) * (n - 1)) > k**2
+            assert screening.leave_one_out_mask(y, k).sum() == (m if caught else 0), m
+
+    def test_mean_and_variance_of_the_vector(self):
+        whole = screening.k_sigma(SAMPLE, 10.0)
+        assert (whole.mean, whole.variance) == close((15.68, 79.3217777777778))
+        frozen = screening.leave_one_out(SAMPLE, statistics="frozen")
+        assert frozen.cleaned[2] == close(12.9777777777778)
+
+    @pytest.mark.parametrize("level", [0.05, 0.01, 0.001])
+    @pytest.mark.parametrize("n", [4, 10, 100])
+    def test_its_exact_level_is_that_of_the_unknown_sigma_test(self, n, level):
+        """k = t sqrt(N/(N-1)) is (R3) with n = N - 1: the two papers' tests are one."""
+        k = screening.critical_value(n, level)
+        assert k == close(screening.critical_value(n - 1, level, test="unknown-sigma"))
+
+
+class TestTinyThresholds:
+    @pytest.mark.parametrize("k", [1e-150, 1e-162, 5e-324])
+    @pytest.mark.parametrize("replace", [True, False])
+    def test_no_band_is_nan(self, k, replace):
+        result = screening.leave_one_out(OTHERS, k, replace=replace)
+        assert np.isfinite([result.mean, result.variance, result.threshold]).all()
 
 
 class TestEnormousThresholds:
@@ -362,6 +412,18 @@ class TestLevels:
         for p in (screening.known_sigma(x, y, 1.0).p_value, screening.unknown_sigma(x, y).p_value):
             distance = np.abs(np.sort(p) - np.linspace(0, 1, p.size)).max()
             assert distance < 1.95 / np.sqrt(p.size)  # Kolmogorov, 0.1 %
+
+    def test_p_values_of_single_values_of_a_clean_sample_are_uniform(self):
+        """Of one value per sample, chosen beforehand."""
+        p = screening.thompson_tau(rng(6).normal(size=(20_000, 7))).p_value[:, 3]
+        distance = np.abs(np.sort(p) - np.linspace(0, 1, p.size)).max()
+        assert distance < 1.95 / np.sqrt(p.size)  # Kolmogorov, 0.1 %
+
+    @pytest.mark.parametrize("level", [0.01, 0.05, 0.1])
+    def test_decisions_and_p_values_agree(self, level):
+        y = rng(10).normal(size=(2000, 9))
+        for test in (screening.grubbs(y, level), screening.cochran(y**2, 1, level)):
+            check_extreme(test, level)
 
 
 class TestBursts:
@@ -654,6 +716,30 @@ def test_masked_measurements_are_missing():
 def test_bad_parameters(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda y: screening.leave_one_out_mask(y, -1), "k is -1"),
+        (lambda y: screening.leave_one_out(y, -1), "k is -1"),
+        (lambda y: screening.k_sigma(y, -1), "k is -1"),
+        (lambda y: screening.unwrap(y, -1), "period is -1"),
+        (lambda y: screening.cochran(y, -1), "degrees_of_freedom is -1"),
+        (lambda y: screening.known_sigma(1.0, y, -1), "sigma is -1"),
+        (lambda y: screening.grubbs(y, 2), "level is 2"),
+    ],
+)
+def test_bad_parameters_of_no_rows(call, message):
+    """A wrong parameter does not wait for the first row."""
+    with pytest.raises(ValueError, match=message):
+        call(np.empty((0, 30)))
+
+
+@pytest.mark.parametrize("replace", [np.array([1, 2]), "no"], ids=["array", "word"])
+def test_replace_is_true_or_false(replace):
+    with pytest.raises((TypeError, ValueError), match="replace is"):
+        screening.leave_one_out(SAMPLE, replace=replace)
 
 
 def test_results_are_printed_usefully():

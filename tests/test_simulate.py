@@ -33,6 +33,59 @@ def test_a_burst_has_one_offset():
     assert np.mean([np.ptp(run) < 1e-7 for run in runs]) > 0.99
 
 
+def test_bursts_have_the_number_length_place_sign_and_size_they_promise():
+    """So few that a record hardly ever has two: what is measured is one burst."""
+    records = direction_finder(
+        200,
+        sigma=1.0,
+        bursts_per_100=0.01,
+        burst_length=(3, 7),
+        amplitude=(20.0, 40.0),
+        single_probability=0,
+        positive_probability=0.3,
+        period=None,
+        batch=200_000,
+        rng=7,
+    )
+    length = records.burst.sum(axis=1)
+    hit = length > 0
+    count = hit.sum()
+    # P(at least one of Poisson(0.02))
+    expected = 1 - np.exp(-0.02)
+    assert hit.mean() == pytest.approx(expected, abs=4 * np.sqrt(expected / hit.size))
+    # the few records with two are 1 % and lengthen the mean by as much
+    shares = np.bincount(length[hit], minlength=8)[3:8] / count
+    np.testing.assert_allclose(shares, 0.2, atol=0.01 + 4 * np.sqrt(0.16 / count))
+    offset = (records.theta * records.burst)[hit].sum(axis=1) / length[hit]
+    assert (offset > 0).mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / count))
+    size = np.abs(offset)[length[hit] <= 7]
+    assert size.mean() == pytest.approx(30, abs=4 * 20 / np.sqrt(12 * count))
+    start = records.burst[hit].argmax(axis=1)
+    # uniform over the 201 - length places: mean (200 - 5)/2
+    assert start.mean() == pytest.approx(97.5, abs=2.5 + 4 * 195 / np.sqrt(12 * count))
+    assert start.min() < 4
+    assert records.burst[:, -1].any()
+
+
+def test_noise_is_normal():
+    noise = direction_finder(
+        500_000, sigma=2.0, single_probability=0, bursts_per_100=0, period=None, rng=8
+    ).theta
+    # standard errors of the standardised moments: sqrt(6/n), sqrt(24/n)
+    score = (noise - noise.mean()) / noise.std()
+    assert np.mean(score**3) == pytest.approx(0, abs=4 * np.sqrt(6 / noise.size))
+    assert np.mean(score**4) == pytest.approx(3, abs=4 * np.sqrt(24 / noise.size))
+    lag = np.mean(score[1:] * score[:-1])
+    assert lag == pytest.approx(0, abs=4 / np.sqrt(noise.size))
+
+
+def test_a_measurement_is_a_single_anomaly_or_in_a_burst_not_both():
+    records = direction_finder(100, single_probability=0.3, bursts_per_100=3, batch=50, rng=9)
+    assert not (records.single & records.burst).any()
+    assert records.single.any()
+    assert records.burst.any()
+
+
 def test_a_seed_gives_the_same_record_and_a_generator_goes_on():
     first, second = (direction_finder(50, rng=3).theta for _ in range(2))
     np.testing.assert_array_equal(first, second)
@@ -75,6 +128,10 @@ def test_bursts_longer_than_the_record_fill_it():
         ({"amplitude": (3, np.inf)}, ValueError, "amplitude is"),
         ({"period": 0}, ValueError, "period is 0"),
         ({"batch": -1}, ValueError, "batch is -1"),
+        ({"batch": 1.5}, TypeError, "batch is 1.5"),
+        ({"rng": "x"}, TypeError, "rng is 'x'"),
+        ({"rng": 1.5}, TypeError, "rng is 1.5"),
+        ({"rng": -1}, ValueError, "rng is -1"),
     ],
 )
 def test_bad_parameters(options, error, message):

@@ -46,11 +46,29 @@ def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
 def finite(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers, all of them finite."""
     array = samples(value, name)
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
-        place = _place(name, tuple(bad[0]))
-        raise ValueError(f"{place} is {array[tuple(bad[0])]}; it must be a finite number")
+    _require_each(array, np.isfinite(array), name, "a finite number")
     return array
+
+
+def positive(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return `value` as float64 numbers, all of them finite and positive."""
+    array = finite(value, name)
+    _require_each(array, array > 0, name, "a positive number")
+    return array
+
+
+def _require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
+    bad = np.argwhere(~holds)
+    if len(bad):
+        index = tuple(bad[0])
+        raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
+
+
+def flag(value: Any, name: str) -> bool:
+    """Return `value` as a bool."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} is {value!r}; it must be True or False")
+    return bool(value)
 
 
 def _place(name: str, index: tuple[int, ...]) -> str:
@@ -87,7 +105,7 @@ def threads(n_threads: int | None) -> int | None:
 
 def omits(nan_policy: NanPolicy) -> bool:
     """Return whether nan means 'no measurement'."""
-    if nan_policy not in ("raise", "omit"):  # a list is not hashable
+    if not isinstance(nan_policy, str) or nan_policy not in {"raise", "omit"}:
         raise ValueError(f"nan_policy is {nan_policy!r}; it must be 'raise' or 'omit'")
     return nan_policy == "omit"
 

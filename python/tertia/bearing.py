@@ -138,8 +138,9 @@ def estimate_bearing(
     Raises
     ------
     ValueError
-        Too few measurements, one that is not finite, a parameter outside its domain, an unknown
-        word, or too few measurements left.
+        Too few measurements, one that is not finite, deviations too large or too small to be
+        squared, a parameter of the method outside its domain (those of other methods are ignored),
+        an unknown word, or too few measurements left.
     TypeError
         An argument of the wrong type.
 

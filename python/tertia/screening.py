@@ -23,8 +23,10 @@ from tertia._arrays import (
     IntArray,
     NanPolicy,
     finite,
+    flag,
     integer,
     omits,
+    positive,
     real,
     samples,
     scalar_or_array,
@@ -253,7 +255,8 @@ def leave_one_out(
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, one that is not finite, k <= 0, an unknown word, fewer than 2
+        Fewer than 3 measurements, one that is not finite, deviations too large or too
+        small to be squared, k <= 0, an unknown word, fewer than 2
         measurements left, or several passes with a k that lets them eat the whole sample (below 2.5
         with, 1.7321 without replacement).
     TypeError
@@ -276,7 +279,7 @@ def leave_one_out(
                 real(k, "k"),
                 str(statistics),
                 str(order),
-                bool(replace),
+                flag(replace, "replace"),
                 integer(passes, "passes", 1),
                 omits(nan_policy),
                 threads(n_threads),
@@ -319,7 +322,8 @@ def k_sigma(
     Raises
     ------
     ValueError
-        Fewer than 2 measurements, one that is not finite, k <= 0, an unknown word, or too few
+        Fewer than 2 measurements, one that is not finite, deviations too large or too
+        small to be squared, k <= 0, an unknown word, or too few
         measurements left.
     TypeError
         `y` does not hold real numbers.
@@ -374,8 +378,9 @@ def bursts(
         Correlation of successive measurements in a quiet record, between -1 and 1. Correlated noise
         looks like bursts; with this it does not.
     resolution : float
-        Step of the readings in the unit of y, 0: continuous. The standard deviation is never taken
-        to be below `resolution / sqrt(12)`.
+        Step of the readings in the unit of y, 0: continuous or not known. A rounding variance of
+        `resolution**2 / 12` is added to that of the noise. Where more than half of the readings
+        are equal and it is not known, the nearest different reading tells it.
     nan_policy : {"raise", "omit"}
         "omit": nan is 'no measurement'.
     n_threads : int, optional
@@ -455,7 +460,7 @@ def known_sigma(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> Out
     >>> round(test.statistic, 4), round(test.p_value, 4)
     (2.3552, 0.0185)
     """
-    x, y, sigma = finite(x, "x"), samples(y, "y"), finite(sigma, "sigma")
+    x, y, sigma = finite(x, "x"), samples(y, "y"), positive(sigma, "sigma")
     batch = _batch({"x": x.shape, "y": y.shape[:-1], "sigma": sigma.shape})
     result = _core.known_sigma(_flat(x, batch), _rows(y, batch), y, _flat(sigma, batch))
     return _outlier_test(result, batch)
@@ -563,8 +568,7 @@ def grubbs(y: npt.ArrayLike, level: float = 0.05) -> ExtremeTest:
     """
     y = samples(y, "y")
     result = _core.grubbs(y)
-    count = _at_least(3, y.shape[-1], "y")
-    return _extreme_test(result, critical_value(count, level, test="grubbs"))
+    return _extreme_test(result, critical_value(y.shape[-1], level, test="grubbs"))
 
 
 def cochran(
@@ -607,7 +611,7 @@ def cochran(
     variances = samples(variances, "variances")
     degrees = real(degrees_of_freedom, "degrees_of_freedom")
     result = _core.cochran(variances, degrees)
-    count = _at_least(2, variances.shape[-1], "variances")
+    count = variances.shape[-1]
     return _extreme_test(
         result, critical_value(count, level, test="cochran", degrees_of_freedom=degrees)
     )
@@ -766,13 +770,6 @@ def _outlier_test(result: tuple[FloatArray, FloatArray], batch: tuple[int, ...])
 def _extreme_test(result: tuple[IntArray, FloatArray, FloatArray], critical: float) -> ExtremeTest:
     index, statistic, p_value = map(scalar_or_array, result)
     return ExtremeTest(index, statistic, p_value, critical, statistic > critical)
-
-
-def _at_least(minimum: int, count: int, name: str) -> int:
-    """Return the length of a sample, checked for batches without rows too."""
-    if count < minimum:
-        raise ValueError(f"{name} has {count} measurements; at least {minimum} are needed")
-    return count
 
 
 def _batch(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:

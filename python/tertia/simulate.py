@@ -113,7 +113,7 @@ def direction_finder(
     if period is not None:
         period = _number(period, "period", 0)
         _require(period > 0, "period", period, "a positive number or None")
-    generator = np.random.default_rng(rng)
+    generator = _generator(rng)
     shape = (*_shape(batch), n)
     records = int(np.prod(shape[:-1]))
 
@@ -144,6 +144,16 @@ def direction_finder(
     return BearingRecord(
         theta.reshape(shape), float(bearing), (single & ~burst).reshape(shape), burst.reshape(shape)
     )
+
+
+def _generator(rng: Any) -> np.random.Generator:
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError) as error:
+        kind = type(error)
+        raise kind(
+            f"rng is {rng!r}; it must be a Generator or a whole number, not negative"
+        ) from None
 
 
 def _pair(value: Any, name: str) -> tuple[Any, Any]:

@@ -98,6 +98,7 @@ def robust(y, size, **options):
         step = screening.step_of_ties(y, np.median(y), step)
     if np.ptp(kept) == 0:
         count = np.array([np.count_nonzero(~outlier[g]) for g in groups_of(len(y), size)])
+        step = max(step, screening.step_of_ties(y, kept[0], 0.0))
         return kept[0], step / np.sqrt(12), outlier, count / count.sum()
     every = [y[g][~outlier[g]] for g in groups_of(len(y), size)]
     blocks = [v for v in every if len(v)]

@@ -36,7 +36,13 @@ impl<'py> Samples<'py> {
         Ok(Self { array: array.readonly(), name })
     }
 
-    pub fn rows(&self) -> PyResult<Rows<'_>> {
+    /// The rows, which must have at least `minimum` measurements.
+    pub fn rows(&self, minimum: usize) -> PyResult<Rows<'_>> {
+        let count = self.array.shape()[self.array.ndim() - 1];
+        if count < minimum {
+            let error = tertia::Error::TooFew { argument: self.name, count, minimum };
+            return Err(value_error(error));
+        }
         // not the array's own `as_slice`, which also gives memory that lies column by column
         let view = self.array.as_array();
         let values = match view.to_slice() {

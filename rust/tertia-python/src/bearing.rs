@@ -99,7 +99,8 @@ pub fn estimate_bearing<'py>(
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Estimated<'py>> {
     let samples = Samples::extract(theta, "theta")?;
-    let (rows, estimator) = (samples.rows()?, options.estimator()?);
+    let estimator = options.estimator()?;
+    let rows = samples.rows(if omit { 0 } else { estimator.min_count() })?;
     let (n, count) = (rows.len(), rows.count());
     let groups = estimator.groups(n);
     let mut outlier = Output::new(py, rows.shape)?;

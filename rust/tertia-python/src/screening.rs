@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use std::num::NonZero;
 use tertia::Moments;
 use tertia::batch::for_each_row;
+use tertia::bearing::{Estimator, Method};
 use tertia::screening::{
     self, BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
     Summary, Test,
@@ -35,7 +36,7 @@ pub fn leave_one_out_statistics<'py>(
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(3)?;
     let (n, count) = (rows.len(), rows.count());
     let mut mean = Output::new(py, rows.shape)?;
     let mut variance = Output::new(py, rows.shape)?;
@@ -60,8 +61,11 @@ pub fn leave_one_out_mask<'py>(
     k: f64,
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Mask<'py>> {
+    // also where there is no row to find it out
+    LeaveOneOutRule::try_new(k, Statistics::Frozen, Order::Forward, true, 1)
+        .map_err(value_error)?;
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(3)?;
     let (n, count) = (rows.len(), rows.count());
     let mut outlier = Output::new(py, rows.shape)?;
     let flags = outlier.values()?;
@@ -104,7 +108,7 @@ pub fn leave_one_out<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
     };
-    screen(py, y, SCREEN_NS, omit, n_threads, Vec::new, kernel)
+    screen(py, y, 3, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
 /// Screening by the k-sigma rule.
@@ -127,7 +131,7 @@ pub fn k_sigma<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
     };
-    screen(py, y, SCREEN_NS, omit, n_threads, Vec::new, kernel)
+    screen(py, y, 2, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
 /// Detection of points and bursts.
@@ -151,13 +155,15 @@ pub fn bursts<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
         rule.screen(y, outlier, cleaned, work)
     };
-    screen(py, y, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
+    screen(py, y, 3, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
 }
 
 /// Runs a screening kernel over all rows.
+#[allow(clippy::too_many_arguments)] // what the three callers have in common
 fn screen<'py, S>(
     py: Python<'py>,
     y: &Bound<'py, PyAny>,
+    minimum: usize,
     nanoseconds: f64,
     omit: bool,
     n_threads: Option<NonZero<usize>>,
@@ -165,7 +171,7 @@ fn screen<'py, S>(
     kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync,
 ) -> PyResult<Screened<'py>> {
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(if omit { 0 } else { minimum })?;
     let (n, count) = (rows.len(), rows.count());
     let mut outlier = Output::new(py, rows.shape)?;
     let mut cleaned = Output::new(py, rows.shape)?;
@@ -210,8 +216,10 @@ pub fn unwrap<'py>(
     period: f64,
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Array<'py>> {
+    // also where there is no row to find it out
+    Estimator::try_new(Method::Mean, Some(period), 0.0).map_err(value_error)?;
     let samples = Samples::extract(theta, "theta")?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(1)?;
     let (n, count) = (rows.len(), rows.count());
     let mut unwrapped = Output::new(py, rows.shape)?;
     let angles = unwrapped.values()?;
@@ -236,7 +244,7 @@ pub fn known_sigma<'py>(
     sigma: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let sigma = sigma.as_array().to_vec();
-    one_by_one(py, &x, &row, y, |i, x, others| screening::known_sigma(x, others, sigma[i]))
+    one_by_one(py, &x, &row, y, 1, |i, x, others| screening::known_sigma(x, others, sigma[i]))
 }
 
 /// Tests of `x[i]` against the others `y[row[i]]`, sigma unknown.
@@ -247,7 +255,7 @@ pub fn unknown_sigma<'py>(
     row: PyReadonlyArray1<'py, i64>,
     y: &Bound<'py, PyAny>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    one_by_one(py, &x, &row, y, |_, x, others| screening::unknown_sigma(x, others))
+    one_by_one(py, &x, &row, y, 2, |_, x, others| screening::unknown_sigma(x, others))
 }
 
 /// Moments of every row of y, once; then a test for every x.
@@ -256,10 +264,11 @@ fn one_by_one<'py>(
     x: &PyReadonlyArray1<'py, f64>,
     row: &PyReadonlyArray1<'py, i64>,
     y: &Bound<'py, PyAny>,
+    minimum: usize,
     test: impl Fn(usize, f64, &Moments) -> tertia::Result<screening::OutlierTest> + Sync,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(minimum)?;
     let (x, row) = (x.as_array().to_vec(), row.as_array().to_vec());
     let mut others = repeated(None, rows.count())?;
     let mut results = repeated((0.0, 0.0), x.len())?;
@@ -309,10 +318,11 @@ fn extreme<'py>(
     py: Python<'py>,
     y: &Bound<'py, PyAny>,
     name: &'static str,
+    minimum: usize,
     test: impl Fn(usize, &[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync,
 ) -> PyResult<Extreme<'py>> {
     let samples = Samples::extract(y, name)?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(minimum)?;
     let mut results = repeated((0_i64, 0.0, 0.0), rows.count())?;
     let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
     py.detach(|| {
@@ -344,7 +354,7 @@ pub fn thompson_tau<'py>(
     y: &Bound<'py, PyAny>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows()?;
+    let rows = samples.rows(3)?;
     let (n, count) = (rows.len(), rows.count());
     let mut statistic = Output::new(py, rows.shape)?;
     let mut p_value = Output::new(py, rows.shape)?;
@@ -362,7 +372,7 @@ pub fn thompson_tau<'py>(
 /// Grubbs' test of every row.
 #[pyfunction]
 pub fn grubbs<'py>(py: Python<'py>, y: &Bound<'py, PyAny>) -> PyResult<Extreme<'py>> {
-    extreme(py, y, "y", |_, y| screening::grubbs(y))
+    extreme(py, y, "y", 3, |_, y| screening::grubbs(y))
 }
 
 /// Cochran's test of every row of variances.
@@ -372,7 +382,7 @@ pub fn cochran<'py>(
     variances: &Bound<'py, PyAny>,
     degrees_of_freedom: f64,
 ) -> PyResult<Extreme<'py>> {
-    extreme(py, variances, "variances", |_, d| screening::cochran(d, degrees_of_freedom))
+    extreme(py, variances, "variances", 2, |_, d| screening::cochran(d, degrees_of_freedom))
 }
 
 /// Threshold of a test.

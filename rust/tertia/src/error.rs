@@ -35,6 +35,15 @@ pub enum Error {
         /// Measurements given.
         count: usize,
     },
+    /// No group passed the tests among groups with two measurements or more.
+    #[error(
+        "none of {groups} groups is left: each has fewer than two measurements that are not \
+         anomalous, or fails a test; choose a larger group_size, k or variance_test"
+    )]
+    NoGroupLeft {
+        /// Groups given.
+        groups: usize,
+    },
     /// Squares of the deviations would overflow or underflow.
     #[error(
         "the deviations of {argument} from their mean are too large or too small to be squared \

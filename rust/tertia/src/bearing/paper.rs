@@ -76,7 +76,7 @@ pub(super) fn corrected(
         used[j] &= !extreme[j];
     }
     if !used.contains(&true) {
-        return Err(Error::AllAnomalous { kept: 0, count: angle.len() });
+        return Err(Error::NoGroupLeft { groups: groups.len() });
     }
     let (variance, count) = (groups.variance.clone(), groups.count.clone());
     groups.set_weights(|j| if used[j] { count[j] / variance[j] } else { 0.0 });

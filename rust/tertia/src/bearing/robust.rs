@@ -24,7 +24,8 @@ pub(super) fn estimate(
     if summary.variance == 0.0 {
         let count = groups.count.clone();
         groups.set_weights(|j| count[j]);
-        return Ok((summary.mean, floor));
+        let step = nearest_difference(angle, summary.mean);
+        return Ok((summary.mean, floor.max(step / 12_f64.sqrt())));
     }
     let overall = summary.variance.max(floor * floor);
     // readings that are coarse beside the noise: a block's variance goes with its mean
@@ -39,6 +40,14 @@ pub(super) fn estimate(
     let q = blocks.iter().map(term).sum::<f64>() / (blocks.len() as f64 - 1.0).max(1.0);
     let total: f64 = information.iter().sum();
     Ok((value, q.max(1.0).sqrt() / total.sqrt()))
+}
+
+/// Distance of the nearest reading that differs from the one value that was kept, zero if there is
+/// none: the finest step that the readings are known to resolve.
+fn nearest_difference(angle: &[f64], kept: f64) -> f64 {
+    let distances = angle.iter().map(|v| (v - kept).abs()).filter(|&d| d > 0.0);
+    let nearest = distances.fold(f64::INFINITY, f64::min);
+    if nearest.is_finite() { nearest } else { 0.0 }
 }
 
 /// Variances shrunk towards their common value (Smyth 2004): the spread of `ln d_j` beyond that of

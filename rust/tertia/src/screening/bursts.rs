@@ -20,6 +20,8 @@ const MIN_KEPT: usize = 5;
 const FEWEST_FOR_PENALTY: usize = 30;
 /// A longer one is not a burst, and its table would not fit.
 const LONGEST_BURST: usize = 100_000;
+/// Larger penalties and steps would overflow.
+const LARGEST: f64 = 1e100;
 /// Scores are cut here, so that their squares stay finite.
 const MAX_SCORE: f64 = 1e150;
 
@@ -65,16 +67,17 @@ impl BurstRule {
         correlation: f64,
         resolution: f64,
     ) -> Result<Self> {
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        require("point_penalty", point_penalty, positive(point_penalty), "a positive number")?;
-        require("burst_penalty", burst_penalty, positive(burst_penalty), "a positive number")?;
+        let holds = |v: f64| v > 0.0 && v <= LARGEST;
+        let wanted = "a positive number, not above 1e100";
+        require("point_penalty", point_penalty, holds(point_penalty), wanted)?;
+        require("burst_penalty", burst_penalty, holds(burst_penalty), wanted)?;
         require("min_burst", min_length as f64, min_length >= 2, "at least 2")?;
         let holds = max_length >= min_length;
         require("max_burst", max_length as f64, holds, "at least min_burst")?;
         let holds = correlation.abs() < 1.0;
         require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
-        let holds = resolution >= 0.0 && resolution.is_finite();
-        require("resolution", resolution, holds, "zero or a positive number")?;
+        let holds = (0.0..=LARGEST).contains(&resolution);
+        require("resolution", resolution, holds, "zero or a positive number, not above 1e100")?;
         let holds = max_length <= LONGEST_BURST;
         require("max_burst", max_length as f64, holds, "at most 100000")?;
         Ok(Self {

@@ -98,8 +98,15 @@ fn downdate(moments: &Moments, y: &[f64], mean: &mut [f64], variance: &mut [f64]
 /// The factor c(k, N) with which the leave-one-out rule is `|y_i − M| > c √D`:
 /// `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`.
 pub fn threshold_coefficient(k: f64, n: f64) -> f64 {
-    // divided by k, so that k² may overflow
-    (n - 1.0) * ((n - 1.0) / (n * (n * (n - 2.0) / (k * k) + (n - 1.0)))).sqrt()
+    (n - 1.0) * ((n - 1.0) / (n * room(k, n))).sqrt()
+}
+
+/// `N (N−2)/k² + N − 1`: divided by k², which may overflow but must not be zero.
+#[inline(always)]
+fn room(k: f64, n: f64) -> f64 {
+    const SMALLEST_K: f64 = 1e-150;
+    let k = k.max(SMALLEST_K);
+    n * (n - 2.0) / (k * k) + (n - 1.0)
 }
 
 /// Marks the values that the rule with frozen statistics finds anomalous. O(N); about one read of
@@ -216,8 +223,7 @@ fn mark_with_margin(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut
 fn threshold(k: f64, moments: &Moments) -> f64 {
     // c √D, with one root
     let n = moments.count();
-    let square = moments.sum_of_squares() / (n * (n * (n - 2.0) / (k * k) + (n - 1.0)));
-    (n - 1.0) * square.sqrt()
+    (n - 1.0) * (moments.sum_of_squares() / (n * room(k, n))).sqrt()
 }
 
 /// The leave-one-out rule and what it does with an anomalous value.
