@@ -5,6 +5,8 @@ use crate::error::{Result, require, require_count};
 use crate::moments::{BLOCK, Moments};
 use pulp::{Simd, WithSimd};
 
+/// A mean that is smaller than this share of the spread has lost three digits to cancellation.
+const MIN_MEAN: f64 = 1e-3;
 /// Values needed: D'_i has the divisor N − 2.
 pub(super) const MIN_COUNT: usize = 3;
 /// Repeated passes that replace eat the whole sample below k = 2.1617; refused below this.
@@ -43,20 +45,52 @@ pub fn statistics(y: &[f64], mean: &mut [f64], variance: &mut [f64]) -> Result<(
     assert!(y.len() == mean.len() && y.len() == variance.len());
     require_count("y", y.len(), MIN_COUNT)?;
     let moments = Moments::of("y", y)?;
-    let dominated = pulp::Arch::new().dispatch(Downdate {
+    let extremes = pulp::Arch::new().dispatch(Downdate {
         moments: &moments,
         y,
         mean: &mut *mean,
         variance: &mut *variance,
     });
-    if dominated {
+    if extremes.lost > MAX_SHARE * moments.sum_of_squares() {
         let mut scratch = Vec::new();
         for i in 0..y.len() {
             let others = moments_of_others(y, i, &moments, &mut scratch)?;
             (mean[i], variance[i]) = (others.mean(), others.variance());
         }
     }
+    if extremes.mean < MIN_MEAN * (moments.sum_of_squares() / moments.count()).sqrt() {
+        recompute_means(y, mean);
+    }
     Ok(())
+}
+
+/// M'_i in twice the precision, for values that cancel. O(N).
+fn recompute_means(y: &[f64], mean: &mut [f64]) {
+    let (mut sum, mut error) = (0.0, 0.0);
+    for &v in y {
+        let (rounded, lost) = two_sum(sum, v);
+        (sum, error) = (rounded, error + lost);
+    }
+    let others = y.len() as f64 - 1.0;
+    for (m, &v) in mean.iter_mut().zip(y) {
+        let (rounded, lost) = two_sum(sum, -v);
+        *m = (rounded + (error + lost)) / others;
+    }
+}
+
+/// `a + b` and what its rounding has lost (Knuth).
+fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let b_rounded = sum - a;
+    (sum, (a - (sum - b_rounded)) + (b - b_rounded))
+}
+
+/// What decides whether a leave-one-out value has lost digits.
+struct Extremes {
+    /// The largest `e_i² N/(N−1)`.
+    lost: f64,
+    /// The smallest `|M'_i|`.
+    mean: f64,
 }
 
 struct Downdate<'a> {
@@ -67,32 +101,35 @@ struct Downdate<'a> {
 }
 
 impl WithSimd for Downdate<'_> {
-    type Output = bool;
+    type Output = Extremes;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> bool {
+    fn with_simd<S: Simd>(self, _: S) -> Extremes {
         downdate(self.moments, self.y, self.mean, self.variance)
     }
 }
 
-/// Writes M'_i and D'_i; returns whether some value makes up more than half of SS, so that its D'_i
-/// has lost digits.
+/// Writes M'_i and D'_i.
 #[inline(always)]
-fn downdate(moments: &Moments, y: &[f64], mean: &mut [f64], variance: &mut [f64]) -> bool {
+fn downdate(moments: &Moments, y: &[f64], mean: &mut [f64], variance: &mut [f64]) -> Extremes {
     let n = moments.count();
     let (centre, squares) = (moments.mean(), moments.sum_of_squares());
     let (per_mean, per_square, per_variance) = (1.0 / (n - 1.0), n / (n - 1.0), 1.0 / (n - 2.0));
     // bits of numbers that are not negative are in the order of the numbers, and integers have a
     // maximum that the compiler turns into vectors
-    let mut largest = 0_i64;
+    let (mut most_lost, mut least_mean) = (0_i64, i64::MAX);
     for ((&v, m), d) in y.iter().zip(mean).zip(variance) {
         let e = moments.deviation(v);
         let lost = e * e * per_square;
         *m = centre - e * per_mean;
         *d = (squares - lost) * per_variance;
-        largest = largest.max(lost.to_bits().cast_signed());
+        most_lost = most_lost.max(lost.to_bits().cast_signed());
+        least_mean = least_mean.min(m.abs().to_bits().cast_signed());
     }
-    f64::from_bits(largest.cast_unsigned()) > MAX_SHARE * squares
+    Extremes {
+        lost: f64::from_bits(most_lost.cast_unsigned()),
+        mean: f64::from_bits(least_mean.cast_unsigned()),
+    }
 }
 
 /// The factor c(k, N) with which the leave-one-out rule is `|y_i − M| > c √D`:
