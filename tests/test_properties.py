@@ -5,7 +5,6 @@ import inspect
 import re
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -304,16 +303,3 @@ def test_the_mask_is_that_of_the_frozen_rule(y, k):
         np.testing.assert_array_equal(mask, frozen.outlier)
         assert np.isfinite(frozen.threshold)
         assert frozen.threshold > 0 or np.ptp(y) == 0 or np.ptp(frozen.cleaned) == 0
-
-
-def test_a_panic_would_be_noticed():
-    """The exception of a panic is not a ValueError: `outcome` lets it through."""
-
-    class PanicError(BaseException):
-        pass
-
-    def panics():
-        raise PanicError
-
-    with pytest.raises(PanicError):
-        outcome(panics)

@@ -137,7 +137,7 @@ pub fn array<'py, T: Element>(
 const SMALL: usize = 100_000;
 
 /// A fresh array for the results of a kernel. NumPy allocates it, because it asks for huge pages:
-/// touching 160 MB for the first time costs 2 ns instead of 10 ns a number.
+/// the statistics of 10^7 values took 3 ns a value instead of 10.
 pub struct Output<'py, T: Element>(PyReadwriteArrayDyn<'py, T>);
 
 impl<'py, T: Element> Output<'py, T> {

@@ -1,7 +1,7 @@
 //! Rows of a batch on several threads.
 //!
 //! Threads live for one call: there is no pool whose threads a forked process would miss, and
-//! starting them (about 30 µs each) is paid only where the work takes a millisecond or more.
+//! starting them (about 50 µs each) is paid only where the work takes a millisecond or more.
 
 use crate::error::{Error, Result};
 use std::num::NonZero;

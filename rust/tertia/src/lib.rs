@@ -1,8 +1,9 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle <- screening <- bearing`, with [`batch`] and
-//! [`missing`] for their callers: a module uses those to its left only. Kernels take slices and fill the caller's outputs.
+//! `error, moments, distribution, angle <- screening <- bearing`, with [`batch`] and [`missing`] for
+//! their callers: a module uses those to its left only. Kernels take slices and fill the caller's
+//! outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
 //! |---|---|---|

@@ -15,9 +15,7 @@ pub use hypothesis::{
     thompson_tau, unknown_sigma,
 };
 pub use k_sigma::{KSigmaRule, Replacement};
-pub use leave_one_out::{
-    LeaveOneOutRule, Order, Statistics, mask, statistics, threshold_coefficient,
-};
+pub use leave_one_out::{LeaveOneOutRule, Order, Statistics, mask, statistics};
 
 pub use crate::angle::unwrap;
 

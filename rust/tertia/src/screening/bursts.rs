@@ -11,12 +11,12 @@ use pulp::{Simd, WithSimd};
 
 /// MAD of the normal distribution to its standard deviation.
 const MAD_TO_SIGMA: f64 = 1.4826;
-/// Refits of centre and scale; more never changed a flag in the simulations of the docs.
+/// Most refits of centre and scale.
 const MAX_ITERATIONS: usize = 3;
 /// With fewer values than this (or a quarter of the sample) left, all flags are dropped.
 const MIN_KEPT: usize = 5;
 /// The penalties of shorter samples are those of this many values: median and MAD of a few values
-/// are so uncertain that with ln N itself one clean value in fifteen is flagged.
+/// are so uncertain that with ln N itself one clean value in twenty is flagged.
 const FEWEST_FOR_PENALTY: usize = 30;
 /// A longer one is not a burst, and its table would not fit.
 const LONGEST_BURST: usize = 100_000;
@@ -105,10 +105,8 @@ impl BurstRule {
     ) -> Result<Summary> {
         assert_eq!(y.len(), outlier.len());
         require_count("y", y.len(), 3)?;
-        Moments::of("y", y)?;
-        let (mut centre, start) = self.start(y, workspace)?;
-        let mut scale = start;
         let mut kept = Moments::of("y", y)?;
+        let (mut centre, mut scale) = self.start(y, workspace)?;
         let ln_n = (y.len().max(FEWEST_FOR_PENALTY) as f64).ln();
         outlier.fill(false);
         for _ in 0..MAX_ITERATIONS {

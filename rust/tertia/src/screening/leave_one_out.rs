@@ -132,12 +132,6 @@ fn downdate(moments: &Moments, y: &[f64], mean: &mut [f64], variance: &mut [f64]
     }
 }
 
-/// The factor c(k, N) with which the leave-one-out rule is `|y_i − M| > c √D`:
-/// `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`.
-pub fn threshold_coefficient(k: f64, n: f64) -> f64 {
-    (n - 1.0) * ((n - 1.0) / (n * room(k, n))).sqrt()
-}
-
 /// `N (N−2)/k² + N − 1`: divided by k², which may overflow but must not be zero.
 #[inline(always)]
 fn room(k: f64, n: f64) -> f64 {
@@ -256,9 +250,9 @@ fn mark_with_margin(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut
     f64::from_bits(nearest.cast_unsigned())
 }
 
+/// The rule is `|y_i − M| > c √D` with `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`; this is c √D.
 #[inline(always)]
 fn threshold(k: f64, moments: &Moments) -> f64 {
-    // c √D, with one root
     let n = moments.count();
     (n - 1.0) * (moments.sum_of_squares() / (n * room(k, n))).sqrt()
 }
@@ -467,13 +461,15 @@ mod tests {
     #[test]
     fn threshold_coefficients() {
         for (k, n, c) in [
-            (2.5, 10.0, 1.828_670_745_992_21),
-            (2.5, 100.0, 2.412_598_158_422_82),
-            (2.2, 20.0, 1.916_408_482_272_67),
-            (3.0, 100.0, 2.858_017_487_759_74),
-            (2.5, 5.0, std::f64::consts::SQRT_2),
+            (2.5, 10, 1.828_670_745_992_21),
+            (2.5, 100, 2.412_598_158_422_82),
+            (2.2, 20, 1.916_408_482_272_67),
+            (3.0, 100, 2.858_017_487_759_74),
+            (2.5, 5, std::f64::consts::SQRT_2),
         ] {
-            assert_close(threshold_coefficient(k, n), c);
+            let y: Vec<f64> = (0..n).map(noise).collect();
+            let moments = Moments::of("y", &y).unwrap();
+            assert_close(threshold(k, &moments) / moments.variance().sqrt(), c);
         }
     }
 
