@@ -55,6 +55,30 @@ pub fn fisher_upper_quantile(p: f64, nu1: f64, nu2: f64) -> f64 {
     solve_decreasing(|f| fisher_upper(f, nu1, nu2), p)
 }
 
+/// `P(X > x)` of the chi-square distribution with `nu` degrees of freedom. Cost O(nu).
+///
+/// With h = x/2 it is the sum of `h^a e^-h / Γ(a+1)` over a = ν/2 − 1, ν/2 − 2, … ≥ 0, and for odd ν
+/// the normal tail besides: all terms are positive.
+pub fn chi_square_upper(x: f64, nu: usize) -> f64 {
+    if x <= 0.0 {
+        return 1.0;
+    }
+    if x == f64::INFINITY {
+        return 0.0;
+    }
+    let h = 0.5 * x;
+    let mut a = 0.5 * nu as f64 - 1.0;
+    let mut term = (a * h.ln() - h - ln_gamma(a + 1.0)).exp();
+    let mut sum = 0.0;
+    while a >= 0.0 {
+        sum += term;
+        term *= a / h;
+        a -= 1.0;
+    }
+    let tail = if nu % 2 == 1 { normal_two_sided(x.sqrt()) } else { 0.0 };
+    (sum + tail).min(1.0)
+}
+
 /// Digamma function ψ(x), x > 0.
 pub fn digamma(x: f64) -> f64 {
     x.digamma()

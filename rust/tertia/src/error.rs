@@ -17,6 +17,65 @@ pub enum Error {
         /// What it must be.
         requirement: &'static str,
     },
+    /// An element of one of several vectors or matrices that cannot be used.
+    #[error("{} is {}; {requirement}", element(argument, .index), text(*.value))]
+    InvalidElement {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Which vector or matrix, and where in it.
+        index: Vec<usize>,
+        /// The offending value.
+        value: f64,
+        /// What it must be.
+        requirement: &'static str,
+    },
+    /// A matrix whose halves differ by more than rounding.
+    #[error(
+        "{} is {} and its mirror image is {}; a covariance matrix must be symmetric",
+        element(argument, .index), text(*.upper), text(*.lower)
+    )]
+    NotSymmetric {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Which matrix, row, column.
+        index: Vec<usize>,
+        /// The element there.
+        upper: f64,
+        /// The element on the other side of the diagonal.
+        lower: f64,
+    },
+    /// A matrix that is no covariance.
+    #[error(
+        "{} is indefinite: some combination of its components would have a negative variance",
+        element(argument, .index)
+    )]
+    Indefinite {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Which matrix.
+        index: Vec<usize>,
+    },
+    /// Sensors that are both without error in some direction, or nearly so.
+    #[error(
+        "{} and those that it is combined with are singular to working precision: \
+         some combination of components has (almost) no variance in any of them",
+        element(argument, .index)
+    )]
+    SingularSum {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Which matrix.
+        index: Vec<usize>,
+    },
+    /// Sensors that are without error in different directions, or nearly so.
+    #[error(
+        "the fused covariance of {argument} is lost to rounding: each is (almost) singular, in \
+         different directions"
+    )]
+    LostToRounding {
+        /// Name of the argument.
+        argument: &'static str,
+    },
     /// The sample is shorter than the method needs.
     #[error("{argument} has {count} measurements; at least {minimum} are needed")]
     TooFew {
@@ -66,6 +125,14 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether it is about a matrix that is singular or indefinite.
+    pub fn is_about_definiteness(&self) -> bool {
+        matches!(
+            self,
+            Self::Indefinite { .. } | Self::SingularSum { .. } | Self::LostToRounding { .. }
+        )
+    }
+
     /// The same error about the bearings that were screened.
     pub(crate) fn about_theta(self) -> Self {
         match self {
@@ -79,6 +146,15 @@ impl Error {
             other => other,
         }
     }
+}
+
+/// An element of an argument as Python writes it.
+fn element(argument: &str, index: &[usize]) -> String {
+    if index.is_empty() {
+        return argument.to_owned();
+    }
+    let index: Vec<_> = index.iter().map(usize::to_string).collect();
+    format!("{argument}[{}]", index.join(", "))
 }
 
 /// The number as Python writes it.

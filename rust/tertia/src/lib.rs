@@ -20,9 +20,11 @@ pub mod batch;
 pub mod bearing;
 mod distribution;
 mod error;
+mod matrix;
 pub mod missing;
 mod moments;
 pub mod screening;
+pub mod weights;
 
 pub use error::{Error, Result};
 pub use moments::Moments;

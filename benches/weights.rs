@@ -1,0 +1,43 @@
+//! Cost of weights, their Jacobian and their covariance, by dimension and number of sensors.
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use std::hint::black_box;
+use tertia::weights::weighing;
+
+/// Covariances of so many sensors: diagonal, with a few correlations.
+fn covariances(sensors: usize, m: usize) -> Vec<f64> {
+    let element = |k: usize, i: usize, j: usize| match i.abs_diff(j) {
+        0 => 2.0 + ((k + i) % 3) as f64,
+        1 => 0.3 + 0.2 * (k % 2) as f64,
+        _ => 0.0,
+    };
+    (0..sensors * m * m).map(|at| element(at / (m * m), at / m % m, at % m)).collect()
+}
+
+fn benches(c: &mut Criterion) {
+    let mut group = c.benchmark_group("weights");
+    for (sensors, m) in [(2, 1), (2, 2), (2, 3), (2, 6), (2, 9), (2, 16), (4, 3)] {
+        let s = covariances(sensors, m);
+        let factors = vec![1.0 / 29.0; sensors];
+        let mut solver = weighing(sensors, m).unwrap();
+        let name = format!("{sensors} sensors, m = {m}");
+        let mut weights = vec![0.0; s.len()];
+        group.bench_function(BenchmarkId::new("weights", &name), |b| {
+            b.iter(|| solver.weights(black_box(&s), &mut weights).unwrap());
+        });
+        let mut jacobian = vec![0.0; sensors * m.pow(4)];
+        group.bench_function(BenchmarkId::new("jacobian", &name), |b| {
+            b.iter(|| solver.jacobian(black_box(&s), 1, &mut jacobian).unwrap());
+        });
+        let mut covariance = vec![0.0; m.pow(4)];
+        group.bench_function(BenchmarkId::new("covariance", &name), |b| {
+            b.iter(|| {
+                solver.weight_covariance(black_box(&s), &factors, 1, &mut covariance).unwrap()
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(all, benches);
+criterion_main!(all);

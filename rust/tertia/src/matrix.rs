@@ -1,0 +1,210 @@
+//! Covariance matrices whose order is known when compiling (on the stack), or not (`Dyn`).
+//!
+//! Nothing is compared but in units of the matrix's own diagonal, so components may have units of
+//! very different size.
+
+use crate::error::{Error, Result};
+use nalgebra::allocator::Allocator;
+use nalgebra::{DefaultAllocator, Dim, OMatrix};
+
+/// A matrix of order D.
+pub(crate) type Square<D> = OMatrix<f64, D, D>;
+
+/// Smallest and largest variance: products of four standard deviations and their reciprocals stay
+/// finite.
+const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
+/// Largest difference of two elements that should be equal, in standard deviations.
+const ASYMMETRY: f64 = 1e-10;
+/// A matrix is semidefinite where its correlations are, after adding this to their diagonal: more
+/// than rounding leaves of a zero, less than a measurement tells.
+const SEMIDEFINITE: f64 = 1e-13;
+/// Share of a variance that the components before it must leave unexplained in a regular matrix.
+const REGULAR: f64 = 1e-13;
+
+pub(crate) fn zeros<D: Dim>(order: D) -> Square<D>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    Square::zeros_generic(order, order)
+}
+
+/// Reads the covariance that the caller calls `argument[place]`; both its halves must agree.
+/// `factor` becomes its factor as of [`factorise`], with a little added to the diagonal.
+pub(crate) fn read_covariance<D: Dim>(
+    argument: &'static str,
+    place: &[usize],
+    values: &[f64],
+    out: &mut Square<D>,
+    factor: &mut Square<D>,
+) -> Result<()>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let m = out.nrows();
+    let at = |i: usize, j: usize| [place, &[i, j]].concat();
+    let refuse = |i: usize, j: usize, requirement| {
+        let value = values[i * m + j];
+        Err(Error::InvalidElement { argument, index: at(i, j), value, requirement })
+    };
+    for i in 0..m {
+        for j in 0..m {
+            if !values[i * m + j].is_finite() {
+                return refuse(i, j, "every element must be a finite number");
+            }
+        }
+        if !VARIANCES.contains(&values[i * m + i]) {
+            return refuse(i, i, "variances must be positive, between 1e-140 and 1e140");
+        }
+    }
+    for j in 0..m {
+        for i in 0..=j {
+            let (upper, lower) = (values[i * m + j], values[j * m + i]);
+            let mean = if upper == lower {
+                upper
+            } else {
+                let scale = (values[i * m + i] * values[j * m + j]).sqrt();
+                if (upper - lower).abs() > ASYMMETRY * scale {
+                    let index = at(i, j);
+                    return Err(Error::NotSymmetric { argument, index, upper, lower });
+                }
+                upper + 0.5 * (lower - upper)
+            };
+            (out[(i, j)], out[(j, i)]) = (mean, mean);
+            (factor[(i, j)], factor[(j, i)]) = (mean, mean);
+        }
+        factor[(j, j)] *= 1.0 + SEMIDEFINITE;
+    }
+    if factorise(factor, 0.0) {
+        Ok(())
+    } else {
+        Err(Error::Indefinite { argument, index: place.to_vec() })
+    }
+}
+
+/// `A = L D L^T` in place, D on the diagonal, L (unit lower) below it; the upper half is left.
+/// False where a pivot is not above `floor` times its diagonal element. Cost m³/3.
+fn factorise<D: Dim>(a: &mut Square<D>, floor: f64) -> bool
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let m = a.nrows();
+    for j in 0..m {
+        let variance = a[(j, j)];
+        for p in 0..j {
+            let f = a[(j, p)] * a[(p, p)];
+            for i in j..m {
+                a[(i, j)] -= f * a[(i, p)];
+            }
+        }
+        let pivot = a[(j, j)];
+        if pivot.is_nan() || pivot <= floor * variance {
+            return false;
+        }
+        let reciprocal = 1.0 / pivot;
+        for i in j + 1..m {
+            a[(i, j)] *= reciprocal;
+        }
+    }
+    true
+}
+
+/// Turns a factor as of [`factorise`] into the lower triangle `L √D`.
+pub(crate) fn into_cholesky<D: Dim>(factor: &mut Square<D>)
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let m = factor.nrows();
+    for j in 0..m {
+        let root = factor[(j, j)].sqrt();
+        for i in 0..j {
+            factor[(i, j)] = 0.0;
+        }
+        factor[(j, j)] = root;
+        for i in j + 1..m {
+            factor[(i, j)] *= root;
+        }
+    }
+}
+
+/// `out = (x + y)^-1`, exactly symmetric; false where the sum is singular to working precision.
+/// Cost m³.
+pub(crate) fn inverse_of_sum<D: Dim>(
+    x: &Square<D>,
+    y: &Square<D>,
+    factor: &mut Square<D>,
+    out: &mut Square<D>,
+) -> bool
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    factor.copy_from(x);
+    *factor += y;
+    if !factorise(factor, REGULAR) {
+        return false;
+    }
+    let m = factor.nrows();
+    // N = L^-1 in place of L
+    for j in 0..m {
+        for i in j + 1..m {
+            factor[(i, j)] = -factor[(i, j)];
+        }
+        for p in j + 1..m {
+            let f = factor[(p, j)];
+            for i in p + 1..m {
+                factor[(i, j)] -= f * factor[(i, p)];
+            }
+        }
+    }
+    // N^T D^-1 N
+    for p in 0..m {
+        let reciprocal = 1.0 / factor[(p, p)];
+        for j in 0..=p {
+            let f = if j == p { reciprocal } else { factor[(p, j)] * reciprocal };
+            for i in 0..=j {
+                let n = if i == p { 1.0 } else { factor[(p, i)] };
+                out[(i, j)] = if j == p { n * f } else { out[(i, j)] + n * f };
+            }
+        }
+    }
+    for j in 0..m {
+        for i in 0..j {
+            out[(j, i)] = out[(i, j)];
+        }
+    }
+    true
+}
+
+/// Whether a matrix that was computed from others is regular.
+pub(crate) fn is_regular<D: Dim>(a: &Square<D>, factor: &mut Square<D>) -> bool
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    factor.copy_from(a);
+    factorise(factor, REGULAR)
+}
+
+/// The mean of a matrix and its transpose.
+pub(crate) fn symmetrise<D: Dim>(a: &mut Square<D>)
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    for j in 0..a.nrows() {
+        for i in 0..j {
+            let mean = 0.5 * (a[(i, j)] + a[(j, i)]);
+            (a[(i, j)], a[(j, i)]) = (mean, mean);
+        }
+    }
+}
+
+/// Writes a matrix row by row.
+pub(crate) fn write<D: Dim>(a: &Square<D>, out: &mut [f64])
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let m = a.nrows();
+    for (i, row) in out.chunks_exact_mut(m).enumerate() {
+        for (j, value) in row.iter_mut().enumerate() {
+            *value = a[(i, j)];
+        }
+    }
+}

@@ -1,0 +1,454 @@
+//! The matrices that weigh several estimates of the same vector, and what not knowing them costs.
+//!
+//! Source: Kulyavets et al. 2005, equations (1) to (14), for K ≥ 2 sensors. `S_k` is the covariance
+//! of sensor k's estimate, `C_k = S_k^-1`, `S_p = (Σ C_k)^-1` the fused covariance and
+//! `W_k = S_p C_k`; vec stacks columns. Matrices are passed row by row, those of several sensors
+//! one after the other.
+
+mod combination;
+mod convention;
+mod group;
+mod loss;
+mod propagation;
+
+use crate::error::{Result, require_count};
+use crate::matrix::{Square, into_cholesky, read_covariance, write};
+use combination::{Combiner, require_estimates};
+use group::Problem;
+use loss::Loss;
+use nalgebra::allocator::Allocator;
+use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector};
+use propagation::{Propagation, write_covariance_of_covariance};
+
+pub use combination::{Agreement, Scalar};
+pub use convention::{Convention, require_degrees_of_freedom};
+pub use loss::Simulated;
+
+const COVARIANCES: &str = "covariances";
+
+/// What can be computed of the covariances of K sensors in m dimensions, with buffers that are
+/// reused from call to call. Slices of other lengths than said panic.
+pub trait Weighing: Send {
+    /// `W_k` of every sensor (K, m, m). Cost O(K m³).
+    ///
+    /// # Errors
+    /// Here and below: a covariance (K, m, m) that is none, or sensors that are singular in the
+    /// same direction.
+    fn weights(&mut self, covariances: &[f64], out: &mut [f64]) -> Result<()>;
+
+    /// `S_p` (m, m). Cost O(K m³).
+    ///
+    /// # Errors
+    /// Also where it is lost to rounding.
+    fn fused_covariance(&mut self, covariances: &[f64], out: &mut [f64]) -> Result<()>;
+
+    /// The fused estimate (m), its covariance (m, m) and the weights (K, m, m) of `estimates`
+    /// (K, m). Cost O(K m³).
+    ///
+    /// # Errors
+    /// Also an estimate that is not finite, or too large.
+    fn combine(
+        &mut self,
+        estimates: &[f64],
+        covariances: &[f64],
+        value: &mut [f64],
+        covariance: &mut [f64],
+        weights: &mut [f64],
+    ) -> Result<Agreement>;
+
+    /// The estimate (m) with the covariance (m, m) after adding a scalar: its value (m), covariance
+    /// (m, m) and the scalar's gain (m). Cost O(m³).
+    ///
+    /// # Errors
+    /// A covariance that is none, or an estimate that is not finite, or too large.
+    fn combine_scalar(
+        &mut self,
+        estimate: &[f64],
+        covariance: &[f64],
+        scalar: &Scalar<'_>,
+        value: &mut [f64],
+        out: &mut [f64],
+        gain: &mut [f64],
+    ) -> Result<Agreement>;
+
+    /// `∂vec W_k / ∂vec S_j` for every j (K, m², m²), (7)–(14): for two sensors and k = 1, P1 and
+    /// P2. Cost O(K m⁴), that of writing it.
+    ///
+    /// # Errors
+    /// See above.
+    fn jacobian(&mut self, covariances: &[f64], k: usize, out: &mut [f64]) -> Result<()>;
+
+    /// The factors B_j and A_j (K, m, m) of `dW_k = Σ_j B_j dS_j A_j`. Cost O(K m³).
+    ///
+    /// # Errors
+    /// See above.
+    fn jacobian_factors(
+        &mut self,
+        covariances: &[f64],
+        k: usize,
+        left: &mut [f64],
+        right: &mut [f64],
+    ) -> Result<()>;
+
+    /// The covariance (m², m²) of vec Ŵ_k to first order (10), where that of vec Ŝ_j is
+    /// `c_j (S_j ⊗ S_j)(I + K)`. Cost O(K m⁴).
+    ///
+    /// # Errors
+    /// See above.
+    fn weight_covariance(
+        &mut self,
+        covariances: &[f64],
+        c: &[f64],
+        k: usize,
+        out: &mut [f64],
+    ) -> Result<()>;
+
+    /// `E Ŵ_k − W_k` (m, m) to second order. Cost O(K m³).
+    ///
+    /// # Errors
+    /// See above.
+    fn weight_bias(
+        &mut self,
+        covariances: &[f64],
+        c: &[f64],
+        k: usize,
+        out: &mut [f64],
+    ) -> Result<()>;
+
+    /// The excess (m, m) of the mean squared error over the fused covariance (m, m), to first
+    /// order. Cost O(K m³).
+    ///
+    /// # Errors
+    /// See above.
+    fn excess(
+        &mut self,
+        covariances: &[f64],
+        c: &[f64],
+        fused: &mut [f64],
+        out: &mut [f64],
+    ) -> Result<()>;
+
+    /// The same from draws (T, K, m, m) of Wishart matrices with mean I. Cost O(T K m³).
+    ///
+    /// # Errors
+    /// See above.
+    fn simulated_excess(
+        &mut self,
+        covariances: &[f64],
+        draws: &[f64],
+        fused: &mut [f64],
+        out: &mut [f64],
+    ) -> Result<Simulated>;
+
+    /// The covariance (m², m²) of the vec of a sample covariance, `c (S ⊗ S)(I + K)`, for the
+    /// covariance S (m, m) of one sensor (4). Cost O(m⁴).
+    ///
+    /// # Errors
+    /// A covariance that is none.
+    fn covariance_of_covariance(
+        &mut self,
+        covariance: &[f64],
+        c: f64,
+        out: &mut [f64],
+    ) -> Result<()>;
+}
+
+/// The computation for so many sensors and dimensions.
+///
+/// # Errors
+/// Fewer than two sensors, or no dimension.
+pub fn weighing(sensors: usize, dimension: usize) -> Result<Box<dyn Weighing>> {
+    require_count(COVARIANCES, sensors, 2)?;
+    require_count("covariances of dimension 0 have", dimension, 1)?;
+    Ok(match dimension {
+        1 => Solver::boxed(sensors, Const::<1>),
+        2 => Solver::boxed(sensors, Const::<2>),
+        3 => Solver::boxed(sensors, Const::<3>),
+        4 => Solver::boxed(sensors, Const::<4>),
+        5 => Solver::boxed(sensors, Const::<5>),
+        6 => Solver::boxed(sensors, Const::<6>),
+        m => Solver::boxed(sensors, Dyn(m)),
+    })
+}
+
+struct Solver<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    order: D,
+    problem: Problem<D>,
+    // made when they are needed
+    propagation: Option<Propagation<D>>,
+    loss: Option<Loss<D>>,
+    combiner: Option<Combiner<D>>,
+}
+
+impl<D: Dim> Solver<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+    Self: Weighing + 'static,
+{
+    fn boxed(sensors: usize, order: D) -> Box<dyn Weighing> {
+        let problem = Problem::new(sensors, order);
+        Box::new(Self { order, problem, propagation: None, loss: None, combiner: None })
+    }
+}
+
+fn write_all<D: Dim>(list: &[Square<D>], out: &mut [f64])
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let size = list[0].len();
+    for (matrix, out) in list.iter().zip(out.chunks_exact_mut(size)) {
+        write(matrix, out);
+    }
+}
+
+impl<D: Dim> Solver<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    fn read_one(&mut self, covariance: &[f64]) -> Result<&Square<D>> {
+        let Problem { covariances, factors, .. } = &mut self.problem;
+        read_covariance("covariance", &[], covariance, &mut covariances[0], &mut factors[0])?;
+        Ok(&covariances[0])
+    }
+
+    fn propagate(&mut self, covariances: &[f64], k: usize) -> Result<&mut Propagation<D>> {
+        self.problem.read(covariances)?;
+        let new = || Propagation::new(self.problem.covariances.len(), self.order);
+        let propagation = self.propagation.get_or_insert_with(new);
+        propagation.factors(&mut self.problem, k)?;
+        Ok(propagation)
+    }
+
+    fn loss(&mut self) -> (&mut Loss<D>, &Problem<D>) {
+        let new = || Loss::new(self.problem.covariances.len(), self.order);
+        (self.loss.get_or_insert_with(new), &self.problem)
+    }
+
+    fn combiner(&mut self) -> (&mut Combiner<D>, &Problem<D>) {
+        (self.combiner.get_or_insert_with(|| Combiner::new(self.order)), &self.problem)
+    }
+}
+
+impl<D: Dim> Weighing for Solver<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+    Square<D>: Send,
+    OVector<f64, D>: Send,
+{
+    fn weights(&mut self, covariances: &[f64], out: &mut [f64]) -> Result<()> {
+        self.problem.weigh(covariances)?;
+        write_all(&self.problem.group.weight, out);
+        Ok(())
+    }
+
+    fn fused_covariance(&mut self, covariances: &[f64], out: &mut [f64]) -> Result<()> {
+        self.problem.fuse(covariances)?;
+        write(&self.problem.group.fused, out);
+        Ok(())
+    }
+
+    fn combine(
+        &mut self,
+        estimates: &[f64],
+        covariances: &[f64],
+        value: &mut [f64],
+        covariance: &mut [f64],
+        weights: &mut [f64],
+    ) -> Result<Agreement> {
+        let m = self.order.value();
+        require_estimates("estimates", estimates, |i| vec![i / m, i % m])?;
+        self.problem.fuse(covariances)?;
+        let (combiner, Problem { covariances, group, .. }) = self.combiner();
+        write(&group.fused, covariance);
+        write_all(&group.weight, weights);
+        combiner.fuse(estimates, group, value);
+        combiner.agreement(estimates, covariances)
+    }
+
+    fn combine_scalar(
+        &mut self,
+        estimate: &[f64],
+        covariance: &[f64],
+        scalar: &Scalar<'_>,
+        value: &mut [f64],
+        out: &mut [f64],
+        gain: &mut [f64],
+    ) -> Result<Agreement> {
+        require_estimates("estimate", estimate, |i| vec![i])?;
+        self.read_one(covariance)?;
+        let (combiner, problem) = self.combiner();
+        let agreement = combiner.add_scalar(estimate, &problem.covariances[0], scalar, value);
+        let (covariance, weight) = combiner.with_scalar();
+        write(covariance, out);
+        gain.copy_from_slice(weight);
+        Ok(agreement)
+    }
+
+    fn jacobian(&mut self, covariances: &[f64], k: usize, out: &mut [f64]) -> Result<()> {
+        self.propagate(covariances, k)?.write_jacobian(out);
+        Ok(())
+    }
+
+    fn jacobian_factors(
+        &mut self,
+        covariances: &[f64],
+        k: usize,
+        left: &mut [f64],
+        right: &mut [f64],
+    ) -> Result<()> {
+        let propagation = self.propagate(covariances, k)?;
+        write_all(&propagation.left, left);
+        write_all(&propagation.right, right);
+        Ok(())
+    }
+
+    fn weight_covariance(
+        &mut self,
+        covariances: &[f64],
+        c: &[f64],
+        k: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.propagate(covariances, k)?;
+        if let Some(propagation) = &mut self.propagation {
+            propagation.write_covariance(&self.problem.covariances, c, out);
+        }
+        Ok(())
+    }
+
+    fn weight_bias(
+        &mut self,
+        covariances: &[f64],
+        c: &[f64],
+        k: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.problem.weigh(covariances)?;
+        let (loss, problem) = self.loss();
+        write(loss.bias(&problem.group, c, k), out);
+        Ok(())
+    }
+
+    fn excess(
+        &mut self,
+        covariances: &[f64],
+        c: &[f64],
+        fused: &mut [f64],
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.problem.fuse(covariances)?;
+        let (loss, problem) = self.loss();
+        write(&problem.group.fused, fused);
+        write(loss.first_order(&problem.group, c), out);
+        Ok(())
+    }
+
+    fn simulated_excess(
+        &mut self,
+        covariances: &[f64],
+        draws: &[f64],
+        fused: &mut [f64],
+        out: &mut [f64],
+    ) -> Result<Simulated> {
+        self.problem.fuse(covariances)?;
+        self.problem.factors.iter_mut().for_each(into_cholesky);
+        let (loss, problem) = self.loss();
+        write(&problem.group.fused, fused);
+        let draws = draws.chunks_exact(covariances.len());
+        let (excess, simulated) = loss.simulated(problem, draws)?;
+        write(excess, out);
+        Ok(simulated)
+    }
+
+    fn covariance_of_covariance(
+        &mut self,
+        covariance: &[f64],
+        c: f64,
+        out: &mut [f64],
+    ) -> Result<()> {
+        write_covariance_of_covariance(self.read_one(covariance)?, c, out);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TWO: [f64; 8] = [4.0, 1.0, 1.0, 2.0, 1.0, -0.5, -0.5, 3.0];
+    /// P2 of TWO, by exact fractions.
+    const P2: [[f64; 4]; 4] = [
+        [-0.159167431894705, -0.0244872972145699, 0.0159167431894705, 0.00244872972145699],
+        [-0.0326497296194266, -0.0775431078461381, 0.00326497296194266, 0.00775431078461382],
+        [0.0159167431894705, 0.00244872972145699, -0.159167431894705, -0.0244872972145699],
+        [0.00326497296194266, 0.00775431078461382, -0.0326497296194266, -0.0775431078461381],
+    ];
+
+    fn assert_close(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len());
+        for (x, y) in found.iter().zip(expected) {
+            assert!((x - y).abs() <= 1e-12 * y.abs(), "{x} is not {y}");
+        }
+    }
+
+    #[test]
+    fn two_sensors_in_two_dimensions() {
+        let mut solver = weighing(2, 2).unwrap();
+        let mut weights = [0.0; 8];
+        solver.weights(&TWO, &mut weights).unwrap();
+        assert_close(&weights[4..], &[78.0, 12.0, 16.0, 38.0].map(|w| w / 99.0));
+        let mut fused = [0.0; 4];
+        solver.fused_covariance(&TWO, &mut fused).unwrap();
+        assert_close(&fused, &[72.0, -3.0, -3.0, 106.0].map(|s| s / 99.0));
+        let mut jacobian = [0.0; 32];
+        solver.jacobian(&TWO, 1, &mut jacobian).unwrap();
+        assert_close(&jacobian[16..], P2.as_flattened());
+        let mut excess = [0.0; 4];
+        solver.excess(&TWO, &[1.0 / 9.0; 2], &mut fused, &mut excess).unwrap();
+        let loss = (excess[0] + excess[3]) / (fused[0] + fused[3]);
+        assert_close(&[loss], &[0.151638326798165]);
+    }
+
+    /// The same numbers whether the order is known when compiling or not: block diagonal matrices.
+    #[test]
+    fn any_order_and_any_number() {
+        let (sensors, m) = (4, 8);
+        let block = |k: usize, i: usize, j: usize| {
+            let corner = TWO[4 * (k % 2) + 2 * (i % 2) + j % 2];
+            if i / 2 == j / 2 { corner } else { 0.0 }
+        };
+        let covariances: Vec<f64> =
+            (0..sensors * m * m).map(|at| block(at / (m * m), at / m % m, at % m)).collect();
+        let mut weights = vec![0.0; sensors * m * m];
+        weighing(sensors, m).unwrap().weights(&covariances, &mut weights).unwrap();
+        // of two equal pairs, each member has half the weight of its pair
+        for (at, &w) in weights.iter().enumerate().filter(|(at, _)| at / (m * m) == 3) {
+            let (i, j) = (at / m % m, at % m);
+            let pair = [78.0, 12.0, 16.0, 38.0][2 * (i % 2) + j % 2] / 99.0;
+            let expected = if i / 2 == j / 2 { pair / 2.0 } else { 0.0 };
+            assert!((w - expected).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn matrices_that_are_no_covariances() {
+        let mut solver = weighing(2, 2).unwrap();
+        let mut out = [0.0; 8];
+        let mut fails = |covariances: [f64; 8]| solver.weights(&covariances, &mut out).unwrap_err();
+        let text = fails([4.0, 1.0, 1.0, 2.0, 1.0, 3.0, 3.0, 3.0]).to_string();
+        assert!(text.starts_with("covariances[1] is indefinite"), "{text}");
+        let text = fails([4.0, 1.0, 0.9, 2.0, 1.0, 0.0, 0.0, 3.0]).to_string();
+        assert!(text.starts_with("covariances[0, 0, 1] is 1 and its mirror image is 0.9"));
+        let text = fails([4.0, 1.0, 1.0, 2.0, 1.0, 0.0, f64::NAN, 3.0]).to_string();
+        assert!(text.starts_with("covariances[1, 1, 0] is nan"));
+        let text = fails([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]).to_string();
+        assert!(text.starts_with("covariances[1] and those"), "{text}");
+        // singular in different directions: weights, but no fused covariance
+        let crossed = [1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0];
+        assert!(solver.weights(&crossed, &mut out).is_ok());
+        assert!(solver.fused_covariance(&crossed, &mut out[..4]).is_err());
+    }
+}

@@ -1,0 +1,66 @@
+//! How well a sample covariance is known.
+
+use crate::error::{Result, require};
+
+/// How a covariance was estimated from n measurements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Convention {
+    /// Deviations from the sample mean, divisor n − 1.
+    SampleMean,
+    /// Deviations from the true mean, divisor n.
+    KnownMean,
+    /// Deviations from the true mean, divisor n − 1: as (3) to (5) are printed. Biased by n/(n − 1).
+    Paper,
+    /// First differences of a slowly moving target, `Σ dx dx^T / (2 (n − 1))`.
+    Differences,
+}
+
+impl Convention {
+    /// Degrees of freedom ν and mean of the Wishart law, in units of the true covariance. For
+    /// differences it is the Wishart law with the same covariance; the others are exact.
+    ///
+    /// # Errors
+    /// n is not a whole number of at least 2, or infinite for a covariance that is known.
+    pub fn wishart(self, n: f64) -> Result<(f64, f64)> {
+        let holds = n >= 2.0 && (n.fract() == 0.0 || n == f64::INFINITY);
+        require("n", n, holds, "a whole number of at least 2, or inf where it is known exactly")?;
+        if n == f64::INFINITY {
+            return Ok((n, 1.0));
+        }
+        Ok(match self {
+            Self::SampleMean => (n - 1.0, 1.0),
+            Self::KnownMean => (n, 1.0),
+            Self::Paper => (n, n / (n - 1.0)),
+            Self::Differences => ((n - 1.0) * (n - 1.0) / (1.5 * n - 2.0), 1.0),
+        })
+    }
+
+    /// The c of `cov(ŝ_ij, ŝ_ql) = c (s_iq s_jl + s_il s_jq)`, (4).
+    ///
+    /// # Errors
+    /// See [`Convention::wishart`].
+    pub fn factor(self, n: f64) -> Result<f64> {
+        let (degrees_of_freedom, mean) = self.wishart(n)?;
+        Ok(mean * mean / degrees_of_freedom)
+    }
+}
+
+/// Fails unless the error of an estimate fused with estimated weights has a finite variance: the
+/// two least known of the sensors must have more than m + 1 degrees of freedom together.
+///
+/// # Errors
+/// See above.
+pub fn require_degrees_of_freedom(each: &[f64], n: f64, dimension: usize) -> Result<()> {
+    let mut least = [f64::INFINITY; 2];
+    for &nu in each {
+        if nu < least[0] {
+            least = [nu, least[0]];
+        } else if nu < least[1] {
+            least[1] = nu;
+        }
+    }
+    let holds = least[0] + least[1] > dimension as f64 + 1.0;
+    let requirement = "larger: the two sensors known least must have more than m + 1 degrees of \
+                       freedom together, or the error of the weights has no finite variance";
+    require("n", n, holds, requirement)
+}

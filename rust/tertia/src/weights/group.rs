@@ -1,0 +1,222 @@
+//! The weights of several sensors, without inverting the covariance of any.
+//!
+//! `W_k = A_k (A_k + S_k)^-1`, A_k the fused covariance of the others; two are fused as
+//! `X (X + Y)^-1 Y`. Only sums are inverted, so a sensor may be singular by itself.
+
+use super::COVARIANCES;
+use crate::error::{Error, Result};
+use crate::matrix::{Square, inverse_of_sum, is_regular, read_covariance, symmetrise, zeros};
+use nalgebra::allocator::Allocator;
+use nalgebra::{DefaultAllocator, Dim};
+
+/// Relative error that rounding may leave in a fused variance.
+const ERROR_ALLOWED: f64 = 1e-3;
+
+/// Several covariances and the weights they make.
+pub(crate) struct Problem<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    pub covariances: Vec<Square<D>>,
+    /// The covariances' factors as of [`read_covariance`].
+    pub factors: Vec<Square<D>>,
+    pub group: Group<D>,
+}
+
+impl<D: Dim> Problem<D>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    pub fn new(sensors: usize, order: D) -> Self {
+        let list = || vec![zeros(order); sensors];
+        Self { covariances: list(), factors: list(), group: Group::new(sensors, order) }
+    }
+
+    /// Reads the covariances (K, m, m).
+    pub fn read(&mut self, covariances: &[f64]) -> Result<()> {
+        let size = self.group.fused.len();
+        assert_eq!(covariances.len(), size * self.covariances.len(), "length of covariances");
+        let outputs = self.covariances.iter_mut().zip(&mut self.factors);
+        for (k, (values, (out, factor))) in covariances.chunks_exact(size).zip(outputs).enumerate()
+        {
+            read_covariance(COVARIANCES, &[k], values, out, factor)?;
+        }
+        Ok(())
+    }
+
+    /// Reads the covariances and weighs them.
+    pub fn weigh(&mut self, covariances: &[f64]) -> Result<()> {
+        self.read(covariances)?;
+        self.group.weigh(&self.covariances, None)
+    }
+
+    /// The same, and makes sure that the fused covariance may be returned.
+    pub fn fuse(&mut self, covariances: &[f64]) -> Result<()> {
+        self.weigh(covariances)?;
+        self.group.require_fused(&self.covariances)
+    }
+}
+
+/// Weights of the members of a group, and the buffers for them.
+pub(crate) struct Group<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    /// W_i.
+    pub weight: Vec<Square<D>>,
+    /// I − W_i.
+    pub complement: Vec<Square<D>>,
+    /// (ΣC_i)^-1.
+    pub fused: Square<D>,
+    /// The fused covariance of members 0..=i; only of three or more.
+    forward: Vec<Square<D>>,
+    /// The fused covariance of members i..; only of three or more.
+    backward: Vec<Square<D>>,
+    others: Square<D>,
+    sum: Sum<D>,
+}
+
+/// The inverse of a sum, and a buffer to find it.
+pub(crate) struct Sum<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    pub inverse: Square<D>,
+    pub scratch: Square<D>,
+}
+
+impl<D: Dim> Sum<D>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    pub fn new(order: D) -> Self {
+        Self { inverse: zeros(order), scratch: zeros(order) }
+    }
+
+    /// `(x + y)^-1`; `sensor` is the one to name if there is none.
+    pub fn invert(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {
+        if inverse_of_sum(x, y, &mut self.scratch, &mut self.inverse) {
+            Ok(())
+        } else {
+            Err(Error::SingularSum { argument: COVARIANCES, index: vec![sensor] })
+        }
+    }
+
+    /// `out = x (x + y)^-1 y`.
+    pub fn fuse(
+        &mut self,
+        x: &Square<D>,
+        y: &Square<D>,
+        sensor: usize,
+        out: &mut Square<D>,
+    ) -> Result<()> {
+        self.invert(x, y, sensor)?;
+        x.mul_to(&self.inverse, &mut self.scratch);
+        self.scratch.mul_to(y, out);
+        symmetrise(out);
+        Ok(())
+    }
+}
+
+impl<D: Dim> Group<D>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    pub fn new(sensors: usize, order: D) -> Self {
+        let list = |n| vec![zeros(order); n];
+        let passes = if sensors > 2 { sensors } else { 0 };
+        Self {
+            weight: list(sensors),
+            complement: list(sensors),
+            fused: zeros(order),
+            forward: list(passes),
+            backward: list(passes),
+            others: zeros(order),
+            sum: Sum::new(order),
+        }
+    }
+
+    /// Weighs the sensors except `without`; the results of the others keep their order.
+    /// Cost O(K m³).
+    pub fn weigh(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
+        let members = covariances.len() - usize::from(without.is_some());
+        let sensor = |member: usize| member + usize::from(without.is_some_and(|k| member >= k));
+        match members {
+            1 => {
+                self.weight[0].fill_with_identity();
+                self.complement[0].fill(0.0);
+                self.fused.copy_from(&covariances[sensor(0)]);
+                Ok(())
+            }
+            2 => self.weigh_two(&covariances[sensor(0)], &covariances[sensor(1)], sensor(1)),
+            _ => self.weigh_many(covariances, members, sensor),
+        }
+    }
+
+    fn weigh_two(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {
+        self.sum.invert(x, y, sensor)?;
+        y.mul_to(&self.sum.inverse, &mut self.weight[0]);
+        x.mul_to(&self.sum.inverse, &mut self.weight[1]);
+        self.complement[0].copy_from(&self.weight[1]);
+        self.complement[1].copy_from(&self.weight[0]);
+        self.weight[0].mul_to(x, &mut self.fused);
+        symmetrise(&mut self.fused);
+        Ok(())
+    }
+
+    fn weigh_many(
+        &mut self,
+        covariances: &[Square<D>],
+        members: usize,
+        sensor: impl Fn(usize) -> usize,
+    ) -> Result<()> {
+        let (last, sum) = (members - 1, &mut self.sum);
+        self.forward[0].copy_from(&covariances[sensor(0)]);
+        for i in 1..members {
+            let (before, from) = self.forward.split_at_mut(i);
+            sum.fuse(&before[i - 1], &covariances[sensor(i)], sensor(i), &mut from[0])?;
+        }
+        self.backward[last].copy_from(&covariances[sensor(last)]);
+        for i in (0..last).rev() {
+            let (to, after) = self.backward.split_at_mut(i + 1);
+            sum.fuse(&after[0], &covariances[sensor(i)], sensor(i), &mut to[i])?;
+        }
+        for i in 0..members {
+            let others = if i == 0 {
+                &self.backward[1]
+            } else if i == last {
+                &self.forward[last - 1]
+            } else {
+                let (before, after) = (&self.forward[i - 1], &self.backward[i + 1]);
+                sum.fuse(before, after, sensor(i), &mut self.others)?;
+                &self.others
+            };
+            let s = &covariances[sensor(i)];
+            sum.invert(others, s, sensor(i))?;
+            others.mul_to(&sum.inverse, &mut self.weight[i]);
+            s.mul_to(&sum.inverse, &mut self.complement[i]);
+        }
+        self.fused.copy_from(&self.forward[last]);
+        Ok(())
+    }
+
+    /// Fails where the fused covariance of all sensors is not known well enough to be returned.
+    ///
+    /// It is `W_i S_i` for every i; what cancels in one of these products is lost.
+    fn require_fused(&mut self, covariances: &[Square<D>]) -> Result<()> {
+        let m = self.fused.nrows();
+        let rounding = f64::EPSILON * m as f64 / ERROR_ALLOWED;
+        let known = (0..m).all(|i| {
+            let lost = |(w, s): (&Square<D>, &Square<D>)| {
+                let terms: f64 = (0..m).map(|p| (w[(i, p)] * s[(p, i)]).abs()).sum();
+                rounding * terms > self.fused[(i, i)]
+            };
+            !self.weight.iter().zip(covariances).any(lost)
+        });
+        if known && is_regular(&self.fused, &mut self.sum.scratch) {
+            Ok(())
+        } else {
+            Err(Error::LostToRounding { argument: COVARIANCES })
+        }
+    }
+}
