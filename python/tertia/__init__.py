@@ -1,14 +1,15 @@
 """One estimate with an error bar that can be believed.
 
 For measurements that are redundant and sometimes wrong. `tertia.screening` finds the anomalous
-ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.simulate` makes
-records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
+ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.weights` combines
+estimates and tells what not knowing their covariances costs, `tertia.simulate` makes records to try
+them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
 `cli`.
 """
 
 import warnings
 
-from tertia import bearing, screening, simulate
+from tertia import bearing, screening, simulate, weights
 from tertia._core import DEBUG_BUILD, VERSION
 from tertia.bearing import BearingEstimate, estimate_bearing
 
@@ -21,6 +22,7 @@ __all__ = [
     "estimate_bearing",
     "screening",
     "simulate",
+    "weights",
 ]
 
 if DEBUG_BUILD:

@@ -7,18 +7,30 @@ __all__ = [
     "VERSION",
     "bursts",
     "cochran",
+    "combine",
+    "combine_scalar",
+    "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
     "false_alarm_probability",
+    "first_order_excess",
+    "fused_covariance",
     "grubbs",
+    "jacobian",
+    "jacobian_factors",
     "k_sigma",
     "known_sigma",
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "simulated_excess",
     "thompson_tau",
     "unknown_sigma",
     "unwrap",
+    "weight_bias",
+    "weight_covariance",
+    "weight_matrices",
+    "wishart_law",
 ]
 
 VERSION: str
@@ -75,3 +87,43 @@ def estimate_bearing(
     FloatArray,
     tuple[FloatArray, FloatArray, FloatArray] | None,
 ]: ...
+def wishart_law(
+    n: float | list[float], convention: str, sensors: int
+) -> list[tuple[float, float]]: ...
+def weight_matrices(covariances: FloatArray, n_threads: int | None) -> FloatArray: ...
+def fused_covariance(covariances: FloatArray, n_threads: int | None) -> FloatArray: ...
+def jacobian(covariances: FloatArray, sensor: int, n_threads: int | None) -> FloatArray: ...
+def jacobian_factors(covariances: FloatArray, sensor: int, n_threads: int | None) -> FloatArray: ...
+def weight_covariance(
+    covariances: FloatArray,
+    n: float | list[float],
+    sensor: int,
+    convention: str,
+    n_threads: int | None,
+) -> FloatArray: ...
+def weight_bias(
+    covariances: FloatArray,
+    n: float | list[float],
+    sensor: int,
+    convention: str,
+    n_threads: int | None,
+) -> FloatArray: ...
+def first_order_excess(
+    covariances: FloatArray, n: float | list[float], convention: str, n_threads: int | None
+) -> FloatArray: ...
+def simulated_excess(
+    covariances: FloatArray, draws: FloatArray, n_threads: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray]: ...
+def combine(
+    estimates: FloatArray, covariances: FloatArray, n_threads: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
+def combine_scalar(
+    estimate: FloatArray,
+    covariance: FloatArray,
+    h: FloatArray,
+    scalars: FloatArray,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
+def covariance_of_covariance(
+    covariance: FloatArray, factor: float, n_threads: int | None
+) -> FloatArray: ...

@@ -10,17 +10,21 @@ use std::borrow::Cow;
 use tertia::batch::RowError;
 use tertia::missing::Present;
 
+pyo3::import_exception!(numpy.linalg, LinAlgError);
+
 /// A float64 array whose last axis is the sample axis; the leading axes are the batch.
 pub struct Samples<'py> {
     array: PyReadonlyArrayDyn<'py, f64>,
     name: &'static str,
 }
 
-/// The shape and the values of [`Samples`], contiguous.
+/// The shape and the values of [`Samples`], contiguous: one row per element of the batch.
 pub struct Rows<'a> {
     pub shape: &'a [usize],
     pub values: Cow<'a, [f64]>,
     name: &'static str,
+    /// Axes of a row: one of a sample, two of a matrix.
+    axes: usize,
 }
 
 impl<'py> Samples<'py> {
@@ -43,6 +47,16 @@ impl<'py> Samples<'py> {
             let error = tertia::Error::TooFew { argument: self.name, count, minimum };
             return Err(value_error(error));
         }
+        self.blocks(1)
+    }
+
+    /// The shape.
+    pub fn shape(&self) -> &[usize] {
+        self.array.shape()
+    }
+
+    /// Rows of so many axes, which must be there.
+    pub fn blocks(&self, axes: usize) -> PyResult<Rows<'_>> {
         // not the array's own `as_slice`, which also gives memory that lies column by column
         let view = self.array.as_array();
         let values = match view.to_slice() {
@@ -53,19 +67,19 @@ impl<'py> Samples<'py> {
                 Cow::Owned(values)
             }
         };
-        Ok(Rows { shape: self.array.shape(), values, name: self.name })
+        Ok(Rows { shape: self.array.shape(), values, name: self.name, axes })
     }
 }
 
 impl Rows<'_> {
-    /// Length of a sample.
+    /// Numbers in a row.
     pub fn len(&self) -> usize {
-        self.shape[self.shape.len() - 1]
+        self.shape[self.shape.len() - self.axes..].iter().product()
     }
 
     /// Shape of the batch.
     pub fn batch(&self) -> &[usize] {
-        &self.shape[..self.shape.len() - 1]
+        &self.shape[..self.shape.len() - self.axes]
     }
 
     /// Number of samples.
@@ -83,14 +97,21 @@ impl Rows<'_> {
     pub fn error(&self, failure: RowError) -> PyErr {
         let text = failure.error.to_string();
         let place = unravel(failure.row, self.batch());
-        if place.is_empty() {
-            return PyValueError::new_err(text);
-        }
-        match text.strip_prefix(&format!("{}[", self.name)) {
-            Some(rest) => PyValueError::new_err(format!("{}[{place}, {rest}", self.name)),
-            None => PyValueError::new_err(format!("{text} (in {}[{place}])", self.name)),
+        let text = match text.split_once('[') {
+            _ if place.is_empty() => text,
+            Some((name, rest)) if is_name(name) => format!("{name}[{place}, {rest}"),
+            _ => format!("{text} (in {}[{place}])", self.name),
+        };
+        if failure.error.is_about_definiteness() {
+            LinAlgError::new_err(text)
+        } else {
+            PyValueError::new_err(text)
         }
     }
+}
+
+fn is_name(text: &str) -> bool {
+    text.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_')
 }
 
 /// `row` as indices into a batch of this shape, joined by commas.
@@ -142,7 +163,8 @@ pub struct Output<'py, T: Element>(PyReadwriteArrayDyn<'py, T>);
 
 impl<'py, T: Element> Output<'py, T> {
     pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
-        let count = shape.iter().product();
+        let count = shape.iter().try_fold(1_usize, |count, &size| count.checked_mul(size));
+        let count = count.unwrap_or(usize::MAX);
         if count > SMALL {
             // rust-numpy panics where NumPy has no memory
             room_for::<T>(count)?;

@@ -3,6 +3,7 @@
 mod arrays;
 mod bearing;
 mod screening;
+mod weights;
 
 use pyo3::prelude::*;
 
@@ -16,6 +17,12 @@ mod core_module {
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,
         leave_one_out, leave_one_out_mask, leave_one_out_statistics, thompson_tau, unknown_sigma,
         unwrap,
+    };
+    #[pymodule_export]
+    use super::weights::{
+        combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,
+        jacobian, jacobian_factors, simulated_excess, weight_bias, weight_covariance,
+        weight_matrices, wishart_law,
     };
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -11,7 +11,7 @@ mod group;
 mod loss;
 mod propagation;
 
-use crate::error::{Result, require_count};
+use crate::error::Result;
 use crate::matrix::{Square, into_cholesky, read_covariance, write};
 use combination::{Combiner, require_estimates};
 use group::Problem;
@@ -103,7 +103,7 @@ pub trait Weighing: Send {
         out: &mut [f64],
     ) -> Result<()>;
 
-    /// `E Ŵ_k − W_k` (m, m) to second order. Cost O(K m³).
+    /// `E Ŵ_k − W_k` (m, m) to second order, where the mean of Ŝ_j is `mean_j S_j`. Cost O(K m³).
     ///
     /// # Errors
     /// See above.
@@ -111,6 +111,7 @@ pub trait Weighing: Send {
         &mut self,
         covariances: &[f64],
         c: &[f64],
+        mean: &[f64],
         k: usize,
         out: &mut [f64],
     ) -> Result<()>;
@@ -155,12 +156,11 @@ pub trait Weighing: Send {
 
 /// The computation for so many sensors and dimensions.
 ///
-/// # Errors
+/// # Panics
 /// Fewer than two sensors, or no dimension.
-pub fn weighing(sensors: usize, dimension: usize) -> Result<Box<dyn Weighing>> {
-    require_count(COVARIANCES, sensors, 2)?;
-    require_count("covariances of dimension 0 have", dimension, 1)?;
-    Ok(match dimension {
+pub fn weighing(sensors: usize, dimension: usize) -> Box<dyn Weighing> {
+    assert!(sensors >= 2 && dimension >= 1, "{sensors} sensors, {dimension} dimensions");
+    match dimension {
         1 => Solver::boxed(sensors, Const::<1>),
         2 => Solver::boxed(sensors, Const::<2>),
         3 => Solver::boxed(sensors, Const::<3>),
@@ -168,7 +168,7 @@ pub fn weighing(sensors: usize, dimension: usize) -> Result<Box<dyn Weighing>> {
         5 => Solver::boxed(sensors, Const::<5>),
         6 => Solver::boxed(sensors, Const::<6>),
         m => Solver::boxed(sensors, Dyn(m)),
-    })
+    }
 }
 
 struct Solver<D: Dim>
@@ -323,12 +323,13 @@ where
         &mut self,
         covariances: &[f64],
         c: &[f64],
+        mean: &[f64],
         k: usize,
         out: &mut [f64],
     ) -> Result<()> {
         self.problem.weigh(covariances)?;
         let (loss, problem) = self.loss();
-        write(loss.bias(&problem.group, c, k), out);
+        write(loss.bias(&problem.group, c, mean, k), out);
         Ok(())
     }
 
@@ -396,7 +397,7 @@ mod tests {
 
     #[test]
     fn two_sensors_in_two_dimensions() {
-        let mut solver = weighing(2, 2).unwrap();
+        let mut solver = weighing(2, 2);
         let mut weights = [0.0; 8];
         solver.weights(&TWO, &mut weights).unwrap();
         assert_close(&weights[4..], &[78.0, 12.0, 16.0, 38.0].map(|w| w / 99.0));
@@ -423,7 +424,7 @@ mod tests {
         let covariances: Vec<f64> =
             (0..sensors * m * m).map(|at| block(at / (m * m), at / m % m, at % m)).collect();
         let mut weights = vec![0.0; sensors * m * m];
-        weighing(sensors, m).unwrap().weights(&covariances, &mut weights).unwrap();
+        weighing(sensors, m).weights(&covariances, &mut weights).unwrap();
         // of two equal pairs, each member has half the weight of its pair
         for (at, &w) in weights.iter().enumerate().filter(|(at, _)| at / (m * m) == 3) {
             let (i, j) = (at / m % m, at % m);
@@ -435,7 +436,7 @@ mod tests {
 
     #[test]
     fn matrices_that_are_no_covariances() {
-        let mut solver = weighing(2, 2).unwrap();
+        let mut solver = weighing(2, 2);
         let mut out = [0.0; 8];
         let mut fails = |covariances: [f64; 8]| solver.weights(&covariances, &mut out).unwrap_err();
         let text = fails([4.0, 1.0, 1.0, 2.0, 1.0, 3.0, 3.0, 3.0]).to_string();

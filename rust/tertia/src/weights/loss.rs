@@ -59,16 +59,18 @@ where
         self.term.zip_apply(w, |term, w| *term += trace * w);
     }
 
-    /// `E Ŵ_k − W_k`, to second order: `−Σ_j c_j W_j [(I − W_j) + tr(I − W_j) I] (W_k − δ_jk I)`.
-    pub fn bias(&mut self, weights: &Group<D>, c: &[f64], k: usize) -> &Square<D> {
+    /// `E Ŵ_k − W_k`, to second order, where the mean of Ŝ_j is `μ_j S_j`:
+    /// `Σ_j {(μ_j − 1) W_j − c_j W_j [(I − W_j) + tr(I − W_j) I]} (W_k − δ_jk I)`.
+    pub fn bias(&mut self, weights: &Group<D>, c: &[f64], mean: &[f64], k: usize) -> &Square<D> {
         self.out.fill(0.0);
-        for (j, &c) in c.iter().enumerate() {
+        for (j, (&c, mean)) in c.iter().zip(mean).enumerate() {
             self.set_term(weights, j);
+            self.term.zip_apply(&weights.weight[j], |term, w| *term = (mean - 1.0) * w - c * *term);
             // W_k − δ_jk I, without cancellation
             let (change, sign) =
-                if j == k { (&weights.complement[k], 1.0) } else { (&weights.weight[k], -1.0) };
+                if j == k { (&weights.complement[k], -1.0) } else { (&weights.weight[k], 1.0) };
             self.term.mul_to(change, &mut self.expansion);
-            self.out.zip_apply(&self.expansion, |sum, x| *sum += sign * c * x);
+            self.out.zip_apply(&self.expansion, |sum, x| *sum += sign * x);
         }
         &self.out
     }

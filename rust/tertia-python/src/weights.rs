@@ -1,0 +1,400 @@
+//! Bindings of `tertia::weights`.
+
+use crate::arrays::{Output, Rows, Samples, array, chunks, repeated, value_error};
+use crate::screening::unknown;
+use numpy::PyArrayDyn;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::num::NonZero;
+use tertia::batch::for_each_row;
+use tertia::weights::{
+    Agreement, Convention, Scalar, Simulated, Weighing, require_degrees_of_freedom, weighing,
+};
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Threads = Option<NonZero<usize>>;
+
+/// Measurements of every sensor, or of each.
+#[derive(FromPyObject)]
+pub enum Counts {
+    All(f64),
+    Each(Vec<f64>),
+}
+
+impl Counts {
+    /// Degrees of freedom and means of the sensors' Wishart laws.
+    fn wishart(&self, convention: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
+        let convention = match convention {
+            "sample-mean" => Convention::SampleMean,
+            "known-mean" => Convention::KnownMean,
+            "paper" => Convention::Paper,
+            "differences" => Convention::Differences,
+            other => {
+                let choices = "'sample-mean', 'known-mean', 'paper' or 'differences'";
+                return Err(unknown("convention", other, choices));
+            }
+        };
+        let of = |&n: &f64| convention.wishart(n).map_err(value_error);
+        match self {
+            Self::All(n) => Ok(vec![of(n)?; sensors]),
+            Self::Each(counts) if counts.len() == sensors => counts.iter().map(of).collect(),
+            Self::Each(counts) => Err(PyValueError::new_err(format!(
+                "n has {} numbers; it must be one number or one for each of {sensors} sensors",
+                counts.len()
+            ))),
+        }
+    }
+
+    fn factors(&self, convention: &str, (sensors, m): (usize, usize)) -> PyResult<Vec<f64>> {
+        let laws = self.wishart(convention, sensors)?;
+        let least = match self {
+            Self::All(n) => *n,
+            Self::Each(counts) => counts.iter().copied().fold(f64::INFINITY, f64::min),
+        };
+        let degrees_of_freedom: Vec<_> = laws.iter().map(|law| law.0).collect();
+        require_degrees_of_freedom(&degrees_of_freedom, least, m).map_err(value_error)?;
+        Ok(laws.iter().map(|(nu, mean)| mean * mean / nu).collect())
+    }
+
+    fn means(&self, convention: &str, sensors: usize) -> PyResult<Vec<f64>> {
+        Ok(self.wishart(convention, sensors)?.iter().map(|law| law.1).collect())
+    }
+}
+
+/// Degrees of freedom and mean of a sensor's Wishart law, each sensor its own.
+#[pyfunction]
+pub fn wishart_law(n: Counts, convention: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
+    n.wishart(convention, sensors)
+}
+
+/// Sensors and dimension of covariances (..., K, m, m).
+fn size(covariances: &Samples<'_>) -> PyResult<(usize, usize)> {
+    match covariances.shape() {
+        [.., sensors, rows, columns] if *sensors >= 2 && rows == columns && *rows > 0 => {
+            Ok((*sensors, *rows))
+        }
+        shape => Err(PyValueError::new_err(format!(
+            "covariances has shape {shape:?}; it must be (..., K, m, m): an m by m covariance \
+             matrix for each of K >= 2 sensors"
+        ))),
+    }
+}
+
+/// The sensor's index, counted from the end where it is negative.
+fn index(sensor: isize, sensors: usize) -> PyResult<usize> {
+    let k = if sensor < 0 { sensor + sensors as isize } else { sensor };
+    usize::try_from(k).ok().filter(|&k| k < sensors).ok_or_else(|| {
+        let last = sensors - 1;
+        PyValueError::new_err(format!(
+            "sensor is {sensor}; it must be between -{sensors} and {last}"
+        ))
+    })
+}
+
+/// Cost of weighing K sensors, measured.
+fn weigh_ns((sensors, m): (usize, usize)) -> f64 {
+    sensors as f64 * (20.0 + 2.0 * (m as f64).powi(3))
+}
+
+/// Cost of a result with m⁴ numbers for each of K sensors, measured.
+fn propagate_ns((sensors, m): (usize, usize)) -> f64 {
+    weigh_ns((sensors, m)) + sensors as f64 * (m as f64).powi(4)
+}
+
+/// One result of the shape `tail` for every element of the batch.
+fn fill<'py>(
+    py: Python<'py>,
+    rows: &Rows<'_>,
+    size: (usize, usize),
+    tail: &[usize],
+    nanoseconds: f64,
+    n_threads: Threads,
+    work: impl Fn(&mut dyn Weighing, &[f64], &mut [f64]) -> tertia::Result<()> + Sync,
+) -> PyResult<Array<'py>> {
+    let mut out = Output::new(py, &[rows.batch(), tail].concat())?;
+    let values = out.values()?;
+    let (count, length) = (rows.count(), tail.iter().product());
+    py.detach(|| {
+        let items = rows.iter().zip(chunks(values, length, count));
+        let new = || weighing(size.0, size.1);
+        for_each_row(items, nanoseconds * count as f64, n_threads, new, |solver, (s, out)| {
+            work(solver.as_mut(), s, out)
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    Ok(out.into_array())
+}
+
+/// The weight matrix of every sensor.
+#[pyfunction]
+pub fn weight_matrices<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let (rows, tail) = (samples.blocks(3)?, [sensors, m, m]);
+    fill(py, &rows, (sensors, m), &tail, weigh_ns((sensors, m)), n_threads, |solver, s, out| {
+        solver.weights(s, out)
+    })
+}
+
+/// The covariance of the fused estimate.
+#[pyfunction]
+pub fn fused_covariance<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
+    fill(py, &rows, (sensors, m), &[m, m], cost, n_threads, |solver, s, out| {
+        solver.fused_covariance(s, out)
+    })
+}
+
+/// The Jacobian's blocks of every sensor.
+#[pyfunction]
+pub fn jacobian<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    sensor: isize,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let k = index(sensor, sensors)?;
+    let (rows, tail, cost) =
+        (samples.blocks(3)?, [sensors, m * m, m * m], propagate_ns((sensors, m)));
+    fill(py, &rows, (sensors, m), &tail, cost, n_threads, |solver, s, out| {
+        solver.jacobian(s, k, out)
+    })
+}
+
+/// The Jacobian's factors, left ones (K, m, m) and then right ones (K, m, m).
+#[pyfunction]
+pub fn jacobian_factors<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    sensor: isize,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let k = index(sensor, sensors)?;
+    let (rows, tail, cost) = (samples.blocks(3)?, [2, sensors, m, m], weigh_ns((sensors, m)));
+    fill(py, &rows, (sensors, m), &tail, cost, n_threads, |solver, s, out| {
+        let (left, right) = out.split_at_mut(s.len());
+        solver.jacobian_factors(s, k, left, right)
+    })
+}
+
+/// The covariance of an estimated weight matrix.
+#[pyfunction]
+pub fn weight_covariance<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    n: Counts,
+    sensor: isize,
+    convention: &str,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let k = index(sensor, sensors)?;
+    let c = n.factors(convention, (sensors, m))?;
+    let (rows, cost) = (samples.blocks(3)?, propagate_ns((sensors, m)));
+    fill(py, &rows, (sensors, m), &[m * m, m * m], cost, n_threads, |solver, s, out| {
+        solver.weight_covariance(s, &c, k, out)
+    })
+}
+
+/// The bias of an estimated weight matrix.
+#[pyfunction]
+pub fn weight_bias<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    n: Counts,
+    sensor: isize,
+    convention: &str,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let k = index(sensor, sensors)?;
+    let (c, mean) = (n.factors(convention, (sensors, m))?, n.means(convention, sensors)?);
+    let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
+    fill(py, &rows, (sensors, m), &[m, m], cost, n_threads, |solver, s, out| {
+        solver.weight_bias(s, &c, &mean, k, out)
+    })
+}
+
+/// The fused covariance and the first-order excess of the mean squared error over it (2, m, m).
+#[pyfunction]
+pub fn first_order_excess<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    n: Counts,
+    convention: &str,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let (sensors, m) = size(&samples)?;
+    let c = n.factors(convention, (sensors, m))?;
+    let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
+    fill(py, &rows, (sensors, m), &[2, m, m], cost, n_threads, |solver, s, out| {
+        let (fused, excess) = out.split_at_mut(m * m);
+        solver.excess(s, &c, fused, excess)
+    })
+}
+
+/// The same from draws of Wishart matrices (T, K, m, m), and the loss with its standard error.
+#[pyfunction]
+pub fn simulated_excess<'py>(
+    py: Python<'py>,
+    covariances: &Bound<'py, PyAny>,
+    draws: &Bound<'py, PyAny>,
+    n_threads: Threads,
+) -> PyResult<(Array<'py>, Array<'py>, Array<'py>)> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let draws = Samples::extract(draws, "draws")?;
+    let (sensors, m) = size(&samples)?;
+    let (rows, draws) = (samples.blocks(3)?, draws.blocks(3)?);
+    let count = rows.count();
+    let mut out = Output::new(py, &[rows.batch(), &[2, m, m]].concat())?;
+    let values = out.values()?;
+    let mut losses = repeated(Simulated { loss: 0.0, standard_error: 0.0 }, count)?;
+    let cost = 3.0 * weigh_ns((sensors, m)) * draws.count() as f64 * count as f64;
+    py.detach(|| {
+        let items = rows.iter().zip(chunks(values, 2 * m * m, count)).zip(&mut losses);
+        let new = || weighing(sensors, m);
+        for_each_row(items, cost, n_threads, new, |solver, ((s, out), loss)| {
+            let (fused, excess) = out.split_at_mut(m * m);
+            *loss = solver.simulated_excess(s, &draws.values, fused, excess)?;
+            Ok(())
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    let column = |f: fn(&Simulated) -> f64| array(py, rows.batch(), losses.iter().map(f).collect());
+    Ok((out.into_array(), column(|l| l.loss)?, column(|l| l.standard_error)?))
+}
+
+type Combined<'py> = (Array<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>);
+
+/// Fused estimate, covariance, weights, statistic of the consistency and its p-value.
+#[pyfunction]
+pub fn combine<'py>(
+    py: Python<'py>,
+    estimates: &Bound<'py, PyAny>,
+    covariances: &Bound<'py, PyAny>,
+    n_threads: Threads,
+) -> PyResult<Combined<'py>> {
+    let samples = Samples::extract(covariances, "covariances")?;
+    let estimates = Samples::extract(estimates, "estimates")?;
+    let (sensors, m) = size(&samples)?;
+    let (rows, estimates) = (samples.blocks(3)?, estimates.blocks(2)?);
+    let count = rows.count();
+    let new = |tail: &[usize]| Output::new(py, &[rows.batch(), tail].concat());
+    let (mut value, mut covariance) = (new(&[m])?, new(&[m, m])?);
+    let mut weights = Output::new(py, rows.shape)?;
+    let mut agreements = agreements(count)?;
+    let outputs = chunks(value.values()?, m, count)
+        .zip(chunks(covariance.values()?, m * m, count))
+        .zip(chunks(weights.values()?, rows.len(), count))
+        .zip(&mut agreements);
+    py.detach(|| {
+        let items = estimates.iter().zip(rows.iter()).zip(outputs);
+        let cost = 2.0 * weigh_ns((sensors, m)) * count as f64;
+        let new = || weighing(sensors, m);
+        for_each_row(items, cost, n_threads, new, |solver, ((x, s), out)| {
+            let (((value, covariance), weights), agreement) = out;
+            *agreement = solver.combine(x, s, value, covariance, weights)?;
+            Ok(())
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    let (statistic, p_value) = columns(py, rows.batch(), &agreements)?;
+    let arrays = (value.into_array(), covariance.into_array(), weights.into_array());
+    Ok((arrays.0, arrays.1, arrays.2, statistic, p_value))
+}
+
+/// Estimate and covariance with a scalar added, its gain, statistic and p-value.
+#[pyfunction]
+pub fn combine_scalar<'py>(
+    py: Python<'py>,
+    estimate: &Bound<'py, PyAny>,
+    covariance: &Bound<'py, PyAny>,
+    h: &Bound<'py, PyAny>,
+    scalars: &Bound<'py, PyAny>,
+    n_threads: Threads,
+) -> PyResult<Combined<'py>> {
+    let samples = Samples::extract(covariance, "covariance")?;
+    let [estimate, h, scalars] = [(estimate, "estimate"), (h, "h"), (scalars, "scalars")]
+        .map(|(value, name)| Samples::extract(value, name));
+    let (estimate, h, scalars) = (estimate?, h?, scalars?);
+    let rows = samples.blocks(2)?;
+    let (estimate, h, scalars) = (estimate.blocks(1)?, h.blocks(1)?, scalars.blocks(1)?);
+    let (m, count) = (estimate.len(), rows.count());
+    let mut value = Output::new(py, estimate.shape)?;
+    let mut gain = Output::new(py, estimate.shape)?;
+    let mut out = Output::new(py, rows.shape)?;
+    let mut agreements = agreements(count)?;
+    let outputs = chunks(value.values()?, m, count)
+        .zip(chunks(out.values()?, m * m, count))
+        .zip(chunks(gain.values()?, m, count))
+        .zip(&mut agreements);
+    py.detach(|| {
+        let inputs = estimate.iter().zip(rows.iter()).zip(h.iter()).zip(scalars.iter());
+        let cost = weigh_ns((2, m)) * count as f64;
+        let new = || weighing(2, m);
+        let items = inputs.zip(outputs);
+        for_each_row(items, cost, n_threads, new, |solver, ((((x, s), h), scalar), out)| {
+            let (((value, covariance), gain), agreement) = out;
+            let scalar = Scalar { h, value: scalar[0], sigma: scalar[1] };
+            *agreement = solver.combine_scalar(x, s, &scalar, value, covariance, gain)?;
+            Ok(())
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    let (statistic, p_value) = columns(py, rows.batch(), &agreements)?;
+    Ok((value.into_array(), out.into_array(), gain.into_array(), statistic, p_value))
+}
+
+/// The covariance of the vec of a sample covariance.
+#[pyfunction]
+pub fn covariance_of_covariance<'py>(
+    py: Python<'py>,
+    covariance: &Bound<'py, PyAny>,
+    factor: f64,
+    n_threads: Threads,
+) -> PyResult<Array<'py>> {
+    let samples = Samples::extract(covariance, "covariance")?;
+    let m = match samples.shape() {
+        [.., rows, columns] if rows == columns && *rows > 0 => *rows,
+        shape => {
+            return Err(PyValueError::new_err(format!(
+                "covariance has shape {shape:?}; it must be (..., m, m)"
+            )));
+        }
+    };
+    let rows = samples.blocks(2)?;
+    fill(py, &rows, (2, m), &[m * m, m * m], propagate_ns((1, m)), n_threads, |solver, s, out| {
+        solver.covariance_of_covariance(s, factor, out)
+    })
+}
+
+fn agreements(count: usize) -> PyResult<Vec<Agreement>> {
+    repeated(Agreement { statistic: 0.0, p_value: 1.0 }, count)
+}
+
+/// The statistics and the p-values.
+fn columns<'py>(
+    py: Python<'py>,
+    batch: &[usize],
+    agreements: &[Agreement],
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let column = |f: fn(&Agreement) -> f64| array(py, batch, agreements.iter().map(f).collect());
+    Ok((column(|a| a.statistic)?, column(|a| a.p_value)?))
+}
