@@ -113,3 +113,14 @@ def omits(nan_policy: NanPolicy) -> bool:
 def scalar_or_array(array: npt.NDArray[Any]) -> Any:
     """Return a Python scalar where there is no batch, the array otherwise."""
     return array if array.ndim else array.item()
+
+
+def generator(rng: Any) -> np.random.Generator:
+    """Return the source of randomness."""
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError) as error:
+        kind = type(error)
+        raise kind(
+            f"rng is {rng!r}; it must be a Generator or a whole number, not negative"
+        ) from None

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, integer, real
+from tertia._arrays import BoolArray, FloatArray, finite, generator, integer, real
+from tertia._wishart import standard_wishart
 
-__all__ = ["BearingRecord", "direction_finder"]
+__all__ = ["BearingRecord", "PassiveLocation", "direction_finder", "passive_location", "wishart"]
 
 # keeps every product of two parameters finite
 _LARGEST = 1e100
@@ -113,23 +115,23 @@ def direction_finder(
     if period is not None:
         period = _number(period, "period", 0)
         _require(period > 0, "period", period, "a positive number or None")
-    generator = _generator(rng)
+    random = generator(rng)
     shape = (*_shape(batch), n)
     records = int(np.prod(shape[:-1]))
 
     def offsets(count: int) -> FloatArray:
-        sign = np.where(generator.random(count) < positive_probability, 1.0, -1.0)
-        return sign * sigma * generator.uniform(low, high, count)
+        sign = np.where(random.random(count) < positive_probability, 1.0, -1.0)
+        return sign * sigma * random.uniform(low, high, count)
 
-    theta = bearing + sigma * generator.standard_normal((records, n))
-    single = generator.random((records, n)) < single_probability
+    theta = bearing + sigma * random.standard_normal((records, n))
+    single = random.random((records, n)) < single_probability
     offset = np.zeros((records, n))
     offset[single] = offsets(int(single.sum()))
 
-    counts = generator.poisson(bursts_per_100 * n / 100, records)
+    counts = random.poisson(bursts_per_100 * n / 100, records)
     record = np.repeat(np.arange(records), counts)
-    length = np.minimum(generator.integers(shortest, longest + 1, record.size), n)
-    start = generator.integers(0, n - length + 1)
+    length = np.minimum(random.integers(shortest, longest + 1, record.size), n)
+    start = random.integers(0, n - length + 1)
     # one entry per measurement of a burst: its record and its place there
     place = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length - start, length)
     members = (np.repeat(record, length), place)
@@ -146,14 +148,163 @@ def direction_finder(
     )
 
 
-def _generator(rng: Any) -> np.random.Generator:
-    try:
-        return np.random.default_rng(rng)
-    except (TypeError, ValueError) as error:
-        kind = type(error)
-        raise kind(
-            f"rng is {rng!r}; it must be a Generator or a whole number, not negative"
-        ) from None
+@dataclass(frozen=True, slots=True, eq=False)
+class PassiveLocation:
+    """Two sites that measure two azimuths and a range difference, and what they can tell.
+
+    Attributes
+    ----------
+    position : ndarray of shape (..., 2)
+        The target, east and north in metres.
+    jacobian : ndarray of shape (..., 3, 2)
+        Derivatives of the azimuth from the first site, that from the second (radians) and the range
+        to the first site less that to the second (metres) with respect to the position.
+    sigma : ndarray of shape (3,)
+        Standard deviations of the three measurements.
+    covariances : ndarray of shape (..., 2, 2, 2)
+        Covariance of the position from the two azimuths, and of that from the first azimuth and the
+        range difference. The two share the first azimuth: they are not independent.
+    """
+
+    position: FloatArray
+    jacobian: FloatArray
+    sigma: FloatArray
+    covariances: FloatArray
+
+    def estimates(self, rng: np.random.Generator | int | None = None) -> FloatArray:
+        """Draw both estimates of every position, to first order: shape (..., 2, 2).
+
+        The last axes are the estimate and its components, east and north.
+        """
+        shape = self.jacobian.shape[:-1]
+        error = self.sigma * generator(rng).standard_normal(shape)
+        pairs = [
+            np.linalg.solve(self.jacobian[..., rows, :], error[..., rows, np.newaxis])[..., 0]
+            for rows in ([0, 1], [0, 2])
+        ]
+        return self.position[..., np.newaxis, :] + np.stack(pairs, axis=-2)
+
+
+def passive_location(
+    position: npt.ArrayLike,
+    *,
+    sites: npt.ArrayLike = ((-15e3, 0.0), (15e3, 0.0)),
+    azimuth_sigma: float = np.radians(0.3).item(),
+    range_difference_sigma: float = 100.0,
+) -> PassiveLocation:
+    """Return what two passive sites can tell about a target.
+
+    This is the example of the source of `tertia.weights`.
+
+    Parameters
+    ----------
+    position : array_like of shape (..., 2)
+        The target, east and north in metres.
+    sites : array_like of shape (2, 2)
+        The sites, likewise.
+    azimuth_sigma : float
+        Standard deviation of an azimuth, in radians.
+    range_difference_sigma : float
+        Standard deviation of the range difference, in metres.
+
+    Returns
+    -------
+    PassiveLocation
+        Derivatives of the measurements and covariances of the two positions that they determine.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, a number outside its domain, or a target on the line through the sites, where
+        the azimuths do not cross.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import passive_location
+    >>> target = passive_location([0.0, 40e3])
+    >>> (target.covariances[:, [0, 1], [0, 1]] ** 0.5).round()
+    array([[169., 450.],
+           [142., 742.]])
+    """
+    target, places = finite(position, "position"), finite(sites, "sites")
+    _require(target.shape[-1:] == (2,), "position", target.shape, "of shape (..., 2)")
+    _require(places.shape == (2, 2), "sites", places.shape, "of shape (2, 2)")
+    sigma = np.array(
+        [_number(azimuth_sigma, "azimuth_sigma", 1e-12, 10)] * 2
+        + [_number(range_difference_sigma, "range_difference_sigma", 1e-9, 1e12)]
+    )
+    offset = target[..., np.newaxis, :] - places
+    distance = np.sqrt(np.sum(offset**2, axis=-1, keepdims=True))
+    baseline = places[1] - places[0]
+    height = offset[..., 0, 0] * baseline[1] - offset[..., 0, 1] * baseline[0]
+    on_line = np.argwhere(np.abs(height) <= 1e-9 * np.sum(baseline**2))
+    if len(on_line):
+        where = target[tuple(on_line[0])]
+        raise ValueError(f"position {where} lies on the line through the sites; it must not")
+    toward = offset / distance
+    # azimuths turn clockwise from north
+    azimuths = np.stack([toward[..., 1], -toward[..., 0]], axis=-1) / distance
+    difference = toward[..., :1, :] - toward[..., 1:, :]
+    jacobian = np.concatenate([azimuths, difference], axis=-2)
+    scaled = jacobian / sigma[:, np.newaxis]
+    roots = np.linalg.inv(np.stack([scaled[..., [0, 1], :], scaled[..., [0, 2], :]], axis=-3))
+    covariances = roots @ np.swapaxes(roots, -1, -2)
+    return PassiveLocation(target, jacobian, sigma, covariances)
+
+
+def wishart(
+    covariance: npt.ArrayLike,
+    degrees_of_freedom: float,
+    *,
+    batch: int | tuple[int, ...] = (),
+    rng: np.random.Generator | int | None = None,
+) -> FloatArray:
+    """Draw sample covariances: Wishart matrices over their degrees of freedom.
+
+    Parameters
+    ----------
+    covariance : array_like of shape (m, m)
+        Their mean.
+    degrees_of_freedom : float
+        n - 1 for the sample covariance of n measurements. Above m - 1, or whole; where it is less
+        than m, the matrices are singular.
+    batch : int or tuple of int
+        Shape of the batch of matrices.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    ndarray of shape (*batch, m, m)
+        Symmetric matrices.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The covariance is not positive definite.
+    ValueError
+        A wrong shape, or a number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import wishart
+    >>> wishart([[4.0, 1.0], [1.0, 2.0]], 29, batch=5, rng=1).shape
+    (5, 2, 2)
+    """
+    mean = finite(covariance, "covariance")
+    m = mean.shape[-1] if mean.ndim else 0
+    _require(mean.shape == (m, m) and m > 0, "covariance", mean.shape, "of shape (m, m)")
+    nu = _number(degrees_of_freedom, "degrees_of_freedom", 1)
+    drawable = nu > m - 1 or nu == int(nu)
+    _require(drawable, "degrees_of_freedom", nu, f"a whole number, or above {m - 1}")
+    root = np.linalg.cholesky(mean)
+    drawn = root @ standard_wishart(m, nu, _shape(batch), generator(rng)) @ root.T
+    symmetric: FloatArray = (drawn + np.swapaxes(drawn, -1, -2)) / 2
+    return symmetric
 
 
 def _pair(value: Any, name: str) -> tuple[Any, Any]:

@@ -25,6 +25,7 @@ from tertia._arrays import (
     IntArray,
     finite,
     flag,
+    generator,
     integer,
     positive,
     real,
@@ -627,7 +628,7 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
     >>> weights.covariance_factor(11)
     0.1
     """
-    [(degrees_of_freedom, mean)] = _core.wishart_law(real(n, "n"), str(convention), 1)
+    [(degrees_of_freedom, mean)] = _core.wishart_law(real(n, "n"), convention, 1)
     return mean**2 / degrees_of_freedom
 
 
@@ -728,9 +729,9 @@ def weight_covariance(
     return _core.weight_covariance(
         samples(covariances, "covariances"),
         n if type(n) is int else _counts(n),
-        sensor if type(sensor) is int else integer(sensor, "sensor", -(2**31)),
-        str(convention),
-        threads(n_threads),
+        integer(sensor, "sensor", -(2**31)),
+        convention,
+        None if n_threads is None else threads(n_threads),
     )
 
 
@@ -773,7 +774,7 @@ def weight_bias(
     """
     k = integer(sensor, "sensor", -(2**31))
     return _core.weight_bias(
-        samples(covariances, "covariances"), _counts(n), k, str(convention), threads(n_threads)
+        samples(covariances, "covariances"), _counts(n), k, convention, threads(n_threads)
     )
 
 
@@ -839,9 +840,9 @@ def fusion_loss(
         raise ValueError(f"method is {method!r}; it must be {choices}")
     trials = integer(trials, "trials", 2)
     # also where it is not used, for it checks everything
-    first = _core.first_order_excess(s, _counts(n), str(convention), threads(n_threads))
+    first = _core.first_order_excess(s, _counts(n), convention, threads(n_threads))
     sensors, m = s.shape[-3:-1]
-    laws = _core.wishart_law(_counts(n), str(convention), sensors)
+    laws = _core.wishart_law(_counts(n), convention, sensors)
     if method == "auto":
         enough = min(law[0] for law in laws) >= _FIRST_ORDER_FROM * (m + 1)
         method = "first-order" if enough else "monte-carlo"
@@ -849,7 +850,7 @@ def fusion_loss(
         fused, excess, error = first[..., 0, :, :], first[..., 1, :, :], None
         loss = _trace(excess) / _trace(fused)
     else:
-        draws = _draws(laws, m, trials, np.random.default_rng(rng))
+        draws = _draws(laws, m, trials, generator(rng))
         both, loss, error = _core.simulated_excess(s, draws, threads(n_threads))
         fused, excess = both[..., 0, :, :], both[..., 1, :, :]
         error = scalar_or_array(error)
@@ -921,8 +922,8 @@ def required_samples(
         raise ValueError(f"loss is {bound}; it must be between 1e-6 and 1e6")
     if method not in {"first-order", "monte-carlo"}:
         raise ValueError(f"method is {method!r}; it must be 'first-order' or 'monte-carlo'")
-    seed = int(np.random.default_rng(rng).integers(2**63))
-    both = _core.first_order_excess(s, _LARGEST_N, str(convention), threads(n_threads))
+    seed = int(generator(rng).integers(2**63))
+    both = _core.first_order_excess(s, _LARGEST_N, convention, threads(n_threads))
     per_factor = _trace(both[..., 1, :, :]) / _trace(both[..., 0, :, :])
     per_factor = np.atleast_1d(per_factor / covariance_factor(_LARGEST_N, convention)).ravel()
     sensors, m = s.shape[-3:-1]
@@ -932,7 +933,7 @@ def required_samples(
         return per_factor[problem] * covariance_factor(n, convention) <= bound
 
     def simulated(problem: IntArray, n: int) -> npt.NDArray[np.bool_]:
-        laws = _core.wishart_law(n, str(convention), sensors)
+        laws = _core.wishart_law(n, convention, sensors)
         draws = _draws(laws, m, trials, np.random.default_rng([seed, n]))
         _, mean, error = _core.simulated_excess(problems[problem], draws, threads(n_threads))
         return mean + _STANDARD_ERRORS * error <= bound
@@ -1032,7 +1033,7 @@ def _least_n(m: int, convention: Convention) -> int:
     """Return the smallest n with which two sensors of equal n give a finite loss."""
     n = 2
     while True:
-        [(degrees_of_freedom, _)] = _core.wishart_law(n, str(convention), 1)
+        [(degrees_of_freedom, _)] = _core.wishart_law(n, convention, 1)
         drawable = degrees_of_freedom > m - 1 or degrees_of_freedom == int(degrees_of_freedom)
         if drawable and 2 * degrees_of_freedom > m + 1:
             return n

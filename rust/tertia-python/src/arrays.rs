@@ -145,6 +145,14 @@ pub fn repeated<T: Clone>(value: T, count: usize) -> PyResult<Vec<T>> {
     Ok(values)
 }
 
+/// Releasing the interpreter's lock and taking it again costs a tenth of this.
+const WORTH_RELEASING_NS: f64 = 2000.0;
+
+/// Does work that takes about so long, with the interpreter's lock released where that is worth it.
+pub fn release<T: Send>(py: Python<'_>, nanoseconds: f64, work: impl FnOnce() -> T + Send) -> T {
+    if nanoseconds < WORTH_RELEASING_NS { work() } else { py.detach(work) }
+}
+
 /// A fresh array of this shape around `values`.
 pub fn array<'py, T: Element>(
     py: Python<'py>,

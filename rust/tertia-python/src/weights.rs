@@ -1,10 +1,11 @@
 //! Bindings of `tertia::weights`.
 
-use crate::arrays::{Output, Rows, Samples, array, chunks, repeated, value_error};
+use crate::arrays::{Output, Rows, Samples, array, chunks, release, repeated, value_error};
 use crate::screening::unknown;
 use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::cell::Cell;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::weights::{
@@ -14,6 +15,36 @@ use tertia::weights::{
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Threads = Option<NonZero<usize>>;
 
+/// Sensors, dimension, and the solver for them.
+type Kept = ((usize, usize), Box<dyn Weighing>);
+
+thread_local! {
+    /// The thread's last solver: to make one takes as long as to solve a small problem.
+    static KEPT: Cell<Option<Kept>> = const { Cell::new(None) };
+}
+/// Solvers of more dimensions are not kept.
+const MAX_DIMENSION_KEPT: usize = 6;
+
+/// The solver for so many sensors and dimensions, kept for the thread's next problem when dropped.
+struct Solver(Option<Kept>);
+
+impl Solver {
+    fn new(size: (usize, usize)) -> Self {
+        let kept = KEPT.take().filter(|(kept_for, _)| *kept_for == size);
+        Self(Some(kept.unwrap_or_else(|| (size, weighing(size.0, size.1)))))
+    }
+
+    fn get(&mut self) -> &mut dyn Weighing {
+        self.0.as_mut().expect("is there until it is dropped").1.as_mut()
+    }
+}
+
+impl Drop for Solver {
+    fn drop(&mut self) {
+        KEPT.set(self.0.take().filter(|((_, m), _)| *m <= MAX_DIMENSION_KEPT));
+    }
+}
+
 /// Measurements of every sensor, or of each.
 #[derive(FromPyObject)]
 pub enum Counts {
@@ -21,19 +52,23 @@ pub enum Counts {
     Each(Vec<f64>),
 }
 
+fn convention(name: &str) -> PyResult<Convention> {
+    Ok(match name {
+        "sample-mean" => Convention::SampleMean,
+        "known-mean" => Convention::KnownMean,
+        "paper" => Convention::Paper,
+        "differences" => Convention::Differences,
+        other => {
+            let choices = "'sample-mean', 'known-mean', 'paper' or 'differences'";
+            return Err(unknown("convention", other, choices));
+        }
+    })
+}
+
 impl Counts {
     /// Degrees of freedom and means of the sensors' Wishart laws.
-    fn wishart(&self, convention: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
-        let convention = match convention {
-            "sample-mean" => Convention::SampleMean,
-            "known-mean" => Convention::KnownMean,
-            "paper" => Convention::Paper,
-            "differences" => Convention::Differences,
-            other => {
-                let choices = "'sample-mean', 'known-mean', 'paper' or 'differences'";
-                return Err(unknown("convention", other, choices));
-            }
-        };
+    fn wishart(&self, name: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
+        let convention = convention(name)?;
         let of = |&n: &f64| convention.wishart(n).map_err(value_error);
         match self {
             Self::All(n) => Ok(vec![of(n)?; sensors]),
@@ -51,8 +86,7 @@ impl Counts {
             Self::All(n) => *n,
             Self::Each(counts) => counts.iter().copied().fold(f64::INFINITY, f64::min),
         };
-        let degrees_of_freedom: Vec<_> = laws.iter().map(|law| law.0).collect();
-        require_degrees_of_freedom(&degrees_of_freedom, least, m).map_err(value_error)?;
+        require_degrees_of_freedom(laws.iter().map(|law| law.0), least, m).map_err(value_error)?;
         Ok(laws.iter().map(|(nu, mean)| mean * mean / nu).collect())
     }
 
@@ -114,11 +148,11 @@ fn fill<'py>(
     let mut out = Output::new(py, &[rows.batch(), tail].concat())?;
     let values = out.values()?;
     let (count, length) = (rows.count(), tail.iter().product());
-    py.detach(|| {
+    release(py, nanoseconds * count as f64, || {
         let items = rows.iter().zip(chunks(values, length, count));
-        let new = || weighing(size.0, size.1);
+        let new = || Solver::new(size);
         for_each_row(items, nanoseconds * count as f64, n_threads, new, |solver, (s, out)| {
-            work(solver.as_mut(), s, out)
+            work(solver.get(), s, out)
         })
     })
     .map_err(|failure| rows.error(failure))?;
@@ -267,12 +301,12 @@ pub fn simulated_excess<'py>(
     let values = out.values()?;
     let mut losses = repeated(Simulated { loss: 0.0, standard_error: 0.0 }, count)?;
     let cost = 3.0 * weigh_ns((sensors, m)) * draws.count() as f64 * count as f64;
-    py.detach(|| {
+    release(py, cost, || {
         let items = rows.iter().zip(chunks(values, 2 * m * m, count)).zip(&mut losses);
-        let new = || weighing(sensors, m);
+        let new = || Solver::new((sensors, m));
         for_each_row(items, cost, n_threads, new, |solver, ((s, out), loss)| {
             let (fused, excess) = out.split_at_mut(m * m);
-            *loss = solver.simulated_excess(s, &draws.values, fused, excess)?;
+            *loss = solver.get().simulated_excess(s, &draws.values, fused, excess)?;
             Ok(())
         })
     })
@@ -304,13 +338,13 @@ pub fn combine<'py>(
         .zip(chunks(covariance.values()?, m * m, count))
         .zip(chunks(weights.values()?, rows.len(), count))
         .zip(&mut agreements);
-    py.detach(|| {
+    let cost = 2.0 * weigh_ns((sensors, m)) * count as f64;
+    release(py, cost, || {
         let items = estimates.iter().zip(rows.iter()).zip(outputs);
-        let cost = 2.0 * weigh_ns((sensors, m)) * count as f64;
-        let new = || weighing(sensors, m);
+        let new = || Solver::new((sensors, m));
         for_each_row(items, cost, n_threads, new, |solver, ((x, s), out)| {
             let (((value, covariance), weights), agreement) = out;
-            *agreement = solver.combine(x, s, value, covariance, weights)?;
+            *agreement = solver.get().combine(x, s, value, covariance, weights)?;
             Ok(())
         })
     })
@@ -345,15 +379,15 @@ pub fn combine_scalar<'py>(
         .zip(chunks(out.values()?, m * m, count))
         .zip(chunks(gain.values()?, m, count))
         .zip(&mut agreements);
-    py.detach(|| {
+    let cost = weigh_ns((2, m)) * count as f64;
+    release(py, cost, || {
         let inputs = estimate.iter().zip(rows.iter()).zip(h.iter()).zip(scalars.iter());
-        let cost = weigh_ns((2, m)) * count as f64;
-        let new = || weighing(2, m);
+        let new = || Solver::new((2, m));
         let items = inputs.zip(outputs);
         for_each_row(items, cost, n_threads, new, |solver, ((((x, s), h), scalar), out)| {
             let (((value, covariance), gain), agreement) = out;
             let scalar = Scalar { h, value: scalar[0], sigma: scalar[1] };
-            *agreement = solver.combine_scalar(x, s, &scalar, value, covariance, gain)?;
+            *agreement = solver.get().combine_scalar(x, s, &scalar, value, covariance, gain)?;
             Ok(())
         })
     })

@@ -50,9 +50,13 @@ impl Convention {
 ///
 /// # Errors
 /// See above.
-pub fn require_degrees_of_freedom(each: &[f64], n: f64, dimension: usize) -> Result<()> {
+pub fn require_degrees_of_freedom(
+    each: impl Iterator<Item = f64>,
+    n: f64,
+    dimension: usize,
+) -> Result<()> {
     let mut least = [f64::INFINITY; 2];
-    for &nu in each {
+    for nu in each {
         if nu < least[0] {
             least = [nu, least[0]];
         } else if nu < least[1] {
