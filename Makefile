@@ -32,6 +32,7 @@ bench: $(WHEEL) $(VENV)/.bench
 	cargo bench
 	$(BIN)/python -m pytest benches --benchmark-columns=min,median,rounds
 	$(BIN)/python benches/peers/screening.py
+	$(BIN)/python benches/peers/weights.py
 
 clean:
 	rm -rf $(VENV) dist target

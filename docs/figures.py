@@ -3,10 +3,14 @@
 Tables are written between their marks in the pages, pictures to `docs/img`.
 """
 
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
-from studies import bearing, paper, screening
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+
+from studies import bearing, paper, screening, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -27,6 +31,25 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "scenarios": bearing.scenarios,
         "claims": paper.claims,
     },
+    "weights.md": {
+        "readings": weights.readings,
+        "symmetric pairs": weights.symmetric_pairs,
+        "too few": weights.too_few,
+        "symmetrised": weights.symmetrised,
+        "rounding": weights.rounding,
+        "elements": weights.elements,
+        "loss": weights.loss,
+        "first order": weights.first_order_error,
+        "rule": weights.rule,
+        "many sensors": weights.many_sensors,
+        "few samples": weights.few_samples,
+        "model errors": weights.model_errors,
+        "conventions": weights.conventions,
+        "consistency": weights.consistency,
+        "shared azimuth": weights.shared_azimuth,
+        "right treatment": weights.right_treatment,
+        "area": weights.area,
+    },
 }
 FIGURES = {
     "screening_record.png": screening.record_figure,
@@ -37,6 +60,8 @@ FIGURES = {
     "bearing_threshold.png": paper.threshold_figure,
     "bearing_polarity.png": paper.polarity_figure,
     "bearing_ten_trials.png": paper.ten_trials_figure,
+    "weights_loss.png": weights.loss_figure,
+    "weights_passive_location.png": weights.passive_location_figure,
 }
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import tertia
-from tertia import _core, bearing, plot, screening, simulate
+from tertia import _core, bearing, plot, screening, simulate, weights
 
-MODULES = [bearing, plot, screening, simulate, tertia]
+MODULES = [bearing, plot, screening, simulate, tertia, weights]
+ALIASES = {"Convention", "Count", "LossMethod", "Method", "TestName"}
 
 
 def run(code):
@@ -64,11 +65,13 @@ def test_every_public_name_exists_and_is_documented(module):
     assert module.__doc__
     for name in module.__all__:
         thing = getattr(module, name)
-        if callable(thing) and name not in {"Method", "TestName"}:
+        if callable(thing) and name not in ALIASES:
             assert len(thing.__doc__) > 60, name
 
 
-@pytest.mark.parametrize("module", [bearing, screening, simulate], ids=lambda m: m.__name__)
+@pytest.mark.parametrize(
+    "module", [bearing, screening, simulate, weights], ids=lambda module: module.__name__
+)
 def test_functions_document_what_they_take_return_and_raise(module):
     for name in module.__all__:
         thing = getattr(module, name)
@@ -98,6 +101,15 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
         "screening.leave_one_out_statistics(np.broadcast_to(1.0, (10**6, 10**6)))",
         "screening.unwrap(np.broadcast_to(1.0, (10**12,)))",
         "estimate_bearing(np.broadcast_to(1.0, (3, 10**11)))",
+        "weights.jacobian(np.broadcast_to(np.eye(3), (10**9, 2, 3, 3)))",
+        "weights.jacobian(np.broadcast_to(1.0, (2, 10**5, 10**5)))",
+        "weights.jacobian(np.broadcast_to(1.0, (2, 3000, 3000)))",
+        "weights.weight_matrices(np.zeros((2, 9000, 9000)))",
+        "weights.weight_covariance(np.broadcast_to(np.eye(3), (10**9, 2, 3, 3)), 9)",
+        "weights.covariance_of_covariance(np.broadcast_to(1.0, (10**3, 10**3)), 1.0)",
+        "weights.combine(np.zeros((2, 3)), np.broadcast_to(np.eye(3), (10**9, 2, 3, 3)))",
+        "weights.combine_scalar([0.0], np.broadcast_to(1.0, (10**9, 1, 1)), [1.0], 1.0, 1.0)",
+        "weights.fusion_loss(np.ones((2, 1, 1)), 9, trials=2**31 - 1)",
     ],
 )
 def test_too_large_is_an_error_and_not_an_abort(call):
@@ -105,7 +117,7 @@ def test_too_large_is_an_error_and_not_an_abort(call):
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, 4 * 2**30))
 import numpy as np
-from tertia import estimate_bearing, screening
+from tertia import estimate_bearing, screening, weights
 try:
     {call}
 except (MemoryError, ValueError) as error:

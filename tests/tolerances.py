@@ -7,3 +7,9 @@ PARITY = 1e-10
 PARITY_WITH_OFFSET = 1e-6
 # scipy.stats has about twelve digits in the tails
 DISTRIBUTION = 1e-11
+# the reference inverts covariances of condition numbers up to about 100
+INVERSES = 1e-12
+# covariances in units that are no powers of two are rounded, and have condition numbers up to 30
+UNITS = 1e-13
+# sensors of condition numbers up to 1e3, a thousand times apart, found by hypothesis
+IDENTITIES = 1e-9

@@ -15,6 +15,8 @@ __all__ = ["BearingRecord", "PassiveLocation", "direction_finder", "passive_loca
 
 # keeps every product of two parameters finite
 _LARGEST = 1e100
+# metres: farther, the lines of sight are parallel in double precision
+_FARTHEST = 1e12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,6 +233,8 @@ def passive_location(
     target, places = finite(position, "position"), finite(sites, "sites")
     _require(target.shape[-1:] == (2,), "position", target.shape, "of shape (..., 2)")
     _require(places.shape == (2, 2), "sites", places.shape, "of shape (2, 2)")
+    farthest = max(float(np.max(np.abs(x), initial=0)) for x in (target, places))
+    _require(farthest <= _FARTHEST, "position", farthest, f"within {_FARTHEST:g} m, as the sites")
     sigma = np.array(
         [_number(azimuth_sigma, "azimuth_sigma", 1e-12, 10)] * 2
         + [_number(range_difference_sigma, "range_difference_sigma", 1e-9, 1e12)]
@@ -301,10 +305,13 @@ def wishart(
     nu = _number(degrees_of_freedom, "degrees_of_freedom", 1)
     drawable = nu > m - 1 or nu == int(nu)
     _require(drawable, "degrees_of_freedom", nu, f"a whole number, or above {m - 1}")
+    scale = np.sqrt(np.abs(np.diagonal(mean)))
+    symmetric = np.all(np.abs(mean - mean.T) <= 1e-10 * scale * scale[:, np.newaxis])
+    _require(bool(symmetric), "covariance", mean.tolist(), "symmetric")
     root = np.linalg.cholesky(mean)
     drawn = root @ standard_wishart(m, nu, _shape(batch), generator(rng)) @ root.T
-    symmetric: FloatArray = (drawn + np.swapaxes(drawn, -1, -2)) / 2
-    return symmetric
+    matrices: FloatArray = (drawn + np.swapaxes(drawn, -1, -2)) / 2
+    return matrices
 
 
 def _pair(value: Any, name: str) -> tuple[Any, Any]:

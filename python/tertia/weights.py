@@ -5,9 +5,9 @@ covariance of sensor k's estimate, `C_k` its inverse, `S_p` the inverse of the s
 `W_k = S_p C_k` the weight of sensor k; vec stacks columns.
 
 No covariance is inverted, only sums of two, so a sensor may be (almost) singular by itself.
-Rounding leaves an error of about 1e-16 / p, where p is the smallest share of a component's variance
-that the components before it leave unexplained, in the covariance of a sensor added to that of the
-others; below 1e-13 the sum counts as singular.
+Rounding leaves an error of about 1e-15 / p in the weights, in units of standard deviations, where p
+is the smallest share of a component's variance that the other components leave unexplained, in the
+covariance of a sensor added to that of the others; below 1e-13 the sum counts as singular.
 """
 
 from __future__ import annotations
@@ -70,6 +70,9 @@ _TRIALS = 10_000
 # measured losses must stay below the bound with this many of their standard errors
 _STANDARD_ERRORS = 2.0
 _LARGEST_N = 2**53
+_LARGEST_FACTOR = 1e10
+# squares of smaller ones, or of larger ones than its reciprocal, leave the range of doubles
+_SMALLEST_SIGMA = 1e-70
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,7 +262,7 @@ def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None
     Raises
     ------
     numpy.linalg.LinAlgError
-        As for `weight_matrices`, and where the covariances are (almost) singular in different
+        As for `weight_matrices`, and where covariances are (almost) singular in different
         directions, so that rounding would leave an error of more than 0.1 % in a fused variance.
     ValueError, TypeError
         As for `weight_matrices`.
@@ -315,15 +318,9 @@ def combine(
     Combination([12.4848 ± 0.853, 20.8687 ± 1.03], p-value 0.387)
     """
     x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
-    if s.ndim >= 3 and x.shape[-2:] != s.shape[-3:-1]:
-        raise ValueError(
-            f"estimates has shape {x.shape}; for covariances of shape {s.shape} it must be "
-            f"(..., {s.shape[-3]}, {s.shape[-2]})"
-        )
-    if x.shape[:-2] != s.shape[:-3]:
-        batch = _common_batch(estimates=x.shape[:-2], covariances=s.shape[:-3])
-        x = np.broadcast_to(x, batch + x.shape[-2:])
-        s = np.broadcast_to(s, batch + s.shape[-3:])
+    # what is wrong with covariances alone is found by the core
+    if s.ndim >= 3:
+        x, s = _matched(x, s)
     result = _core.combine(x, s, threads(n_threads))
     return _combination(result, (s.shape[-3] - 1) * s.shape[-1])
 
@@ -390,7 +387,7 @@ def combine_scalar(
     """
     x, s = finite(estimate, "estimate"), samples(covariance, "covariance")
     row = finite(h, "h")
-    z, deviation = finite(measured, "measured"), positive(sigma, "sigma")
+    z, deviation = finite(measured, "measured"), _deviation(sigma)
     if s.ndim < 2 or x.shape[-1:] != s.shape[-1:] or row.shape[-1:] != s.shape[-1:]:
         raise ValueError(
             f"covariance has shape {s.shape}, estimate {x.shape} and h {row.shape}; they must be "
@@ -398,9 +395,7 @@ def combine_scalar(
         )
     if s.shape[-2] != s.shape[-1] or s.shape[-1] == 0:
         raise ValueError(f"covariance has shape {s.shape}; it must be (..., m, m)")
-    for name, array in (("h", row), ("measured", z), ("sigma", deviation)):
-        if array.size and not 1e-70 < np.abs(array).max(initial=1.0) < 1e70:
-            raise ValueError(f"{name} has a number of more than 1e70 in size; change the unit")
+    _require_moderate(h=row, measured=z)
     batch = _common_batch(
         estimate=x.shape[:-1],
         covariance=s.shape[:-2],
@@ -450,10 +445,12 @@ def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:
     array([[0.36, 0.48],
            [0.48, 0.64]])
     """
-    row = finite(h, "h")
+    row, deviation = finite(h, "h"), _deviation(sigma)
     if row.ndim == 0:
         raise ValueError("h is a single number; it must be of shape (..., m)")
-    scaled = row / positive(sigma, "sigma")[..., np.newaxis]
+    _require_moderate(h=row)
+    _common_batch(h=row.shape[:-1], sigma=deviation.shape)
+    scaled = row / deviation[..., np.newaxis]
     return scaled[..., :, np.newaxis] * scaled[..., np.newaxis, :]
 
 
@@ -579,6 +576,7 @@ def sample_covariance(
     if y.ndim < 2 or y.shape[-2] < 2 or y.shape[-1] < 1:
         raise ValueError(f"x has shape {y.shape}; it must be (..., n, m) with n >= 2 measurements")
     n = y.shape[-2]
+    _require_moderate(x=y)
     if flag(differences, "differences"):
         if mean is not None:
             raise ValueError("mean is given; with differences it must be None")
@@ -587,6 +585,8 @@ def sample_covariance(
         true = finite(mean, "mean")
         if true.shape[-1:] != y.shape[-1:]:
             raise ValueError(f"mean has shape {true.shape}; it must be (..., {y.shape[-1]})")
+        _require_moderate(mean=true)
+        _common_batch(x=y.shape[:-2], mean=true.shape[:-1])
         deviations, divisor = y - true[..., np.newaxis, :], float(n)
     else:
         # from the first measurement, so that a common offset costs nothing
@@ -672,8 +672,8 @@ def covariance_of_covariance(
     array([[0.8]])
     """
     c = real(factor, "factor")
-    if not 0 <= c < np.inf:
-        raise ValueError(f"factor is {c}; it must be a finite number of at least 0")
+    if not 0 <= c <= _LARGEST_FACTOR:
+        raise ValueError(f"factor is {c}; it must be between 0 and {_LARGEST_FACTOR:g}")
     return _core.covariance_of_covariance(samples(covariance, "covariance"), c, threads(n_threads))
 
 
@@ -711,12 +711,16 @@ def weight_covariance(
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
         As for `weight_matrices`, or a sensor that is not there, or an n that is not a whole number
-        of at least 2 or too small: for less than m + 2 degrees of freedom of two sensors together
-        the variance is infinite.
+        of at least 2 or too small: if m > 1, the variance is infinite for less than m + 2 degrees
+        of freedom of two sensors together, or where all sensors together lack m - 1 or more of the
+        m degrees of freedom that each should have.
 
     Notes
     -----
-    (10) of the source in closed form. Cost O(K m⁴), where the printed product takes O(m⁶).
+    (10) of the source in closed form. Cost O(K m⁴), where the printed product takes O(m⁶). In the
+    convention "paper" it is as printed: too large by `n² / (n - 1)²`, because W does not change
+    when all covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow for
+    that.
 
     Examples
     --------
@@ -728,7 +732,7 @@ def weight_covariance(
     """
     return _core.weight_covariance(
         samples(covariances, "covariances"),
-        n if type(n) is int else _counts(n),
+        _counts(n),
         integer(sensor, "sensor", -(2**31)),
         convention,
         None if n_threads is None else threads(n_threads),
@@ -835,7 +839,7 @@ def fusion_loss(
     FusionLoss(15.16%, first-order)
     """
     s = samples(covariances, "covariances")
-    if method not in {"auto", "first-order", "monte-carlo"}:
+    if method not in ("auto", "first-order", "monte-carlo"):
         choices = "'auto', 'first-order' or 'monte-carlo'"
         raise ValueError(f"method is {method!r}; it must be {choices}")
     trials = integer(trials, "trials", 2)
@@ -906,9 +910,9 @@ def required_samples(
 
     Notes
     -----
-    Without knowing the covariances, n >= 15 m + 6 for m <= 3, and in general
+    Without knowing the covariances of two sensors, n >= 15 m + 6 for m <= 3, and in general
     `1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`, kept the loss below 5 % in every case that was
-    tried (docs/weights.md).
+    tried; for more sensors n >= 1 + 22 (m + 1) did (docs/weights.md).
 
     Examples
     --------
@@ -920,17 +924,18 @@ def required_samples(
     bound, trials = real(loss, "loss"), integer(trials, "trials", 2)
     if not 1e-6 <= bound <= 1e6:
         raise ValueError(f"loss is {bound}; it must be between 1e-6 and 1e6")
-    if method not in {"first-order", "monte-carlo"}:
+    if method not in ("first-order", "monte-carlo"):
         raise ValueError(f"method is {method!r}; it must be 'first-order' or 'monte-carlo'")
     seed = int(generator(rng).integers(2**63))
     both = _core.first_order_excess(s, _LARGEST_N, convention, threads(n_threads))
     per_factor = _trace(both[..., 1, :, :]) / _trace(both[..., 0, :, :])
-    per_factor = np.atleast_1d(per_factor / covariance_factor(_LARGEST_N, convention)).ravel()
+    per_factor = np.atleast_1d(per_factor / _relative_factor(_LARGEST_N, convention)).ravel()
     sensors, m = s.shape[-3:-1]
     problems = s.reshape(-1, sensors, m, m)
 
     def first_order(problem: IntArray, n: int) -> npt.NDArray[np.bool_]:
-        return per_factor[problem] * covariance_factor(n, convention) <= bound
+        # a bound that is met exactly is kept, whatever rounding says
+        return per_factor[problem] * _relative_factor(n, convention) <= bound * (1 + 1e-12)
 
     def simulated(problem: IntArray, n: int) -> npt.NDArray[np.bool_]:
         laws = _core.wishart_law(n, convention, sensors)
@@ -938,7 +943,7 @@ def required_samples(
         _, mean, error = _core.simulated_excess(problems[problem], draws, threads(n_threads))
         return mean + _STANDARD_ERRORS * error <= bound
 
-    least = _least_n(m, convention)
+    least = _core.least_count(convention, sensors, m)
     found = _smallest(first_order, len(problems), least)
     if method == "monte-carlo":
         found = _smallest(simulated, len(problems), least, found)
@@ -999,6 +1004,7 @@ def blend(
         raise ValueError(f"n_model is {worth}; it must be a positive number")
     if not np.all(count >= 1):
         raise ValueError("n must be at least 1 everywhere")
+    _common_batch(model=predicted.shape[:-2], sample=measured.shape[:-2], n=count.shape)
     share = (worth / (worth + (count - 1.0)))[..., np.newaxis, np.newaxis]
     return share * predicted + (1.0 - share) * measured
 
@@ -1029,15 +1035,10 @@ def _smallest(
     return high
 
 
-def _least_n(m: int, convention: Convention) -> int:
-    """Return the smallest n with which two sensors of equal n give a finite loss."""
-    n = 2
-    while True:
-        [(degrees_of_freedom, _)] = _core.wishart_law(n, convention, 1)
-        drawable = degrees_of_freedom > m - 1 or degrees_of_freedom == int(degrees_of_freedom)
-        if drawable and 2 * degrees_of_freedom > m + 1:
-            return n
-        n += 1
+def _relative_factor(n: int, convention: Convention) -> float:
+    """Return c of a sample covariance in units of its own mean."""
+    [(degrees_of_freedom, _)] = _core.wishart_law(n, convention, 1)
+    return 1 / degrees_of_freedom
 
 
 def _draws(
@@ -1054,6 +1055,19 @@ def _draws(
             )
         draws.append(mean * standard_wishart(m, degrees_of_freedom, (trials,), rng))
     return np.stack(draws, axis=1)
+
+
+def _matched(x: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return estimates and covariances of the same batch."""
+    if x.shape[-2:] != s.shape[-3:-1]:
+        raise ValueError(
+            f"estimates has shape {x.shape}; for covariances of shape {s.shape} it must be "
+            f"(..., {s.shape[-3]}, {s.shape[-2]})"
+        )
+    if x.shape[:-2] == s.shape[:-3]:
+        return x, s
+    batch = _common_batch(estimates=x.shape[:-2], covariances=s.shape[:-3])
+    return np.broadcast_to(x, batch + x.shape[-2:]), np.broadcast_to(s, batch + s.shape[-3:])
 
 
 def _combination(
@@ -1073,11 +1087,28 @@ def _combination(
 
 def _counts(n: Count) -> float | list[float]:
     """Return n as the core takes it."""
+    if type(n) is int and n <= _LARGEST_N:
+        return n
     array = samples(n, "n")
     if array.ndim > 1:
         raise ValueError(f"n has shape {array.shape}; it must be one number or one per sensor")
     counts: float | list[float] = array.tolist()
     return counts
+
+
+def _deviation(sigma: npt.ArrayLike) -> FloatArray:
+    """Return standard deviations that can be squared."""
+    array = positive(sigma, "sigma")
+    if np.any((array < _SMALLEST_SIGMA) | (array > 1 / _SMALLEST_SIGMA)):
+        limits = f"between {_SMALLEST_SIGMA} and {1 / _SMALLEST_SIGMA}"
+        raise ValueError(f"sigma must be {limits} everywhere; change the unit")
+    return array
+
+
+def _require_moderate(**arrays: FloatArray) -> None:
+    for name, array in arrays.items():
+        if np.any(np.abs(array) > 1 / _SMALLEST_SIGMA):
+            raise ValueError(f"{name} has a number above {1 / _SMALLEST_SIGMA}; change the unit")
 
 
 def _common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:

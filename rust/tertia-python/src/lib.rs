@@ -21,7 +21,7 @@ mod core_module {
     #[pymodule_export]
     use super::weights::{
         combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,
-        jacobian, jacobian_factors, simulated_excess, weight_bias, weight_covariance,
+        jacobian, jacobian_factors, least_count, simulated_excess, weight_bias, weight_covariance,
         weight_matrices, wishart_law,
     };
     #[pymodule_export]

@@ -1,6 +1,8 @@
 //! Bindings of `tertia::weights`.
 
-use crate::arrays::{Output, Rows, Samples, array, chunks, release, repeated, value_error};
+use crate::arrays::{
+    Output, Rows, Samples, array, chunks, release, repeated, room_for, value_error,
+};
 use crate::screening::unknown;
 use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
@@ -9,7 +11,7 @@ use std::cell::Cell;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::weights::{
-    Agreement, Convention, Scalar, Simulated, Weighing, require_degrees_of_freedom, weighing,
+    self, Agreement, Convention, Scalar, Simulated, Weighing, require_degrees_of_freedom, weighing,
 };
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
@@ -80,18 +82,15 @@ impl Counts {
         }
     }
 
-    fn factors(&self, convention: &str, (sensors, m): (usize, usize)) -> PyResult<Vec<f64>> {
+    /// The laws, with which the fused estimate must have a finite variance.
+    fn laws(&self, convention: &str, (sensors, m): (usize, usize)) -> PyResult<Vec<(f64, f64)>> {
         let laws = self.wishart(convention, sensors)?;
         let least = match self {
             Self::All(n) => *n,
             Self::Each(counts) => counts.iter().copied().fold(f64::INFINITY, f64::min),
         };
         require_degrees_of_freedom(laws.iter().map(|law| law.0), least, m).map_err(value_error)?;
-        Ok(laws.iter().map(|(nu, mean)| mean * mean / nu).collect())
-    }
-
-    fn means(&self, convention: &str, sensors: usize) -> PyResult<Vec<f64>> {
-        Ok(self.wishart(convention, sensors)?.iter().map(|law| law.1).collect())
+        Ok(laws)
     }
 }
 
@@ -101,10 +100,21 @@ pub fn wishart_law(n: Counts, convention: &str, sensors: usize) -> PyResult<Vec<
     n.wishart(convention, sensors)
 }
 
-/// Sensors and dimension of covariances (..., K, m, m).
+/// The least n, the same for all sensors, with which the loss is finite.
+#[pyfunction]
+pub fn least_count(name: &str, sensors: usize, dimension: usize) -> PyResult<u64> {
+    let n = weights::least_count(convention(name)?, sensors, dimension).map_err(value_error)?;
+    Ok(n as u64)
+}
+
+/// Matrices that a solver keeps for every sensor, and besides.
+const MATRICES: (usize, usize) = (14, 30);
+
+/// Sensors and dimension of covariances (..., K, m, m), for which there must be memory.
 fn size(covariances: &Samples<'_>) -> PyResult<(usize, usize)> {
     match covariances.shape() {
         [.., sensors, rows, columns] if *sensors >= 2 && rows == columns && *rows > 0 => {
+            require_room((*sensors, *rows))?;
             Ok((*sensors, *rows))
         }
         shape => Err(PyValueError::new_err(format!(
@@ -112,6 +122,14 @@ fn size(covariances: &Samples<'_>) -> PyResult<(usize, usize)> {
              matrix for each of K >= 2 sensors"
         ))),
     }
+}
+
+fn require_room((sensors, m): (usize, usize)) -> PyResult<()> {
+    if m > MAX_DIMENSION_KEPT {
+        let matrices = sensors.saturating_mul(MATRICES.0).saturating_add(MATRICES.1);
+        room_for::<f64>(matrices.saturating_mul(m).saturating_mul(m))?;
+    }
+    Ok(())
 }
 
 /// The sensor's index, counted from the end where it is negative.
@@ -238,7 +256,8 @@ pub fn weight_covariance<'py>(
     let samples = Samples::extract(covariances, "covariances")?;
     let (sensors, m) = size(&samples)?;
     let k = index(sensor, sensors)?;
-    let c = n.factors(convention, (sensors, m))?;
+    let laws = n.laws(convention, (sensors, m))?;
+    let c: Vec<_> = laws.iter().map(|(nu, mean)| mean * mean / nu).collect();
     let (rows, cost) = (samples.blocks(3)?, propagate_ns((sensors, m)));
     fill(py, &rows, (sensors, m), &[m * m, m * m], cost, n_threads, |solver, s, out| {
         solver.weight_covariance(s, &c, k, out)
@@ -258,7 +277,9 @@ pub fn weight_bias<'py>(
     let samples = Samples::extract(covariances, "covariances")?;
     let (sensors, m) = size(&samples)?;
     let k = index(sensor, sensors)?;
-    let (c, mean) = (n.factors(convention, (sensors, m))?, n.means(convention, sensors)?);
+    let laws = n.laws(convention, (sensors, m))?;
+    // relative to the mean
+    let (c, mean): (Vec<_>, Vec<_>) = laws.iter().map(|(nu, mean)| (1.0 / nu, mean)).unzip();
     let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
     fill(py, &rows, (sensors, m), &[m, m], cost, n_threads, |solver, s, out| {
         solver.weight_bias(s, &c, &mean, k, out)
@@ -276,7 +297,9 @@ pub fn first_order_excess<'py>(
 ) -> PyResult<Array<'py>> {
     let samples = Samples::extract(covariances, "covariances")?;
     let (sensors, m) = size(&samples)?;
-    let c = n.factors(convention, (sensors, m))?;
+    let laws = n.laws(convention, (sensors, m))?;
+    // relative to the mean
+    let c: Vec<_> = laws.iter().map(|law| 1.0 / law.0).collect();
     let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
     fill(py, &rows, (sensors, m), &[2, m, m], cost, n_threads, |solver, s, out| {
         let (fused, excess) = out.split_at_mut(m * m);
@@ -371,6 +394,7 @@ pub fn combine_scalar<'py>(
     let rows = samples.blocks(2)?;
     let (estimate, h, scalars) = (estimate.blocks(1)?, h.blocks(1)?, scalars.blocks(1)?);
     let (m, count) = (estimate.len(), rows.count());
+    require_room((2, m))?;
     let mut value = Output::new(py, estimate.shape)?;
     let mut gain = Output::new(py, estimate.shape)?;
     let mut out = Output::new(py, rows.shape)?;
@@ -413,6 +437,7 @@ pub fn covariance_of_covariance<'py>(
             )));
         }
     };
+    require_room((2, m))?;
     let rows = samples.blocks(2)?;
     fill(py, &rows, (2, m), &[m * m, m * m], propagate_ns((1, m)), n_threads, |solver, s, out| {
         solver.covariance_of_covariance(s, factor, out)

@@ -18,7 +18,7 @@ const ASYMMETRY: f64 = 1e-10;
 /// A matrix is semidefinite where its correlations are, after adding this to their diagonal: more
 /// than rounding leaves of a zero, less than a measurement tells.
 const SEMIDEFINITE: f64 = 1e-13;
-/// Share of a variance that the components before it must leave unexplained in a regular matrix.
+/// Share of a variance that the other components must leave unexplained in a regular matrix.
 const REGULAR: f64 = 1e-13;
 
 pub(crate) fn zeros<D: Dim>(order: D) -> Square<D>
@@ -126,22 +126,21 @@ where
     }
 }
 
-/// `out = (x + y)^-1`, exactly symmetric; false where the sum is singular to working precision.
-/// Cost m³.
-pub(crate) fn inverse_of_sum<D: Dim>(
-    x: &Square<D>,
-    y: &Square<D>,
-    factor: &mut Square<D>,
-    out: &mut Square<D>,
-) -> bool
+/// The factor of `x + y` as of [`factorise`]; false where the sum is singular to working precision.
+pub(crate) fn factorise_sum<D: Dim>(x: &Square<D>, y: &Square<D>, factor: &mut Square<D>) -> bool
 where
     DefaultAllocator: Allocator<D, D>,
 {
     factor.copy_from(x);
     *factor += y;
-    if !factorise(factor, REGULAR) {
-        return false;
-    }
+    factorise(factor, REGULAR)
+}
+
+/// The inverse of a factorised matrix, exactly symmetric. `factor` is overwritten. Cost m³.
+pub(crate) fn invert<D: Dim>(factor: &mut Square<D>, out: &mut Square<D>)
+where
+    DefaultAllocator: Allocator<D, D>,
+{
     let m = factor.nrows();
     // N = L^-1 in place of L
     for j in 0..m {
@@ -171,16 +170,49 @@ where
             out[(j, i)] = out[(i, j)];
         }
     }
-    true
 }
 
-/// Whether a matrix that was computed from others is regular.
-pub(crate) fn is_regular<D: Dim>(a: &Square<D>, factor: &mut Square<D>) -> bool
+/// Whether the other components leave enough of the variance of every component of `x + y`: its
+/// share is one over the variance times that of the inverse.
+pub(crate) fn is_regular<D: Dim>(x: &Square<D>, y: &Square<D>, inverse: &Square<D>) -> bool
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    (0..x.nrows()).all(|i| REGULAR * (x[(i, i)] + y[(i, i)]) * inverse[(i, i)] < 1.0)
+}
+
+/// `b ← D^-1/2 L^-1 b` for a factorised matrix.
+pub(crate) fn half_solve<D: Dim>(factor: &Square<D>, b: &mut Square<D>)
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let m = factor.nrows();
+    for j in 0..m {
+        for p in 0..m {
+            let f = b[(p, j)];
+            for i in p + 1..m {
+                b[(i, j)] -= factor[(i, p)] * f;
+            }
+        }
+    }
+    for p in 0..m {
+        let scale = 1.0 / factor[(p, p)].sqrt();
+        for j in 0..m {
+            b[(p, j)] *= scale;
+        }
+    }
+}
+
+/// Whether a matrix that was computed from others is a covariance, but for rounding.
+pub(crate) fn is_semidefinite<D: Dim>(a: &Square<D>, factor: &mut Square<D>) -> bool
 where
     DefaultAllocator: Allocator<D, D>,
 {
     factor.copy_from(a);
-    factorise(factor, REGULAR)
+    for i in 0..a.nrows() {
+        factor[(i, i)] *= 1.0 + SEMIDEFINITE;
+    }
+    factorise(factor, 0.0)
 }
 
 /// The mean of a matrix and its transpose.

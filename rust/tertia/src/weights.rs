@@ -21,7 +21,7 @@ use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector};
 use propagation::{Propagation, write_covariance_of_covariance};
 
 pub use combination::{Agreement, Scalar};
-pub use convention::{Convention, require_degrees_of_freedom};
+pub use convention::{Convention, least_count, require_degrees_of_freedom};
 pub use loss::Simulated;
 
 const COVARIANCES: &str = "covariances";
@@ -167,6 +167,9 @@ pub fn weighing(sensors: usize, dimension: usize) -> Box<dyn Weighing> {
         4 => Solver::boxed(sensors, Const::<4>),
         5 => Solver::boxed(sensors, Const::<5>),
         6 => Solver::boxed(sensors, Const::<6>),
+        7 => Solver::boxed(sensors, Const::<7>),
+        8 => Solver::boxed(sensors, Const::<8>),
+        9 => Solver::boxed(sensors, Const::<9>),
         m => Solver::boxed(sensors, Dyn(m)),
     }
 }
@@ -416,7 +419,7 @@ mod tests {
     /// The same numbers whether the order is known when compiling or not: block diagonal matrices.
     #[test]
     fn any_order_and_any_number() {
-        let (sensors, m) = (4, 8);
+        let (sensors, m) = (4, 12);
         let block = |k: usize, i: usize, j: usize| {
             let corner = TWO[4 * (k % 2) + 2 * (i % 2) + j % 2];
             if i / 2 == j / 2 { corner } else { 0.0 }

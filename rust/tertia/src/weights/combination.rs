@@ -41,6 +41,7 @@ where
     weighted: OVector<f64, D>,
     before: Square<D>,
     after: Square<D>,
+    scratch: Square<D>,
     sum: Sum<D>,
 }
 
@@ -57,6 +58,7 @@ where
             weighted: vector(),
             before: zeros(order),
             after: zeros(order),
+            scratch: zeros(order),
             sum: Sum::new(order),
         }
     }
@@ -85,12 +87,15 @@ where
             self.innovation.copy_from(&self.difference);
             self.innovation -= &self.fused;
             self.sum.fuse(&self.before, covariance, k, &mut self.after)?;
+            self.sum.invert(&self.before, covariance, k)?;
             self.sum.inverse.mul_to(&self.innovation, &mut self.weighted);
             statistic += self.weighted.dot(&self.innovation);
             self.before.mul_to(&self.weighted, &mut self.difference);
             self.fused += &self.difference;
             std::mem::swap(&mut self.before, &mut self.after);
         }
+        // differences that are so large that the sum overflows
+        let statistic = if statistic.is_nan() { f64::INFINITY } else { statistic };
         let degrees_of_freedom = (s.len() - 1) * self.fused.len();
         Ok(Agreement { statistic, p_value: chi_square_upper(statistic, degrees_of_freedom) })
     }
@@ -115,10 +120,16 @@ where
         value.copy_from_slice(self.fused.as_slice());
         self.before.fill_with_identity();
         self.before.ger(-1.0, &self.weighted, &self.difference, 1.0);
-        covariance.mul_to(&self.before.transpose(), &mut self.sum.scratch);
-        self.before.mul_to(&self.sum.scratch, &mut self.after);
+        self.before.transpose_to(&mut self.after);
+        covariance.mul_to(&self.after, &mut self.scratch);
+        self.before.mul_to(&self.scratch, &mut self.after);
         self.after.ger(variance, &self.weighted, &self.weighted, 1.0);
         symmetrise(&mut self.after);
+        for i in 0..estimate.len() {
+            // rounding leaves no variance below that of the scalar alone
+            let least = variance * self.weighted[i] * self.weighted[i];
+            self.after[(i, i)] = self.after[(i, i)].max(least);
+        }
         let statistic = innovation * innovation / innovation_variance;
         Agreement { statistic, p_value: chi_square_upper(statistic, 1) }
     }

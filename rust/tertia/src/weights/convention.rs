@@ -45,8 +45,11 @@ impl Convention {
     }
 }
 
-/// Fails unless the error of an estimate fused with estimated weights has a finite variance: the
-/// two least known of the sensors must have more than m + 1 degrees of freedom together.
+/// Fails unless the error of an estimate fused with estimated weights has a finite variance.
+///
+/// In more than one dimension the two least known sensors must have more than m + 1 degrees of
+/// freedom together, and all sensors together must lack fewer than m − 1 of the m that each needs
+/// to be regular: in every direction that is lacking a sensor seems to be exact.
 ///
 /// # Errors
 /// See above.
@@ -55,16 +58,36 @@ pub fn require_degrees_of_freedom(
     n: f64,
     dimension: usize,
 ) -> Result<()> {
-    let mut least = [f64::INFINITY; 2];
+    let m = dimension as f64;
+    let (mut least, mut lacking) = ([f64::INFINITY; 2], 0.0);
     for nu in each {
+        lacking += (m - nu).max(0.0);
         if nu < least[0] {
             least = [nu, least[0]];
         } else if nu < least[1] {
             least[1] = nu;
         }
     }
-    let holds = least[0] + least[1] > dimension as f64 + 1.0;
-    let requirement = "larger: the two sensors known least must have more than m + 1 degrees of \
-                       freedom together, or the error of the weights has no finite variance";
-    require("n", n, holds, requirement)
+    let enough = least[0] + least[1] > m + 1.0 && (lacking == 0.0 || lacking < m - 1.0);
+    let requirement = "larger: the sensors have too few degrees of freedom in so many dimensions, \
+                       and the error of the weights has no finite variance";
+    require("n", n, dimension == 1 || enough, requirement)
+}
+
+/// The least number of measurements, the same for all sensors, with which the loss is finite and
+/// Wishart matrices can be drawn.
+///
+/// # Errors
+/// There is none: never.
+pub fn least_count(convention: Convention, sensors: usize, dimension: usize) -> Result<f64> {
+    let mut n = 2.0;
+    loop {
+        let (nu, _) = convention.wishart(n)?;
+        let drawable = nu.fract() == 0.0 || nu > dimension as f64 - 1.0;
+        let each = std::iter::repeat_n(nu, sensors);
+        if drawable && require_degrees_of_freedom(each, n, dimension).is_ok() {
+            return Ok(n);
+        }
+        n += 1.0;
+    }
 }

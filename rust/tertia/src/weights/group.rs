@@ -5,7 +5,10 @@
 
 use super::COVARIANCES;
 use crate::error::{Error, Result};
-use crate::matrix::{Square, inverse_of_sum, is_regular, read_covariance, symmetrise, zeros};
+use crate::matrix::{
+    Square, factorise_sum, half_solve, invert, is_regular, is_semidefinite, read_covariance,
+    symmetrise, zeros,
+};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
@@ -53,7 +56,12 @@ where
     /// The same, and makes sure that the fused covariance may be returned.
     pub fn fuse(&mut self, covariances: &[f64]) -> Result<()> {
         self.weigh(covariances)?;
-        self.group.require_fused(&self.covariances)
+        self.group.fuse(&self.covariances, None)?;
+        if self.group.is_known && is_semidefinite(&self.group.fused, &mut self.group.others) {
+            Ok(())
+        } else {
+            Err(Error::LostToRounding { argument: COVARIANCES })
+        }
     }
 }
 
@@ -66,8 +74,10 @@ where
     pub weight: Vec<Square<D>>,
     /// I − W_i.
     pub complement: Vec<Square<D>>,
-    /// (ΣC_i)^-1.
+    /// (ΣC_i)^-1, after [`Group::fuse`].
     pub fused: Square<D>,
+    /// Whether rounding has left enough digits of its variances.
+    is_known: bool,
     /// The fused covariance of members 0..=i; only of three or more.
     forward: Vec<Square<D>>,
     /// The fused covariance of members i..; only of three or more.
@@ -76,13 +86,14 @@ where
     sum: Sum<D>,
 }
 
-/// The inverse of a sum, and a buffer to find it.
+/// A sum of two covariances, and what is computed of it.
 pub(crate) struct Sum<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
 {
     pub inverse: Square<D>,
-    pub scratch: Square<D>,
+    factor: Square<D>,
+    halves: [Square<D>; 2],
 }
 
 impl<D: Dim> Sum<D>
@@ -90,31 +101,45 @@ where
     DefaultAllocator: Allocator<D, D>,
 {
     pub fn new(order: D) -> Self {
-        Self { inverse: zeros(order), scratch: zeros(order) }
+        let new = || zeros(order);
+        Self { inverse: new(), factor: new(), halves: [new(), new()] }
     }
 
     /// `(x + y)^-1`; `sensor` is the one to name if there is none.
     pub fn invert(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {
-        if inverse_of_sum(x, y, &mut self.scratch, &mut self.inverse) {
-            Ok(())
-        } else {
-            Err(Error::SingularSum { argument: COVARIANCES, index: vec![sensor] })
+        if factorise_sum(x, y, &mut self.factor) {
+            invert(&mut self.factor, &mut self.inverse);
+            if is_regular(x, y, &self.inverse) {
+                return Ok(());
+            }
         }
+        Err(Error::SingularSum { argument: COVARIANCES, index: vec![sensor] })
     }
 
-    /// `out = x (x + y)^-1 y`.
+    /// `out = x (x + y)^-1 y`, as the product of two halves: were one of them multiplied by the
+    /// inverse, ill-conditioned covariances would lose their digits twice. Returns whether every
+    /// variance is known well enough.
     pub fn fuse(
         &mut self,
         x: &Square<D>,
         y: &Square<D>,
         sensor: usize,
         out: &mut Square<D>,
-    ) -> Result<()> {
-        self.invert(x, y, sensor)?;
-        x.mul_to(&self.inverse, &mut self.scratch);
-        self.scratch.mul_to(y, out);
+    ) -> Result<bool> {
+        if !factorise_sum(x, y, &mut self.factor) {
+            return Err(Error::SingularSum { argument: COVARIANCES, index: vec![sensor] });
+        }
+        let [u, v] = &mut self.halves;
+        u.copy_from(x);
+        v.copy_from(y);
+        half_solve(&self.factor, u);
+        half_solve(&self.factor, v);
+        u.tr_mul_to(v, out);
         symmetrise(out);
-        Ok(())
+        let m = out.nrows();
+        let rounding = f64::EPSILON * m as f64 / ERROR_ALLOWED;
+        let terms = |i: usize| (0..m).map(|p| (u[(p, i)] * v[(p, i)]).abs()).sum::<f64>();
+        Ok((0..m).all(|i| out[(i, i)] > rounding * terms(i)))
     }
 }
 
@@ -129,6 +154,7 @@ where
             weight: list(sensors),
             complement: list(sensors),
             fused: zeros(order),
+            is_known: true,
             forward: list(passes),
             backward: list(passes),
             others: zeros(order),
@@ -139,18 +165,30 @@ where
     /// Weighs the sensors except `without`; the results of the others keep their order.
     /// Cost O(K m³).
     pub fn weigh(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
-        let members = covariances.len() - usize::from(without.is_some());
-        let sensor = |member: usize| member + usize::from(without.is_some_and(|k| member >= k));
-        match members {
+        let sensor = members(without);
+        match covariances.len() - usize::from(without.is_some()) {
             1 => {
                 self.weight[0].fill_with_identity();
                 self.complement[0].fill(0.0);
-                self.fused.copy_from(&covariances[sensor(0)]);
                 Ok(())
             }
             2 => self.weigh_two(&covariances[sensor(0)], &covariances[sensor(1)], sensor(1)),
-            _ => self.weigh_many(covariances, members, sensor),
+            n => self.weigh_many(covariances, n, sensor),
         }
+    }
+
+    /// Sets the fused covariance of sensors that were weighed before.
+    pub fn fuse(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
+        let sensor = members(without);
+        match covariances.len() - usize::from(without.is_some()) {
+            1 => self.fused.copy_from(&covariances[sensor(0)]),
+            2 => {
+                let (x, y) = (&covariances[sensor(0)], &covariances[sensor(1)]);
+                self.is_known = self.sum.fuse(x, y, sensor(1), &mut self.fused)?;
+            }
+            n => self.fused.copy_from(&self.forward[n - 1]),
+        }
+        Ok(())
     }
 
     fn weigh_two(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {
@@ -159,8 +197,6 @@ where
         x.mul_to(&self.sum.inverse, &mut self.weight[1]);
         self.complement[0].copy_from(&self.weight[1]);
         self.complement[1].copy_from(&self.weight[0]);
-        self.weight[0].mul_to(x, &mut self.fused);
-        symmetrise(&mut self.fused);
         Ok(())
     }
 
@@ -171,10 +207,12 @@ where
         sensor: impl Fn(usize) -> usize,
     ) -> Result<()> {
         let (last, sum) = (members - 1, &mut self.sum);
+        self.is_known = true;
         self.forward[0].copy_from(&covariances[sensor(0)]);
         for i in 1..members {
             let (before, from) = self.forward.split_at_mut(i);
-            sum.fuse(&before[i - 1], &covariances[sensor(i)], sensor(i), &mut from[0])?;
+            let s = &covariances[sensor(i)];
+            self.is_known &= sum.fuse(&before[i - 1], s, sensor(i), &mut from[0])?;
         }
         self.backward[last].copy_from(&covariances[sensor(last)]);
         for i in (0..last).rev() {
@@ -196,27 +234,11 @@ where
             others.mul_to(&sum.inverse, &mut self.weight[i]);
             s.mul_to(&sum.inverse, &mut self.complement[i]);
         }
-        self.fused.copy_from(&self.forward[last]);
         Ok(())
     }
+}
 
-    /// Fails where the fused covariance of all sensors is not known well enough to be returned.
-    ///
-    /// It is `W_i S_i` for every i; what cancels in one of these products is lost.
-    fn require_fused(&mut self, covariances: &[Square<D>]) -> Result<()> {
-        let m = self.fused.nrows();
-        let rounding = f64::EPSILON * m as f64 / ERROR_ALLOWED;
-        let known = (0..m).all(|i| {
-            let lost = |(w, s): (&Square<D>, &Square<D>)| {
-                let terms: f64 = (0..m).map(|p| (w[(i, p)] * s[(p, i)]).abs()).sum();
-                rounding * terms > self.fused[(i, i)]
-            };
-            !self.weight.iter().zip(covariances).any(lost)
-        });
-        if known && is_regular(&self.fused, &mut self.sum.scratch) {
-            Ok(())
-        } else {
-            Err(Error::LostToRounding { argument: COVARIANCES })
-        }
-    }
+/// Index among all sensors of the members that are not `without`.
+fn members(without: Option<usize>) -> impl Fn(usize) -> usize {
+    move |member| member + usize::from(without.is_some_and(|k| member >= k))
 }

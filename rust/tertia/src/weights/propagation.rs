@@ -53,6 +53,7 @@ where
     pub fn factors(&mut self, problem: &mut Problem<D>, k: usize) -> Result<()> {
         let Problem { covariances, group: others, .. } = problem;
         others.weigh(covariances, Some(k))?;
+        others.fuse(covariances, Some(k))?;
         let Self { left, right, sum, terms } = self;
         sum.invert(&others.fused, &covariances[k], k)?;
         let (g, complement) = (&sum.inverse, &mut terms.scratch);
