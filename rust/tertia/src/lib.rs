@@ -1,9 +1,9 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle <- screening <- bearing`, with [`batch`] and [`missing`] for
-//! their callers: a module uses those to its left only. Kernels take slices and fill the caller's
-//! outputs.
+//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights`, with [`batch`]
+//! and [`missing`] for their callers: a module uses those to its left only. Kernels take slices and
+//! fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
 //! |---|---|---|
@@ -14,6 +14,12 @@
 //! | [`screening::BurstRule::detect`] | O(N · longest burst) | 6 N |
 //! | [`screening::unwrap`] | O(N) | N |
 //! | [`bearing::Estimator::estimate`] | that of its screening | that of its screening |
+//!
+//! | kernel for K sensors in m dimensions | cost | buffers |
+//! |---|---|---|
+//! | [`weights::Weighing::weights`], `combine`, `weight_bias`, `excess` | O(K m³) | O(K m²) |
+//! | [`weights::Weighing::jacobian`], `weight_covariance` | O(K m⁴) | O(K m²) |
+//! | [`weights::Weighing::simulated_excess`], T draws | O(T K m³) | O(K m²) |
 
 mod angle;
 pub mod batch;
