@@ -95,10 +95,13 @@ where
 
     /// Adds up `c_j P_kj (S_j ⊗ S_j)(I + K) P_kj^T` over the sensors, m² by m², in O(K m⁴).
     pub fn write_covariance(&mut self, covariances: &[Square<D>], c: &[f64], out: &mut [f64]) {
-        out.fill(0.0);
         for j in 0..covariances.len() {
             self.terms.set(&covariances[j], &self.left[j], &self.right[j]);
-            self.terms.add(c[j], out);
+            if j == 0 {
+                self.terms.put::<false>(c[j], out);
+            } else {
+                self.terms.put::<true>(c[j], out);
+            }
         }
     }
 }
@@ -123,8 +126,8 @@ where
         symmetrise(&mut self.r);
     }
 
-    /// Adds `c (U_bq R_ap + Q_aq Q_pb)` at row (b, a) and column (q, p): exactly symmetric.
-    fn add(&mut self, c: f64, out: &mut [f64]) {
+    /// Writes or adds `c (U_bq R_ap + Q_aq Q_pb)` at row (b, a) and column (q, p): exactly symmetric.
+    fn put<const ADD: bool>(&mut self, c: f64, out: &mut [f64]) {
         self.u *= c;
         self.q *= c.sqrt();
         let m = self.u.nrows();
@@ -135,7 +138,8 @@ where
                 for (q, values) in row.chunks_exact_mut(m).enumerate() {
                     let (u, f) = (self.u[(b, q)], self.q[(a, q)]);
                     for ((value, of_a), of_b) in values.iter_mut().zip(of_a).zip(of_b) {
-                        *value += u * of_a + f * of_b;
+                        let term = u * of_a + f * of_b;
+                        *value = if ADD { *value + term } else { term };
                     }
                 }
             }
@@ -148,8 +152,7 @@ pub(crate) fn write_covariance_of_covariance<D: Dim>(s: &Square<D>, c: f64, out:
 where
     DefaultAllocator: Allocator<D, D>,
 {
-    out.fill(0.0);
     let (order, _) = s.shape_generic();
     let mut terms = Terms { u: s.clone(), r: s.clone(), q: s.clone(), scratch: zeros(order) };
-    terms.add(c, out);
+    terms.put::<false>(c, out);
 }
