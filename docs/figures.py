@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, paper, screening, weights
+from studies import bearing, fusion, paper, screening, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -50,6 +50,25 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "right treatment": weights.right_treatment,
         "area": weights.area,
     },
+    "fusion.md": {
+        "paper weights": fusion.paper_weights,
+        "mean weights": fusion.mean_weights,
+        "noise factors": fusion.noise_factors,
+        "rmse": fusion.rmse,
+        "fault windows": fusion.fault_windows,
+        "consistency": fusion.consistency,
+        "worst ratios": fusion.worst_ratios,
+        "every ratio": fusion.every_ratio,
+        "cost": fusion.cost,
+    },
+    "kalman.md": {
+        "misprints": fusion.misprints,
+        "wide priors": fusion.wide_priors,
+        "smoothing": fusion.smoothing,
+        "fit": fusion.fit_coverage,
+        "metrics": fusion.filter_consistency,
+        "accuracy": fusion.accuracy,
+    },
 }
 FIGURES = {
     "screening_record.png": screening.record_figure,
@@ -62,6 +81,8 @@ FIGURES = {
     "bearing_ten_trials.png": paper.ten_trials_figure,
     "weights_loss.png": weights.loss_figure,
     "weights_passive_location.png": weights.passive_location_figure,
+    "fusion_track.png": fusion.track_figure,
+    "fusion_smoothing.png": fusion.smoothing_figure,
 }
 
 

@@ -9,10 +9,20 @@ import numpy as np
 import pytest
 
 import tertia
-from tertia import _core, bearing, plot, screening, simulate, weights
+from tertia import (
+    _core,
+    bearing,
+    fusion,
+    kalman,
+    metrics,
+    plot,
+    screening,
+    simulate,
+    weights,
+)
 
-MODULES = [bearing, plot, screening, simulate, tertia, weights]
-ALIASES = {"Convention", "Count", "LossMethod", "Method", "TestName"}
+MODULES = [bearing, fusion, kalman, metrics, plot, screening, simulate, tertia, weights]
+ALIASES = {"Convention", "Count", "FusionMethod", "LossMethod", "Method", "Store", "TestName"}
 
 
 def run(code):
@@ -41,6 +51,7 @@ def test_a_debug_build_warns():
 import sys, types, warnings
 core = types.ModuleType("tertia._core")
 core.DEBUG_BUILD, core.VERSION = True, "0"
+core.__getattr__ = lambda name: None
 sys.modules["tertia._core"] = core
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
@@ -70,7 +81,9 @@ def test_every_public_name_exists_and_is_documented(module):
 
 
 @pytest.mark.parametrize(
-    "module", [bearing, screening, simulate, weights], ids=lambda module: module.__name__
+    "module",
+    [bearing, fusion, kalman, metrics, screening, simulate, weights],
+    ids=lambda module: module.__name__,
 )
 def test_functions_document_what_they_take_return_and_raise(module):
     for name in module.__all__:

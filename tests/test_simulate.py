@@ -3,7 +3,8 @@ import pytest
 from scipy import stats
 from tolerances import INVERSES
 
-from tertia.simulate import direction_finder, passive_location, wishart
+from tertia.kalman import SingerModel
+from tertia.simulate import direction_finder, passive_location, radars, wishart
 from tertia.weights import covariance_of_covariance, sample_covariance
 
 
@@ -351,3 +352,170 @@ class TestPassiveLocation:
     def test_a_position_too_far_to_be_squared(self):
         with pytest.raises(ValueError, match="position"):
             passive_location([1e200, 1e200])
+
+
+MODEL = SingerModel(5.0, 0.05, 0.003)
+
+
+class TestRadars:
+    def test_noise_of_each_radar_at_each_step(self):
+        sigma = np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 4.0]])
+        record = radars(MODEL, 3, sigma=sigma, batch=20_000, rng=1)
+        error = record.z - record.truth[:, np.newaxis, :, 0]
+        assert record.z.shape == (20_000, 2, 3)
+        np.testing.assert_allclose(error.mean(axis=0) / sigma, 0, atol=4 / np.sqrt(20_000))
+        np.testing.assert_allclose(error.std(axis=0) / sigma, 1, atol=4 / np.sqrt(40_000))
+        score = (error / sigma).reshape(20_000, 6)
+        np.testing.assert_allclose(score.T @ score / 20_000, np.eye(6), atol=0.045)
+        assert np.mean(score**4) == pytest.approx(3, abs=4 * np.sqrt(24 / score.size))
+        assert not record.outlier.any()
+
+    @pytest.mark.parametrize("exact", [False, True])
+    def test_motion_is_that_of_the_model(self, exact):
+        model = SingerModel(5.0, 0.1, 0.2, exact=exact)
+        record = radars(model, 30, angle=40.0, rate=0.5, batch=20_000, rng=2)
+        truth = record.truth
+        assert truth.shape == (20_000, 30, 3)
+        np.testing.assert_array_equal(truth[:, 0, :2], np.tile([40.0, 0.5], (20_000, 1)))
+        # the acceleration is stationary
+        np.testing.assert_allclose(truth[..., 2].std(axis=0), 0.2, rtol=4 / np.sqrt(40_000))
+        push = truth[:, 1:] - truth[:, :-1] @ model.transition().T
+        noise = model.process_noise()
+        found = np.einsum("rsi,rsj->ij", push, push) / (20_000 * 29)
+        scale = np.sqrt(np.diag(noise)) + 1e-9
+        np.testing.assert_allclose((found - noise) / np.outer(scale, scale), 0, atol=0.01)
+        assert np.corrcoef(push[:, 10, 2], push[:, 11, 2])[0, 1] == pytest.approx(0, abs=0.03)
+        fading = np.mean(truth[:, 9, 2] * truth[:, 8, 2]) / 0.04
+        assert fading == pytest.approx(np.exp(-0.5) if exact else 0.5, abs=0.04)
+
+    def test_gaps(self):
+        seen = np.array([[1.0, 0.0, 0.3], [0.7, 1.0, 0.0]])
+        record = radars(MODEL, 3, detection_probability=seen, batch=20_000, rng=3)
+        share = 1 - np.isnan(record.z).mean(axis=0)
+        np.testing.assert_array_equal(share[[0, 0, 1, 1], [0, 1, 1, 2]], [1, 0, 1, 0])
+        assert share[0, 2] == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / 20_000))
+        assert share[1, 0] == pytest.approx(0.7, abs=4 * np.sqrt(0.21 / 20_000))
+        each = radars(MODEL, 3, detection_probability=[[1.0], [0.0]], rng=3).z
+        np.testing.assert_array_equal(np.isnan(each), [[False] * 3, [True] * 3])
+        assert not np.isnan(record.truth).any()
+
+    def test_outliers(self):
+        probability = np.array([[0.0, 0.3], [1.0, 0.1]])
+        record = radars(
+            MODEL,
+            2,
+            sigma=[0.1, 0.2],
+            outlier_probability=probability,
+            outlier_size=10.0,
+            batch=20_000,
+            rng=4,
+        )
+        share = record.outlier.mean(axis=0)
+        error = 4 * np.sqrt(probability * (1 - probability) / 20_000)
+        assert (np.abs(share - probability) <= error).all()
+        off = record.z - record.truth[:, np.newaxis, :, 0]
+        for radar, sigma in enumerate([0.1, 0.2]):
+            wrong = record.outlier[:, radar]
+            size = off[:, radar][wrong].std() / sigma
+            assert size == pytest.approx(10, rel=4 / np.sqrt(2 * wrong.sum()))
+        sound = off[:, 0][~record.outlier[:, 0]]
+        assert sound.std() == pytest.approx(0.1, rel=4 / np.sqrt(2 * sound.size))
+        missing = radars(MODEL, 50, detection_probability=0.5, outlier_probability=1.0, rng=4)
+        np.testing.assert_array_equal(missing.outlier, ~np.isnan(missing.z))
+
+    def test_a_turn(self):
+        """Its rate is the derivative of its angle, its acceleration that of its rate."""
+        dt, first, last, top = 0.01, 100, 900, 1.5
+        model = SingerModel(dt, 0.05, 0.0)
+        truth = radars(model, 1200, turn=(first, last, top), angle=7.0, rate=0.25, rng=5).truth
+        plain = radars(model, 1200, angle=7.0, rate=0.25, rng=5).truth
+        angle, rate, acceleration = (truth - plain).T
+        for value, derivative in ((angle, rate), (rate, acceleration)):
+            differences = (value[2:] - value[:-2]) / (2 * dt)
+            smooth = ~np.isin(np.arange(1, 1199), [first, last])
+            expected = derivative[1:-1]
+            np.testing.assert_allclose(differences[smooth], expected[smooth], atol=1e-4 * top)
+        # the turn is over outside its steps, and the rate highest in the middle
+        outside = np.r_[0 : first + 1, last:1200]
+        np.testing.assert_allclose(rate[outside], 0, atol=1e-12)
+        np.testing.assert_allclose(acceleration[outside], 0, atol=1e-12)
+        assert rate[(first + last) // 2] == pytest.approx(top)
+        assert rate.max() == pytest.approx(top)
+        assert angle[first] == pytest.approx(0, abs=1e-12)
+        # half of the highest rate, all the time
+        np.testing.assert_allclose(angle[last:], top * (last - first) * dt / 2, rtol=1e-12)
+
+    def test_a_turn_may_end_after_the_record(self):
+        truth = radars(MODEL, 10, turn=(5, 30, 2.0), rng=6).truth
+        whole = radars(MODEL, 40, turn=(5, 30, 2.0), rng=6).truth
+        assert truth.shape == (10, 3)
+        assert np.isfinite(truth).all()
+        # the first acceleration is drawn alike; then the draws are too
+        np.testing.assert_allclose(truth, whole[:10], rtol=1e-12)
+
+    def test_plots_wrap_and_the_truth_does_not(self):
+        record = radars(MODEL, 200, angle=359.9, rate=1.0, period=360.0, batch=5, rng=7)
+        plain = radars(MODEL, 200, angle=359.9, rate=1.0, batch=5, rng=7)
+        assert record.truth.max() > 1000
+        assert record.z.min() >= 0
+        assert record.z.max() < 360
+        turns = (plain.z - record.z) / 360
+        np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
+
+    def test_a_plot_just_below_north_is_not_360(self):
+        record = radars(SingerModel(5.0, 0.05, 0.0), 50, sigma=[1e-17], period=360.0, rng=8)
+        assert record.z.min() >= 0
+        assert record.z.max() < 360
+
+    @pytest.mark.parametrize(("batch", "shape"), [((), ()), (4, (4,)), ((2, 0), (2, 0))])
+    def test_shapes(self, batch, shape):
+        record = radars(MODEL, 9, sigma=[0.1, 0.2, 0.3], batch=batch, rng=9)
+        assert record.z.shape == record.outlier.shape == (*shape, 3, 9)
+        assert record.truth.shape == (*shape, 9, 3)
+        assert radars(MODEL, 1, sigma=[0.1], rng=9).z.shape == (1, 1)
+
+    def test_a_seed_gives_the_same_record_and_a_generator_goes_on(self):
+        first, second = (radars(MODEL, 9, rng=3).z for _ in range(2))
+        np.testing.assert_array_equal(first, second)
+        generator = np.random.default_rng(3)
+        np.testing.assert_array_equal(radars(MODEL, 9, rng=generator).z, first)
+        assert not np.array_equal(radars(MODEL, 9, rng=generator).z, first)
+
+    @pytest.mark.parametrize(
+        ("options", "error", "message"),
+        [
+            ({"steps": 0}, ValueError, "steps is 0"),
+            ({"steps": 2.5}, TypeError, "steps is 2.5"),
+            ({"sigma": 0.1}, ValueError, "sigma is"),
+            ({"sigma": []}, ValueError, "sigma is"),
+            ({"sigma": np.ones((1, 1, 1))}, ValueError, "sigma is"),
+            ({"sigma": [0.1, -0.1]}, ValueError, "sigma is"),
+            ({"sigma": [0.1, np.nan]}, ValueError, r"sigma\[1\] is nan"),
+            ({"sigma": np.ones((2, 3))}, ValueError, r"sigma has shape \(2, 3\)"),
+            ({"detection_probability": 1.5}, ValueError, "detection_probability is 1.5"),
+            ({"detection_probability": -0.5}, ValueError, "detection_probability is -0.5"),
+            ({"detection_probability": [0.5] * 3}, ValueError, "detection_probability has shape"),
+            ({"outlier_probability": np.inf}, ValueError, "outlier_probability is inf"),
+            ({"outlier_probability": 2}, ValueError, "outlier_probability is 2"),
+            ({"outlier_size": -1}, ValueError, "outlier_size is -1"),
+            ({"outlier_size": "x"}, TypeError, "outlier_size is 'x'"),
+            ({"turn": 5}, TypeError, "turn is 5; it must be"),
+            ({"turn": (5, 5, 1.0)}, ValueError, r"turn is \(5, 5, 1.0\)"),
+            ({"turn": (-1, 5, 1.0)}, ValueError, "turn is -1"),
+            ({"turn": (1.5, 5, 1.0)}, TypeError, "turn is 1.5"),
+            ({"turn": (1, 5, np.nan)}, ValueError, "turn is nan"),
+            ({"angle": np.nan}, ValueError, "angle is nan"),
+            ({"rate": np.inf}, ValueError, "rate is inf"),
+            ({"period": 0}, ValueError, "period is 0"),
+            ({"period": -360.0}, ValueError, "period is -360"),
+            ({"batch": -1}, ValueError, "batch is -1"),
+            ({"rng": "x"}, TypeError, "rng is 'x'"),
+        ],
+    )
+    def test_bad_parameters(self, options, error, message):
+        with pytest.raises(error, match=message):
+            radars(**{"model": MODEL, "steps": 10} | options)
+
+    def test_a_model_is_needed(self):
+        with pytest.raises(TypeError, match="model is 5; it must be a SingerModel"):
+            radars(5, 10)

@@ -13,3 +13,11 @@ INVERSES = 1e-12
 UNITS = 1e-13
 # sensors of condition numbers up to 1e3, a thousand times apart, found by hypothesis
 IDENTITIES = 1e-9
+# (14) to (20) in another order of the operations, in units of the standard deviations
+STATE = 1e-11
+# the textbook's smoother inverts predicted covariances, whose condition is about 1e4
+SMOOTHED = 1e-9
+# against 60 digits
+EXACT_STATE = 1e-12
+# the chance that a correct estimate fails a test by Monte Carlo, were its seed not fixed
+CHANCE = 0.01

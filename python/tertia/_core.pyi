@@ -1,19 +1,24 @@
-from typing import Any
+from typing import Any, final
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 
 __all__ = [
     "DEBUG_BUILD",
     "VERSION",
+    "AngleFilter",
+    "TrackFusion",
     "bursts",
     "cochran",
     "combine",
     "combine_scalar",
+    "consistency_bounds",
     "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
     "false_alarm_probability",
+    "filter_series",
     "first_order_excess",
+    "fuse_series",
     "fused_covariance",
     "grubbs",
     "jacobian",
@@ -25,6 +30,9 @@ __all__ = [
     "leave_one_out_mask",
     "leave_one_out_statistics",
     "simulated_excess",
+    "singer_transition",
+    "smooth_series",
+    "steady_state",
     "thompson_tau",
     "unknown_sigma",
     "unwrap",
@@ -129,3 +137,70 @@ def combine_scalar(
 def covariance_of_covariance(
     covariance: FloatArray, factor: float, n_threads: int | None
 ) -> FloatArray: ...
+def singer_transition(
+    model: tuple[float, float, bool], dt: float
+) -> tuple[list[float], list[float]]: ...
+def steady_state(
+    model: tuple[float, float, bool], dt: float, variance: float
+) -> tuple[list[float], list[float]]: ...
+def consistency_bounds(probability: float, count: int, dimension: int) -> list[float]: ...
+def filter_series(
+    batch: dict[str, Any], store: str, n_threads: int | None
+) -> tuple[list[FloatArray], IntArray]: ...
+def smooth_series(
+    batch: dict[str, Any], n_threads: int | None
+) -> tuple[FloatArray, FloatArray]: ...
+
+@final
+class AngleFilter:
+    angle: float
+    mean: FloatArray
+    covariance: FloatArray
+    innovation: float
+    innovation_variance: float
+    def __new__(
+        cls, model: Any, measurement_variance: float, *, period: float | None = None
+    ) -> AngleFilter: ...
+    def predict(self, dt: float | None = None) -> None: ...
+    def update(self, z: float, measurement_variance: float | None = None) -> float: ...
+    def step(
+        self, z: float, measurement_variance: float | None = None, dt: float | None = None
+    ) -> float: ...
+    def set_state(self, mean: Any, covariance: Any) -> None: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, float], dict[str, Any]]: ...
+    def __getstate__(self) -> tuple[list[float], float, float]: ...
+    def __setstate__(self, state: Any) -> None: ...
+
+def fuse_series(
+    batch: dict[str, Any], n_threads: int | None
+) -> tuple[list[FloatArray], BoolArray]: ...
+
+@final
+class TrackFusion:
+    angle: float
+    mean: FloatArray
+    covariance: FloatArray
+    weights: FloatArray
+    noise_variance: FloatArray
+    innovation: FloatArray
+    innovation_variance: FloatArray
+    outlier: list[bool]
+    def __new__(
+        cls,
+        model: Any,
+        measurement_variance: Any,
+        *,
+        method: str = "adaptive",
+        period: float | None = None,
+        memory: float = 0.1,
+        threshold: float = 1.6,
+        outlier_gate: float = 16.0,
+    ) -> TrackFusion: ...
+    def predict(self, dt: float | None = None) -> None: ...
+    def update(self, plots: Any, measurement_variance: Any = None) -> float: ...
+    def step(
+        self, plots: Any, measurement_variance: Any = None, dt: float | None = None
+    ) -> float: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, list[float]], dict[str, Any]]: ...
+    def __getstate__(self) -> tuple[Any, ...]: ...
+    def __setstate__(self, saved: Any) -> None: ...

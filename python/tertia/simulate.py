@@ -10,8 +10,17 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer, real
 from tertia._wishart import standard_wishart
+from tertia.kalman import SingerModel
 
-__all__ = ["BearingRecord", "PassiveLocation", "direction_finder", "passive_location", "wishart"]
+__all__ = [
+    "BearingRecord",
+    "PassiveLocation",
+    "RadarRecord",
+    "direction_finder",
+    "passive_location",
+    "radars",
+    "wishart",
+]
 
 # keeps every product of two parameters finite
 _LARGEST = 1e100
@@ -256,6 +265,158 @@ def passive_location(
     roots = np.linalg.inv(np.stack([scaled[..., [0, 1], :], scaled[..., [0, 2], :]], axis=-3))
     covariances = roots @ np.swapaxes(roots, -1, -2)
     return PassiveLocation(target, jacobian, sigma, covariances)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarRecord:
+    """Simulated plots of several radars, and the truth.
+
+    Attributes
+    ----------
+    z : ndarray of shape (..., K, steps)
+        Plots of the angle, in [0, period) if there is a period; nan where a radar has none.
+    truth : ndarray of shape (..., steps, 3)
+        Angle (not wrapped), rate and acceleration.
+    outlier : ndarray of bool, shape (..., K, steps)
+        Which plots are outliers.
+    """
+
+    z: FloatArray
+    truth: FloatArray
+    outlier: BoolArray
+
+
+def radars(
+    model: SingerModel,
+    steps: int,
+    *,
+    sigma: npt.ArrayLike = (0.1, 0.1),
+    detection_probability: npt.ArrayLike = 1.0,
+    outlier_probability: npt.ArrayLike = 0.0,
+    outlier_size: float = 15.0,
+    turn: tuple[int, int, float] | None = None,
+    angle: float = 0.0,
+    rate: float = 0.0,
+    period: float | None = None,
+    batch: int | tuple[int, ...] = (),
+    rng: np.random.Generator | int | None = None,
+) -> RadarRecord:
+    """Simulate radars that see the same target.
+
+    Parameters
+    ----------
+    model : SingerModel
+        How the target moves, from plot to plot every `model.dt`.
+    steps : int
+        Plots of each radar.
+    sigma : array_like of shape (K,) or (K, steps)
+        Standard deviation of the noise of each radar, at each step.
+    detection_probability : array_like of shape (), (K, 1) or (K, steps)
+        Probability of a plot; 0 in an outage, or between the scans of a slower radar.
+    outlier_probability : array_like of shape (), (K, 1) or (K, steps)
+        Probability that a plot is an outlier.
+    outlier_size : float
+        Standard deviation of an outlier, in units of that of the noise.
+    turn : (int, int, float), optional
+        First and last step of a turn and the rate (angle per unit of time) that it adds, with a
+        smooth beginning and end: a raised cosine.
+    angle, rate : float
+        Where the target begins, and how fast it moves.
+    period : float, optional
+        The plots are wrapped to [0, period); None: not wrapped.
+    batch : int or tuple of int
+        Shape of the batch of records.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    RadarRecord
+        Plots and truth.
+
+    Raises
+    ------
+    ValueError
+        A parameter outside its domain, or shapes that do not fit.
+    TypeError
+        A parameter of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.kalman import SingerModel
+    >>> from tertia.simulate import radars
+    >>> radars(SingerModel(5.0, 0.05, 0.003), 120, rng=1).z.shape
+    (2, 120)
+    """
+    if not isinstance(model, SingerModel):
+        raise TypeError(f"model is {model!r}; it must be a SingerModel")
+    steps = integer(steps, "steps", 1)
+    if period is not None:
+        period = _number(period, "period", 0)
+        _require(period > 0, "period", period, "a positive number or None")
+    spread = finite(sigma, "sigma")
+    _require(spread.ndim in {1, 2} and spread.size > 0, "sigma", spread.shape, "(K,) or (K, steps)")
+    count = spread.shape[0]
+    spread = _per_step(spread.reshape(count, -1), "sigma", count, steps, high=_LARGEST)
+    seen = _per_step(detection_probability, "detection_probability", count, steps)
+    wrong = _per_step(outlier_probability, "outlier_probability", count, steps)
+    size = _number(outlier_size, "outlier_size", 0)
+    random, shape = generator(rng), _shape(batch)
+    truth = np.zeros((*shape, steps, 3))
+    truth[..., 0, :2] = _number(angle, "angle"), _number(rate, "rate")
+    transition = model.transition()
+    noise = model.process_noise()
+    # Q may be singular: its square root by eigenvalues
+    values, vectors = np.linalg.eigh(noise)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    truth[..., 0, 2] = model.acceleration_sigma * random.standard_normal(shape)
+    for step in range(1, steps):
+        push = random.standard_normal((*shape, 3)) @ root.T
+        truth[..., step, :] = truth[..., step - 1, :] @ transition.T + push
+    if turn is not None:
+        truth += _turn(turn, steps, model.dt)
+    places = (*shape, count, steps)
+    outlier = random.random(places) < wrong
+    error = spread * random.standard_normal(places)
+    error = np.where(outlier, size * spread * random.standard_normal(places), error)
+    z = truth[..., np.newaxis, :, 0] + error
+    if period is not None:
+        z %= period
+        z[z >= period] = 0.0
+    z[random.random(places) >= seen] = np.nan
+    return RadarRecord(z, truth, outlier & ~np.isnan(z))
+
+
+def _per_step(
+    value: npt.ArrayLike, name: str, count: int, steps: int, high: float = 1.0
+) -> FloatArray:
+    array = finite(value, name)
+    inside = (array >= 0) & (array <= high)
+    _require(bool(np.all(inside)), name, array.tolist(), f"between 0 and {high:g}")
+    try:
+        return np.broadcast_to(array, (count, steps))
+    except ValueError:
+        raise ValueError(
+            f"{name} has shape {array.shape}; it must fit {count} radars and {steps} steps"
+        ) from None
+
+
+def _turn(turn: tuple[int, int, float], steps: int, dt: float) -> FloatArray:
+    """Return angle, rate and acceleration that a turn adds."""
+    try:
+        first, last, added = turn
+    except (TypeError, ValueError):
+        raise TypeError(f"turn is {turn!r}; it must be (first step, last step, rate)") from None
+    first, last = integer(first, "turn", 0), integer(last, "turn", 0)
+    _require(first < last, "turn", turn, "a pair of rising steps and a rate")
+    top = _number(added, "turn")
+    elapsed = np.clip(np.arange(steps) - first, 0, last - first) * dt
+    length = (last - first) * dt
+    phase = 2 * np.pi * elapsed / length
+    angle = top * (elapsed - length / (2 * np.pi) * np.sin(phase)) / 2
+    rate = top * (1 - np.cos(phase)) / 2
+    acceleration = top * np.pi / length * np.sin(phase)
+    return np.stack([angle, rate, acceleration], axis=-1)
 
 
 def wishart(

@@ -102,11 +102,7 @@ impl Rows<'_> {
             Some((name, rest)) if is_name(name) => format!("{name}[{place}, {rest}"),
             _ => format!("{text} (in {}[{place}])", self.name),
         };
-        if failure.error.is_about_definiteness() {
-            LinAlgError::new_err(text)
-        } else {
-            PyValueError::new_err(text)
-        }
+        error_with(text, &failure.error)
     }
 }
 
@@ -127,7 +123,15 @@ fn unravel(mut row: usize, batch: &[usize]) -> String {
 
 /// Error of a kernel outside a batch.
 pub fn value_error(error: tertia::Error) -> PyErr {
-    PyValueError::new_err(error.to_string())
+    error_with(error.to_string(), &error)
+}
+
+fn error_with(text: String, error: &tertia::Error) -> PyErr {
+    if error.is_about_definiteness() {
+        LinAlgError::new_err(text)
+    } else {
+        PyValueError::new_err(text)
+    }
 }
 
 /// An empty vector with room for so many values, or a `MemoryError`.

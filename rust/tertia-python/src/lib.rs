@@ -2,6 +2,8 @@
 
 mod arrays;
 mod bearing;
+mod fusion;
+mod kalman;
 mod screening;
 mod weights;
 
@@ -12,6 +14,13 @@ use pyo3::prelude::*;
 mod core_module {
     #[pymodule_export]
     use super::bearing::estimate_bearing;
+    #[pymodule_export]
+    use super::fusion::{TrackFusion, fuse_series};
+    #[pymodule_export]
+    use super::kalman::{
+        AngleFilter, consistency_bounds, filter_series, singer_transition, smooth_series,
+        steady_state,
+    };
     #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,

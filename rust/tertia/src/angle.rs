@@ -33,7 +33,10 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
 }
 
 /// Fails unless sums of whole periods stay finite.
-pub(crate) fn require_period(period: f64) -> Result<()> {
+///
+/// # Errors
+/// A period that is not positive, or above 1e100.
+pub fn require_period(period: f64) -> Result<()> {
     let holds = period > 0.0 && period <= 1e100;
     require("period", period, holds, "a positive number, not above 1e100")
 }

@@ -92,6 +92,11 @@ pub fn chi_square_upper(x: f64, nu: usize) -> f64 {
     (sum + tail).min(1.0)
 }
 
+/// The x with `P(X > x) = p`, for 0 < p < 1.
+pub fn chi_square_upper_quantile(p: f64, nu: usize) -> f64 {
+    solve_decreasing(|x| chi_square_upper(x, nu), p)
+}
+
 /// Digamma function ψ(x), x > 0.
 pub fn digamma(x: f64) -> f64 {
     x.digamma()
@@ -268,6 +273,11 @@ mod tests {
     fn chi_square_against_high_precision() {
         for (x, nu, expected) in CHI_SQUARE {
             assert_within(2e-13 * (1.0 + nu as f64 / 20.0), chi_square_upper(x, nu), expected);
+        }
+        for p in [0.999, 0.5, 1e-3, 1e-12] {
+            for nu in [1, 2, 3, 10, 501] {
+                assert_within(1e-11, chi_square_upper(chi_square_upper_quantile(p, nu), nu), p);
+            }
         }
     }
 

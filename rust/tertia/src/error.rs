@@ -125,6 +125,16 @@ pub enum Error {
 }
 
 impl Error {
+    /// The same error about one row of a matrix of measurements.
+    pub fn within(self, row: usize) -> Self {
+        match self {
+            Self::InvalidMeasurement { argument, index, value, requirement } => {
+                Self::InvalidElement { argument, index: vec![row, index], value, requirement }
+            }
+            other => other,
+        }
+    }
+
     /// Whether it is about a matrix that is singular or indefinite.
     pub fn is_about_definiteness(&self) -> bool {
         matches!(

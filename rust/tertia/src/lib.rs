@@ -1,9 +1,9 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights`, with [`batch`]
-//! and [`missing`] for their callers: a module uses those to its left only. Kernels take slices and
-//! fill the caller's outputs.
+//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- kalman <-
+//! fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its left only.
+//! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
 //! |---|---|---|
@@ -20,12 +20,20 @@
 //! | [`weights::Weighing::weights`], `combine`, `weight_bias`, `excess` | O(K m³) | O(K m²) |
 //! | [`weights::Weighing::jacobian`], `weight_covariance` | O(K m⁴) | O(K m²) |
 //! | [`weights::Weighing::simulated_excess`], T draws | O(T K m³) | O(K m²) |
+//!
+//! | kernel | cost | extra memory |
+//! |---|---|---|
+//! | [`kalman::Series::run`] | O(steps) | none |
+//! | [`kalman::smooth`] | O(steps) | 35 numbers a step |
+//! | [`fusion::Centre`], K radars, a step | O(K²); matrix rules O(K³) | O(K²) |
 
 mod angle;
 pub mod batch;
 pub mod bearing;
 mod distribution;
 mod error;
+pub mod fusion;
+pub mod kalman;
 mod matrix;
 pub mod missing;
 mod moments;

@@ -1,0 +1,305 @@
+"""Fusion: one track with an honest covariance from the plots of several radars.
+
+Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
+(`method="paper"`), the usual rules, and a default that finds out which radar is worse than it says.
+
+All radars measure one angle in one frame; `common_azimuth` brings those of other sites into it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, finite, positive, real, samples, threads
+from tertia.kalman import SingerModel, _full, _initial, _intervals, _require_model, _sigma
+
+__all__ = ["FusionMethod", "FusionResult", "TrackFusion", "common_azimuth", "fuse_series"]
+
+FusionMethod: TypeAlias = Literal[
+    "adaptive",
+    "matrix",
+    "central",
+    "posterior",
+    "nominal-matrix",
+    "covariance-intersection",
+    "ewma",
+    "static",
+    "equal",
+    "paper",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusionResult:
+    """A fused track, and what was found out about the radars.
+
+    Attributes
+    ----------
+    mean : ndarray of shape (..., steps, 3)
+        Angle, rate and acceleration.
+    upper : ndarray of shape (..., steps, 6)
+        Upper triangles of the covariances, row by row.
+    weights : ndarray of shape (..., K, steps, 3)
+        Weights of the radars in angle, rate and acceleration: the diagonals of the weight matrices.
+        nan for radars that are not known yet, and for "central".
+    noise_variance : ndarray of shape (..., K, steps)
+        Variance of each radar's plots as now believed.
+    outlier : ndarray of bool, shape (..., K, steps)
+        Plots that were taken for single outliers. After one, the radar's own filter needs some
+        steps to recover, and its plots of these may be taken for outliers, too.
+    innovation, innovation_variance : ndarray of shape (..., K, steps)
+        Of the radars' own filters, with the noise as given; nan where there is none.
+    """
+
+    mean: FloatArray
+    upper: FloatArray
+    weights: FloatArray
+    noise_variance: FloatArray
+    outlier: BoolArray
+    innovation: FloatArray
+    innovation_variance: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariances of `mean`, of shape (..., steps, 3, 3)."""
+        return _full(self.upper)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of `mean`, of shape (..., steps, 3)."""
+        return _sigma(self.upper)
+
+    def __repr__(self) -> str:
+        """Tell the shape and the outliers."""
+        *batch, radars, steps = self.outlier.shape
+        told = f"{radars} radars, {steps} steps, {np.count_nonzero(self.outlier)} outliers"
+        return f"FusionResult({f'batch {tuple(batch)}, ' if batch else ''}{told})"
+
+
+def fuse_series(
+    z: npt.ArrayLike,
+    measurement_variance: npt.ArrayLike,
+    model: SingerModel,
+    *,
+    method: FusionMethod = "adaptive",
+    initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    times: npt.ArrayLike | None = None,
+    period: float | None = None,
+    memory: float = 0.1,
+    threshold: float = 1.6,
+    outlier_gate: float = 16.0,
+    n_threads: int | None = None,
+) -> FusionResult:
+    """Fuse the plots of several radars into one track.
+
+    Parameters
+    ----------
+    z : array_like of shape (..., K, steps)
+        Plots of the angle by K >= 1 radars at common times; nan where a radar has none. Radars that
+        scan at different times share the times of all, with nan between their own.
+    measurement_variance : array_like of shape (), (K, 1) or (..., K, steps)
+        Variance of their noise, as they state it.
+    model : SingerModel
+        How the target moves.
+    method : str
+        "adaptive": component by component by the inverse variances that the radars' tracks really
+        have, as now believed.
+        "matrix": the same believed covariances with the correlation between the radars, as full
+        matrices.
+        "central": one filter for all plots, with the noise as stated.
+        "posterior": component by component by the inverse variances of the radars' own filters.
+        "nominal-matrix": their full matrices and the correlation (Bar-Shalom, Campo 1986).
+        "covariance-intersection": without the correlation; the covariance is an upper bound.
+        "ewma": by the inverse running mean of the squared innovations.
+        "static": by the inverse variances as stated. "equal": equal weights.
+        "paper": component by component by the inverse squares of this step's corrections; radars
+        without a plot are left out.
+    initial : (mean, covariance), optional
+        States of the radars' filters at the first step before their plots, of shapes (..., K, 3)
+        and (..., K, 3, 3). By default nothing is known.
+    times : array_like of shape (steps,) or (..., steps), optional
+        Times of the steps, not decreasing; by default `model.dt` apart.
+    period : float, optional
+        360.0 for degrees, 2*pi for radians; None for data that do not wrap. Angles come back in
+        [0, period).
+    memory : float
+        Share of the newest innovation in what is believed of a radar.
+    threshold : float
+        Mean normalised innovation, over that of the others, above which a radar is believed to be
+        noisier than it says.
+    outlier_gate : float
+        Square of a single normalised innovation, likewise, above which a plot is an outlier.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    FusionResult
+        The track with its covariance, weights, believed noise and outliers.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a plot that is infinite, a variance that is not positive, times that
+        decrease, an unknown method, or a parameter outside its domain.
+    numpy.linalg.LinAlgError
+        An initial covariance that is indefinite.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Each radar's filter runs with the noise as stated. A radar whose innovations are larger than
+    expected and than those of the others (the median of them, so that a manoeuvre accuses nobody)
+    is believed to have more noise, and its track the covariance that follows from that; the errors
+    of two tracks are correlated through the motion that both follow. A bias of a radar is not
+    noise, and not seen. Cost O(K² steps).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.fusion import fuse_series
+    >>> from tertia.kalman import SingerModel
+    >>> rng = np.random.default_rng(1)
+    >>> z = 359.0 + 0.2 * np.arange(60) + 0.1 * rng.standard_normal((2, 60))
+    >>> z[1, 40] += 3.0
+    >>> result = fuse_series(z % 360, 0.01, SingerModel(5.0, 0.05, 0.003), period=360.0)
+    >>> result
+    FusionResult(2 radars, 60 steps, 4 outliers)
+    """
+    plots = samples(z, "z")
+    if plots.ndim < 2 or plots.shape[-2] < 1 or plots.shape[-1] < 1:
+        raise ValueError(f"z has shape {plots.shape}; it must be (..., K, steps)")
+    _require_model(model)
+    *batch, radars, steps = plots.shape
+    arguments = {
+        "z": plots,
+        "variance": _variances(measurement_variance, tuple(batch), radars, steps),
+        "dt": _intervals(times, model, steps, tuple(batch)),
+        "initial": None if initial is None else _states(initial, tuple(batch), radars),
+        "model": model._core,
+        "period": None if period is None else real(period, "period"),
+        "method": str(method),
+        "memory": real(memory, "memory"),
+        "threshold": real(threshold, "threshold"),
+        "outlier_gate": real(outlier_gate, "outlier_gate"),
+    }
+    arrays, outlier = _core.fuse_series(arguments, threads(n_threads))
+    mean, upper, weights, noise, innovation, innovation_variance = arrays
+    return FusionResult(mean, upper, weights, noise, outlier, innovation, innovation_variance)
+
+
+TrackFusion = _core.TrackFusion
+
+
+def common_azimuth(
+    distance: npt.ArrayLike,
+    azimuth: npt.ArrayLike,
+    site: npt.ArrayLike,
+    *,
+    distance_sigma: npt.ArrayLike,
+    azimuth_sigma: npt.ArrayLike,
+    origin: npt.ArrayLike = (0.0, 0.0),
+) -> tuple[FloatArray, FloatArray]:
+    """Turn range and azimuth of a site into those seen from a common origin.
+
+    Parameters
+    ----------
+    distance, azimuth : array_like of shape (...)
+        Range in metres and azimuth in radians, clockwise from north, as the site measures them.
+    site : array_like of shape (2,)
+        The site, east and north in metres.
+    distance_sigma, azimuth_sigma : array_like of shape (...)
+        Their standard deviations.
+    origin : array_like of shape (2,)
+        The common origin, likewise.
+
+    Returns
+    -------
+    polar : ndarray of shape (..., 2)
+        Azimuth in [0, 2 pi), in radians, and range in metres, seen from the origin.
+    covariance : ndarray of shape (..., 2, 2)
+        Their covariance, to first order.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number that is not finite or not positive where it must be, or a
+        target at the origin.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.fusion import common_azimuth
+    >>> polar, covariance = common_azimuth(
+    ...     50e3, np.pi / 2, [-30e3, 20e3], distance_sigma=50.0, azimuth_sigma=0.002
+    ... )
+    >>> polar.round(4)
+    array([7.85400000e-01, 2.82842712e+04])
+    >>> (np.diagonal(covariance) ** 0.5).round(4)
+    array([2.80000e-03, 7.90569e+01])
+    """
+    r, a = positive(distance, "distance"), finite(azimuth, "azimuth")
+    sr, sa = positive(distance_sigma, "distance_sigma"), positive(azimuth_sigma, "azimuth_sigma")
+    places = [finite(site, "site"), finite(origin, "origin")]
+    for name, place in zip(("site", "origin"), places, strict=True):
+        if place.shape != (2,):
+            raise ValueError(f"{name} has shape {place.shape}; it must be (2,)")
+    try:
+        r, a, sr, sa = np.broadcast_arrays(r, a, sr, sa)
+    except ValueError:
+        raise ValueError(
+            f"distance {r.shape}, azimuth {a.shape}, distance_sigma {sr.shape} and azimuth_sigma "
+            f"{sa.shape} do not fit together"
+        ) from None
+    toward = np.stack([np.sin(a), np.cos(a)], axis=-1)
+    offset = r[..., np.newaxis] * toward + (places[0] - places[1])
+    rho = np.sqrt(np.sum(offset**2, axis=-1))
+    if np.any(rho == 0):
+        raise ValueError("distance and azimuth lead to the origin, where no azimuth is defined")
+    # errors east and north, along the line of sight and across
+    across = np.stack([toward[..., 1], -toward[..., 0]], axis=-1)
+    errors = np.stack([sr[..., np.newaxis] * toward, (r * sa)[..., np.newaxis] * across], axis=-1)
+    seen = offset / rho[..., np.newaxis]
+    rows = np.stack([np.stack([seen[..., 1], -seen[..., 0]], -1) / rho[..., np.newaxis], seen], -2)
+    roots = rows @ errors
+    turned = np.asarray(np.arctan2(offset[..., 0], offset[..., 1]) % (2 * np.pi))
+    turned[turned >= 2 * np.pi] = 0.0
+    polar = np.stack([turned, rho], axis=-1)
+    return polar, roots @ np.swapaxes(roots, -1, -2)
+
+
+def _variances(
+    measurement_variance: npt.ArrayLike, batch: tuple[int, ...], radars: int, steps: int
+) -> FloatArray:
+    """Return variances of shape (K, 1 or steps), of one row for all or one for each."""
+    array = np.atleast_2d(samples(measurement_variance, "measurement_variance"))
+    lengths = (1, steps)
+    if array.shape[-1] in lengths and array.shape[-2] in {1, radars}:
+        shape = (radars, array.shape[-1])
+        if array.ndim == 2:
+            return np.broadcast_to(array, shape)
+        try:
+            return np.broadcast_to(array, (*batch, *shape))
+        except ValueError:
+            pass
+    raise ValueError(
+        f"measurement_variance has shape {array.shape}; for {radars} radars and series {batch} it "
+        f"must be (), ({radars}, 1) or (..., {radars}, {steps})"
+    )
+
+
+def _states(
+    initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...], radars: int
+) -> FloatArray:
+    states = _initial(initial, (*batch, radars))
+    if states.ndim == 1:
+        return np.broadcast_to(states, (radars, 12))
+    return states.reshape(*batch, radars, 12)

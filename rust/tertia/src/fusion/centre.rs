@@ -1,0 +1,418 @@
+//! The centre that fuses the tracks of several radars, step by step.
+
+use super::belief::{Belief, believed_noise};
+use super::matrix::{best_weights, difference, full, intersect, matrices, packed};
+use super::rules::{Beliefs, Rule};
+use crate::kalman::{Filter, Innovation, State, Transition};
+use nalgebra::{Matrix3, Vector3};
+
+/// The state at a step, fused.
+pub type Fused = State;
+
+/// What is told of a radar at a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RadarReport {
+    /// Of its own filter.
+    pub innovation: Innovation,
+    /// The variance of its noise as now believed.
+    pub noise: f64,
+    /// Whether its plot was a single outlier.
+    pub outlier: bool,
+    /// Its weight in angle, rate and acceleration: the diagonal of its weight matrix.
+    pub weight: [f64; 3],
+}
+
+impl RadarReport {
+    /// Nothing is known.
+    pub const NONE: Self = Self {
+        innovation: Innovation::NONE,
+        noise: f64::NAN,
+        outlier: false,
+        weight: [f64::NAN; 3],
+    };
+}
+
+/// A radar as the centre sees it.
+#[derive(Clone, Debug)]
+struct Radar {
+    filter: Filter,
+    /// Covariance of the error that its track really has, as now believed.
+    actual: Matrix3<f64>,
+    /// Of this step; zero without a plot.
+    gain: Vector3<f64>,
+    innovation: Option<Innovation>,
+    /// Whether angle and rate are known.
+    known: bool,
+}
+
+/// What a plot begins.
+#[derive(Clone, Copy, Debug)]
+enum Start {
+    /// The angle is known.
+    FirstPlot,
+    /// The rate is known, so long after the first plot.
+    SecondPlot(f64),
+}
+
+/// The centre: the radars' own filters, what is believed of them, and how their errors are
+/// correlated through the motion that they all follow.
+#[derive(Clone, Debug)]
+pub struct Centre {
+    radars: Vec<Radar>,
+    beliefs: Vec<Option<Belief>>,
+    /// cov(e_i, e_j) at i K + j, for i < j. Of a radar that is not known yet, e is what the
+    /// acceleration has done since its first plot.
+    cross: Vec<Matrix3<f64>>,
+    central: Filter,
+    rule: Rule,
+    parameters: Beliefs,
+    period: Option<f64>,
+    weights: Vec<Matrix3<f64>>,
+    scratch: Vec<f64>,
+}
+
+impl Centre {
+    /// A centre whose radars' filters start as given, all from the same kind of knowledge.
+    pub fn new(
+        filters: impl IntoIterator<Item = Filter>,
+        rule: Rule,
+        parameters: Beliefs,
+        period: Option<f64>,
+    ) -> Self {
+        let radars: Vec<_> = filters.into_iter().map(Radar::new).collect();
+        let k = radars.len();
+        let mut centre = Self {
+            beliefs: radars.iter().map(|radar| radar.known.then_some(Belief::NEW)).collect(),
+            cross: vec![Matrix3::zeros(); k * k],
+            central: radars.first().map_or(Filter::new(0.0, period), |radar| radar.filter),
+            weights: vec![Matrix3::zeros(); k],
+            scratch: Vec::with_capacity(k),
+            radars,
+            rule,
+            parameters,
+            period,
+        };
+        for i in 0..k {
+            for j in i + 1..k {
+                let [a, b] = [i, j].map(|index| &centre.radars[index]);
+                centre.cross[i * k + j] = a.common_prior(b);
+            }
+        }
+        if centre.radars.iter().all(|radar| radar.known) {
+            centre.start_central();
+        }
+        centre
+    }
+
+    /// Starts the central filter from all given states, whose priors of rate and acceleration are
+    /// one and the same.
+    fn start_central(&mut self) {
+        let known: Vec<usize> = (0..self.radars.len()).collect();
+        let mut weights = vec![Matrix3::zeros(); known.len()];
+        best_weights(known.len(), |i, j| self.joint(i, j), &mut weights);
+        self.weights = weights;
+        let state = self.combined(&known);
+        self.central = Filter::from_state(state, self.period);
+        self.weights.fill(Matrix3::zeros());
+    }
+
+    /// The states of some radars with the weights as they are.
+    fn combined(&self, known: &[usize]) -> State {
+        let base = self.mean(known[0]);
+        let mut mean = base;
+        let mut covariance = Matrix3::zeros();
+        for &i in known {
+            mean += self.weights[i] * difference(&self.mean(i), &base, self.period);
+            for &j in known {
+                covariance += self.weights[i] * self.joint(i, j) * self.weights[j].transpose();
+            }
+        }
+        State { mean: [mean[0], mean[1], mean[2]], covariance: packed(&covariance) }
+    }
+
+    /// Everything that it knows, as lists of numbers.
+    pub fn saved(&self) -> Vec<Vec<f64>> {
+        let mut saved = vec![self.central.saved()];
+        saved.extend(self.cross.iter().map(|cross| cross.as_slice().to_vec()));
+        for (radar, belief) in self.radars.iter().zip(&self.beliefs) {
+            saved.push(radar.filter.saved());
+            saved.push(radar.actual.as_slice().to_vec());
+            saved.push(belief.map_or(Vec::new(), |b| vec![b.q, b.d, b.mean_square]));
+        }
+        saved
+    }
+
+    /// The same centre after [`Centre::saved`]; `None` for numbers that did not come from there.
+    pub fn restored(&self, saved: &[Vec<f64>]) -> Option<Self> {
+        let mut centre = self.clone();
+        let mut lists = saved.iter();
+        centre.central = centre.central.restored(lists.next()?)?;
+        let square = |list: &Vec<f64>| (list.len() == 9).then(|| Matrix3::from_column_slice(list));
+        for cross in &mut centre.cross {
+            *cross = square(lists.next()?)?;
+        }
+        for (radar, belief) in centre.radars.iter_mut().zip(&mut centre.beliefs) {
+            radar.filter = radar.filter.restored(lists.next()?)?;
+            radar.known = radar.filter.is_known();
+            radar.actual = square(lists.next()?)?;
+            *belief = match lists.next()?[..] {
+                [q, d, mean_square] => Some(Belief { q, d, mean_square, nis: None }),
+                [] => None,
+                _ => return None,
+            };
+        }
+        lists.next().is_none().then_some(centre)
+    }
+
+    /// Goes on in time, to plots with about the variances r.
+    pub fn predict(&mut self, transition: &Transition, r: &[f64]) {
+        let (f, q) = matrices(transition);
+        for (radar, &r) in self.radars.iter_mut().zip(r) {
+            radar.filter.predict(transition, r);
+            radar.actual = f * radar.actual * f.transpose() + q;
+        }
+        let least = r.iter().copied().fold(f64::INFINITY, f64::min);
+        self.central.predict(transition, least);
+        self.for_each_pair(|_, _, cross| *cross = f * *cross * f.transpose() + q);
+    }
+
+    /// Takes in the plots z (nan: none) with the nominal variances r of all radars.
+    pub fn update(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> Fused {
+        let started = self.update_filters(z, r);
+        for (belief, radar) in self.beliefs.iter_mut().zip(&self.radars) {
+            if let Some(belief) = belief {
+                belief.update(radar.innovation, self.parameters.memory);
+            }
+        }
+        for (i, report) in reports.iter_mut().enumerate() {
+            let innovation = self.radars[i].innovation;
+            let (noise, outlier) = believed_noise(
+                &self.beliefs,
+                i,
+                r[i],
+                innovation,
+                &self.parameters,
+                &mut self.scratch,
+            );
+            let radar = &mut self.radars[i];
+            let kept = radar.kept();
+            radar.actual = kept * radar.actual * kept.transpose()
+                + radar.gain * radar.gain.transpose() * noise;
+            let innovation = innovation.unwrap_or(Innovation::NONE);
+            *report = RadarReport { innovation, noise, outlier, weight: [f64::NAN; 3] };
+        }
+        let change: Vec<_> =
+            self.radars.iter().zip(&started).map(|(radar, start)| radar.change(start)).collect();
+        self.for_each_pair(|i, j, cross| *cross = change[i] * *cross * change[j].transpose());
+        for (i, start) in started.iter().enumerate() {
+            if let Some(Start::SecondPlot(_)) = start {
+                self.radars[i].actual = full(&self.radars[i].filter.state().covariance);
+                self.radars[i].known = true;
+                self.beliefs[i] = Some(Belief::NEW);
+            }
+        }
+        self.fuse(r, reports)
+    }
+
+    fn for_each_pair(&mut self, mut change: impl FnMut(usize, usize, &mut Matrix3<f64>)) {
+        let k = self.radars.len();
+        for i in 0..k {
+            for j in i + 1..k {
+                change(i, j, &mut self.cross[i * k + j]);
+            }
+        }
+    }
+
+    /// Updates the radars' own filters with nominal noise; returns what has begun for each.
+    fn update_filters(&mut self, z: &[f64], r: &[f64]) -> Vec<Option<Start>> {
+        let mut started = vec![None; z.len()];
+        for (i, radar) in self.radars.iter_mut().enumerate() {
+            (radar.gain, radar.innovation) = (Vector3::zeros(), None);
+            if z[i].is_nan() {
+                continue;
+            }
+            let since = radar.filter.since_first_plot();
+            let innovation = radar.filter.update(z[i], r[i]);
+            self.central.update(z[i], r[i]);
+            if radar.known {
+                let [p00, p01, p02, ..] = radar.filter.state().covariance;
+                radar.gain = Vector3::new(p00, p01, p02) / r[i];
+                radar.innovation = innovation;
+            } else {
+                started[i] = match since {
+                    None => Some(Start::FirstPlot),
+                    Some(since) if radar.filter.is_known() => Some(Start::SecondPlot(since.f[0])),
+                    Some(_) => None,
+                };
+            }
+        }
+        started
+    }
+
+    /// cov(e_i, e_j) as the rule sees it.
+    fn joint(&self, i: usize, j: usize) -> Matrix3<f64> {
+        let k = self.radars.len();
+        match i.cmp(&j) {
+            std::cmp::Ordering::Less => self.cross[i * k + j],
+            std::cmp::Ordering::Greater => self.cross[j * k + i].transpose(),
+            std::cmp::Ordering::Equal if self.rule.believes() => self.radars[i].actual,
+            std::cmp::Ordering::Equal => full(&self.radars[i].filter.state().covariance),
+        }
+    }
+
+    fn fuse(&mut self, r: &[f64], reports: &mut [RadarReport]) -> Fused {
+        let known: Vec<usize> = (0..self.radars.len()).filter(|&i| self.radars[i].known).collect();
+        if self.rule == Rule::Central {
+            return self.central.state();
+        }
+        if known.is_empty() {
+            return self.unfused();
+        }
+        let bound = self.weigh(&known, r);
+        for &i in &known {
+            let diagonal = self.weights[i].diagonal();
+            reports[i].weight = [diagonal[0], diagonal[1], diagonal[2]];
+        }
+        let combined = self.combined(&known);
+        let covariance = bound.as_ref().map_or(combined.covariance, packed);
+        Fused { covariance, ..combined }
+    }
+
+    /// Before two plots of any radar.
+    fn unfused(&self) -> Fused {
+        let states = self.radars.iter().map(|radar| radar.filter.state());
+        states.into_iter().find(|state| !state.mean[0].is_nan()).unwrap_or(State::UNKNOWN)
+    }
+
+    fn mean(&self, i: usize) -> Vector3<f64> {
+        Vector3::from(self.radars[i].filter.state().mean)
+    }
+
+    /// Sets the weights; covariance intersection returns its bound of the covariance.
+    fn weigh(&mut self, known: &[usize], r: &[f64]) -> Option<Matrix3<f64>> {
+        match self.rule {
+            Rule::Matrix | Rule::NominalMatrix => {
+                let mut out = vec![Matrix3::zeros(); known.len()];
+                best_weights(known.len(), |a, b| self.joint(known[a], known[b]), &mut out);
+                for (&i, weight) in known.iter().zip(out) {
+                    self.weights[i] = weight;
+                }
+                None
+            }
+            Rule::CovarianceIntersection => self.intersect(known),
+            _ => {
+                let precision: Vec<_> = known.iter().map(|&i| self.precision(i, r[i])).collect();
+                for component in 0..3 {
+                    let share = shares(&precision, component);
+                    for (&i, share) in known.iter().zip(share) {
+                        self.weights[i][(component, component)] = share;
+                    }
+                }
+                None
+            }
+        }
+    }
+
+    /// What the weights of radar i are proportional to, component by component.
+    fn precision(&self, i: usize, r: f64) -> Vector3<f64> {
+        let radar = &self.radars[i];
+        let same = Vector3::repeat;
+        match self.rule {
+            Rule::Static => same(1.0 / r),
+            Rule::Paper => match radar.innovation {
+                // ∞ for a residual of zero
+                Some(new) => radar.gain.map(|k| (k * new.value).powi(-2)),
+                None => same(0.0),
+            },
+            Rule::Ewma => {
+                let mean = self.beliefs[i].map_or(f64::NAN, |belief| belief.mean_square);
+                let expected = || radar.filter.state().covariance[0] + r;
+                same(1.0 / if mean.is_nan() { expected() } else { mean })
+            }
+            Rule::Posterior | Rule::Adaptive => self.joint(i, i).diagonal().map(|p| 1.0 / p),
+            _ => same(1.0),
+        }
+    }
+
+    /// Covariance intersection, one radar after the other.
+    fn intersect(&mut self, known: &[usize]) -> Option<Matrix3<f64>> {
+        let mut fused = self.joint(known[0], known[0]);
+        self.weights[known[0]] = Matrix3::identity();
+        for (at, &i) in known.iter().enumerate().skip(1) {
+            let own = self.joint(i, i);
+            self.weights[i] = Matrix3::zeros();
+            if let Some((weights, bound)) = intersect(&fused, &own) {
+                for &j in &known[..at] {
+                    self.weights[j] = weights[0] * self.weights[j];
+                }
+                self.weights[i] = weights[1];
+                fused = bound;
+            }
+        }
+        Some(fused)
+    }
+}
+
+impl Radar {
+    fn new(filter: Filter) -> Self {
+        let known = filter.is_known();
+        let actual = if known { full(&filter.state().covariance) } else { Matrix3::zeros() };
+        Self { filter, actual, gain: Vector3::zeros(), innovation: None, known }
+    }
+
+    /// What this step's plot makes of the error. With a first plot the angle's is that of the plot,
+    /// and the rate's begins; with a second one the rate's is what has been done to the angle since,
+    /// over the time.
+    fn change(&self, start: &Option<Start>) -> Matrix3<f64> {
+        match start {
+            None => self.kept(),
+            Some(Start::FirstPlot) => Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, 1.0)),
+            Some(Start::SecondPlot(t)) => {
+                Matrix3::new(0.0, 0.0, 0.0, -1.0 / t, 1.0, 0.0, 0.0, 0.0, 1.0)
+            }
+        }
+    }
+
+    /// What the errors of two radars have in common at the start. If nothing is known it is the
+    /// acceleration; of given states it is the prior of rate and acceleration, of which each plot of
+    /// the angle tells nothing. States with correlated components come from plots, and count as
+    /// independent.
+    fn common_prior(&self, other: &Self) -> Matrix3<f64> {
+        let prior = |radar: &Self| {
+            let p = &radar.actual;
+            let acceleration = radar.filter.acceleration_variance();
+            if !radar.known {
+                Some(Vector3::new(0.0, 0.0, acceleration))
+            } else if p[(0, 1)] == 0.0 && p[(0, 2)] == 0.0 && p[(1, 2)] == 0.0 {
+                Some(Vector3::new(0.0, p[(1, 1)], p[(2, 2)]))
+            } else {
+                None
+            }
+        };
+        match (prior(self), prior(other)) {
+            (Some(a), Some(b)) => Matrix3::from_diagonal(&a.inf(&b)),
+            _ => Matrix3::zeros(),
+        }
+    }
+
+    /// `I − K h^T`.
+    fn kept(&self) -> Matrix3<f64> {
+        let mut kept = Matrix3::identity();
+        let column = kept.column(0) - self.gain;
+        kept.set_column(0, &column);
+        kept
+    }
+}
+
+/// Precisions as shares of their sum; those that are infinite share everything, and all share
+/// alike where all are zero.
+fn shares(precision: &[Vector3<f64>], component: usize) -> impl Iterator<Item = f64> {
+    let largest = precision.iter().map(|p| p[component]).fold(0.0, f64::max);
+    let relative = move |p: &Vector3<f64>| match p[component] {
+        _ if largest == 0.0 => 1.0,
+        value if largest == f64::INFINITY => f64::from(u8::from(value == largest)),
+        value => value / largest,
+    };
+    let sum: f64 = precision.iter().map(relative).sum();
+    precision.iter().map(move |p| relative(p) / sum)
+}

@@ -1,0 +1,152 @@
+//! 3 × 3 matrices of the filters, and the best linear combination of correlated estimates.
+
+use crate::kalman::Transition;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// A pivot below this share of its diagonal is zero: until each radar has three plots, two tracks
+/// differ in fewer components than three.
+const ZERO_PIVOT: f64 = 1e-9;
+
+/// A determinant must be larger by more than this share to be worth unequal weights.
+const TIE: f64 = 1e-12;
+
+pub(super) fn full(p: &[f64; 6]) -> Matrix3<f64> {
+    let [p00, p01, p02, p11, p12, p22] = *p;
+    Matrix3::new(p00, p01, p02, p01, p11, p12, p02, p12, p22)
+}
+
+pub(super) fn packed(p: &Matrix3<f64>) -> [f64; 6] {
+    let mean = |i: usize, j: usize| 0.5 * (p[(i, j)] + p[(j, i)]);
+    [p[(0, 0)], mean(0, 1), mean(0, 2), p[(1, 1)], mean(1, 2), p[(2, 2)]]
+}
+
+/// F and Q.
+pub(super) fn matrices(transition: &Transition) -> (Matrix3<f64>, Matrix3<f64>) {
+    let [f01, f02, f12, f22] = transition.f;
+    (Matrix3::new(1.0, f01, f02, 0.0, 1.0, f12, 0.0, 0.0, f22), full(&transition.q))
+}
+
+/// The weights W_i of the combination `Σ W_i x_i` with the least covariance, for estimates whose
+/// joint covariance has the blocks `joint(i, j)`.
+///
+/// With `Δ_i = x_i − x_1` it is `x_1 − cov(x_1, Δ) cov(Δ)^+ Δ`.
+pub(super) fn best_weights(
+    count: usize,
+    joint: impl Fn(usize, usize) -> Matrix3<f64>,
+    out: &mut [Matrix3<f64>],
+) {
+    out[0] = Matrix3::identity();
+    if count == 1 {
+        return;
+    }
+    let n = 3 * (count - 1);
+    let mut spread = DMatrix::zeros(n, n);
+    let mut cross = DMatrix::zeros(n, 3);
+    let first = joint(0, 0);
+    for i in 1..count {
+        let with_first = joint(i, 0);
+        cross.fixed_view_mut::<3, 3>(3 * (i - 1), 0).copy_from(&(with_first - first));
+        for j in 1..count {
+            let block = joint(i, j) - with_first - joint(0, j) + first;
+            spread.fixed_view_mut::<3, 3>(3 * (i - 1), 3 * (j - 1)).copy_from(&block);
+        }
+    }
+    let solved = solve_semidefinite(&spread, &cross);
+    for i in 1..count {
+        let weight = -solved.fixed_view::<3, 3>(3 * (i - 1), 0).transpose();
+        out[0] -= weight;
+        out[i] = weight;
+    }
+}
+
+/// An X with `A X = B` for a semidefinite A in units of its own diagonal; what A does not tell is 0.
+fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = a.nrows();
+    let scale = DVector::from_fn(n, |i, _| {
+        let variance = a[(i, i)];
+        if variance > 0.0 { 1.0 / variance.sqrt() } else { 0.0 }
+    });
+    let mut l = DMatrix::from_fn(n, n, |i, j| 0.5 * (a[(i, j)] + a[(j, i)]) * scale[i] * scale[j]);
+    let mut x = DMatrix::from_fn(n, b.ncols(), |i, j| b[(i, j)] * scale[i]);
+    // L D L^T in place, components without a pivot left out
+    for j in 0..n {
+        for p in 0..j {
+            let f = l[(j, p)] * l[(p, p)];
+            for i in j..n {
+                l[(i, j)] -= f * l[(i, p)];
+            }
+        }
+        let pivot = l[(j, j)];
+        let kept = pivot > ZERO_PIVOT;
+        l[(j, j)] = if kept { pivot } else { 0.0 };
+        for i in j + 1..n {
+            l[(i, j)] = if kept { l[(i, j)] / pivot } else { 0.0 };
+        }
+    }
+    for mut column in x.column_iter_mut() {
+        for j in 0..n {
+            for i in j + 1..n {
+                column[i] -= l[(i, j)] * column[j];
+            }
+        }
+        for j in 0..n {
+            column[j] = if l[(j, j)] > 0.0 { column[j] / l[(j, j)] } else { 0.0 };
+        }
+        for j in (0..n).rev() {
+            for i in j + 1..n {
+                column[j] -= l[(i, j)] * column[i];
+            }
+        }
+        // a component without a pivot takes no part
+        for j in 0..n {
+            column[j] *= if l[(j, j)] > 0.0 { scale[j] } else { 0.0 };
+        }
+    }
+    x
+}
+
+/// The weight matrices of two estimates and `(ω A^-1 + (1 − ω) B^-1)^-1`, for the ω in [0, 1] that
+/// gives it the least determinant, by golden section. `None` for singular ones.
+pub(super) fn intersect(
+    a: &Matrix3<f64>,
+    b: &Matrix3<f64>,
+) -> Option<([Matrix3<f64>; 2], Matrix3<f64>)> {
+    let (ia, ib) = (a.try_inverse()?, b.try_inverse()?);
+    let information = |omega: f64| ia * omega + ib * (1.0 - omega);
+    let cost = |omega: f64| -information(omega).determinant();
+    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    let (mut low, mut high) = (0.0, 1.0);
+    let (mut x, mut y) = (high - golden * (high - low), low + golden * (high - low));
+    let (mut at_x, mut at_y) = (cost(x), cost(y));
+    while high - low > 1e-8 {
+        if at_x < at_y {
+            (high, y, at_y) = (y, x, at_x);
+            x = high - golden * (high - low);
+            at_x = cost(x);
+        } else {
+            (low, x, at_x) = (x, y, at_y);
+            y = low + golden * (high - low);
+            at_y = cost(y);
+        }
+    }
+    // where all are equally good, both alike
+    let mut omega = 0.5;
+    for other in [0.5 * (low + high), 0.0, 1.0] {
+        if cost(other) < cost(omega) * (1.0 + TIE) {
+            omega = other;
+        }
+    }
+    let fused = information(omega).try_inverse()?;
+    Some(([fused * ia * omega, fused * ib * (1.0 - omega)], fused))
+}
+
+/// The residual vector with its first component turned by whole periods.
+pub(super) fn difference(
+    x: &Vector3<f64>,
+    from: &Vector3<f64>,
+    period: Option<f64>,
+) -> Vector3<f64> {
+    let mut difference = x - from;
+    difference[0] = crate::kalman::residual(x[0], from[0], period);
+    difference
+}

@@ -1,0 +1,60 @@
+//! The rules by which states are weighed.
+
+use crate::error::{Result, require};
+
+/// How the states of the radars are fused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rule {
+    /// Equal weights.
+    Equal,
+    /// By the nominal noise of the plots, 1/R.
+    Static,
+    /// Component by component by 1/Y², Y = K ν of this step (1)–(13); radars without a plot are
+    /// left out.
+    Paper,
+    /// By the running mean of ν².
+    Ewma,
+    /// Component by component by 1/P of the radars' own filters.
+    Posterior,
+    /// Component by component by 1/P of what the radars' tracks really are, as now believed.
+    Adaptive,
+    /// The best linear combination with cross-covariances, of what the tracks really are.
+    Matrix,
+    /// The same with the nominal noise (Bar-Shalom, Campo 1986).
+    NominalMatrix,
+    /// Covariance intersection of the radars' own filters.
+    CovarianceIntersection,
+    /// One filter for all plots.
+    Central,
+}
+
+impl Rule {
+    /// Whether the covariances are those of the noise as believed.
+    pub(super) fn believes(self) -> bool {
+        matches!(self, Self::Adaptive | Self::Matrix)
+    }
+}
+
+/// How quickly and how easily a radar is believed to be worse than it says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beliefs {
+    /// Share of the newest innovation in the running means.
+    pub memory: f64,
+    /// Mean normalised innovation, in units of the others', above which more noise is believed.
+    pub threshold: f64,
+    /// Normalised square of a single innovation, likewise, above which it is an outlier.
+    pub outlier_gate: f64,
+}
+
+impl Beliefs {
+    /// The parameters, validated.
+    ///
+    /// # Errors
+    /// A parameter outside its domain.
+    pub fn try_new(memory: f64, threshold: f64, outlier_gate: f64) -> Result<Self> {
+        require("memory", memory, memory > 0.0 && memory <= 1.0, "above 0 and at most 1")?;
+        require("threshold", threshold, threshold >= 1.0, "at least 1")?;
+        require("outlier_gate", outlier_gate, outlier_gate >= 1.0, "at least 1")?;
+        Ok(Self { memory, threshold, outlier_gate })
+    }
+}

@@ -1,0 +1,126 @@
+//! The same step on factors `P = U D U^T` (Bierman 1977): for a prior that is very much wider than
+//! the noise of a plot, where differences of its covariance would have no digits left.
+
+use super::model::Transition;
+use super::state::{Innovation, State, residual};
+
+/// Below this share of a variance its factors are kept.
+const SMALLEST_SHARE: f64 = 1e-4;
+
+/// x and the factors of P.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Factored {
+    mean: [f64; 3],
+    /// U_01, U_02, U_12.
+    u: [f64; 3],
+    d: [f64; 3],
+}
+
+impl Factored {
+    pub fn new(state: &State) -> Self {
+        let [p00, p01, p02, p11, p12, p22] = state.covariance;
+        let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 0.0 };
+        let (u02, u12) = (ratio(p02, p22), ratio(p12, p22));
+        let d1 = (p11 - u12 * p12).max(0.0);
+        let u01 = ratio(p01 - u02 * p12, d1);
+        let d0 = (p00 - u02 * p02 - u01 * u01 * d1).max(0.0);
+        Self { mean: state.mean, u: [u01, u02, u12], d: [d0, d1, p22] }
+    }
+
+    pub fn saved(&self) -> [f64; 9] {
+        let ([x0, x1, x2], [u01, u02, u12], [d0, d1, d2]) = (self.mean, self.u, self.d);
+        [x0, x1, x2, u01, u02, u12, d0, d1, d2]
+    }
+
+    pub fn restored(saved: &[f64; 9]) -> Self {
+        let [x0, x1, x2, u01, u02, u12, d0, d1, d2] = *saved;
+        Self { mean: [x0, x1, x2], u: [u01, u02, u12], d: [d0, d1, d2] }
+    }
+
+    pub fn state(&self) -> State {
+        let ([u01, u02, u12], [d0, d1, d2]) = (self.u, self.d);
+        State {
+            mean: self.mean,
+            covariance: [
+                d0 + u01 * u01 * d1 + u02 * u02 * d2,
+                u01 * d1 + u02 * u12 * d2,
+                u02 * d2,
+                d1 + u12 * u12 * d2,
+                u12 * d2,
+                d2,
+            ],
+        }
+    }
+
+    /// U and D.
+    pub fn factors(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+        let [u01, u02, u12] = self.u;
+        ([[1.0, u01, u02], [0.0, 1.0, u12], [0.0, 0.0, 1.0]], self.d)
+    }
+
+    /// Whether the covariance may be kept as it is: every component has a share of its variance
+    /// that the others leave unexplained.
+    pub fn is_moderate(&self) -> bool {
+        let [p00, _, _, p11, ..] = self.state().covariance;
+        self.d[0] > SMALLEST_SHARE * p00 && self.d[1] > SMALLEST_SHARE * p11
+    }
+
+    /// The x with `P x = b`; components along which P has no variance are 0.
+    pub fn solved(&self, b: &[f64; 3]) -> [f64; 3] {
+        let [u01, u02, u12] = self.u;
+        let y = [b[0] - u01 * (b[1] - u12 * b[2]) - u02 * b[2], b[1] - u12 * b[2], b[2]];
+        let ratio = |i: usize| if self.d[i] > 0.0 { y[i] / self.d[i] } else { 0.0 };
+        let (x0, w1, w2) = (ratio(0), ratio(1), ratio(2));
+        let x1 = w1 - u01 * x0;
+        [x0, x1, w2 - u02 * x0 - u12 * x1]
+    }
+
+    /// Modified weighted Gram–Schmidt (Thornton): the rows of `[F U | V]`, V V^T = Q, made
+    /// orthogonal from the last one up.
+    pub fn predict(&mut self, transition: &Transition) {
+        let [f01, f02, f12, f22] = transition.f;
+        let ([u01, u02, u12], [x0, x1, x2]) = (self.u, self.mean);
+        let noise = Self::new(&State { mean: [0.0; 3], covariance: transition.q });
+        let ([v01, v02, v12], [e0, e1, e2]) = (noise.u, noise.d);
+        let weight = [self.d[0], self.d[1], self.d[2], e0, e1, e2];
+        let mut rows = [
+            [1.0, u01 + f01, u02 + f01 * u12 + f02, 1.0, v01, v02],
+            [0.0, 1.0, u12 + f12, 0.0, 1.0, v12],
+            [0.0, 0.0, f22, 0.0, 0.0, 1.0],
+        ];
+        let product =
+            |a: &[f64; 6], b: &[f64; 6]| -> f64 { (0..6).map(|i| weight[i] * a[i] * b[i]).sum() };
+        let mut u = [[0.0; 3]; 3];
+        for j in (0..3).rev() {
+            let row = rows[j];
+            self.d[j] = product(&row, &row);
+            for i in 0..j {
+                u[i][j] = if self.d[j] > 0.0 { product(&rows[i], &row) / self.d[j] } else { 0.0 };
+                for (a, b) in rows[i].iter_mut().zip(&row) {
+                    *a -= u[i][j] * b;
+                }
+            }
+        }
+        self.u = [u[0][1], u[0][2], u[1][2]];
+        self.mean = [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2];
+    }
+
+    /// Bierman's update: no variance is subtracted from another.
+    pub fn update(&mut self, z: f64, r: f64, period: Option<f64>) -> Innovation {
+        let [u01, u02, u12] = self.u;
+        let f = [1.0, u01, u02];
+        let v = [self.d[0], self.d[1] * u01, self.d[2] * u02];
+        let a0 = r + f[0] * v[0];
+        let a1 = a0 + f[1] * v[1];
+        let a2 = a1 + f[2] * v[2];
+        self.d = [self.d[0] * (r / a0), self.d[1] * (a0 / a1), self.d[2] * (a1 / a2)];
+        self.u =
+            [u01 - f[1] / a0 * v[0], u02 - f[2] / a1 * (v[0] + v[1] * u01), u12 - f[2] / a1 * v[1]];
+        let value = residual(z, self.mean[0], period);
+        let step = value / a2;
+        self.mean[0] += step * (v[0] + v[1] * u01 + v[2] * u02);
+        self.mean[1] += step * (v[1] + v[2] * u12);
+        self.mean[2] += step * v[2];
+        Innovation { value, variance: a2 }
+    }
+}

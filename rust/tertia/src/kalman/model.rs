@@ -1,0 +1,138 @@
+//! The motion model: acceleration that fades (Singer 1970), and its discretisations.
+
+use super::state::State;
+use crate::error::{Result, require};
+
+/// Below this αT the series are used, above it the closed forms.
+const SERIES_BELOW: f64 = 1.0;
+/// Squares of the reciprocals of shorter times overflow.
+const SHORTEST: f64 = 1e-60;
+/// Larger parameters overflow in Q.
+const LARGEST: f64 = 1e30;
+const REQUIREMENT: &str = "a number from 0 to 1e30";
+/// Terms that such a series needs.
+const TERMS: usize = 28;
+
+/// `x' = F x + w` over one interval: F is upper triangular with ones on the diagonal but for its
+/// last element, w has the covariance Q.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transition {
+    /// Elements (0, 1), (0, 2), (1, 2) and (2, 2) of F.
+    pub f: [f64; 4],
+    /// Q as elements (0, 0), (0, 1), (0, 2), (1, 1), (1, 2) and (2, 2).
+    pub q: [f64; 6],
+}
+
+impl Transition {
+    /// No time passes.
+    pub const NONE: Self = Self { f: [0.0, 0.0, 0.0, 1.0], q: [0.0; 6] };
+
+    /// This one and then the next.
+    pub fn then(&self, next: &Self) -> Self {
+        let ([a01, a02, a12, a22], [b01, b02, b12, b22]) = (self.f, next.f);
+        let noise = State { mean: [0.0; 3], covariance: self.q };
+        Self {
+            f: [a01 + b01, a02 + b01 * a12 + b02 * a22, a12 + b12 * a22, b22 * a22],
+            q: noise.predicted(next).covariance,
+        }
+    }
+}
+
+/// Acceleration with the correlation `exp(−α |t|)` and a standard deviation σ_a.
+///
+/// α = 0 is constant acceleration; σ_a = 0 constant rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Singer {
+    alpha: f64,
+    variance: f64,
+    exact: bool,
+}
+
+impl Singer {
+    /// The model with manoeuvre frequency `alpha`, exactly discretised or as printed: 1 − αT for
+    /// `exp(−αT)`, T and T²/2 for its integrals, noise in the acceleration alone.
+    ///
+    /// # Errors
+    /// A parameter outside its domain.
+    pub fn try_new(alpha: f64, acceleration_sigma: f64, exact: bool) -> Result<Self> {
+        require("alpha", alpha, (0.0..=LARGEST).contains(&alpha), REQUIREMENT)?;
+        let holds = (0.0..=LARGEST).contains(&acceleration_sigma);
+        require("acceleration_sigma", acceleration_sigma, holds, REQUIREMENT)?;
+        Ok(Self { alpha, variance: acceleration_sigma * acceleration_sigma, exact })
+    }
+
+    /// Standard deviation of the acceleration.
+    pub fn acceleration_sigma(&self) -> f64 {
+        self.variance.sqrt()
+    }
+
+    /// Variance of the acceleration before anything is measured.
+    pub fn acceleration_variance(&self) -> f64 {
+        self.variance
+    }
+
+    /// The step over the time `dt`.
+    ///
+    /// # Errors
+    /// A negative time, or αT ≥ 1 in the printed form.
+    pub fn over(&self, dt: f64) -> Result<Transition> {
+        let holds = dt == 0.0 || (SHORTEST..=LARGEST).contains(&dt);
+        require("dt", dt, holds, "0, or a number from 1e-60 to 1e30")?;
+        let x = self.alpha * dt;
+        if self.exact {
+            return Ok(self.exactly(dt, x));
+        }
+        let requirement = "less than 1/alpha: choose the exact model for longer intervals";
+        require("dt", dt, x < 1.0, requirement)?;
+        let noise = self.variance * x * (2.0 - x);
+        Ok(Transition { f: [dt, 0.5 * dt * dt, dt, 1.0 - x], q: [0.0, 0.0, 0.0, 0.0, 0.0, noise] })
+    }
+
+    /// Singer's F and Q in units of T: `F_02 = T² φ(x)`, `Q_00 = σ² T⁴ b(x)` and so on, where the
+    /// functions of x = αT are finite at 0.
+    fn exactly(&self, t: f64, x: f64) -> Transition {
+        let sign = |k: i32| if k % 2 == 0 { 1.0 } else { -1.0 };
+        let two = |k: i32| 2.0_f64.powi(k);
+        let (decay, gone) = ((-x).exp(), -(-x).exp_m1());
+        let twice_gone = -(-2.0 * x).exp_m1();
+        let [f02, f12, b00, b02, b11] = if x < SERIES_BELOW {
+            // Σ c_k x^k / k!, less the power of x that T takes
+            [
+                series(x, 2, 2, sign),
+                series(x, 1, 1, |k| -sign(k)),
+                series(x, 5, 4, |k| sign(k) * (4.0 * f64::from(k) - two(k))),
+                series(x, 3, 2, |k| sign(k) * (2.0 * f64::from(k) - two(k))),
+                series(x, 3, 2, |k| sign(k) * (4.0 - two(k))),
+            ]
+        } else {
+            [
+                (x - gone) / (x * x),
+                gone / x,
+                (twice_gone + 2.0 * x * (1.0 - x + x * x / 3.0 - 2.0 * decay)) / x.powi(4),
+                (twice_gone - 2.0 * x * decay) / (x * x),
+                (2.0 * x - 4.0 * gone + twice_gone) / (x * x),
+            ]
+        };
+        let (s, t2) = (self.variance, t * t);
+        let q = [
+            s * t2 * t2 * b00,
+            s * t2 * t * x * f02 * f02,
+            s * t2 * b02,
+            s * t2 * b11,
+            s * t * x * f12 * f12,
+            s * twice_gone,
+        ];
+        Transition { f: [t, t2 * f02, t * f12, decay], q }
+    }
+}
+
+/// `Σ_{k ≥ from} c(k) x^(k − less) / k!`.
+fn series(x: f64, from: i32, less: i32, c: impl Fn(i32) -> f64) -> f64 {
+    let mut term = x.powi(from - less) / (1..=from).map(f64::from).product::<f64>();
+    let mut sum = 0.0;
+    for k in (from..).take(TERMS) {
+        sum += c(k) * term;
+        term *= x / f64::from(k + 1);
+    }
+    sum
+}

@@ -1,0 +1,282 @@
+//! The filter along a series of plots.
+
+use super::filter::Filter;
+use super::model::{Singer, Transition};
+use super::state::{Innovation, State, residual};
+use crate::error::{Error, Result, require, require_each};
+use std::f64::consts::TAU;
+
+/// A covariance that changes by less in a step has converged.
+const CONVERGED: f64 = 2.0 * f64::EPSILON;
+/// Squares of larger plots overflow.
+const LARGEST: f64 = 1e150;
+const VARIANCES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
+/// A product of variances is turned into a logarithm when it leaves this range.
+pub(super) const PRODUCTS: std::ops::Range<f64> = 1e-150..1e150;
+
+/// One number for all steps, or one for each.
+#[derive(Clone, Copy, Debug)]
+pub enum PerStep<'a, T> {
+    /// The same everywhere.
+    Constant(T),
+    /// One per step.
+    Each(&'a [T]),
+}
+
+impl<T: Copy> PerStep<'_, T> {
+    /// The one of this step.
+    #[inline(always)]
+    pub fn at(&self, step: usize) -> T {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Each(values) => values[step],
+        }
+    }
+}
+
+/// Plots of one target (nan: none), the variances of their noise, and the steps between them.
+#[derive(Clone, Copy, Debug)]
+pub struct Series<'a> {
+    /// The plots.
+    pub z: &'a [f64],
+    /// Their variances.
+    pub variance: PerStep<'a, f64>,
+    /// The step before each plot but the first: one fewer than plots.
+    pub transition: PerStep<'a, Transition>,
+}
+
+impl Singer {
+    /// The steps between plots that are `dt` apart, one for all or one for each; `buffer` keeps
+    /// them.
+    ///
+    /// # Errors
+    /// A time that the model does not allow.
+    pub fn over_all<'a>(
+        &self,
+        dt: &[f64],
+        buffer: &'a mut Vec<Transition>,
+    ) -> Result<PerStep<'a, Transition>> {
+        let Some(&first) = dt.first() else {
+            return Ok(PerStep::Constant(Transition::NONE));
+        };
+        let mut last = (first, self.over(first)?);
+        if dt.iter().all(|&t| t == first) {
+            return Ok(PerStep::Constant(last.1));
+        }
+        buffer.clear();
+        for &t in dt {
+            if t != last.0 {
+                last = (t, self.over(t)?);
+            }
+            buffer.push(last.1);
+        }
+        Ok(PerStep::Each(buffer))
+    }
+}
+
+impl<'a> Series<'a> {
+    /// A series of plots.
+    ///
+    /// # Errors
+    /// An infinite plot, or a variance that is not positive where there is a plot.
+    pub fn try_new(
+        z: &'a [f64],
+        variance: PerStep<'a, f64>,
+        transition: PerStep<'a, Transition>,
+    ) -> Result<Self> {
+        let requirement = "a plot must be a finite number, or nan for none";
+        require_each("z", z, |z| z.is_nan() || z.abs() <= LARGEST, requirement)?;
+        match variance {
+            PerStep::Constant(_) if z.iter().all(|z| z.is_nan()) => {}
+            PerStep::Constant(r) => require_plot(0.0, r)?,
+            PerStep::Each(each) => {
+                let requirement =
+                    "it must be a positive number from 1e-100 to 1e100 where there is a plot";
+                let holds = |(z, r): (&f64, &f64)| z.is_nan() || VARIANCES.contains(r);
+                if let Some(index) = z.iter().zip(each).position(|pair| !holds(pair)) {
+                    let (argument, value) = ("measurement_variance", each[index]);
+                    return Err(Error::InvalidMeasurement { argument, index, value, requirement });
+                }
+            }
+        }
+        Ok(Self { z, variance, transition })
+    }
+}
+
+/// Fails unless a plot and the variance of its noise can be used.
+///
+/// # Errors
+/// See above.
+pub fn require_plot(z: f64, variance: f64) -> Result<()> {
+    require("z", z, z.abs() <= LARGEST, "a finite number, or nan for no plot")?;
+    let holds = VARIANCES.contains(&variance);
+    let requirement = "a positive number from 1e-100 to 1e100";
+    require("measurement_variance", variance, holds, requirement)
+}
+
+/// The end of a series.
+#[derive(Clone, Copy, Debug)]
+pub struct Summary {
+    /// The filter after the last step.
+    pub filter: Filter,
+    /// Logarithm of the likelihood of all plots that had a prior.
+    pub log_likelihood: f64,
+    /// How many had.
+    pub count: usize,
+}
+
+/// `−2 ln L` as a sum and a product, so that a logarithm is taken only now and then.
+struct Likelihood {
+    squares: f64,
+    product: f64,
+    count: usize,
+}
+
+impl Likelihood {
+    #[inline(always)]
+    fn add(&mut self, innovation: Innovation) {
+        self.squares += innovation.value * innovation.value / innovation.variance;
+        self.product *= innovation.variance;
+        self.count += 1;
+        if !PRODUCTS.contains(&self.product) {
+            self.squares += self.product.ln();
+            self.product = 1.0;
+        }
+    }
+
+    fn logarithm(&self) -> f64 {
+        log_likelihood(self.squares, self.product, self.count)
+    }
+}
+
+/// `ln L` from the sum of ν²/S and of the logarithms flushed so far, the product of the other S,
+/// and their number.
+pub(super) fn log_likelihood(squares: f64, product: f64, count: usize) -> f64 {
+    // no plots: 0, not −0
+    0.0 - 0.5 * (squares + product.ln() + count as f64 * TAU.ln())
+}
+
+impl Series<'_> {
+    /// Runs `filter` from before the first plot to after the last, and shows every step's state
+    /// and innovation (nan where there is none) to `sink`. Cost O(steps).
+    pub fn run(
+        &self,
+        mut filter: Filter,
+        mut sink: impl FnMut(usize, &State, Innovation),
+    ) -> Summary {
+        let mut likelihood = Likelihood { squares: 0.0, product: 1.0, count: 0 };
+        let mut step = 0;
+        while step < self.z.len() {
+            if let Some(state) = filter.plain().filter(|_| step > 0) {
+                let before = step;
+                step = self.run_plain(state, step, &mut filter, &mut likelihood, &mut sink);
+                if step > before {
+                    continue;
+                }
+            }
+            if step > 0 {
+                filter.predict(&self.transition.at(step - 1), self.variance.at(step));
+            }
+            let z = self.z[step];
+            let innovation =
+                if z.is_nan() { None } else { filter.update(z, self.variance.at(step)) };
+            if let Some(innovation) = innovation {
+                likelihood.add(innovation);
+            }
+            sink(step, &filter.state(), innovation.unwrap_or(Innovation::NONE));
+            step += 1;
+        }
+        Summary { filter, log_likelihood: likelihood.logarithm(), count: likelihood.count }
+    }
+}
+
+impl Series<'_> {
+    /// Goes on from the `state` after the step before `step` for as long as the covariance can be
+    /// kept as it is; returns the step where that ends.
+    fn run_plain(
+        &self,
+        mut state: State,
+        mut step: usize,
+        filter: &mut Filter,
+        likelihood: &mut Likelihood,
+        sink: &mut impl FnMut(usize, &State, Innovation),
+    ) -> usize {
+        let mut covariance = [f64::NAN; 6];
+        while step < self.z.len() {
+            let (z, r) = (self.z[step], self.variance.at(step));
+            let predicted = state.predicted(&self.transition.at(step - 1));
+            if predicted.needs_factors(r) {
+                break;
+            }
+            if z.is_nan() {
+                covariance = [f64::NAN; 6];
+                state = predicted;
+                sink(step, &state, Innovation::NONE);
+                step += 1;
+                continue;
+            }
+            let (updated, innovation) = predicted.updated(z, r, filter.period());
+            likelihood.add(innovation);
+            sink(step, &updated, innovation);
+            state = updated;
+            step += 1;
+            let gain = match (self.variance, self.transition) {
+                (PerStep::Constant(_), PerStep::Constant(transition))
+                    if is_close(&covariance, &state.covariance) =>
+                {
+                    Converged::new(&predicted, innovation.variance, transition)
+                }
+                _ => {
+                    covariance = state.covariance;
+                    continue;
+                }
+            };
+            step = gain.run(self.z, step, filter.period(), &mut state, likelihood, sink);
+        }
+        filter.set(state);
+        step
+    }
+}
+
+fn is_close(a: &[f64; 6], b: &[f64; 6]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= CONVERGED * b.abs())
+}
+
+/// A gain that no longer changes: only the mean is left to compute.
+struct Converged {
+    gain: [f64; 3],
+    variance: f64,
+    transition: Transition,
+}
+
+impl Converged {
+    fn new(predicted: &State, variance: f64, transition: Transition) -> Self {
+        let [p00, p01, p02, ..] = predicted.covariance;
+        let s = 1.0 / variance;
+        Self { gain: [p00 * s, p01 * s, p02 * s], variance, transition }
+    }
+
+    /// Goes on to the next step without a plot.
+    fn run(
+        &self,
+        z: &[f64],
+        mut step: usize,
+        period: Option<f64>,
+        state: &mut State,
+        likelihood: &mut Likelihood,
+        sink: &mut impl FnMut(usize, &State, Innovation),
+    ) -> usize {
+        let ([f01, f02, f12, f22], [k0, k1, k2]) = (self.transition.f, self.gain);
+        while step < z.len() && !z[step].is_nan() {
+            let [x0, x1, x2] = state.mean;
+            let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+            let value = residual(z[step], y0, period);
+            state.mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
+            let innovation = Innovation { value, variance: self.variance };
+            likelihood.add(innovation);
+            sink(step, state, innovation);
+            step += 1;
+        }
+        step
+    }
+}

@@ -1,0 +1,382 @@
+"""Fusion of the tracks of several radars, (1) to (13) and the dynamic weights, one series at a
+time."""
+
+import numpy as np
+
+NAN = float("nan")
+COMPONENTWISE = ["equal", "static", "paper", "ewma", "posterior", "adaptive"]
+MATRICES = ["matrix", "nominal-matrix"]
+METHODS = [*COMPONENTWISE, *MATRICES, "covariance-intersection", "central"]
+
+
+def wrap(difference, period):
+    if period is None:
+        return difference
+    return difference - period * np.floor(difference / period + 0.5)
+
+
+def printed(t, alpha, variance):
+    """(14)."""
+    left = 1 - alpha * t
+    f = np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, left]])
+    return f, np.diag([0, 0, variance * (1 - left**2)])
+
+
+def predict(x, p, f, q):
+    return f @ x, f @ p @ f.T + q
+
+
+def update(x, p, z, r, period=None):
+    """(15) to (18), in Joseph's form: state, covariance, gain, innovation and its variance."""
+    s = p[0, 0] + r
+    gain = p[:, 0] / s
+    innovation = wrap(z - x[0], period)
+    kept = np.eye(3) - np.outer(gain, [1, 0, 0])
+    p = kept @ p @ kept.T + r * np.outer(gain, gain)
+    return x + gain * innovation, (p + p.T) / 2, gain, innovation, s
+
+
+def pseudo_inverse(a):
+    """In units of its own diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(a), 0))
+    scale[scale == 0] = 1
+    return np.linalg.pinv(a / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(
+        scale, scale
+    )
+
+
+class Track:
+    """The filter of one radar. Before its second plot angle and rate are unknown."""
+
+    def __init__(self, initial, acceleration_variance, period):
+        self.period, self.known, self.first = period, initial is not None, None
+        if self.known:
+            self.x, self.p = (np.array(part, dtype=float) for part in initial)
+        else:
+            # of the error of "no acceleration, no noise" since the first plot
+            self.x, self.p = np.zeros(3), np.diag([0, 0, acceleration_variance])
+
+    def predict(self, t, f, q):
+        self.x, self.p = predict(self.x, self.p, f, q)
+        if self.first is not None:
+            self.first[2] += t
+
+    def update(self, z, r):
+        """Gain and innovation with its variance; or the matrix that turns the errors of motion
+        since the first plot into those of the state."""
+        if self.known:
+            self.x, self.p, *found = update(self.x, self.p, z, r, self.period)
+            return found, None
+        if self.first is None:
+            # nothing has been predicted for angle and rate
+            self.first = [z, r, 0.0]
+            keep = np.diag([0.0, 0.0, 1.0])
+            self.p = keep @ self.p @ keep
+            return None, keep
+        z0, r0, t = self.first
+        if t == 0:
+            share = r0 / (r0 + r)
+            self.first = [z0 + share * wrap(z - z0, self.period), r * share, 0.0]
+            return None, None
+        turned = np.array([[0, 0, 0], [-1 / t, 1, 0], [0, 0, 1]])
+        of_first, of_second = np.array([0, -1 / t, 0]), np.array([1, 1 / t, 0])
+        self.x = np.array([z, wrap(z - z0, self.period) / t, 0])
+        self.p = turned @ self.p @ turned.T
+        self.p += r0 * np.outer(of_first, of_first) + r * np.outer(of_second, of_second)
+        self.known = True
+        return None, turned
+
+
+def common_prior(a, b):
+    """What two given states share: the prior of rate and acceleration."""
+    common = np.diag([0, min(a[1, 1], b[1, 1]), min(a[2, 2], b[2, 2])])
+    if a[1, 2] == b[1, 2]:
+        common[1, 2] = common[2, 1] = a[1, 2]
+    return common
+
+
+def median_of_others(values, i):
+    others = [value for j, value in enumerate(values) if j != i and value is not None]
+    return max(1.0, np.median(others)) if others else 1.0
+
+
+def believed_noise(i, r, q, d, nis, innovation, threshold, gate):
+    """Steps 2 and 3: the noise, and whether the plot is an outlier."""
+    if q[i] is None:
+        return r, False
+    reference = median_of_others(q, i)
+    noise = r
+    if q[i] > threshold * reference:
+        noise = max(r, (r + d[i]) / reference)
+    of_step = [n if n is not None else m for n, m in zip(nis, q, strict=True)]
+    outlier = nis[i] is not None and nis[i] > gate * median_of_others(of_step, i)
+    return (max(noise, innovation**2) if outlier else noise), outlier
+
+
+def shares(precisions):
+    """Shares of the sum; 0/0 is the same for all."""
+    precisions = np.array(precisions, dtype=float)
+    if np.isinf(precisions).any():
+        precisions = np.isinf(precisions).astype(float)
+    elif not precisions.any():
+        precisions = np.ones_like(precisions)
+    return precisions / precisions.sum()
+
+
+def precision(method, r, variances, square):
+    """What the weights are proportional to, from the covariance that the rule goes by."""
+    if method == "equal":
+        return 1.0
+    if method == "static":
+        return 1 / r
+    if method == "ewma":
+        return 1 / (variances[0] + r if np.isnan(square) else square)
+    return 1 / variances
+
+
+def paper_weights(corrections):
+    """(1) to (13): by the inverse squares, component by component; shape (K, 3)."""
+    with np.errstate(divide="ignore"):
+        squares = 1 / np.asarray(corrections, dtype=float) ** 2
+    return np.stack([shares(column) for column in squares.T], axis=1)
+
+
+def campo(pa, pb, cross):
+    """Of two estimates, as printed: `x1 + W (x2 - x1)`."""
+    w = (pa - cross) @ pseudo_inverse(pa + pb - cross - cross.T)
+    return [np.eye(3) - w, w]
+
+
+def best_linear(joint):
+    """`(E' PP^-1 E)^-1 E' PP^-1` for a regular PP of shape (K, K, 3, 3)."""
+    k = len(joint)
+    full = np.block([[joint[i][j] for j in range(k)] for i in range(k)])
+    scale = np.tile(np.sqrt(np.diag(joint[0][0])), k)
+    inverse = np.linalg.inv(full / np.outer(scale, scale)) / np.outer(scale, scale)
+    e = np.tile(np.eye(3), (k, 1))
+    w = np.linalg.inv(e.T @ inverse @ e) @ e.T @ inverse
+    return [w[:, 3 * i : 3 * i + 3] for i in range(k)]
+
+
+def matrix_weights(joint):
+    if len(joint) == 1:
+        return [np.eye(3)]
+    if len(joint) == 2:
+        return campo(joint[0][0], joint[1][1], joint[0][1])
+    return best_linear(joint)
+
+
+def intersection(a, b, count=2001):
+    """Weights and bound of two estimates; the share with the least determinant, on ever finer
+    grids."""
+    ia, ib = np.linalg.inv(a), np.linalg.inv(b)
+    low, high, share = 0.0, 1.0, 0.5
+    for _ in range(3):
+        grid = np.linspace(low, high, count)[:, np.newaxis, np.newaxis]
+        information = np.linalg.slogdet(grid * ia + (1 - grid) * ib)[1]
+        share = grid[np.argmax(information), 0, 0]
+        if np.ptp(information) < 1e-13:
+            share = (low + high) / 2
+            break
+        step = (high - low) / (count - 1)
+        low, high = max(0.0, share - step), min(1.0, share + step)
+    fused = np.linalg.inv(share * ia + (1 - share) * ib)
+    return [fused @ ia * share, fused @ ib * (1 - share)], fused
+
+
+def combine(weights, states, joint, period):
+    base = states[0]
+    mean, covariance = base.copy(), np.zeros((3, 3))
+    for i, w in enumerate(weights):
+        away = states[i] - base
+        away[0] = wrap(away[0], period)
+        mean += w @ away
+        for j, v in enumerate(weights):
+            covariance += w @ joint[i][j] @ v.T
+    return mean, (covariance + covariance.T) / 2
+
+
+def central(z, r, t, f, q, initial, acceleration_variance, period=None):
+    """One filter for all plots: the states after each step."""
+    track = Track(initial, acceleration_variance, period)
+    states = []
+    for step in range(z.shape[1]):
+        if step:
+            track.predict(t[step - 1], f[step - 1], q[step - 1])
+        for plot, noise in zip(z[:, step], r[:, step], strict=True):
+            if not np.isnan(plot):
+                track.update(plot, noise)
+        states.append((track.x, track.p))
+    return [np.array(part) for part in zip(*states, strict=True)]
+
+
+def pooled(z, r, period=None):
+    """The plots of every step as one, weighted by 1/R."""
+    there = ~np.isnan(z)
+    information = np.where(there, 1 / r, 0.0)
+    total = information.sum(axis=0)
+    first = z[np.argmax(there, axis=0), np.arange(z.shape[1])]
+    away = np.where(there, wrap(z - first, period), 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return first + (information * away).sum(axis=0) / total, 1 / total
+
+
+def hierarchical(z, r, f, q, initial, period=None):
+    """Information fusion: each radar sends `P^-1 - P-^-1` and `P^-1 x - P-^-1 x-`, all of them
+    starting from the centre's last state."""
+    x, p = initial
+    states = []
+    for step in range(z.shape[1]):
+        if step:
+            x, p = predict(x, p, f[step - 1], q[step - 1])
+        before = np.linalg.inv(p)
+        information, vector = before.copy(), np.zeros(3)
+        for plot, noise in zip(z[:, step], r[:, step], strict=True):
+            if not np.isnan(plot):
+                own_x, own_p, *_ = update(x, p, plot, noise, period)
+                inverse = np.linalg.inv(own_p)
+                information = information + inverse - before
+                # measured from the predicted state, lest the angle lose digits
+                vector += inverse @ (own_x - x)
+        p = np.linalg.inv(information)
+        x = x + p @ vector
+        states.append((x, p))
+    return [np.array(part) for part in zip(*states, strict=True)]
+
+
+def third_filter(angles, r, f, q, x, p, period=None):
+    """(14) to (20) on fused angles."""
+    for angle in angles:
+        x, p = predict(x, p, f, q)
+        x, p, *_ = update(x, p, angle, r, period)
+    return x, p
+
+
+def fuse(  # noqa: PLR0912, PLR0915
+    z,
+    r,
+    t,
+    f,
+    q,
+    *,
+    method,
+    initial=None,
+    acceleration_variance=0.0,
+    period=None,
+    memory=0.1,
+    threshold=1.6,
+    gate=16.0,
+):
+    """Plots and variances (K, steps), times and matrices between the steps, states for all radars
+    or none; returns arrays by name."""
+    k, steps = z.shape
+    tracks = [
+        Track(
+            None if initial is None else (initial[0][i], initial[1][i]),
+            acceleration_variance,
+            period,
+        )
+        for i in range(k)
+    ]
+    actual = [track.p for track in tracks]
+    quality = [1.0 if track.known else None for track in tracks]
+    excess, squares = [0.0] * k, [NAN] * k
+    if initial is None:
+        # all errors before the first plot are those of one acceleration
+        cross = [[tracks[0].p.copy() for _ in range(k)] for _ in range(k)]
+        pool = None
+    else:
+        cross = [[common_prior(a.p, b.p) for b in tracks] for a in tracks]
+        joint = [[a.p if i == j else cross[i][j] for j in range(k)] for i, a in enumerate(tracks)]
+        pool = combine(matrix_weights(joint), [track.x for track in tracks], joint, period)
+    together = central(z, r, t, f, q, pool, acceleration_variance, period)
+    out = {
+        "mean": np.full((steps, 3), NAN),
+        "covariance": np.full((steps, 3, 3), NAN),
+        "weights": np.full((k, steps, 3), NAN),
+        "noise_variance": r.astype(float),
+        "outlier": np.zeros((k, steps), dtype=bool),
+        "innovation": np.full((k, steps), NAN),
+        "innovation_variance": np.full((k, steps), NAN),
+        "known": np.zeros((k, steps), dtype=bool),
+    }
+    for step in range(steps):
+        if step:
+            fk, qk = f[step - 1], q[step - 1]
+            for track in tracks:
+                track.predict(t[step - 1], fk, qk)
+            actual = [fk @ p @ fk.T + qk for p in actual]
+            cross = [[fk @ c @ fk.T + qk for c in row] for row in cross]
+        nis = [None] * k
+        gains, kept, starting = np.zeros((k, 3)), [np.eye(3)] * k, []
+        for i, track in enumerate(tracks):
+            if np.isnan(z[i, step]):
+                continue
+            found, turned = track.update(z[i, step], r[i, step])
+            if turned is not None:
+                kept[i] = turned
+                starting.append(i)
+            if found is None:
+                continue
+            gains[i], v, s = found
+            kept[i] = np.eye(3) - np.outer(gains[i], [1, 0, 0])
+            out["innovation"][i, step], out["innovation_variance"][i, step] = v, s
+            nis[i] = v**2 / s
+            quality[i] += memory * (min(nis[i], 100) - quality[i])
+            excess[i] += memory * (min(v**2 - s, 99 * s) - excess[i])
+            before = s if np.isnan(squares[i]) else squares[i]
+            squares[i] = before + memory * (v**2 - before)
+        for i in range(k):
+            v = out["innovation"][i, step]
+            noise, outlier = believed_noise(i, r[i, step], quality, excess, nis, v, threshold, gate)
+            out["noise_variance"][i, step], out["outlier"][i, step] = noise, outlier
+            if i not in starting:
+                actual[i] = kept[i] @ actual[i] @ kept[i].T + noise * np.outer(gains[i], gains[i])
+        cross = [[kept[i] @ cross[i][j] @ kept[j].T for j in range(k)] for i in range(k)]
+        for i in starting:
+            actual[i] = tracks[i].p
+            if tracks[i].known:
+                quality[i] = 1.0
+        known = [i for i in range(k) if tracks[i].known]
+        out["known"][known, step] = True
+        if not known:
+            continue
+        if method == "central":
+            out["mean"][step], out["covariance"][step] = together[0][step], together[1][step]
+            continue
+        own = actual if method in {"adaptive", "matrix"} else [track.p for track in tracks]
+        joint = [[own[i] if i == j else cross[i][j] for j in known] for i in known]
+        states = [tracks[i].x for i in known]
+        bound = None
+        if method in MATRICES:
+            weights = matrix_weights(joint)
+        elif method == "covariance-intersection":
+            weights, bound = [np.eye(3)], joint[0][0]
+            for at in range(1, len(known)):
+                (old, new), bound = intersection(bound, joint[at][at])
+                weights = [old @ w for w in weights] + [new]
+        else:
+            if method == "paper":
+                share = paper_weights(
+                    [
+                        gains[i] * out["innovation"][i, step]
+                        if nis[i] is not None
+                        else [np.inf] * 3
+                        for i in known
+                    ]
+                )
+            else:
+                each = [
+                    np.ones(3) * precision(method, r[i, step], np.diag(own[i]), squares[i])
+                    for i in known
+                ]
+                share = np.stack([shares(column) for column in np.transpose(each)], axis=1)
+            weights = [np.diag(row) for row in share]
+        mean, covariance = combine(weights, states, joint, period)
+        out["mean"][step] = mean
+        out["covariance"][step] = covariance if bound is None else bound
+        for i, w in zip(known, weights, strict=True):
+            out["weights"][i, step] = np.diag(w)
+    if period is not None:
+        out["mean"][:, 0] %= period
+    return out
