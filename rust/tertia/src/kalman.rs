@@ -36,7 +36,9 @@ const MAX_DEGREES_OF_FREEDOM: usize = 100_000_000;
 /// Steps after which a gain that still changes is given up.
 const MAX_STEPS: usize = 10_000_000;
 /// A covariance that changes by less in a step, in standard deviations, is steady.
-const STEADY: f64 = 1e-13;
+const STEADY: f64 = 1e-14;
+/// One that changes by less, and no longer less than the step before, is as steady as it gets.
+const STALLED: f64 = 1e-13;
 
 /// What the filter converges to with a plot of variance r every `dt`: the gain, and the covariance
 /// after a plot.
@@ -51,7 +53,7 @@ pub fn steady_state(model: &Singer, dt: f64, r: f64) -> Result<([f64; 3], [f64; 
     require("acceleration_sigma", sigma, noise > 0.0 && dt > 0.0, requirement)?;
     let covariance = [r, 0.0, 0.0, r / (dt * dt) + noise, 0.0, noise];
     let mut factored = Factored::new(&State { mean: [0.0; 3], covariance });
-    let mut before = [0.0; 6];
+    let (mut before, mut last_change) = ([0.0; 6], f64::INFINITY);
     for _ in 0..MAX_STEPS {
         factored.update(0.0, r, None);
         let posterior = factored.state().covariance;
@@ -60,10 +62,12 @@ pub fn steady_state(model: &Singer, dt: f64, r: f64) -> Result<([f64; 3], [f64; 
         // what the noise of the motion hides in the prior shows in the posterior
         let [s0, s1, s2] = [posterior[0], posterior[3], posterior[5]].map(f64::sqrt);
         let scales = [s0 * s0, s0 * s1, s0 * s2, s1 * s1, s1 * s2, s2 * s2];
-        let mut pairs = posterior.iter().zip(&before).zip(scales);
-        let steady = pairs.all(|((a, b), scale)| (a - b).abs() <= STEADY * scale);
-        before = posterior;
-        if steady {
+        let pairs = posterior.iter().zip(&before).zip(scales);
+        let change = pairs.map(|((a, b), scale)| (a - b).abs() / scale).fold(0.0, f64::max);
+        // rounding may keep it from getting smaller
+        let stalled = change <= STALLED && change >= last_change;
+        (before, last_change) = (posterior, change);
+        if change <= STEADY || stalled {
             let [p00, p01, p02, ..] = prior.covariance;
             let gain = [p00, p01, p02].map(|p| p / (p00 + r));
             // the first row of (I − K h^T) P⁻ is K R
