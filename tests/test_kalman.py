@@ -917,10 +917,8 @@ class TestPriors:
     def test_filter(self, model, shape, width):
         z, prior, filtered, _ = self.exact(model, shape, width)
         found = filter_series(z, R, model, initial=prior)
-        # a correlation of 1e-8 and a variance of 1e-16 of another one are what rounding leaves
-        allowed = 1e-10 if width < 1e16 else 1e-7
         with mpmath.workdps(100):
-            assert_states(found, filtered, allowed)
+            assert_states(found, filtered, 1e-10)
         track = AngleFilter(model, R)
         track.set_state(*prior)
         track.update(z[0])
@@ -928,7 +926,7 @@ class TestPriors:
             track.step(plot)
         with mpmath.workdps(100):
             last = filtered[0][-1], filtered[1][-1]
-            assert_states(track, last, allowed)
+            assert_states(track, last, 1e-10)
 
     @pytest.mark.parametrize("width", WIDTHS)
     @pytest.mark.parametrize("shape", PRIORS)
@@ -1063,8 +1061,7 @@ class TestSteadyState:
             gain, covariance = prior[0] / s, prior - np.outer(prior[0], prior[0]) / s
         found_gain, found = steady_state(model, r)
         np.testing.assert_allclose(found_gain, gain.astype(float), rtol=1e-10)
-        # plots that are so precise hide all but the newest change of the motion
-        assert_covariance(found, covariance.astype(float), 1e-10 if r > 1e-10 else 1e-8)
+        assert_covariance(found, covariance.astype(float), 1e-10)
 
     @pytest.mark.parametrize("r", [1e-4, 1e-2, 1.0])
     @PRINTED_OR_EXACT

@@ -114,8 +114,8 @@ impl Factored {
         let a1 = a0 + f[1] * v[1];
         let a2 = a1 + f[2] * v[2];
         self.d = [self.d[0] * (r / a0), self.d[1] * (a0 / a1), self.d[2] * (a1 / a2)];
-        self.u =
-            [u01 - f[1] / a0 * v[0], u02 - f[2] / a1 * (v[0] + v[1] * u01), u12 - f[2] / a1 * v[1]];
+        // `u01 − u01 d0 / a0` and `u02 − u02 (a1 − r) / a1`, without their cancellation
+        self.u = [u01 * (r / a0), u02 * (r / a1), u12 - f[2] / a1 * v[1]];
         let value = residual(z, self.mean[0], period);
         let step = value / a2;
         self.mean[0] += step * (v[0] + v[1] * u01 + v[2] * u02);
