@@ -128,10 +128,9 @@ class TestConsistencyBounds:
         found = metrics.consistency_bounds(count, dimension, probability)
         outside, nu = (1 - probability) / 2, count * dimension
         expected = stats.chi2.ppf(outside, nu) / count, stats.chi2.isf(outside, nu) / count
-        # exponents of the size of nu cancel; below, the tail above is 1 - outside
-        tolerance = DISTRIBUTION * (1 + nu / 300)
-        assert found[0] == close(expected[0], max(tolerance, 1e-13 / outside))
-        assert found[1] == close(expected[1], tolerance)
+        # below, the tail above is 1 - outside
+        assert found[0] == close(expected[0], max(DISTRIBUTION, 1e-13 / outside))
+        assert found[1] == close(expected[1], DISTRIBUTION)
 
     def test_very_many(self):
         """As of a normal distribution, with the cube root of Wilson and Hilferty."""

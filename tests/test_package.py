@@ -22,7 +22,16 @@ from tertia import (
 )
 
 MODULES = [bearing, fusion, kalman, metrics, plot, screening, simulate, tertia, weights]
-ALIASES = {"Convention", "Count", "FusionMethod", "LossMethod", "Method", "Store", "TestName"}
+ALIASES = {
+    "Convention",
+    "Count",
+    "FusionMethod",
+    "LossMethod",
+    "Method",
+    "ScenarioName",
+    "Store",
+    "TestName",
+}
 
 
 def run(code):

@@ -3,8 +3,8 @@
 import functools
 import itertools
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, get_args
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +24,7 @@ from tertia.kalman import (
     smooth_series,
     steady_state,
 )
+from tertia.simulate import RadarScenario, ScenarioName, radar_scenario
 
 RUNS = 1000
 STEPS = 120
@@ -49,16 +50,7 @@ RULES: dict[str, str] = {
     "matrix": "matrix",
     "central": "central",
 }
-SCENARIOS = (
-    "healthy",
-    "radar 2 noise ×5",
-    "outliers",
-    "turn",
-    ".05/.2 known",
-    ".05/.2 unknown",
-    "Pd .7, outage",
-    "async T/2",
-)
+SCENARIOS: tuple[ScenarioName, ...] = get_args(ScenarioName)
 # RMSE in millidegrees of an independent simulation, in the order of SCENARIOS
 EXPECTED: dict[str, tuple[float, ...]] = {
     "radar 1 alone": (86.2, 86.9, 86.7, 84.2, 45.5, 48.8, 173, 86.3),
@@ -73,33 +65,6 @@ EXPECTED: dict[str, tuple[float, ...]] = {
     "matrix": (64.6, 81.0, 75.1, 60.1, 45.9, 51.2, 100, 76.1),
     "central": (63.0, 176, 172, 61.2, 44.3, 90.1, 97.4, 73.9),
 }
-
-
-@dataclass(frozen=True)
-class Case:
-    """A simulated scenario."""
-
-    z: FloatArray
-    truth: FloatArray
-    model: SingerModel
-    stated: tuple[float, float] = (SIGMA, SIGMA)
-    # the scans over which errors are taken
-    window: slice = field(default_factory=lambda: slice(SETTLED, None))
-
-    @property
-    def variance(self) -> FloatArray:
-        """Variances as stated, of shape (2, 1)."""
-        result: FloatArray = np.square(self.stated)[:, np.newaxis]
-        return result
-
-    def fused(self, method: Any) -> FusionResult:
-        """Return the track of a rule."""
-        return fuse_series(self.z, self.variance, self.model, method=method)
-
-    def errors(self, mean: FloatArray) -> FloatArray:
-        """Return the errors of angles (runs, steps) within the window."""
-        result: FloatArray = (mean - self.truth[..., 0])[..., self.window]
-        return result
 
 
 @dataclass(frozen=True)
@@ -130,66 +95,47 @@ class Rms:
         return ratio, float(ratio * apart.std() / np.sqrt(apart.size) / 2)
 
 
-def turning(dt: float, steps: int) -> FloatArray:
-    """Return angle, rate and acceleration of a target that turns by 90 degrees.
-
-    It flies towards the radars at 200 m/s and turns at 1.5 degrees per second, from scan 60 on,
-    60 km away.
-    """
-    fine = 200
-    time = (np.arange(steps * fine) / fine - FAULT) * dt
-    course = np.radians(180 + 1.5 * np.clip(time, 0, 60))
-    east, north = (np.cumsum(200 * f(course)) * dt / fine for f in (np.sin, np.cos))
-    start = FAULT * fine
-    angle = np.degrees(np.unwrap(np.arctan2(east - east[start], 60e3 + north - north[start])))
-    rate = np.gradient(angle, dt / fine)
-    return np.stack([angle, rate, np.gradient(rate, dt / fine)], axis=-1)[::fine]
+def case(name: ScenarioName, model: SingerModel = MODEL, runs: int = RUNS) -> RadarScenario:
+    """Simulate a scenario."""
+    rng = generator(60, SCENARIOS.index(name))
+    return radar_scenario(name, model=model, steps=STEPS, batch=runs, rng=rng)
 
 
-def case(name: str, model: SingerModel = MODEL, runs: int = RUNS) -> Case:
-    """Simulate one of SCENARIOS."""
-    rng = generator(60, SCENARIOS.index(name) if name in SCENARIOS else 99)
-    options: dict[str, Any] = {}
-    late = np.arange(STEPS) >= FAULT
-    stated = (SIGMA, SIGMA)
-    steps, window = STEPS, slice(SETTLED, None)
-    if name.startswith("radar 2 noise ×"):
-        factor = float(name.removeprefix("radar 2 noise ×"))
-        options["sigma"] = SIGMA * np.stack([np.ones(STEPS), np.where(late, factor, 1.0)])
-    elif name == "outliers":
-        burst = late & (np.arange(STEPS) < FAULT + 20)
-        options["outlier_probability"] = np.stack([np.zeros(STEPS), 0.3 * burst])
-    elif name.startswith(".05/.2"):
-        options["sigma"] = (0.05, 0.2)
-        stated = (0.05, 0.2) if name.endswith(" known") else stated
-    elif name == "Pd .7, outage":
-        out = late & (np.arange(STEPS) < FAULT + 8)
-        options["detection_probability"] = 0.7 * np.stack([np.ones(STEPS), ~out])
-    elif name == "async T/2":
-        steps, window = 2 * STEPS, slice(2 * SETTLED, None, 2)
-        model = SingerModel(model.dt / 2, model.alpha, model.acceleration_sigma, model.exact)
-        options["detection_probability"] = np.where(np.arange(steps) % 2 == [[0], [1]], 1.0, 0.0)
-    record = simulate.radars(model, steps, batch=runs, rng=rng, **options)
-    truth = record.truth
-    z = record.z
-    if name == "turn":
-        truth = np.broadcast_to(turning(model.dt, steps), truth.shape)
-        z = z + (truth - record.truth)[:, np.newaxis, :, 0]
-    return Case(z, truth, model, stated, window)
+def noisier(factor: float) -> RadarScenario:
+    """Simulate "noisy" with another factor of the noise than 5."""
+    scenario = radar_scenario("noisy", model=MODEL, steps=STEPS, batch=RUNS, rng=generator(60, 99))
+    late, truth = scenario.z[:, 1, FAULT:], scenario.truth[:, FAULT:, 0]
+    late[:] = truth + factor / 5 * (late - truth)
+    return scenario
 
 
-def alone(scenario: Case, radar: int = 0) -> FloatArray:
-    """Return the states of the own filter of a radar."""
-    variance = scenario.variance[radar]
-    mean: FloatArray = filter_series(scenario.z[:, radar], variance, scenario.model).mean
-    return mean
+def fused(scenario: RadarScenario, method: str) -> FusionResult:
+    """Return the track of a rule."""
+    return fuse_series(
+        scenario.z,
+        scenario.measurement_variance,
+        scenario.model,
+        method=method,  # type: ignore[arg-type]
+    )
 
 
-def literal_paper(scenario: Case) -> FloatArray:
+def errors(scenario: RadarScenario, angle: FloatArray) -> FloatArray:
+    """Return the errors (runs, scans) of angles in the scans that count."""
+    error: FloatArray = (angle - scenario.truth[..., 0])[:, scenario.counted]
+    return error
+
+
+def alone(scenario: RadarScenario, radar: int) -> FilterResult:
+    """Return the track of a radar's own filter."""
+    variance = scenario.measurement_variance[radar]
+    return filter_series(scenario.z[:, radar], variance, scenario.model)
+
+
+def literal_paper(scenario: RadarScenario) -> FloatArray:
     """Return the angle of the rule with a radar that has no plot: Y = 0, so all the weight."""
     tracks, corrections = [], []
-    for z, variance in zip(np.moveaxis(scenario.z, 1, 0), scenario.variance, strict=True):
-        result = filter_series(z, variance, scenario.model)
+    for radar in (0, 1):
+        result = alone(scenario, radar)
         tracks.append(result.mean[..., 0])
         corrections.append(np.nan_to_num(result.gain[..., 0] * result.innovation) ** 2)
     first, second = corrections
@@ -199,9 +145,10 @@ def literal_paper(scenario: Case) -> FloatArray:
     return angle
 
 
-def filtered_again(angle: FloatArray, scenario: Case) -> FloatArray:
+def filtered_again(angle: FloatArray, scenario: RadarScenario) -> FloatArray:
     """Return fused angles after the third filter, whose noise is that of the first radar."""
-    mean: FloatArray = filter_series(angle, scenario.variance[0], scenario.model).mean[..., 0]
+    variance = scenario.measurement_variance[0]
+    mean: FloatArray = filter_series(angle, variance, scenario.model).mean[..., 0]
     return mean
 
 
@@ -212,12 +159,14 @@ def results(model: str) -> dict[tuple[str, str], Rms]:
     for name in SCENARIOS:
         scenario = case(name, MODELS[model])
 
-        def note(rule: str, angle: FloatArray, at: Case = scenario, name: str = name) -> None:
-            found[rule, name] = Rms.of(at.errors(angle))
+        def note(
+            rule: str, angle: FloatArray, at: RadarScenario = scenario, name: str = name
+        ) -> None:
+            found[rule, name] = Rms.of(errors(at, angle))
 
-        note("radar 1 alone", alone(scenario)[..., 0])
+        note("radar 1 alone", alone(scenario, 0).mean[..., 0])
         for rule in RULES:
-            angle = scenario.fused(rule).mean[..., 0]
+            angle = fused(scenario, rule).mean[..., 0]
             note(rule, angle)
             if rule == "paper":
                 note("paper, third filter", filtered_again(angle, scenario))
@@ -307,8 +256,8 @@ def cost() -> str:
             ratio, error = found[rule, "healthy"].ratio(found["equal", "healthy"])
             cells.append(f"{100 * (ratio - 1):+.1f} ± {100 * error:.1g}")
         scenario = case("healthy", motion)
-        result = scenario.fused("adaptive")
-        window = scenario.window
+        result = fused(scenario, "adaptive")
+        window = scenario.counted
         accused = (result.noise_variance > SIGMA**2 * (1 + 1e-9))[..., window].mean()
         cells += [f"{accused:.1%}", f"{result.outlier[..., window].mean():.2%}"]
         rows.append([model, *cells])
@@ -327,19 +276,17 @@ def consistency() -> str:
     """NEES per dimension of all rules, healthy and after the onset of noise."""
     # every second scan, for time's sake
     healthy = case("healthy", runs=500), slice(SETTLED, None, 2)
-    onset = case("radar 2 noise ×5", runs=500), slice(FAULT, None, 2)
+    onset = case("noisy", runs=500), slice(FAULT, None, 2)
     later = onset[0], slice(FAULT + 10, None, 2)
     both = (healthy, onset, later)
     naive = []
     for scenario, window in both:
-        first, second = (
-            filter_series(scenario.z[:, i], scenario.variance[i], MODEL) for i in (0, 1)
-        )
+        first, second = (alone(scenario, i) for i in (0, 1))
         error = ((first.mean + second.mean) / 2 - scenario.truth)[:, window]
         naive.append(per_dimension(error, first.covariance[:, window] / 2))
     rows = [["equal, taken as independent", *naive]]
     for rule, label in RULES.items():
-        of_healthy, of_onset = healthy[0].fused(rule), onset[0].fused(rule)
+        of_healthy, of_onset = fused(healthy[0], rule), fused(onset[0], rule)
         cells = []
         for (scenario, window), result in zip(both, (of_healthy, of_onset, of_onset), strict=True):
             error = (result.mean - scenario.truth)[:, window]
@@ -352,19 +299,18 @@ def consistency() -> str:
 def paper_weights() -> str:
     """Measure what is wrong with weights of one sample."""
     scenario = case("healthy")
-    window = scenario.window
-    own = [filter_series(scenario.z[:, i], scenario.variance[i], MODEL) for i in (0, 1)]
-    errors = np.stack([result.mean - scenario.truth for result in own])[:, :, window]
-    innovation = own[0].innovation[:, window]
-    rho = [np.corrcoef(errors[0, ..., c].ravel(), errors[1, ..., c].ravel())[0, 1] for c in (0, 1)]
-    with_own = np.corrcoef(innovation.ravel(), errors[0, ..., 0].ravel())[0, 1]
-    squares = np.corrcoef(innovation.ravel() ** 2, errors[0, ..., 0].ravel() ** 2)[0, 1]
-    single = float(np.mean(errors[..., 0] ** 2))
+    own = [alone(scenario, i) for i in (0, 1)]
+    error = np.stack([result.mean - scenario.truth for result in own])[:, :, scenario.counted]
+    innovation = own[0].innovation[:, scenario.counted]
+    rho = [np.corrcoef(error[0, ..., c].ravel(), error[1, ..., c].ravel())[0, 1] for c in (0, 1)]
+    with_own = np.corrcoef(innovation.ravel(), error[0, ..., 0].ravel())[0, 1]
+    squares = np.corrcoef(innovation.ravel() ** 2, error[0, ..., 0].ravel() ** 2)[0, 1]
+    single = float(np.mean(error[..., 0] ** 2))
     predicted = 1000 * np.sqrt(single * (0.75 + 0.25 * rho[0]))
     best = 1000 * np.sqrt(single * (0.5 + 0.5 * rho[0]))
     found = results(next(iter(MODELS)))
     paper, third = found["paper", "healthy"], found["paper, third filter", "healthy"]
-    rho_a = np.corrcoef(errors[0, ..., 2].ravel(), errors[1, ..., 2].ravel())[0, 1]
+    rho_a = np.corrcoef(error[0, ..., 2].ravel(), error[1, ..., 2].ravel())[0, 1]
     rows = [
         ["correlation of a plot's innovation with the error of the updated angle", with_own, ".3f"],
         ["the same of their squares", squares, ".3f"],
@@ -378,10 +324,10 @@ def paper_weights() -> str:
         ["after the third filter, over before, healthy", third.ratio(paper)[0], ".3f"],
     ]
     turn = case("turn")
-    fused = turn.fused("paper").mean[..., 0]
-    again = filtered_again(fused, turn)
+    once = fused(turn, "paper").mean[..., 0]
+    again = filtered_again(once, turn)
     before, after = (
-        np.sqrt(np.mean((angle - turn.truth[..., 0]) ** 2, axis=0)) for angle in (fused, again)
+        np.sqrt(np.mean((angle - turn.truth[..., 0]) ** 2, axis=0)) for angle in (once, again)
     )
     at = FAULT + int(np.argmax(after[FAULT : FAULT + 20]))
     told = f"the same at the turn, scan {at}, where its error is largest"
@@ -392,14 +338,14 @@ def paper_weights() -> str:
 
 def mean_weights() -> str:
     """Mean weights of the better radar, with unequal gains."""
-    scenario = case(".05/.2 known")
+    scenario = case("known")
     rows = []
     for rule in ("posterior", "adaptive", "paper"):
-        weights = scenario.fused(rule).weights[:, 0, SETTLED:]
+        weights = fused(scenario, rule).weights[:, 0, SETTLED:]
         rows.append([rule, *(f"{w:.2f}" for w in weights.mean(axis=(0, 1)))])
-    errors = [(alone(scenario, i) - scenario.truth)[:, SETTLED:] for i in (0, 1)]
-    variances = [np.mean(e**2, axis=(0, 1)) for e in errors]
-    covariance = np.mean(errors[0] * errors[1], axis=(0, 1))
+    first, second = ((alone(scenario, i).mean - scenario.truth)[:, SETTLED:] for i in (0, 1))
+    variances = [np.mean(error**2, axis=(0, 1)) for error in (first, second)]
+    covariance = np.mean(first * second, axis=(0, 1))
     best = (variances[1] - covariance) / (variances[0] + variances[1] - 2 * covariance)
     rows.insert(0, ["best, from the errors", *(f"{w:.2f}" for w in best)])
     return markdown(["mean weight of the better radar", "angle", "rate", "acceleration"], rows)
@@ -411,9 +357,9 @@ def noise_factors() -> str:
     rules = ("equal", "paper", "ewma", "adaptive", "matrix")
     rows: list[list[str]] = [[rule] for rule in rules]
     for factor in factors:
-        scenario = case(f"radar 2 noise ×{factor:g}")
+        scenario = case("noisy") if factor == 5 else noisier(factor)
         for row, rule in zip(rows, rules, strict=True):
-            angle = scenario.fused(rule).mean[..., 0]
+            angle = fused(scenario, rule).mean[..., 0]
             row.append(three(Rms.of((angle - scenario.truth[..., 0])[:, FAULT:]).value))
     head = [f"RMSE, scans {FAULT} to {STEPS - 1}, millidegrees: noise of radar 2"]
     return markdown([*head, *(f"×{factor:g}" for factor in factors)], rows)
@@ -422,10 +368,10 @@ def noise_factors() -> str:
 def fault_windows() -> str:
     """RMSE in the fault alone."""
     rows = []
-    places = {
-        "radar 2 noise ×5": (FAULT, FAULT + 10, STEPS),
+    places: dict[ScenarioName, tuple[int, int, int]] = {
+        "noisy": (FAULT, FAULT + 10, STEPS),
         "outliers": (FAULT, FAULT + 20, FAULT + 30),
-        "Pd .7, outage": (FAULT, FAULT + 8, FAULT + 18),
+        "outage": (FAULT, FAULT + 8, FAULT + 18),
         "turn": (FAULT, FAULT + 12, FAULT + 22),
     }
     scenarios = {name: case(name) for name in places}
@@ -436,7 +382,7 @@ def fault_windows() -> str:
         cells = []
         for name, edges in places.items():
             scenario = scenarios[name]
-            error = scenario.fused(rule).mean[..., 0] - scenario.truth[..., 0]
+            error = fused(scenario, rule).mean[..., 0] - scenario.truth[..., 0]
             for a, b in itertools.pairwise(edges):
                 cells.append(three(Rms.of(error[:, a:b]).value))
         rows.append([label, *cells])

@@ -343,8 +343,8 @@ def smooth_series(
     -----
     Rauch, Tung and Striebel, in Joseph's form, on the factors `U D U'` of the covariances. An
     initial covariance that is w times as wide as the noise costs log10(w) digits (without one, none
-    are lost); one that is w times narrower leaves a relative error of 1e-18 w with a model that is
-    not exact, whose noise enters the acceleration alone. Cost O(steps).
+    are lost); one that is w times narrower leaves a relative error of 1e-15 sqrt(w) with a model
+    that is not exact, whose noise enters the acceleration alone. Cost O(steps).
 
     Examples
     --------
@@ -378,9 +378,14 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
     Raises
     ------
     ValueError
-        A variance that is not positive, or a model without noise: there is no steady state then.
+        A variance that is not positive, or so far from the noise of the motion that no digits are
+        left; or a model without noise: there is no steady state then.
     TypeError
         An argument of the wrong type.
+
+    Notes
+    -----
+    By doubling (Anderson 1978), with twice the digits of a float.
 
     Examples
     --------

@@ -131,7 +131,7 @@ impl Task<'_> {
             r.clear();
             r.extend((0..radars).map(|radar| variance(radar).at(step)));
             if step > 0 {
-                centre.predict(&transition.at(step - 1), r);
+                centre.predict(&transition.at(step - 1));
             }
             reports.clear();
             reports.resize(radars, RadarReport::NONE);
@@ -392,7 +392,7 @@ impl TrackFusion {
     ) -> PyResult<f64> {
         let variances = self.checked(&plots, measurement_variance)?;
         let transition = self.over(dt)?;
-        self.centre.predict(&transition, &variances);
+        self.centre.predict(&transition);
         Ok(self.take(&plots, &variances))
     }
 

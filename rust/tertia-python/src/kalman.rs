@@ -547,7 +547,7 @@ impl AngleFilter {
     #[pyo3(signature = (dt=None))]
     fn predict(&mut self, dt: Option<f64>) -> PyResult<()> {
         let transition = self.over(dt)?;
-        self.filter.predict(&transition, self.variance);
+        self.filter.predict(&transition);
         self.innovation = Innovation::NONE;
         Ok(())
     }
@@ -568,8 +568,7 @@ impl AngleFilter {
         dt: Option<f64>,
     ) -> PyResult<f64> {
         let mut filter = self.filter;
-        let r = measurement_variance.unwrap_or(self.variance);
-        filter.predict(&self.over(dt)?, r);
+        filter.predict(&self.over(dt)?);
         (self.filter, self.innovation) = self.after(filter, z, measurement_variance)?;
         Ok(self.angle())
     }

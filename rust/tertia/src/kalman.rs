@@ -11,11 +11,12 @@ mod model;
 mod series;
 mod smoother;
 mod state;
+mod steady;
 
 use crate::angle::principal;
 pub use crate::angle::require_period;
 use crate::distribution::chi_square_upper_quantile;
-use crate::error::{Error, Result, require};
+use crate::error::{Result, require};
 use factored::Factored;
 
 pub use block::{LANES, run_block};
@@ -24,6 +25,7 @@ pub use model::{Singer, Transition};
 pub use series::{PerStep, Series, Summary, require_plot};
 pub(crate) use state::residual;
 pub use state::{Innovation, State};
+pub use steady::steady_state;
 
 /// An angle in [0, period).
 #[inline(always)]
@@ -33,54 +35,6 @@ pub fn wrapped(angle: f64, period: f64) -> f64 {
 
 /// Tails of more degrees of freedom take seconds.
 const MAX_DEGREES_OF_FREEDOM: usize = 100_000_000;
-/// Steps after which a gain that still changes is given up.
-const MAX_STEPS: usize = 10_000_000;
-/// A covariance that changes by less in a step, in standard deviations, is steady.
-const STEADY: f64 = 1e-14;
-/// One that changes by less, and no longer less than the step before, is as steady as it gets.
-const STALLED: f64 = 1e-13;
-
-/// What the filter converges to with a plot of variance r every `dt`: the gain, and the covariance
-/// after a plot.
-///
-/// # Errors
-/// There is none: no process noise.
-pub fn steady_state(model: &Singer, dt: f64, r: f64) -> Result<([f64; 3], [f64; 6])> {
-    let transition = model.over(dt)?;
-    let (sigma, noise) = (model.acceleration_sigma(), transition.q[5]);
-    let requirement = "such that the model has process noise and time passes: there is no steady \
-                       state otherwise";
-    require("acceleration_sigma", sigma, noise > 0.0 && dt > 0.0, requirement)?;
-    let covariance = [r, 0.0, 0.0, r / (dt * dt) + noise, 0.0, noise];
-    let mut factored = Factored::new(&State { mean: [0.0; 3], covariance });
-    let (mut before, mut last_change) = ([0.0; 6], f64::INFINITY);
-    for _ in 0..MAX_STEPS {
-        factored.update(0.0, r, None);
-        let posterior = factored.state().covariance;
-        factored.predict(&transition);
-        let prior = factored.state();
-        // what the noise of the motion hides in the prior shows in the posterior
-        let [s0, s1, s2] = [posterior[0], posterior[3], posterior[5]].map(f64::sqrt);
-        let scales = [s0 * s0, s0 * s1, s0 * s2, s1 * s1, s1 * s2, s2 * s2];
-        let pairs = posterior.iter().zip(&before).zip(scales);
-        let change = pairs.map(|((a, b), scale)| (a - b).abs() / scale).fold(0.0, f64::max);
-        // rounding may keep it from getting smaller
-        let stalled = change <= STALLED && change >= last_change;
-        (before, last_change) = (posterior, change);
-        if change <= STEADY || stalled {
-            let [p00, p01, p02, ..] = prior.covariance;
-            let gain = [p00, p01, p02].map(|p| p / (p00 + r));
-            // the first row of (I − K h^T) P⁻ is K R
-            let [.., p11, p12, p22] = posterior;
-            return Ok((gain, [gain[0] * r, gain[1] * r, gain[2] * r, p11, p12, p22]));
-        }
-    }
-    Err(Error::InvalidParameter {
-        argument: "acceleration_sigma",
-        value: sigma,
-        requirement: "larger: the gain does not settle",
-    })
-}
 
 /// The bounds within which the mean of `count` normalised squared errors of `dimension` components
 /// lies with this probability, if their covariances are right.
@@ -117,23 +71,23 @@ pub fn smooth(
     filtered.clear();
     for (step, &z) in series.z.iter().enumerate() {
         if step > 0 {
-            filter.predict(&series.transition.at(step - 1), series.variance.at(step));
+            filter.predict(&series.transition.at(step - 1));
         }
         if !z.is_nan() {
             filter.update(z, series.variance.at(step));
         }
         filtered.push((filter.state(), filter.filtered()));
     }
-    let mut later: Option<State> = None;
+    let mut later: Option<Factored> = None;
     for (step, (shown, filtered)) in filtered.iter().enumerate().rev() {
-        let state = match (filtered, later) {
-            (Some(filtered), Some(next)) => filtered.smoothed(&series.transition.at(step), &next),
-            _ => *shown,
+        later = match (filtered, later) {
+            (Some(filtered), Some(next)) => {
+                Some(filtered.smoothed(&series.transition.at(step), &next))
+            }
+            (Some(filtered), None) if filtered.unknown.is_none() => Some(filtered.factored),
+            _ => None,
         };
-        if later.is_some() || filtered.is_some_and(|filtered| filtered.unknown.is_none()) {
-            later = Some(state);
-        }
-        sink(step, &state);
+        sink(step, &later.map_or(*shown, |later| later.state()));
     }
 }
 
@@ -265,7 +219,7 @@ mod tests {
         let mut filter = Filter::new(1e-5, None);
         for (i, &z) in z.iter().enumerate() {
             if i > 0 {
-                filter.predict(&transition, 0.01);
+                filter.predict(&transition);
             }
             filter.update(z, 0.01);
         }

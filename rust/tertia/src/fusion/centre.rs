@@ -164,15 +164,14 @@ impl Centre {
         lists.next().is_none().then_some(centre)
     }
 
-    /// Goes on in time, to plots with about the variances r.
-    pub fn predict(&mut self, transition: &Transition, r: &[f64]) {
+    /// Goes on in time.
+    pub fn predict(&mut self, transition: &Transition) {
         let (f, q) = matrices(transition);
-        for (radar, &r) in self.radars.iter_mut().zip(r) {
-            radar.filter.predict(transition, r);
+        for radar in &mut self.radars {
+            radar.filter.predict(transition);
             radar.actual = f * radar.actual * f.transpose() + q;
         }
-        let least = r.iter().copied().fold(f64::INFINITY, f64::min);
-        self.central.predict(transition, least);
+        self.central.predict(transition);
         self.for_each_pair(|_, _, cross| *cross = f * *cross * f.transpose() + q);
     }
 

@@ -80,7 +80,8 @@ impl<F: FnMut(usize, usize, &State, Innovation)> WithSimd for Run<'_, F> {
         }
         for (l, (summary, series)) in summaries.iter_mut().zip(series).enumerate() {
             let count = series.z[start..].iter().filter(|z| !z.is_nan()).count();
-            summary.filter.set(lanes.state(l));
+            let noise = series.last_variance().unwrap_or(summary.filter.noise());
+            summary.filter.set(lanes.state(l), noise);
             summary.log_likelihood += log_likelihood(lanes.squares[l], lanes.product[l], count);
             summary.count += count;
         }

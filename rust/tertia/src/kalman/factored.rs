@@ -27,6 +27,11 @@ impl Factored {
         Self { mean: state.mean, u: [u01, u02, u12], d: [d0, d1, p22] }
     }
 
+    /// Q.
+    pub fn of_noise(transition: &Transition) -> Self {
+        Self::new(&State { mean: [0.0; 3], covariance: transition.q })
+    }
+
     pub fn saved(&self) -> [f64; 9] {
         let ([x0, x1, x2], [u01, u02, u12], [d0, d1, d2]) = (self.mean, self.u, self.d);
         [x0, x1, x2, u01, u02, u12, d0, d1, d2]
@@ -35,6 +40,10 @@ impl Factored {
     pub fn restored(saved: &[f64; 9]) -> Self {
         let [x0, x1, x2, u01, u02, u12, d0, d1, d2] = *saved;
         Self { mean: [x0, x1, x2], u: [u01, u02, u12], d: [d0, d1, d2] }
+    }
+
+    pub fn mean(&self) -> [f64; 3] {
+        self.mean
     }
 
     pub fn state(&self) -> State {
@@ -75,34 +84,43 @@ impl Factored {
         [x0, x1, w2 - u02 * x0 - u12 * x1]
     }
 
-    /// Modified weighted Gram–Schmidt (Thornton): the rows of `[F U | V]`, V V^T = Q, made
-    /// orthogonal from the last one up.
-    pub fn predict(&mut self, transition: &Transition) {
-        let [f01, f02, f12, f22] = transition.f;
-        let ([u01, u02, u12], [x0, x1, x2]) = (self.u, self.mean);
-        let noise = Self::new(&State { mean: [0.0; 3], covariance: transition.q });
-        let ([v01, v02, v12], [e0, e1, e2]) = (noise.u, noise.d);
-        let weight = [self.d[0], self.d[1], self.d[2], e0, e1, e2];
-        let mut rows = [
-            [1.0, u01 + f01, u02 + f01 * u12 + f02, 1.0, v01, v02],
-            [0.0, 1.0, u12 + f12, 0.0, 1.0, v12],
-            [0.0, 0.0, f22, 0.0, 0.0, 1.0],
-        ];
+    /// The covariance `A W A^T`, W diagonal, by modified weighted Gram–Schmidt (Thornton): the rows
+    /// of A are made orthogonal from the last one up.
+    pub fn orthogonalised<const N: usize>(
+        mean: [f64; 3],
+        mut rows: [[f64; N]; 3],
+        weight: &[f64; N],
+    ) -> Self {
         let product =
-            |a: &[f64; 6], b: &[f64; 6]| -> f64 { (0..6).map(|i| weight[i] * a[i] * b[i]).sum() };
-        let mut u = [[0.0; 3]; 3];
+            |a: &[f64; N], b: &[f64; N]| -> f64 { (0..N).map(|i| weight[i] * a[i] * b[i]).sum() };
+        let (mut u, mut d) = ([[0.0; 3]; 3], [0.0; 3]);
         for j in (0..3).rev() {
             let row = rows[j];
-            self.d[j] = product(&row, &row);
+            d[j] = product(&row, &row);
             for i in 0..j {
-                u[i][j] = if self.d[j] > 0.0 { product(&rows[i], &row) / self.d[j] } else { 0.0 };
+                u[i][j] = if d[j] > 0.0 { product(&rows[i], &row) / d[j] } else { 0.0 };
                 for (a, b) in rows[i].iter_mut().zip(&row) {
                     *a -= u[i][j] * b;
                 }
             }
         }
-        self.u = [u[0][1], u[0][2], u[1][2]];
-        self.mean = [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2];
+        Self { mean, u: [u[0][1], u[0][2], u[1][2]], d }
+    }
+
+    /// The rows of `[F U | V]` with the weights of both, `Q = V E V^T`.
+    pub fn predict(&mut self, transition: &Transition) {
+        let [f01, f02, f12, f22] = transition.f;
+        let ([u01, u02, u12], [x0, x1, x2]) = (self.u, self.mean);
+        let noise = Self::of_noise(transition);
+        let ([v01, v02, v12], [e0, e1, e2]) = (noise.u, noise.d);
+        let weight = [self.d[0], self.d[1], self.d[2], e0, e1, e2];
+        let rows = [
+            [1.0, u01 + f01, u02 + f01 * u12 + f02, 1.0, v01, v02],
+            [0.0, 1.0, u12 + f12, 0.0, 1.0, v12],
+            [0.0, 0.0, f22, 0.0, 0.0, 1.0],
+        ];
+        let mean = [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2];
+        *self = Self::orthogonalised(mean, rows, &weight);
     }
 
     /// Bierman's update: no variance is subtracted from another.

@@ -8,6 +8,9 @@ use super::state::{Innovation, State, residual};
 /// A covariance is kept as factors until its ratio to the noise is below this.
 const PLAIN_BELOW: f64 = 1e3;
 
+/// The noise before the first plot: whatever is known is narrower.
+const NONE: f64 = f64::INFINITY;
+
 /// What is known of a target.
 #[derive(Clone, Copy, Debug)]
 enum Knowledge {
@@ -32,6 +35,8 @@ pub struct Filter {
     knowledge: Knowledge,
     acceleration_variance: f64,
     period: Option<f64>,
+    /// Variance of the last plot.
+    noise: f64,
     /// Whether the covariance is kept as factors whatever it is.
     always_factored: bool,
 }
@@ -40,13 +45,13 @@ impl Filter {
     /// A filter before the first plot, with the variance of the acceleration.
     pub fn new(acceleration_variance: f64, period: Option<f64>) -> Self {
         let knowledge = Knowledge::Nothing;
-        Self { knowledge, acceleration_variance, period, always_factored: false }
+        Self { knowledge, acceleration_variance, period, noise: NONE, always_factored: false }
     }
 
     /// A filter from a given state on.
     pub fn from_state(state: State, period: Option<f64>) -> Self {
         let knowledge = Knowledge::Plain(state);
-        Self { knowledge, acceleration_variance: 0.0, period, always_factored: false }
+        Self { knowledge, acceleration_variance: 0.0, period, noise: NONE, always_factored: false }
     }
 
     /// The same filter with its covariance as factors from now on.
@@ -56,18 +61,22 @@ impl Filter {
 
     /// Everything that it knows, as numbers.
     pub fn saved(&self) -> Vec<f64> {
+        let noise = self.noise;
         match &self.knowledge {
-            Knowledge::Nothing => vec![0.0],
+            Knowledge::Nothing => vec![noise, 0.0],
             Knowledge::Plot { z, r, since } => {
-                [&[1.0, *z, *r], &since.f[..], &since.q[..]].concat()
+                [&[noise, 1.0, *z, *r], &since.f[..], &since.q[..]].concat()
             }
-            Knowledge::Plain(state) => [&[2.0], &state.mean[..], &state.covariance[..]].concat(),
-            Knowledge::Factored(factored) => [&[3.0], &factored.saved()[..]].concat(),
+            Knowledge::Plain(state) => {
+                [&[noise, 2.0], &state.mean[..], &state.covariance[..]].concat()
+            }
+            Knowledge::Factored(factored) => [&[noise, 3.0], &factored.saved()[..]].concat(),
         }
     }
 
     /// The same filter after [`Filter::saved`]; `None` for numbers that did not come from there.
     pub fn restored(&self, saved: &[f64]) -> Option<Self> {
+        let (&noise, saved) = saved.split_first()?;
         let knowledge = match saved {
             [0.0] => Knowledge::Nothing,
             [1.0, z, r, rest @ ..] => {
@@ -85,7 +94,7 @@ impl Filter {
             [3.0, rest @ ..] => Knowledge::Factored(Factored::restored(rest.try_into().ok()?)),
             _ => return None,
         };
-        Some(Self { knowledge, ..*self })
+        Some(Self { knowledge, noise, ..*self })
     }
 
     /// The state; before the first plot its mean is nan, and what is unknown has the variance ∞.
@@ -134,8 +143,15 @@ impl Filter {
         }
     }
 
-    pub(crate) fn set(&mut self, state: State) {
+    /// Variance of the last plot; ∞ before the first.
+    pub(crate) fn noise(&self) -> f64 {
+        self.noise
+    }
+
+    /// Goes on from a state after a plot with this noise.
+    pub(crate) fn set(&mut self, state: State, noise: f64) {
         self.knowledge = Knowledge::Plain(state);
+        self.noise = noise;
     }
 
     pub(crate) fn period(&self) -> Option<f64> {
@@ -161,14 +177,14 @@ impl Filter {
         }
     }
 
-    /// Goes on in time, to a plot whose noise will have about the variance r.
-    pub fn predict(&mut self, transition: &Transition, r: f64) {
+    /// Goes on in time.
+    pub fn predict(&mut self, transition: &Transition) {
         match &mut self.knowledge {
             Knowledge::Nothing => {}
             Knowledge::Plot { since, .. } => *since = since.then(transition),
             Knowledge::Plain(state) => {
                 let predicted = state.predicted(transition);
-                if self.always_factored || predicted.needs_factors(r) {
+                if self.always_factored || predicted.needs_factors(self.noise) {
                     // before the prediction has rounded what is known off
                     let mut factored = Factored::new(state);
                     factored.predict(transition);
@@ -183,6 +199,7 @@ impl Filter {
 
     /// Takes in a plot z with the variance r. No innovation: the plot was needed to start.
     pub fn update(&mut self, z: f64, r: f64) -> Option<Innovation> {
+        self.noise = r;
         match &mut self.knowledge {
             Knowledge::Nothing => {
                 self.knowledge = Knowledge::Plot { z, r, since: Transition::NONE };

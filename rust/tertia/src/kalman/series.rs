@@ -175,7 +175,7 @@ impl Series<'_> {
                 }
             }
             if step > 0 {
-                filter.predict(&self.transition.at(step - 1), self.variance.at(step));
+                filter.predict(&self.transition.at(step - 1));
             }
             let z = self.z[step];
             let innovation =
@@ -191,6 +191,11 @@ impl Series<'_> {
 }
 
 impl Series<'_> {
+    /// Variance of the last plot.
+    pub(super) fn last_variance(&self) -> Option<f64> {
+        self.z.iter().rposition(|z| !z.is_nan()).map(|step| self.variance.at(step))
+    }
+
     /// Goes on from the `state` after the step before `step` for as long as the covariance can be
     /// kept as it is; returns the step where that ends.
     fn run_plain(
@@ -201,11 +206,11 @@ impl Series<'_> {
         likelihood: &mut Likelihood,
         sink: &mut impl FnMut(usize, &State, Innovation),
     ) -> usize {
-        let mut covariance = [f64::NAN; 6];
+        let (mut covariance, mut noise) = ([f64::NAN; 6], filter.noise());
         while step < self.z.len() {
             let (z, r) = (self.z[step], self.variance.at(step));
             let predicted = state.predicted(&self.transition.at(step - 1));
-            if predicted.needs_factors(r) {
+            if predicted.needs_factors(noise) || (!z.is_nan() && predicted.needs_factors(r)) {
                 break;
             }
             if z.is_nan() {
@@ -218,7 +223,7 @@ impl Series<'_> {
             let (updated, innovation) = predicted.updated(z, r, filter.period());
             likelihood.add(innovation);
             sink(step, &updated, innovation);
-            state = updated;
+            (state, noise) = (updated, r);
             step += 1;
             let gain = match (self.variance, self.transition) {
                 (PerStep::Constant(_), PerStep::Constant(transition))
@@ -233,7 +238,7 @@ impl Series<'_> {
             };
             step = gain.run(self.z, step, filter.period(), &mut state, likelihood, sink);
         }
-        filter.set(state);
+        filter.set(state, noise);
         step
     }
 }

@@ -3,7 +3,6 @@
 
 use super::factored::Factored;
 use super::model::Transition;
-use super::state::State;
 
 type Vector = [f64; 3];
 type Matrix = [[f64; 3]; 3];
@@ -20,21 +19,6 @@ fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
 
 fn apply(a: &Matrix, x: &Vector) -> Vector {
     a.map(|row| row[0] * x[0] + row[1] * x[1] + row[2] * x[2])
-}
-
-fn full(p: &[f64; 6]) -> Matrix {
-    let [p00, p01, p02, p11, p12, p22] = *p;
-    [[p00, p01, p02], [p01, p11, p12], [p02, p12, p22]]
-}
-
-/// Adds `A P A^T` to a packed covariance.
-fn add_congruence(sum: &mut [f64; 6], a: &Matrix, p: &[f64; 6]) {
-    let ap = multiply(a, &full(p));
-    let element = |i: usize, j: usize| ap[i][0] * a[j][0] + ap[i][1] * a[j][1] + ap[i][2] * a[j][2];
-    let places = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-    for (value, (i, j)) in sum.iter_mut().zip(places) {
-        *value += element(i, j);
-    }
 }
 
 fn transposed(a: &Matrix) -> Matrix {
@@ -54,9 +38,10 @@ impl Filtered {
     /// With the gain `C = P F^T (P⁻)^-1` it is `x + C (x_next − F x)`, and its covariance
     /// `(I − C F) P (I − C F)^T + C (Q + P_next) C^T`. With `P = U D U^T`, `P⁻ = V E V^T` and
     /// `Z = V^-1 F U` that is `C = U G V^-1`, `G = D Z^T E^-1`, and `(I − C F) U = U (I − G Z)`:
-    /// neither a wide nor a narrow prior costs digits. Where a direction e is unknown, C is the
-    /// limit for `P + κ e e^T`, κ → ∞, in which `(I − C F) e = 0`.
-    pub fn smoothed(&self, transition: &Transition, next: &State) -> State {
+    /// neither a wide nor a narrow prior costs digits. The sum is made of factors, those of the next
+    /// step among them, so what C makes of a small difference is not lost in a large one. Where a
+    /// direction e is unknown, C is the limit for `P + κ e e^T`, κ → ∞, in which `(I − C F) e = 0`.
+    pub fn smoothed(&self, transition: &Transition, next: &Factored) -> Factored {
         let [f01, f02, f12, f22] = transition.f;
         let f = [[1.0, f01, f02], [0.0, 1.0, f12], [0.0, 0.0, f22]];
         let factored = self.with_unknown(f01);
@@ -76,7 +61,6 @@ impl Filtered {
         let inverse = transposed(&unit.map(|column| solve_upper(&v, column)));
         let mut c = multiply(&multiply(&u, &g), &inverse);
         let mut kept = multiply(&u, &complement(&multiply(&g, &z)));
-        let mut prior = [d[0], 0.0, 0.0, d[1], 0.0, d[2]];
         if let Some(direction) = self.unknown {
             let image = apply(&f, &direction);
             let y = predicted.solved(&image);
@@ -87,20 +71,15 @@ impl Filtered {
                     *value += (e - along) * scale * y;
                 }
             }
-            kept = complement(&multiply(&c, &f));
-            prior = factored.state().covariance;
+            kept = multiply(&complement(&multiply(&c, &f)), &u);
         }
-        let mut covariance = [0.0; 6];
-        add_congruence(&mut covariance, &kept, &prior);
-        let mut later = next.covariance;
-        for (p, q) in later.iter_mut().zip(transition.q) {
-            *p += q;
-        }
-        add_congruence(&mut covariance, &c, &later);
-        let (mean, ahead) = (factored.state().mean, predicted.state().mean);
-        let change = [0, 1, 2].map(|i| next.mean[i] - ahead[i]);
-        let step = apply(&c, &change);
-        State { mean: [0, 1, 2].map(|i| mean[i] + step[i]), covariance }
+        let (x, ahead, later) = (factored.mean(), predicted.mean(), next.mean());
+        let step = apply(&c, &[0, 1, 2].map(|i| later[i] - ahead[i]));
+        let mean = [0, 1, 2].map(|i| x[i] + step[i]);
+        let (noise, later) = (Factored::of_noise(transition).factors(), next.factors());
+        let (from_noise, from_later) = (multiply(&c, &noise.0), multiply(&c, &later.0));
+        let rows = [0, 1, 2].map(|i| joined(&kept[i], &from_noise[i], &from_later[i]));
+        Factored::orthogonalised(mean, rows, &joined(&d, &noise.1, &later.1))
     }
 
     /// With a variance to begin with in the direction that is unknown; any will do, for it is
@@ -115,6 +94,10 @@ impl Filtered {
         state.covariance[3] += variance;
         Factored::new(&state)
     }
+}
+
+fn joined(a: &Vector, b: &Vector, c: &Vector) -> [f64; 9] {
+    [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]]
 }
 
 /// `I − A`.

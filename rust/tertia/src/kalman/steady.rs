@@ -1,0 +1,120 @@
+//! What the filter converges to, by doubling.
+//!
+//! Where plots are precise and the noise of the motion has a lower rank than the state, errors of
+//! the covariance alternate almost undamped from step to step, so rounding would be amplified as
+//! much as P0/R is large. Here numbers have twice the digits.
+
+use super::model::{Singer, Transition};
+use crate::error::{Error, Result, require};
+use nalgebra::{Matrix3, RowVector3, Vector3};
+use twofloat::TwoFloat;
+
+type Matrix = Matrix3<TwoFloat>;
+
+/// 2^60 steps.
+const MAX_DOUBLINGS: usize = 60;
+/// A covariance that changes by less, in standard deviations, is steady.
+const STEADY: f64 = 1e-13;
+/// One that an ordinary step changes by more is not, but for the rounding of twice the digits; a
+/// slow error is larger than its change in a step by up to six orders (measured).
+const ROUNDING: f64 = 1e-18;
+
+/// What the filter converges to with a plot of variance r every `dt`: the gain, and the covariance
+/// after a plot.
+///
+/// The doubling algorithm (Anderson 1978): 2^k steps after k rounds.
+///
+/// # Errors
+/// There is none: no process noise. Or plots are too precise for the digits of a number.
+pub fn steady_state(model: &Singer, dt: f64, r: f64) -> Result<([f64; 3], [f64; 6])> {
+    let transition = model.over(dt)?;
+    let (sigma, noise) = (model.acceleration_sigma(), transition.q[5]);
+    let requirement = "such that the model has process noise and time passes: there is no steady \
+                       state otherwise";
+    require("acceleration_sigma", sigma, noise > 0.0 && dt > 0.0, requirement)?;
+    let refuse = || Error::InvalidParameter {
+        argument: "measurement_variance",
+        value: r,
+        requirement: "nearer to the noise of the motion: the gain does not settle",
+    };
+    let covariance = settled(&transition, dt, r).ok_or_else(refuse)?;
+    let [p00, p01, p02, p11, p12, p22] = covariance;
+    // back from units of dt and of the plots' standard deviation
+    let gain = [p00, p01 / dt, p02 / (dt * dt)];
+    let rest = [p11 / (dt * dt), p12 / dt.powi(3), p22 / dt.powi(4)];
+    let [k0, k1, k2] = gain;
+    Ok((gain, [k0, k1, k2, rest[0], rest[1], rest[2]].map(|p| p * r)))
+}
+
+/// The upper triangle of the steady covariance after a plot, in units of `dt` and of the plots'
+/// standard deviation. `None` if it does not settle.
+fn settled(transition: &Transition, dt: f64, r: f64) -> Option<[f64; 6]> {
+    let (f, q) = scaled(transition, dt, r);
+    // as of a regulator: A is transposed
+    let (mut a, mut information, mut prior) = (f.transpose(), Matrix::zeros(), q);
+    information[(0, 0)] = TwoFloat::from(1.0);
+    let mut before = Matrix::zeros();
+    for _ in 0..MAX_DOUBLINGS {
+        let inverse = inverse(&(Matrix::identity() + information * prior));
+        let (later, gained) = (inverse * a, inverse * information);
+        prior += a.transpose() * prior * later;
+        information += a * gained * a.transpose();
+        a *= later;
+        let posterior = updated(&prior);
+        if change(&posterior, &before) <= STEADY {
+            let next = updated(&(f * posterior * f.transpose() + q));
+            let upper = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+            let steady = change(&posterior, &next) <= ROUNDING;
+            return steady.then(|| upper.map(|place| posterior[place].into()));
+        }
+        before = posterior;
+    }
+    None
+}
+
+/// F and Q in units of `dt` and of the plots' standard deviation.
+fn scaled(transition: &Transition, dt: f64, r: f64) -> (Matrix, Matrix) {
+    let ([f01, f02, f12, f22], [q00, q01, q02, q11, q12, q22]) = (transition.f, transition.q);
+    let f = Matrix3::new(1.0, f01, f02, 0.0, 1.0, f12, 0.0, 0.0, f22).map(TwoFloat::from);
+    let q = Matrix3::new(q00, q01, q02, q01, q11, q12, q02, q12, q22).map(TwoFloat::from);
+    let unit = |i: usize, value: TwoFloat| (0..i).fold(value, |value, _| value * dt);
+    let less = |i: usize, value: TwoFloat| (0..i).fold(value, |value, _| value / dt);
+    (
+        Matrix::from_fn(|i, j| less(j, unit(i, f[(i, j)]))),
+        Matrix::from_fn(|i, j| unit(i + j, q[(i, j)]) / r),
+    )
+}
+
+/// The covariance after a plot of variance 1: its first row is the gain.
+fn updated(prior: &Matrix) -> Matrix {
+    let s = prior[(0, 0)] + 1.0;
+    let gain = prior.column(0).map(|p| quotient(p, s));
+    Matrix::from_fn(|i, j| match (i, j) {
+        (0, _) => gain[j],
+        (_, 0) => gain[i],
+        _ => prior[(i, j)] - prior[(i, 0)] * gain[j],
+    })
+}
+
+/// The sum of the differences in standard deviations; nan if one is.
+fn change(p: &Matrix, before: &Matrix) -> f64 {
+    let sigma = p.diagonal().map(|p| f64::from(p).sqrt());
+    let difference = (p - before).map(f64::from);
+    difference.abs().component_div(&(sigma * sigma.transpose())).sum()
+}
+
+/// Rows are the cross products of columns.
+fn inverse(m: &Matrix) -> Matrix {
+    let [a, b, c]: [Vector3<TwoFloat>; 3] = [0, 1, 2].map(|j| m.column(j).into_owned());
+    let rows: [RowVector3<TwoFloat>; 3] =
+        [b.cross(&c), c.cross(&a), a.cross(&b)].map(|row| row.transpose());
+    let determinant = (rows[0] * a)[0];
+    Matrix::from_rows(&rows).map(|value| quotient(value, determinant))
+}
+
+/// `a / b`. The crate's own division by a number of twice the digits has no more than a double.
+fn quotient(a: TwoFloat, b: TwoFloat) -> TwoFloat {
+    let first = a.hi() / b.hi();
+    let rest = a - b * first;
+    TwoFloat::from(first) + (rest.hi() / b.hi())
+}
