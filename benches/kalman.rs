@@ -62,11 +62,11 @@ fn blocks(c: &mut Criterion) {
     let mut group = c.benchmark_group("kalman, blocks");
     group.throughput(Throughput::Elements((LANES * N) as u64));
     group.bench_function("final state", |b| {
-        b.iter(|| run_block(&series, filters(), |_, _, _, _| {}));
+        b.iter(|| run_block(&series, &filters(), None, |_, _, _, _| {}));
     });
     group.bench_function("means and covariances", |b| {
         b.iter(|| {
-            run_block(&series, filters(), |l, step, state, _| {
+            run_block(&series, &filters(), None, |l, step, state, _| {
                 mean[l * N + step] = state.mean;
                 covariance[l * N + step] = state.covariance;
             })

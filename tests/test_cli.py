@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import tertia
 from tertia import cli
+from tertia.cli import _bearing, _tables
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "bearings.csv"
@@ -78,7 +79,7 @@ def test_numbers_are_those_of_the_library_for_every_method(
         write(column(theta)), tmp_path, "--method", method, "--group-size", 7, "--k", 2.2
     )
     expected = tertia.estimate_bearing(theta, method=method, group_size=7, k=2.2)  # type: ignore[arg-type]
-    assert table.columns == list(cli._RESULTS)
+    assert table.columns == list(_bearing.RESULTS)
     assert table.rows() == [
         (
             60,
@@ -311,7 +312,7 @@ def test_at_most_sixteen_panels(write: Callable[..., Path], tmp_path: Path) -> N
 def test_figure_has_a_panel_per_group_with_its_estimate() -> None:
     theta = np.array(record())
     estimate = tertia.estimate_bearing(theta, period=720.0)
-    figure = cli._figure([(f"target {i}", theta, estimate) for i in range(5)], "az", 720.0, 10)
+    figure = _bearing._figure([(f"target {i}", theta, estimate) for i in range(5)], "az", 720.0, 10)
     visible = [ax for ax in figure.axes if ax.axison]
     assert len(figure.axes) == 6
     assert [ax.get_title().split(":")[0] for ax in visible] == [f"target {i}" for i in range(5)]
@@ -424,7 +425,7 @@ def test_version_and_help() -> None:
 def test_extra_plot_is_asked_for_before_the_work(
     monkeypatch: pytest.MonkeyPatch, write: Callable[..., Path]
 ) -> None:
-    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    monkeypatch.setattr(_tables, "find_spec", lambda name: None)
     done = run("bearing", write(column(record())), "--plot", "x.png")
     assert done == (1, "", "tertia: --plot needs the extra plot: pip install 'tertia[plot]'\n")
 

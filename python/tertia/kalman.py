@@ -28,7 +28,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
-from tertia._singer_fit import fit_singer
+from tertia._singer_fit import Limit, fit_singer
 
 __all__ = [
     "AngleFilter",
@@ -200,6 +200,21 @@ class SmoothResult:
 class NoiseFit:
     """Noise of plots and motion that explains a recording best.
 
+    The likelihood may be largest where a parameter is 0 or infinite. Then `limits` has one or two
+    of these names:
+
+    ===================== =============== ====================================================
+    limit                 where           what is told
+    ===================== =============== ====================================================
+    white acceleration    alpha infinite  `density` alone, of alpha and `acceleration_sigma`
+    constant acceleration alpha = 0       `acceleration_sigma`
+    constant rate         no acceleration neither alpha nor `acceleration_sigma`
+    no noise              no noise        nothing of `measurement_sigma`
+    ===================== =============== ====================================================
+
+    In place of infinity alpha is 1e6 over a usual interval, and in place of none the noise is
+    1e-7 of the motion, so that `model` can be used.
+
     Attributes
     ----------
     alpha, acceleration_sigma, measurement_sigma : float
@@ -211,6 +226,11 @@ class NoiseFit:
         At the maximum.
     count : int
         Plots that tell something.
+    density_error : float
+        Standard error of the logarithm of `density`; inf if it is not told.
+    limits : tuple of str
+        What the recording is best explained by at a limit; empty if alpha, acceleration and noise
+        are all between.
     """
 
     alpha: float
@@ -219,6 +239,15 @@ class NoiseFit:
     relative_errors: FloatArray
     log_likelihood: float
     count: int
+    density_error: float
+    limits: tuple[Limit, ...]
+
+    @property
+    def density(self) -> float:
+        """Return 2 acceleration_sigma² / alpha, the spectral density of a slow acceleration."""
+        if self.acceleration_sigma == 0:
+            return 0.0
+        return 2 * self.acceleration_sigma**2 / self.alpha if self.alpha > 0 else np.inf
 
     def model(self, dt: float) -> SingerModel:
         """Return the fitted model of the motion, with plots `dt` apart."""
@@ -244,6 +273,7 @@ def filter_series(
     times: npt.ArrayLike | None = None,
     period: float | None = None,
     store: Store = "all",
+    out: FilterResult | None = None,
     n_threads: int | None = None,
 ) -> FilterResult:
     """Filter series of plots.
@@ -266,6 +296,10 @@ def filter_series(
         [0, period).
     store : {"all", "mean", "final"}
         What to keep: everything, the means of all steps, or mean and covariance of the last one.
+    out : FilterResult, optional
+        Result of an earlier call with the same shapes and the same `store`. Its arrays of all steps
+        are written over and returned again, which spares fresh memory; after an error they hold
+        anything.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -299,8 +333,11 @@ def filter_series(
     (array([ 1.11,  0.13, -0.  ]), array([0.1 , 0.02, 0.  ]))
     """
     batch, variance = _batch(z, measurement_variance, model, initial, times=times, period=period)
-    arrays, count = _core.filter_series(batch, store, threads(n_threads))
-    mean, upper, innovation, innovation_variance, last_mean, last_upper, likelihood = arrays
+    filled = _filled(batch["z"].shape, store, out)
+    (last_mean, last_upper, likelihood), count = _core.filter_series(
+        batch, store, filled, threads(n_threads)
+    )
+    mean, upper, innovation, innovation_variance = filled
     return FilterResult(
         last_mean if store == "final" else mean,
         innovation,
@@ -310,6 +347,27 @@ def filter_series(
         last_upper if store == "final" else upper,
         np.broadcast_to(variance, batch["z"].shape),
     )
+
+
+def _filled(shape: tuple[int, ...], store: Store, out: FilterResult | None) -> list[FloatArray]:
+    """Return arrays for mean, upper triangle, innovation and its variance of all steps."""
+    none = (*shape[:-1], 0)
+    many, every = (shape if store != "final" else none), (shape if store == "all" else none)
+    shapes = (*many, 3), (*every, 6), every, every
+    if out is None:
+        return [np.empty(size) for size in shapes]
+    if not isinstance(out, FilterResult):
+        raise TypeError(f"out is {out!r}; it must be a FilterResult")
+    if store == "final":
+        raise ValueError('out is of no use with store="final", which keeps no steps')
+    arrays = [out.mean, out.upper, out.innovation, out.innovation_variance]
+    for array, size in zip(arrays, shapes, strict=True):
+        if array.shape != size or not array.flags.writeable:
+            raise ValueError(
+                f"out has an array of shape {array.shape}; it must be the result of a call with "
+                f'z of shape {shape} and store="{store}"'
+            )
+    return arrays
 
 
 def smooth_series(
@@ -464,7 +522,15 @@ def fit_noise(
     plots = int(np.count_nonzero(~np.isnan(batch["z"])))
     if plots < _FEWEST_TO_FIT:
         raise ValueError(f"z has {plots} plots; at least {_FEWEST_TO_FIT} are needed")
-    return NoiseFit(*fit_singer(batch, threads(n_threads)))
+    fit = fit_singer(batch, threads(n_threads))
+    return NoiseFit(
+        *fit.parameters,
+        fit.relative_errors,
+        fit.log_likelihood,
+        fit.count,
+        fit.density_error,
+        fit.limits,
+    )
 
 
 def _full(upper: FloatArray) -> FloatArray:

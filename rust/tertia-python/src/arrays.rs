@@ -194,6 +194,21 @@ impl<'py, T: Element> Output<'py, T> {
     }
 }
 
+/// The numbers of an array that the caller allocated, row after row.
+pub fn writable<'a>(
+    array: &'a mut PyReadwriteArrayDyn<'_, f64>,
+    shape: &[usize],
+    name: &str,
+) -> PyResult<&'a mut [f64]> {
+    if array.shape() != shape || !array.is_c_contiguous() {
+        let found = array.shape();
+        return Err(PyValueError::new_err(format!(
+            "{name} has shape {found:?}; it must be contiguous, of shape {shape:?}"
+        )));
+    }
+    Ok(array.as_slice_mut()?)
+}
+
 /// A chunked view that also works for samples of length zero.
 pub fn chunks<T: Send>(
     values: &mut [T],

@@ -1,15 +1,17 @@
 //! Bindings of `tertia::kalman`.
 
-use crate::arrays::{Output, Rows, Samples, array, chunks, release, room_for, value_error};
+use crate::arrays::{
+    Output, Rows, Samples, array, chunks, release, room_for, value_error, writable,
+};
 use crate::screening::unknown;
-use numpy::PyArrayDyn;
+use numpy::{PyArrayDyn, PyReadwriteArrayDyn};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::num::NonZero;
 use tertia::batch::{RowError, for_each_row};
 use tertia::kalman::{
-    self, Filter, Innovation, LANES, PerStep, Series, Singer, State, Summary, Transition,
+    self, Filter, Gains, Innovation, LANES, PerStep, Series, Singer, State, Summary, Transition,
     Workspace, run_block,
 };
 
@@ -101,6 +103,12 @@ pub fn shared<'a>(rows: &'a Rows<'_>, row: usize) -> &'a [f64] {
     &rows.values[start..start + n]
 }
 
+/// Whether all rows are the same; long ones are not compared.
+fn is_one_row(rows: &Rows<'_>) -> bool {
+    const LONGEST: usize = 12;
+    rows.count() == 1 || (rows.len() <= LONGEST && rows.iter().all(|row| row == shared(rows, 0)))
+}
+
 impl<'a> Inputs<'a> {
     fn new(batch: &Batch<'_>, samplings: &'a Samplings<'_>) -> PyResult<Self> {
         let initial = samplings.initial.as_ref();
@@ -146,6 +154,18 @@ impl<'a> Inputs<'a> {
         buffer: &'b mut Vec<Transition>,
     ) -> tertia::Result<PerStep<'b, Transition>> {
         self.model.over_all(shared(&self.dt, row), buffer)
+    }
+
+    /// The gains of rows that miss no plot, if all have the same.
+    fn gains(&self, steps: Option<PerStep<'_, Transition>>) -> Option<Gains> {
+        let initial = self.initial.as_ref().is_none_or(is_one_row);
+        if self.z.count() < FEWEST_LANES || !initial || !is_one_row(&self.variance) {
+            return None;
+        }
+        let plots = vec![0.0; self.z.len()];
+        // what is wrong with them is told of the first row
+        let series = self.series(0, &plots, steps?).ok()?;
+        Some(Gains::new(&series, self.filter(0).ok()?))
     }
 
     /// The steps, if all rows have the same.
@@ -228,13 +248,26 @@ enum Store {
 struct Task<'a> {
     inputs: &'a Inputs<'a>,
     shared_steps: Option<PerStep<'a, Transition>>,
+    gains: Option<Gains>,
     store: Store,
 }
 
-impl Task<'_> {
-    /// Filters rows, side by side if there are as many as lanes.
+/// Fewer rows are not worth lanes.
+const FEWEST_LANES: usize = 4;
+
+impl<'a> Task<'a> {
+    fn new(
+        inputs: &'a Inputs<'a>,
+        shared_steps: Option<PerStep<'a, Transition>>,
+        store: Store,
+    ) -> Self {
+        Self { inputs, shared_steps, gains: inputs.gains(shared_steps), store }
+    }
+
+    /// Filters rows, side by side if there are several.
     fn run(&self, rows: &mut [Row<'_>], buffer: &mut Vec<Transition>) -> tertia::Result<()> {
-        if let (LANES, Some(steps)) = (rows.len(), self.shared_steps)
+        if let Some(steps) = self.shared_steps
+            && rows.len() >= FEWEST_LANES
             && self.run_block(rows, steps)?
         {
             return Ok(());
@@ -279,19 +312,15 @@ impl Task<'_> {
             series.push(both.0);
             filters.push(both.1);
         }
-        let (Ok(series), Ok(filters)) =
-            (<[_; LANES]>::try_from(series), <[_; LANES]>::try_from(filters))
-        else {
-            return Ok(false);
-        };
+        let gains = self.gains.as_ref();
         let summaries = match self.store {
-            Store::All => run_block(&series, filters, |l, i, state, new| {
+            Store::All => run_block(&series, &filters, gains, |l, i, state, new| {
                 rows[l].steps.put(i, state, new, period);
             }),
-            Store::Mean => run_block(&series, filters, |l, i, state, _| {
+            Store::Mean => run_block(&series, &filters, gains, |l, i, state, _| {
                 rows[l].steps.put_mean(i, state, period);
             }),
-            Store::Final => run_block(&series, filters, |_, _, _, _| {}),
+            Store::Final => run_block(&series, &filters, gains, |_, _, _, _| {}),
         };
         let Some(summaries) = summaries else { return Ok(false) };
         for (row, summary) in rows.iter_mut().zip(&summaries) {
@@ -301,16 +330,20 @@ impl Task<'_> {
     }
 }
 
-/// Filtered states: means, upper triangles of covariances, innovations and their variances of all
-/// steps (empty where `store` leaves them out); last means and covariances, logarithms of the
-/// likelihood, numbers of innovations.
+/// What the kernel fills: means, upper triangles of covariances, innovations and their variances of
+/// all steps; without steps where `store` leaves them out.
+type Filled<'py> = [PyReadwriteArrayDyn<'py, f64>; 4];
+
+/// Fills the states of all steps; returns last means and covariances, logarithms of the likelihood,
+/// and numbers of innovations.
 #[pyfunction]
 pub fn filter_series<'py>(
     py: Python<'py>,
     batch: Batch<'py>,
     store: &str,
+    filled: Filled<'py>,
     n_threads: Threads,
-) -> PyResult<([Array<'py>; 7], Bound<'py, PyArrayDyn<i64>>)> {
+) -> PyResult<([Array<'py>; 3], Bound<'py, PyArrayDyn<i64>>)> {
     let store = match store {
         "all" => Store::All,
         "mean" => Store::Mean,
@@ -322,14 +355,12 @@ pub fn filter_series<'py>(
     let (n, count) = (inputs.z.len(), inputs.z.count());
     let many = if store == Store::Final { 0 } else { n };
     let every = if store == Store::All { n } else { 0 };
-    let new = |steps: usize, tail: &[usize]| {
-        Output::new(py, &[inputs.z.batch(), &[steps], tail].concat())
-    };
-    let mut outputs = (new(many, &[3])?, new(every, &[6])?, new(every, &[])?, new(every, &[])?);
-    let steps = chunks(outputs.0.values()?, 3 * many, count)
-        .zip(chunks(outputs.1.values()?, 6 * every, count))
-        .zip(chunks(outputs.2.values()?, every, count))
-        .zip(chunks(outputs.3.values()?, every, count));
+    let shape = |tail: &[usize]| [inputs.z.batch(), tail].concat();
+    let [mut mean, mut covariance, mut innovation, mut variance] = filled;
+    let steps = chunks(writable(&mut mean, &shape(&[many, 3]), "mean")?, 3 * many, count)
+        .zip(chunks(writable(&mut covariance, &shape(&[every, 6]), "upper")?, 6 * every, count))
+        .zip(chunks(writable(&mut innovation, &shape(&[every]), "innovation")?, every, count))
+        .zip(chunks(writable(&mut variance, &shape(&[every]), "variance")?, every, count));
     let mut rows = room_for(count)?;
     for ((index, z), (((mean, covariance), innovation), variance)) in
         inputs.z.iter().enumerate().zip(steps)
@@ -338,7 +369,7 @@ pub fn filter_series<'py>(
         rows.push(Row { index, z, steps, end: End::NONE, failed: false });
     }
     let mut buffer = Vec::new();
-    let task = Task { inputs: &inputs, shared_steps: inputs.shared_steps(&mut buffer)?, store };
+    let task = Task::new(&inputs, inputs.shared_steps(&mut buffer)?, store);
     let cost = FILTER_NS * (n * count) as f64;
     let done = release(py, cost, || {
         for_each_row(rows.chunks_mut(LANES), cost, n_threads, Vec::new, |buffer, rows| {
@@ -351,17 +382,12 @@ pub fn filter_series<'py>(
         inputs.z.error(RowError { row, ..failure })
     })?;
     let ends: Vec<End> = rows.into_iter().map(|row| row.end).collect();
-    let shape = |tail: &[usize]| [inputs.z.batch(), tail].concat();
     let last = |tail: usize, of: fn(&End) -> &[f64]| {
         array(py, &shape(&[tail]), ends.iter().flat_map(of).copied().collect())
     };
     let likelihood = ends.iter().map(|end| end.log_likelihood).collect();
     let counts = ends.iter().map(|end| end.count as i64).collect();
     let arrays = [
-        outputs.0.into_array(),
-        outputs.1.into_array(),
-        outputs.2.into_array(),
-        outputs.3.into_array(),
         last(3, |end| &end.mean)?,
         last(6, |end| &end.covariance)?,
         array(py, &shape(&[]), likelihood)?,

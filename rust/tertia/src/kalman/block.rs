@@ -2,29 +2,33 @@
 
 use super::filter::Filter;
 use super::model::Transition;
-use super::series::{PRODUCTS, Series, Summary, log_likelihood};
+use super::series::{PRODUCTS, PerStep, Series, Summary, log_likelihood};
+use super::shared::Gains;
 use super::state::{FACTORS_ABOVE, Innovation, State, residual};
+use super::vector::Vector;
 use pulp::{Arch, Simd, WithSimd};
-use std::ops::{Add, Mul, Sub};
 
-/// Series that are filtered together: two vectors, or one, or four.
-pub const LANES: usize = 8;
-/// Steps whose plots are gathered at once: vectors are read long after their lanes were written.
+/// Series that are filtered together: vectors enough to hide that each waits for its last step.
+pub const LANES: usize = 16;
+/// Steps whose plots are gathered and whose states are shown at once, from the L1 cache.
 const TILE: usize = 16;
 
-type Lane = [f64; LANES];
+pub(super) type Lane = [f64; LANES];
 
-/// Filters series of the same length with the same steps between their plots. `None` where they
-/// must be filtered one by one: a prior that is kept as factors, or a start that takes all steps.
+/// Filters up to [`LANES`] series of the same length with the same steps between their plots, with
+/// `gains` if they are those of all of them and no plot is missing. `None` where they must be
+/// filtered one by one: a prior that is kept as factors, or a start that takes all steps.
 pub fn run_block(
-    series: &[Series<'_>; LANES],
-    filters: [Filter; LANES],
+    series: &[Series<'_>],
+    filters: &[Filter],
+    gains: Option<&Gains>,
     sink: impl FnMut(usize, usize, &State, Innovation),
-) -> Option<[Summary; LANES]> {
-    let n = series[0].z.len();
-    let start = series.iter().zip(&filters).map(|(series, filter)| known_from(series, filter));
+) -> Option<Vec<Summary>> {
+    let n = series.first()?.z.len();
+    let start = series.iter().zip(filters).map(|(series, filter)| known_from(series, filter));
     let start = start.max().filter(|&start| start < n)?;
-    Arch::new().dispatch(Run { series, filters, start, sink })
+    let gains = gains.filter(|_| series.iter().all(Series::is_complete));
+    Arch::new().dispatch(Run { series, filters, gains, start, sink })
 }
 
 /// The step by which the state of a series is known.
@@ -37,157 +41,116 @@ fn known_from(series: &Series<'_>, filter: &Filter) -> usize {
 }
 
 struct Run<'a, F> {
-    series: &'a [Series<'a>; LANES],
-    filters: [Filter; LANES],
+    series: &'a [Series<'a>],
+    filters: &'a [Filter],
+    gains: Option<&'a Gains>,
     start: usize,
     sink: F,
 }
 
 impl<F: FnMut(usize, usize, &State, Innovation)> WithSimd for Run<'_, F> {
-    type Output = Option<[Summary; LANES]>;
+    type Output = Option<Vec<Summary>>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { series, filters, start, mut sink } = self;
-        let mut summaries = Vec::with_capacity(LANES);
-        let mut lanes = Lanes::new();
+        let Self { series, filters, gains, start, mut sink } = self;
+        let mut summaries = Vec::with_capacity(series.len());
+        let mut tile = Tile::new();
         for (l, (series, filter)) in series.iter().zip(filters).enumerate() {
             let head = Series { z: &series.z[..start], ..*series };
-            let summary = head.run(filter, |step, state, none| sink(l, step, state, none));
-            lanes.set(l, &summary.filter.plain()?);
+            let summary = head.run(*filter, |step, state, none| sink(l, step, state, none));
+            let state = match gains {
+                Some(_) => summary.filter.state(),
+                None => summary.filter.plain()?,
+            };
+            tile.set(l, &state);
             summaries.push(summary);
         }
+        tile.pad(series.len());
         let (n, period) = (series[0].z.len(), summaries[0].filter.period());
-        let (mut z, mut r) = ([[0.0; LANES]; TILE], [[0.0; LANES]; TILE]);
         for from in (start..n).step_by(TILE) {
             let steps = TILE.min(n - from);
-            for (l, series) in series.iter().enumerate() {
-                for i in 0..steps {
-                    z[i][l] = series.z[from + i];
-                    r[i][l] = series.variance.at(from + i);
-                }
-            }
+            tile.gather(series, from, steps, from == start);
             for i in 0..steps {
-                let step = from + i;
-                lanes.step(simd, &series[0].transition.at(step - 1), &z[i], &r[i], period);
-                for (l, &z) in z[i].iter().enumerate() {
-                    sink(l, step, &lanes.state(l), lanes.innovation(l, z));
+                let transition = &series[0].transition.at(from + i - 1);
+                match gains {
+                    Some(gains) => tile.step_shared(simd, i, transition, gains, from + i, period),
+                    None => tile.step(simd, i, transition, period),
                 }
             }
+            for l in 0..series.len() {
+                for i in 0..steps {
+                    let mut state = tile.state(l, i + 1);
+                    let mut innovation = tile.innovation(l, i);
+                    if let Some(gains) = gains {
+                        state.covariance = gains.covariance[from + i];
+                        innovation.variance = gains.variance[from + i];
+                    }
+                    sink(l, from + i, &state, innovation);
+                }
+            }
+            tile.shift(steps);
         }
-        if lanes.wide.iter().any(|&excess| excess > 0.0) {
+        if tile.wide.iter().any(|&excess| excess > 0.0) {
             return None;
         }
         for (l, (summary, series)) in summaries.iter_mut().zip(series).enumerate() {
             let count = series.z[start..].iter().filter(|z| !z.is_nan()).count();
             let noise = series.last_variance().unwrap_or(summary.filter.noise());
-            summary.filter.set(lanes.state(l), noise);
-            summary.log_likelihood += log_likelihood(lanes.squares[l], lanes.product[l], count);
+            let mut state = tile.state(l, 0);
+            let mut logarithms = tile.product[l].ln();
+            if let Some(gains) = gains {
+                state.covariance = gains.covariance[n - 1];
+                logarithms = gains.logarithms[start];
+            }
+            summary.filter.set(state, noise);
+            summary.log_likelihood += log_likelihood(tile.squares[l], logarithms, count);
             summary.count += count;
         }
-        summaries.try_into().ok()
+        Some(summaries)
     }
 }
 
-/// Everything that changes from step to step, lane by lane.
-struct Lanes {
-    mean: [Lane; 3],
-    covariance: [Lane; 6],
-    value: Lane,
-    variance: Lane,
+/// Writes a row into lane l.
+#[inline(always)]
+fn transpose(row: &[f64], lanes: &mut [Lane; TILE], l: usize) {
+    // of a known length where it can be: no loop
+    if let Ok(row) = <&[f64; TILE]>::try_from(row) {
+        for (lane, &value) in lanes.iter_mut().zip(row) {
+            lane[l] = value;
+        }
+    } else {
+        for (lane, &value) in lanes.iter_mut().zip(row) {
+            lane[l] = value;
+        }
+    }
+}
+
+/// Some steps of all lanes.
+struct Tile {
+    z: [Lane; TILE],
+    r: [Lane; TILE],
+    /// Before the first step, and after each.
+    mean: [[Lane; 3]; TILE + 1],
+    covariance: [[Lane; 6]; TILE + 1],
+    value: [Lane; TILE],
+    variance: [Lane; TILE],
     squares: Lane,
     product: Lane,
     /// Positive once a prior was too wide for its noise.
     wide: Lane,
 }
 
-/// A vector that adds and multiplies like a number.
-#[derive(Clone, Copy)]
-struct Vector<S: Simd> {
-    simd: S,
-    lanes: S::f64s,
-}
-
-impl<S: Simd> Add for Vector<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self { lanes: self.simd.add_f64s(self.lanes, other.lanes), ..self }
-    }
-}
-
-impl<S: Simd> Sub for Vector<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self { lanes: self.simd.sub_f64s(self.lanes, other.lanes), ..self }
-    }
-}
-
-impl<S: Simd> Mul for Vector<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self { lanes: self.simd.mul_f64s(self.lanes, other.lanes), ..self }
-    }
-}
-
-impl<S: Simd> Vector<S> {
-    #[inline(always)]
-    fn splat(simd: S, value: f64) -> Self {
-        Self { simd, lanes: simd.splat_f64s(value) }
-    }
-
-    #[inline(always)]
-    fn load(simd: S, lane: &Lane, at: usize) -> Self {
-        Self { simd, lanes: S::as_simd_f64s(lane).0[at] }
-    }
-
-    #[inline(always)]
-    fn load_all<const N: usize>(simd: S, lanes: &[Lane; N], at: usize) -> [Self; N] {
-        let mut vectors = [Self::splat(simd, 0.0); N];
-        // not `map`: its closure would not be compiled for the vectors of `simd`
-        for (vector, lane) in vectors.iter_mut().zip(lanes) {
-            *vector = Self::load(simd, lane, at);
-        }
-        vectors
-    }
-
-    #[inline(always)]
-    fn splat_all<const N: usize>(simd: S, values: &[f64; N]) -> [Self; N] {
-        let mut vectors = [Self::splat(simd, 0.0); N];
-        for (vector, &value) in vectors.iter_mut().zip(values) {
-            *vector = Self::splat(simd, value);
-        }
-        vectors
-    }
-
-    #[inline(always)]
-    fn store(self, lane: &mut Lane, at: usize) {
-        S::as_mut_simd_f64s(lane).0[at] = self.lanes;
-    }
-
-    /// This where `mask` is set, the other one elsewhere.
-    #[inline(always)]
-    fn or(self, mask: S::m64s, other: Self) -> Self {
-        Self { lanes: self.simd.select_f64s(mask, self.lanes, other.lanes), ..self }
-    }
-
-    #[inline(always)]
-    fn reciprocal(self) -> Self {
-        let one = self.simd.splat_f64s(1.0);
-        Self { lanes: self.simd.div_f64s(one, self.lanes), ..self }
-    }
-}
-
-impl Lanes {
+impl Tile {
     fn new() -> Self {
         let zeros = [0.0; LANES];
         Self {
-            mean: [zeros; 3],
-            covariance: [zeros; 6],
-            value: zeros,
-            variance: zeros,
+            z: [zeros; TILE],
+            r: [[1.0; LANES]; TILE],
+            mean: [[zeros; 3]; TILE + 1],
+            covariance: [[zeros; 6]; TILE + 1],
+            value: [zeros; TILE],
+            variance: [zeros; TILE],
             squares: zeros,
             product: [1.0; LANES],
             wide: zeros,
@@ -195,17 +158,42 @@ impl Lanes {
     }
 
     fn set(&mut self, l: usize, state: &State) {
-        for (lane, x) in self.mean.iter_mut().zip(state.mean) {
+        for (lane, x) in self.mean[0].iter_mut().zip(state.mean) {
             lane[l] = x;
         }
-        for (lane, p) in self.covariance.iter_mut().zip(state.covariance) {
+        for (lane, p) in self.covariance[0].iter_mut().zip(state.covariance) {
             lane[l] = p;
         }
     }
 
+    /// Lanes from `used` on have no plots, and a state of zeros.
+    fn pad(&mut self, used: usize) {
+        for z in &mut self.z {
+            z[used..].fill(f64::NAN);
+        }
+    }
+
     #[inline(always)]
-    fn state(&self, l: usize) -> State {
-        let ([x0, x1, x2], [p00, p01, p02, p11, p12, p22]) = (&self.mean, &self.covariance);
+    fn gather(&mut self, series: &[Series<'_>], from: usize, steps: usize, first: bool) {
+        for (l, series) in series.iter().enumerate() {
+            transpose(&series.z[from..from + steps], &mut self.z, l);
+            match series.variance {
+                PerStep::Constant(r) if first => transpose(&[r; TILE], &mut self.r, l),
+                PerStep::Constant(_) => {}
+                PerStep::Each(each) => transpose(&each[from..from + steps], &mut self.r, l),
+            }
+        }
+    }
+
+    /// The last state is the first one of the next tile.
+    fn shift(&mut self, steps: usize) {
+        self.mean[0] = self.mean[steps];
+        self.covariance[0] = self.covariance[steps];
+    }
+
+    #[inline(always)]
+    fn state(&self, l: usize, i: usize) -> State {
+        let ([x0, x1, x2], [p00, p01, p02, p11, p12, p22]) = (&self.mean[i], &self.covariance[i]);
         State {
             mean: [x0[l], x1[l], x2[l]],
             covariance: [p00[l], p01[l], p02[l], p11[l], p12[l], p22[l]],
@@ -213,42 +201,26 @@ impl Lanes {
     }
 
     #[inline(always)]
-    fn innovation(&self, l: usize, z: f64) -> Innovation {
-        if z.is_nan() {
-            Innovation::NONE
-        } else {
-            Innovation { value: self.value[l], variance: self.variance[l] }
-        }
+    fn innovation(&self, l: usize, i: usize) -> Innovation {
+        Innovation { value: self.value[i][l], variance: self.variance[i][l] }
     }
 
     /// [`State::predicted`] and [`State::updated`] in all lanes, in the same order; without a plot,
     /// gain and innovation are zero.
     #[inline(always)]
-    fn step<S: Simd>(
-        &mut self,
-        simd: S,
-        transition: &Transition,
-        z: &Lane,
-        r: &Lane,
-        period: Option<f64>,
-    ) {
-        for at in 0..S::as_simd_f64s(z).0.len() {
-            self.predict(simd, transition, z, at);
-        }
-        if let Some(period) = period {
-            for ((value, &z), &x) in self.value.iter_mut().zip(z).zip(&self.mean[0]) {
-                *value = residual(z, x, Some(period));
-            }
-        }
-        for at in 0..S::as_simd_f64s(z).0.len() {
-            self.update(simd, z, r, at);
+    fn step<S: Simd>(&mut self, simd: S, i: usize, transition: &Transition, period: Option<f64>) {
+        let f = Vector::splat_all(simd, &transition.f);
+        let q = Vector::splat_all(simd, &transition.q);
+        for at in 0..LANES / S::F64_LANES {
+            self.step_vector(simd, i, at, (&f, &q), period);
         }
         // lanes without a plot have multiplied by one
-        let mut outside = false;
-        for product in &self.product {
-            outside |= !PRODUCTS.contains(product);
+        let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+        for &product in &self.product {
+            least = if product < least { product } else { least };
+            most = if product > most { product } else { most };
         }
-        if outside {
+        if !PRODUCTS.contains(&least) || !PRODUCTS.contains(&most) {
             for (squares, product) in self.squares.iter_mut().zip(&mut self.product) {
                 *squares += product.ln();
                 *product = 1.0;
@@ -257,69 +229,100 @@ impl Lanes {
     }
 
     #[inline(always)]
-    fn predict<S: Simd>(&mut self, simd: S, transition: &Transition, z: &Lane, at: usize) {
-        let [f01, f02, f12, f22] = Vector::splat_all(simd, &transition.f);
-        let q = Vector::splat_all(simd, &transition.q);
-        let x = Vector::load_all(simd, &self.mean, at);
-        let [p00, p01, p02, p11, p12, p22] = Vector::load_all(simd, &self.covariance, at);
+    fn step_vector<S: Simd>(
+        &mut self,
+        simd: S,
+        i: usize,
+        at: usize,
+        (f, q): (&[Vector<S>; 4], &[Vector<S>; 6]),
+        period: Option<f64>,
+    ) {
+        let [f01, f02, f12, f22] = *f;
+        let [x0, x1, x2] = Vector::load_all(simd, &self.mean[i], at);
+        let [p00, p01, p02, p11, p12, p22] = Vector::load_all(simd, &self.covariance[i], at);
         let a00 = p00 + f01 * p01 + f02 * p02;
         let a01 = p01 + f01 * p11 + f02 * p12;
         let a02 = p02 + f01 * p12 + f02 * p22;
         let a11 = p11 + f12 * p12;
         let a12 = p12 + f12 * p22;
-        let covariance = [
-            a00 + f01 * a01 + f02 * a02 + q[0],
-            a01 + f12 * a02 + q[1],
-            f22 * a02 + q[2],
-            a11 + f12 * a12 + q[3],
-            f22 * a12 + q[4],
-            f22 * f22 * p22 + q[5],
-        ];
-        let mean = [x[0] + f01 * x[1] + f02 * x[2], x[1] + f12 * x[2], f22 * x[2]];
-        (Vector::load(simd, z, at) - mean[0]).store(&mut self.value, at);
-        for (lane, value) in self.mean.iter_mut().zip(mean) {
-            value.store(lane, at);
-        }
-        for (lane, value) in self.covariance.iter_mut().zip(covariance) {
-            value.store(lane, at);
-        }
-    }
+        let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+        let p00 = a00 + f01 * a01 + f02 * a02 + q[0];
+        let p01 = a01 + f12 * a02 + q[1];
+        let p02 = f22 * a02 + q[2];
+        let p11 = a11 + f12 * a12 + q[3];
+        let p12 = f22 * a12 + q[4];
+        let p22 = f22 * f22 * p22 + q[5];
 
-    #[inline(always)]
-    fn update<S: Simd>(&mut self, simd: S, z: &Lane, r: &Lane, at: usize) {
         let (zero, one) = (Vector::splat(simd, 0.0), Vector::splat(simd, 1.0));
-        let plot = S::as_simd_f64s(z).0[at];
-        let seen = simd.equal_f64s(plot, plot);
-        let r = Vector::load(simd, r, at);
-        let x = Vector::load_all(simd, &self.mean, at);
-        let [p00, p01, p02, p11, p12, p22] = Vector::load_all(simd, &self.covariance, at);
-        let variance = (p00 + r).or(seen, one);
+        let nan = Vector::splat(simd, f64::NAN);
+        let (z, r) = (Vector::load(simd, &self.z[i], at), Vector::load(simd, &self.r[i], at));
+        let seen = z.is_number();
+        let raw = self.residual(simd, (i, at), z, y0, period);
+        let value = raw.or(seen, zero);
+        let variance = p00 + r;
+        variance.or(seen, nan).store(&mut self.variance[i], at);
+        let variance = variance.or(seen, one);
         let s = variance.reciprocal().or(seen, zero);
         let kept = (r * s).or(seen, one);
-        let value = Vector::load(simd, &self.value, at).or(seen, zero);
         let excess = (p00 - r * Vector::splat(simd, FACTORS_ABOVE)).or(seen, zero);
-        let wide = Vector::load(simd, &self.wide, at).lanes;
-        let wide = Vector { simd, lanes: simd.max_f64s(wide, excess.lanes) };
-        let gain = [p00 * s, p01 * s, p02 * s];
-        for ((lane, x), k) in self.mean.iter_mut().zip(x).zip(gain) {
-            (x + k * value).store(lane, at);
-        }
-        let covariance = [
-            p00 * kept,
-            p01 * kept,
-            p02 * kept,
-            p11 - p01 * gain[1],
-            p12 - p01 * gain[2],
-            p22 - p02 * gain[2],
-        ];
-        for (lane, value) in self.covariance.iter_mut().zip(covariance) {
-            value.store(lane, at);
-        }
-        wide.store(&mut self.wide, at);
-        variance.store(&mut self.variance, at);
+        Vector::load(simd, &self.wide, at).max(excess).store(&mut self.wide, at);
+        let (k0, k1, k2) = (p00 * s, p01 * s, p02 * s);
+        let mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
+        let covariance =
+            [p00 * kept, p01 * kept, p02 * kept, p11 - p01 * k1, p12 - p01 * k2, p22 - p02 * k2];
+        Vector::store_all(&mean, &mut self.mean[i + 1], at);
+        Vector::store_all(&covariance, &mut self.covariance[i + 1], at);
         let squares = Vector::load(simd, &self.squares, at) + value * value * s;
         squares.store(&mut self.squares, at);
-        let product = Vector::load(simd, &self.product, at) * variance;
-        product.store(&mut self.product, at);
+        (Vector::load(simd, &self.product, at) * variance).store(&mut self.product, at);
+    }
+
+    /// The residual, kept as the innovation: nan without a plot.
+    #[inline(always)]
+    fn residual<S: Simd>(
+        &mut self,
+        simd: S,
+        (i, at): (usize, usize),
+        z: Vector<S>,
+        x: Vector<S>,
+        period: Option<f64>,
+    ) -> Vector<S> {
+        let difference = z - x;
+        difference.store(&mut self.value[i], at);
+        if let Some(period) = period
+            && difference.exceeds(0.5 * period)
+        {
+            for value in &mut self.value[i][at * S::F64_LANES..][..S::F64_LANES] {
+                *value = residual(*value, 0.0, Some(period));
+            }
+            return Vector::load(simd, &self.value[i], at);
+        }
+        difference
+    }
+
+    /// The means alone.
+    #[inline(always)]
+    fn step_shared<S: Simd>(
+        &mut self,
+        simd: S,
+        i: usize,
+        transition: &Transition,
+        gains: &Gains,
+        step: usize,
+        period: Option<f64>,
+    ) {
+        let [f01, f02, f12, f22] = Vector::splat_all(simd, &transition.f);
+        let [k0, k1, k2] = Vector::splat_all(simd, &gains.gain[step]);
+        let s = Vector::splat(simd, 1.0 / gains.variance[step]);
+        for at in 0..LANES / S::F64_LANES {
+            let [x0, x1, x2] = Vector::load_all(simd, &self.mean[i], at);
+            let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+            let z = Vector::load(simd, &self.z[i], at);
+            let value = self.residual(simd, (i, at), z, y0, period);
+            let mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
+            Vector::store_all(&mean, &mut self.mean[i + 1], at);
+            let squares = Vector::load(simd, &self.squares, at) + value * value * s;
+            squares.store(&mut self.squares, at);
+        }
     }
 }

@@ -145,15 +145,15 @@ impl Likelihood {
     }
 
     fn logarithm(&self) -> f64 {
-        log_likelihood(self.squares, self.product, self.count)
+        log_likelihood(self.squares, self.product.ln(), self.count)
     }
 }
 
-/// `ln L` from the sum of ν²/S and of the logarithms flushed so far, the product of the other S,
-/// and their number.
-pub(super) fn log_likelihood(squares: f64, product: f64, count: usize) -> f64 {
+/// `ln L` from the sum of ν²/S and of the logarithms flushed so far, the logarithm of the product of
+/// the other S, and their number.
+pub(super) fn log_likelihood(squares: f64, logarithms: f64, count: usize) -> f64 {
     // no plots: 0, not −0
-    0.0 - 0.5 * (squares + product.ln() + count as f64 * TAU.ln())
+    0.0 - 0.5 * (squares + logarithms + count as f64 * TAU.ln())
 }
 
 impl Series<'_> {
@@ -191,6 +191,12 @@ impl Series<'_> {
 }
 
 impl Series<'_> {
+    /// Whether no plot is missing.
+    pub(super) fn is_complete(&self) -> bool {
+        // to the end, because a loop that may leave earlier is not made of vectors
+        !self.z.iter().fold(false, |missing, z| missing | z.is_nan())
+    }
+
     /// Variance of the last plot.
     pub(super) fn last_variance(&self) -> Option<f64> {
         self.z.iter().rposition(|z| !z.is_nan()).map(|step| self.variance.at(step))

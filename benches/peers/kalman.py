@@ -1,0 +1,526 @@
+"""The filter of angle, rate and acceleration, side by side with other filters, in one run.
+
+Nanoseconds of CPU time per step of a track, the least of several rounds on one thread, and the
+ratio to Tertia: with the final state alone, and with means and covariances of all steps, to which
+Tertia adds innovations, their variances and the likelihood. Everything must agree to 1e-9 standard
+deviations before it is timed. Those that take microseconds a step get fewer steps. What is not
+installed is left out; compilation is not timed. All tracks start from one state, and the other
+filters get equal noise and no gaps, so "one gain for all" is possible; it is not where plots are
+missing. The last lines show the times of fusion, for which there is nothing to compare, and fit
+cost = a n^b to Tertia's times.
+"""
+
+import importlib
+import os
+import time
+import warnings
+from datetime import datetime, timedelta
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault(
+    "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+)
+
+import numba
+import numpy as np
+
+from tertia.fusion import fuse_series
+from tertia.kalman import AngleFilter, SingerModel, filter_series
+
+
+def optional(module):
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        print(f"{module} is not installed, so it is left out")
+        return None
+
+
+warnings.simplefilter("ignore")
+filterpy = optional("filterpy.kalman")
+jax = optional("jax")
+pykalman = optional("pykalman")
+simdkalman = optional("simdkalman")
+statsmodels = optional("statsmodels.tsa.statespace.kalman_filter")
+stonesoup = optional("stonesoup")
+
+MODEL = SingerModel(5.0, 1 / 20, 0.003)
+F, Q, H, R = MODEL.transition(), MODEL.process_noise(), np.array([[1.0, 0.0, 0.0]]), 0.01
+PRIOR = (np.zeros(3), np.diag([1.0, 0.01, 0.003**2]))
+ROWS, COLUMNS = np.triu_indices(3)
+# as plain numbers: the first state, F without its zeros and ones, Q
+STATE = (*PRIOR[0].tolist(), *PRIOR[1][ROWS, COLUMNS].tolist())
+FACTORS = tuple(F[[0, 0, 1, 2], [1, 2, 2, 2]].tolist())
+NOISE = tuple(Q[ROWS, COLUMNS].tolist())
+
+SHAPES = [(1, 10_000), (1_000, 200), (20_000, 50)]
+TOLERANCE = 1e-9
+# steps for what takes microseconds or more
+FEW, FEWER = 10_000, 2_000
+SECONDS = 1.0
+ROUNDS = 5
+SLOWEST = 0.2
+
+
+def tertia_final(z, r=R):
+    result = filter_series(z, r, MODEL, initial=PRIOR, store="final", n_threads=1)
+    return result.mean, result.upper
+
+
+def tertia_all(z, r=R):
+    result = filter_series(z, r, MODEL, initial=PRIOR, store="all", n_threads=1)
+    return result.mean, result.upper
+
+
+@numba.extending.register_jitable
+def predicted(state, factors, noise):
+    """F x and F P F' + Q, of numbers or arrays."""
+    x0, x1, x2, p00, p01, p02, p11, p12, p22 = state
+    f01, f02, f12, f22 = factors
+    a00 = p00 + f01 * p01 + f02 * p02
+    a01 = p01 + f01 * p11 + f02 * p12
+    a02 = p02 + f01 * p12 + f02 * p22
+    a11 = p11 + f12 * p12
+    a12 = p12 + f12 * p22
+    return (
+        x0 + f01 * x1 + f02 * x2,
+        x1 + f12 * x2,
+        f22 * x2,
+        a00 + f01 * a01 + f02 * a02 + noise[0],
+        a01 + f12 * a02 + noise[1],
+        f22 * a02 + noise[2],
+        a11 + f12 * a12 + noise[3],
+        f22 * a12 + noise[4],
+        f22 * f22 * p22 + noise[5],
+    )
+
+
+@numba.extending.register_jitable
+def updated(state, z, r):
+    """X + K (z - x0) and (I - K h') P, likewise."""
+    x0, x1, x2, p00, p01, p02, p11, p12, p22 = state
+    s = 1.0 / (p00 + r)
+    k0, k1, k2, kept = p00 * s, p01 * s, p02 * s, r * s
+    new = z - x0
+    return (
+        x0 + k0 * new,
+        x1 + k1 * new,
+        x2 + k2 * new,
+        p00 * kept,
+        p01 * kept,
+        p02 * kept,
+        p11 - p01 * k1,
+        p12 - p01 * k2,
+        p22 - p02 * k2,
+    )
+
+
+@numba.njit
+def _numba_final(z, model, mean, upper):
+    first, factors, noise, r = model
+    for i in range(z.shape[0]):
+        state = first
+        for j in range(z.shape[1]):
+            if j > 0:
+                state = predicted(state, factors, noise)
+            if not np.isnan(z[i, j]):
+                state = updated(state, z[i, j], r)
+        mean[i, 0], mean[i, 1], mean[i, 2] = state[:3]
+        for c in range(6):
+            upper[i, c] = state[3 + c]
+
+
+@numba.njit
+def _numba_all(z, model, mean, upper):
+    first, factors, noise, r = model
+    for i in range(z.shape[0]):
+        state = first
+        for j in range(z.shape[1]):
+            if j > 0:
+                state = predicted(state, factors, noise)
+            if not np.isnan(z[i, j]):
+                state = updated(state, z[i, j], r)
+            mean[i, j, 0], mean[i, j, 1], mean[i, j, 2] = state[:3]
+            for c in range(6):
+                upper[i, j, c] = state[3 + c]
+
+
+def numba_final(z):
+    mean, upper = np.empty((len(z), 3)), np.empty((len(z), 6))
+    _numba_final(z, (STATE, FACTORS, NOISE, R), mean, upper)
+    return mean, upper
+
+
+def numba_all(z):
+    mean, upper = np.empty((*z.shape, 3)), np.empty((*z.shape, 6))
+    _numba_all(z, (STATE, FACTORS, NOISE, R), mean, upper)
+    return mean, upper
+
+
+def numpy_shared_final(z):
+    """All tracks at once, and their covariance as numbers, because it is the same."""
+    state = updated(STATE, z[:, 0], R)
+    for plots in z.T[1:]:
+        state = updated(predicted(state, FACTORS, NOISE), plots, R)
+    return np.stack(state[:3], axis=-1), np.tile(state[3:], (len(z), 1))
+
+
+def numpy_shared_all(z):
+    mean, upper = np.empty((*z.shape, 3)), np.empty((*z.shape, 6))
+    state = updated(STATE, z[:, 0], R)
+    for j, plots in enumerate(z.T):
+        if j > 0:
+            state = updated(predicted(state, FACTORS, NOISE), plots, R)
+        for c in range(3):
+            mean[:, j, c] = state[c]
+        upper[:, j] = state[3:]
+    return mean, upper
+
+
+def numpy_steps(z):
+    """All tracks at once, each with its matrix, as textbooks print it."""
+    x, p = (np.broadcast_to(a, (len(z), *a.shape)) for a in PRIOR)
+    for j, plots in enumerate(z.T):
+        if j > 0:
+            x, p = x @ F.T, F @ p @ F.T + Q
+        k = p[:, :, 0] / (p[:, :1, 0] + R)
+        x = x + k * (plots - x[:, 0])[:, np.newaxis]
+        p = p - k[:, :, np.newaxis] * p[:, :1, :]
+        yield x, p
+
+
+def numpy_final(z):
+    *_, last = numpy_steps(z)
+    return last
+
+
+def numpy_all(z):
+    mean, covariance = np.empty((*z.shape, 3)), np.empty((*z.shape, 3, 3))
+    for j, (x, p) in enumerate(numpy_steps(z)):
+        mean[:, j], covariance[:, j] = x, p
+    return mean, covariance
+
+
+def filterpy_filter():
+    track = filterpy.KalmanFilter(dim_x=3, dim_z=1)
+    track.x, track.P = PRIOR[0][:, np.newaxis].copy(), PRIOR[1].copy()
+    track.F, track.H, track.Q, track.R = F, H, Q, np.array([[R]])
+    return track
+
+
+def filterpy_final(z):
+    results = []
+    for plots in z:
+        track = filterpy_filter()
+        track.update(plots[0])
+        for plot in plots[1:]:
+            track.predict()
+            track.update(plot)
+        results.append((track.x[:, 0], track.P))
+    return stacked(results)
+
+
+def filterpy_all(z):
+    results = [filterpy_filter().batch_filter(plots, update_first=True) for plots in z]
+    return stacked((mean[..., 0], covariance) for mean, covariance, *_ in results)
+
+
+def stacked(results):
+    means, covariances = zip(*results, strict=True)
+    return np.array(means), np.array(covariances)
+
+
+def simdkalman_all(z):
+    model = simdkalman.KalmanFilter(F, Q, H, R)
+    states = model.compute(
+        z, 0, *PRIOR, smoothed=False, filtered=True, observations=False
+    ).filtered.states
+    return states.mean, states.cov
+
+
+def pykalman_all(z):
+    model = pykalman.KalmanFilter(F, H, Q, [[R]], None, None, *PRIOR)
+    return stacked(model.filter(plots) for plots in z)
+
+
+def statsmodels_filter():
+    # with its own tolerance the gain is kept fixed too early, at the cost of 5e-8
+    model = statsmodels.KalmanFilter(k_endog=1, k_states=3, k_posdef=3, tolerance=0)
+    model["transition"], model["design"] = F, H
+    model["state_cov"], model["obs_cov"], model["selection"] = Q, [[R]], np.eye(3)
+    model.initialize_known(*PRIOR)
+    return model
+
+
+def statsmodels_all(z):
+    results = []
+    for plots in z:
+        # a model that is bound to other plots would return the results of the first ones
+        model = statsmodels_filter()
+        model.bind(plots)
+        result = model.filter()
+        results.append((result.filtered_state.T, np.moveaxis(result.filtered_state_cov, 2, 0)))
+    return stacked(results)
+
+
+def stonesoup_steps(z):
+    """Every step's state, track after track."""
+    motion = stonesoup_classes["LinearGaussianTimeInvariantTransitionModel"](
+        transition_matrix=F, covariance_matrix=Q
+    )
+    sensor = stonesoup_classes["LinearGaussian"](
+        ndim_state=3, mapping=[0], noise_covar=np.array([[R]])
+    )
+    predictor = stonesoup_classes["KalmanPredictor"](motion)
+    updater = stonesoup_classes["KalmanUpdater"](sensor)
+    start, step = datetime(2024, 1, 1), timedelta(seconds=MODEL.dt)
+    for plots in z:
+        state = stonesoup_classes["GaussianStatePrediction"](*PRIOR, timestamp=start)
+        for j, plot in enumerate(plots):
+            time_of_plot = start + j * step
+            detection = stonesoup_classes["Detection"]([plot], timestamp=time_of_plot)
+            if j > 0:
+                state = predictor.predict(state, timestamp=time_of_plot)
+            state = updater.update(stonesoup_classes["SingleHypothesis"](state, detection))
+            yield state
+
+
+def stonesoup_all(z):
+    states = [(state.mean[:, 0], state.covar) for state in stonesoup_steps(z)]
+    mean, covariance = stacked(states)
+    return mean.reshape(*z.shape, 3), covariance.reshape(*z.shape, 3, 3)
+
+
+if stonesoup is not None:
+    STONESOUP = {
+        "models.transition.linear": "LinearGaussianTimeInvariantTransitionModel",
+        "models.measurement.linear": "LinearGaussian",
+        "predictor.kalman": "KalmanPredictor",
+        "updater.kalman": "KalmanUpdater",
+        "types.prediction": "GaussianStatePrediction",
+        "types.detection": "Detection",
+        "types.hypothesis": "SingleHypothesis",
+    }
+    stonesoup_classes = {
+        name: getattr(importlib.import_module(f"stonesoup.{module}"), name)
+        for module, name in STONESOUP.items()
+    }
+
+if jax is not None:
+    jax.config.update("jax_enable_x64", True)
+    jnp = jax.numpy
+
+    def _jax_final(first, plots):
+        def step(state, plot):
+            return updated(predicted(state, FACTORS, NOISE), plot, R), None
+
+        state, _ = jax.lax.scan(step, updated(first, plots[0], R), plots[1:])
+        return jnp.stack(state[:3]), jnp.stack(state[3:])
+
+    def _jax_all(first, plots):
+        def step(state, plot):
+            state = updated(state, plot, R)
+            return predicted(state, FACTORS, NOISE), (jnp.stack(state[:3]), jnp.stack(state[3:]))
+
+        return jax.lax.scan(step, first, plots)[1]
+
+    JAX_FINAL, JAX_ALL = (jax.jit(jax.vmap(f)) for f in (_jax_final, _jax_all))
+    # with one state to start from, JAX computes one covariance for all tracks
+    JAX_SHARED_FINAL, JAX_SHARED_ALL = (
+        jax.jit(jax.vmap(f, in_axes=(None, 0))) for f in (_jax_final, _jax_all)
+    )
+
+    def jax_final(z):
+        first = tuple(np.full(len(z), number) for number in STATE)
+        return jax.block_until_ready(JAX_FINAL(first, z))
+
+    def jax_all(z):
+        first = tuple(np.full(len(z), number) for number in STATE)
+        return jax.block_until_ready(JAX_ALL(first, z))
+
+    def jax_shared_final(z):
+        return jax.block_until_ready(JAX_SHARED_FINAL(STATE, z))
+
+    def jax_shared_all(z):
+        return jax.block_until_ready(JAX_SHARED_ALL(STATE, z))
+
+
+def alternatives():
+    """Name, functions for the final state and for everything, and the steps they can be given."""
+    yield "numba, scalar loop", numba_final, numba_all, None
+    yield "NumPy, loop over steps", numpy_final, numpy_all, None
+    yield "NumPy, one gain for all", numpy_shared_final, numpy_shared_all, None
+    if jax:
+        yield "JAX jit(vmap(scan))", jax_final, jax_all, None
+        yield "JAX, one gain for all", jax_shared_final, jax_shared_all, None
+    if simdkalman:
+        yield "simdkalman", None, simdkalman_all, None
+    if statsmodels:
+        yield "statsmodels", None, statsmodels_all, FEW
+    if filterpy:
+        yield "filterpy", filterpy_final, filterpy_all, FEW
+    if pykalman:
+        yield "pykalman", None, pykalman_all, FEW
+    if stonesoup:
+        yield "Stone Soup", None, stonesoup_all, FEWER
+
+
+def simulate(shape, gaps=0.0):
+    rng = np.random.default_rng(1)
+    phase = 2 * np.pi * rng.random((*shape[:-1], 1))
+    angle = 10.0 * np.sin(np.arange(shape[-1]) / 50 + phase)
+    z = angle + R**0.5 * rng.standard_normal(shape)
+    z[rng.random(shape) < gaps] = np.nan
+    return z
+
+
+def fewer(z, most):
+    if most is None or z.size <= most:
+        return z
+    return z[:, :most] if len(z) == 1 else z[: max(1, most // z.shape[1])]
+
+
+def require_agreement(name, function, reference, z):
+    """Compare means and covariances, in standard deviations."""
+    (mean, upper), (own_mean, own_upper) = function(z), reference(z)
+    mean, upper = np.asarray(mean), np.asarray(upper)
+    if upper.shape[-2:] == (3, 3):
+        upper = upper[..., ROWS, COLUMNS]
+    if (mean.shape, upper.shape) != (own_mean.shape, own_upper.shape):
+        raise SystemExit(f"{name} returns shapes {mean.shape} and {upper.shape}")
+    sigma = np.sqrt(own_upper[..., [0, 3, 5]])
+    scale = sigma[..., ROWS] * sigma[..., COLUMNS]
+    off = max(np.max(abs(mean - own_mean) / sigma), np.max(abs(upper - own_upper) / scale))
+    if not off <= TOLERANCE:
+        raise SystemExit(f"{name} is off by {off:.1e} for {z.shape}")
+
+
+def nanoseconds(function, *arguments, seconds=SECONDS):
+    """Least CPU time of repeated calls."""
+    start = time.process_time_ns()
+    function(*arguments)
+    once = max(time.process_time_ns() - start, 1)
+    if once > SLOWEST * 1e9:
+        return once
+    calls = max(1, int(1e7 / once))
+    best, end = np.inf, time.monotonic() + seconds
+    while time.monotonic() < end:
+        start = time.process_time_ns()
+        for _ in range(calls):
+            function(*arguments)
+        best = min(best, (time.process_time_ns() - start) / calls)
+    return best
+
+
+def least(problems):
+    """Least time per plot of each named function with its plots and further arguments."""
+    best = dict.fromkeys(problems, np.inf)
+    # in turn, so that all of them see the machine both busy and quiet
+    for _ in range(ROUNDS):
+        for name, (function, z, *rest) in problems.items():
+            cost = nanoseconds(function, z, *rest, seconds=SECONDS / ROUNDS) / z.size
+            best[name] = min(best[name], cost)
+    return best
+
+
+def ones(z):
+    """Write as many numbers as Tertia returns for every step."""
+    np.ones((*z.shape, 11))
+
+
+def compare(shape):
+    z, gaps = simulate(shape), simulate(shape, gaps=0.05)
+    variances = np.full(shape, R)
+    for store, own, numbers in [
+        ("final state", tertia_final, None),
+        ("means and covariances", tertia_all, ones),
+    ]:
+        problems = {
+            "Tertia": (own, z),
+            "Tertia, 5 % gaps": (own, gaps),
+            "Tertia, R of each plot": (own, z, variances),
+        }
+        for name, final, every, most in alternatives():
+            function = every if numbers else final
+            if function:
+                plots = fewer(z, most)
+                require_agreement(name, function, own, plots)
+                problems[name] = (function, plots)
+        require_agreement("numba", numba_all if numbers else numba_final, own, gaps)
+        if numbers:
+            problems["(np.ones: one write)"] = (numbers, z)
+        report(f"{' x '.join(map(str, shape))} steps, {store}", least(problems))
+
+
+def report(title, best):
+    """Print times and their ratios to the first one."""
+    print(f"\n{title}")
+    (_, own), *_ = best.items()
+    for name, cost in best.items():
+        print(f"  {name:<26}{cost:12.2f} ns {cost / own:10.2f} times")
+
+
+def streaming():
+    """One step of an object, in a loop of Python."""
+    z = simulate((1_000,))
+    problems = {}
+
+    def step_tertia(plots):
+        track = AngleFilter(MODEL, R)
+        track.set_state(*PRIOR)
+        track.update(plots[0])
+        for plot in plots[1:].tolist():
+            track.step(plot)
+        return track.mean, track.covariance
+
+    def step_filterpy(plots):
+        mean, covariance = filterpy_final(plots[np.newaxis])
+        return mean[0], covariance[0]
+
+    require_agreement("AngleFilter", step_tertia, tertia_final, z)
+    problems["Tertia, AngleFilter.step"] = (step_tertia, z)
+    if filterpy:
+        require_agreement("filterpy", step_filterpy, tertia_final, z)
+        problems["filterpy"] = (step_filterpy, z)
+    if stonesoup:
+        problems["Stone Soup"] = (lambda plots: list(stonesoup_steps(plots[np.newaxis])), z)
+    report("a filter that is fed plot by plot, one step", least(problems))
+
+
+def fit_growth(title, function, shapes, sizes):
+    costs = least({shape: (function, simulate(shape)) for shape in shapes})
+    per_step = np.array(list(costs.values()))
+    total = per_step * np.prod(shapes, axis=1)
+    told = ", ".join(f"{cost:.1f}" for cost in per_step)
+    print(f"\n{title}\n  ns per step, n = {', '.join(map(str, sizes))}: {told}")
+    # few steps cost less than the call itself
+    for start in (0, len(sizes) // 2):
+        chosen = sizes[start:]
+        exponent, intercept = np.polyfit(np.log(chosen), np.log(total[start:]), 1)
+        print(f"  n = {chosen[0]} to {chosen[-1]}: {np.exp(intercept):.1f} ns n^{exponent:.3f}")
+
+
+def fused(z):
+    fuse_series(z, R, MODEL, n_threads=1)
+
+
+def main():
+    for shape in SHAPES:
+        compare(shape)
+    streaming()
+    shapes = [(2, 2_000), (3, 2_000), (8, 2_000), (1_000, 2, 200)]
+    best = least({shape: (fused, simulate(shape)) for shape in shapes})
+    print("\nfuse_series, one plot of one radar")
+    for shape, cost in best.items():
+        print(f"  {' x '.join(map(str, shape)):<26}{cost:12.1f} ns")
+    steps = np.array([100, 300, 1_000, 3_000, 10_000, 30_000, 100_000])
+    tracks = np.array([100, 300, 1_000, 3_000, 10_000, 20_000])
+    for name, function in [("final state", tertia_final), ("all states", tertia_all)]:
+        fit_growth(f"one track of n steps, {name}", function, [(1, n) for n in steps], steps)
+        fit_growth(f"n tracks of 50 steps, {name}", function, [(n, 50) for n in tracks], tracks)
+    fit_growth("fuse_series, 2 radars, n steps", fused, [(2, n) for n in steps], steps)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""Cost of fusing the plots of several radars from Python, by method and number of radars."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from tertia.fusion import FusionMethod, TrackFusion, fuse_series
+from tertia.kalman import SingerModel
+
+MODEL = SingerModel(5.0, 1 / 20, 0.003)
+R = 0.01
+
+
+def plots(shape, gaps):
+    rng = np.random.default_rng(1)
+    z = 10.0 * np.sin(np.arange(shape[-1]) / 50) + R**0.5 * rng.standard_normal(shape)
+    z[rng.random(shape) < gaps] = np.nan
+    return z
+
+
+@pytest.mark.parametrize("shape", [(2, 2_000), (3, 2_000), (8, 2_000), (1_000, 2, 200)], ids=str)
+@pytest.mark.parametrize("gaps", [0.0, 0.05], ids=["no gaps", "5 % gaps"])
+def test_fuse_series(benchmark, shape, gaps):
+    z = plots(shape, gaps)
+    benchmark.extra_info["plots"] = z.size
+    benchmark(fuse_series, z, R, MODEL, n_threads=1)
+
+
+@pytest.mark.parametrize("radars", [2, 4])
+@pytest.mark.parametrize("method", get_args(FusionMethod))
+def test_method(benchmark, method, radars):
+    z = plots((radars, 2_000), 0.0)
+    benchmark.extra_info["plots"] = z.size
+    benchmark(fuse_series, z, R, MODEL, method=method, n_threads=1)
+
+
+@pytest.mark.parametrize("radars", [2, 8])
+def test_step(benchmark, radars):
+    centre = TrackFusion(MODEL, [R] * radars)
+    for scan in plots((radars, 100), 0.0).T:
+        centre.step(scan)
+    benchmark(centre.step, [1.0] * radars)

@@ -1,0 +1,57 @@
+"""Command line: recordings in files. Needs the extra `cli`.
+
+The numbers come from the library; here they are read, laid out and written.
+"""
+
+import sys
+from typing import Annotated
+
+import tertia
+
+try:
+    import typer
+
+    from tertia.cli import _bearing, _fuse
+except ModuleNotFoundError:
+    # here and not in `main`, because the commands are declared with these libraries
+    sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
+
+__all__ = ["main"]
+
+app = typer.Typer(
+    name="tertia",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+
+def main() -> None:
+    """Run the command `tertia`."""
+    app(prog_name="tertia")
+
+
+def _epilog(*examples: str) -> str:
+    # typer takes a blank line for a line break
+    return "\n\n".join(["Examples:", *examples])
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"tertia {tertia.__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog=_epilog(*_bearing.EXAMPLES[:2], *_fuse.EXAMPLES[:2]))
+def _tertia(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
+    ] = False,
+) -> None:
+    """One estimate with an error bar from measurements that are sometimes wrong."""
+
+
+app.command(epilog=_epilog(*_bearing.EXAMPLES))(_bearing.bearing)
+app.command(epilog=_epilog(*_fuse.EXAMPLES))(_fuse.fuse)

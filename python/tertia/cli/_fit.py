@@ -1,0 +1,91 @@
+"""Noise of plots and motion that nobody stated: fitted from the recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from tertia._arrays import BoolArray, FloatArray
+from tertia.kalman import NoiseFit, fit_noise, smooth_series
+
+# times and plots of one sensor and one target, nan where there is no plot
+Series: TypeAlias = tuple[FloatArray, FloatArray]
+
+# these tell sigma to half a percent, in seconds
+_MOST_PLOTS = 50_000
+# a plot so many sigmas off the others' track is none of the noise that is sought
+_GATE = 4.0
+_MOST_PASSES = 10
+_FEWEST_PLOTS = 10
+# a plot that alone makes the track says nothing about itself
+_LEAST_VARIANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFit:
+    """The noise of a sensor, and of the motion as it sees it, without its outliers."""
+
+    sensor: str
+    noise: NoiseFit
+    left_out: int
+
+    @property
+    def motion_error(self) -> float:
+        """How badly the motion is told: inf where alpha is not told at all."""
+        alpha, acceleration, _ = self.noise.relative_errors
+        return float(acceleration) if np.isfinite(alpha) else np.inf
+
+
+def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> SensorFit:
+    """Fit the noise of one sensor to all its series, without plots that are far off the track.
+
+    A few outliers would otherwise be all that the fit explains. Raises ValueError where there is
+    too little to fit.
+    """
+    times, z = _stacked(series)
+    everything = np.count_nonzero(~np.isnan(z))
+    for _ in range(_MOST_PASSES):
+        noise = fit_noise(z, times=times, period=period)
+        far = _far(z, times, period, noise)
+        rest = np.where(far, np.nan, z)
+        if not far.any() or np.count_nonzero(~np.isnan(rest)) < _FEWEST_PLOTS:
+            break
+        z = rest
+    return SensorFit(sensor, noise, int(everything - np.count_nonzero(~np.isnan(z))))
+
+
+def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
+    """Return the fit that tells the motion best.
+
+    All sensors see the same motion, so averaging their fits would hardly say more.
+    """
+    return min(fits, key=lambda fit: fit.motion_error)
+
+
+def _stacked(series: Sequence[Series]) -> Series:
+    """Return the series as rows of equal length: the longest, as many as are worth their time."""
+    present = [(t[~np.isnan(z)], z[~np.isnan(z)]) for t, z in series]
+    present.sort(key=lambda pair: -pair[0].size)
+    longest = min(_MOST_PLOTS, present[0][0].size)
+    used = present[: max(1, _MOST_PLOTS // max(1, longest))]
+    times, plots = np.zeros((len(used), longest)), np.full((len(used), longest), np.nan)
+    for row, (t, z) in enumerate(used):
+        count = min(longest, t.size)
+        plots[row, :count] = z[:count]
+        # no time passes after the last plot
+        times[row, :count], times[row, count:] = t[:count], t[count - 1] if count else 0.0
+    return times, plots
+
+
+def _far(z: FloatArray, times: FloatArray, period: float | None, noise: NoiseFit) -> BoolArray:
+    """Return which plots are far from the track that all the others make."""
+    variance = noise.measurement_sigma**2
+    smooth = smooth_series(z, variance, noise.model(1.0), times=times, period=period)
+    off = z - smooth.mean[..., 0]
+    if period is not None:
+        off -= period * np.round(off / period)
+    # z less the smoothed angle has the variance R - P; both shrink alike if z itself is left out
+    spread = np.maximum(variance - smooth.upper[..., 0], _LEAST_VARIANCE * variance)
+    far: BoolArray = off**2 > _GATE**2 * spread
+    return far

@@ -1,0 +1,186 @@
+"""Tables and pictures in files: reading with clear errors, and writing."""
+
+import math
+from collections.abc import Callable, Iterable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+import polars.selectors as cs
+import typer
+
+from tertia._arrays import FloatArray
+from tertia.cli._terminal import WRONG_USAGE, counted, fail
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _write_json(table: pl.DataFrame, path: Path) -> None:
+    # with a T between date and time, as in CSV
+    table.with_columns(cs.datetime().dt.to_string("iso:strict")).write_json(path)
+
+
+_MISSING = ("", "-", "na", "nan", "null", "none")
+_WRITERS: dict[str, Callable[[pl.DataFrame, Path], object]] = {
+    ".csv": pl.DataFrame.write_csv,
+    ".json": _write_json,
+    ".parquet": pl.DataFrame.write_parquet,
+}
+# %.f is a fraction of a second or nothing, %#z an offset or Z
+_LOCAL_TIMES = ("%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
+_ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z")
+_OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
+_PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+
+
+def check_suffixes(output: Path | None, plot_file: Path | None) -> None:
+    """Fail before the work if a result could not be written after it."""
+    if output is not None:
+        _check_suffix(output, _WRITERS)
+    if plot_file is not None:
+        if find_spec("matplotlib") is None:
+            fail("--plot needs the extra plot: pip install 'tertia[plot]'")
+        from matplotlib.backend_bases import FigureCanvasBase  # noqa: PLC0415  # slow to import
+
+        _check_suffix(plot_file, [f".{name}" for name in FigureCanvasBase.filetypes])
+
+
+def _check_suffix(path: Path, known: Iterable[str]) -> None:
+    if path.suffix.lower() not in known:
+        fail(f"cannot write {path}: its name must end in {', '.join(known)}", WRONG_USAGE)
+
+
+def read(path: Path, columns: Iterable[str]) -> pl.DataFrame:
+    """Return the table in a file, which has `columns`; those of CSV are text: 007 remains 007."""
+    frame = _read(path)
+    for name in columns:
+        if name not in frame.columns:
+            fail(f"{path} has no column {name}; it has {', '.join(frame.columns)}", WRONG_USAGE)
+    return frame
+
+
+def _read(path: Path) -> pl.DataFrame:
+    try:
+        if _is_parquet(path):
+            return pl.read_parquet(path, glob=False)
+        return pl.read_csv(path, infer_schema=False, glob=False)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except pl.exceptions.NoDataError:
+        fail(f"{path} is empty")
+    except (OSError, pl.exceptions.PolarsError) as error:
+        fail(f"cannot read {path}: {str(error).splitlines()[0]}")
+
+
+def _is_parquet(path: Path) -> bool:
+    return path.suffix.lower() == ".parquet"
+
+
+def is_row(frame: pl.DataFrame, path: Path) -> pl.Series:
+    """Return which rows are there: a blank line of a CSV file is none."""
+    if _is_parquet(path):
+        return pl.repeat(True, frame.height, eager=True)
+    return frame.select(~pl.all_horizontal(pl.all().is_null())).to_series()
+
+
+def place(path: Path, row: int) -> str:
+    """Return where a row of a file is, as people count."""
+    return f"{path}, row {row + 1}" if _is_parquet(path) else f"{path}, line {row + 2}"
+
+
+def numbers(column: pl.Series, path: Path) -> pl.Series:
+    """Return the measurements as numbers, nan where missing."""
+    if column.dtype == pl.String:
+        column = without_marks(column)
+    elif not column.dtype.is_numeric():
+        fail(f"{path}: {column.name} holds {column.dtype}, not numbers")
+    found: pl.Series = column.cast(pl.Float64, strict=False)
+    if column.dtype.is_float():
+        column = column.fill_nan(None)
+    _require(column, found.is_finite(), path, "a finite number")
+    return found.fill_null(math.nan)
+
+
+def times(column: pl.Series, path: Path) -> pl.Series:
+    """Return times as numbers or as dates, null where missing."""
+    if column.dtype.is_numeric():
+        # an integer remains one
+        column = column.fill_nan(None) if column.dtype.is_float() else column
+        _require(column, column.is_finite(), path, "a finite number")
+        return column
+    if isinstance(column.dtype, (pl.Date, pl.Datetime)):
+        moments = column.cast(pl.Datetime("us")) if column.dtype == pl.Date else column
+        return moments if _zone(moments) is None else moments.dt.convert_time_zone("UTC")
+    if column.dtype != pl.String:
+        fail(f"{path}: {column.name} holds {column.dtype}, neither numbers nor dates")
+    column = without_marks(column)
+    found: pl.Series = column.cast(pl.Float64, strict=False)
+    first = column.drop_nulls().head(1)
+    if first.cast(pl.Float64, strict=False).null_count():
+        found = _moments(column, first.item())
+        known = found.is_not_null()
+    else:
+        known = found.is_finite()
+    _require(column, known, path, "a number of seconds or a date with time, as the others are")
+    return found
+
+
+def _moments(column: pl.Series, first: str) -> pl.Series:
+    """Return dates with times of ISO 8601, of the kind that the first one is; null elsewhere."""
+    column = column.str.replace(" ", "T", literal=True)
+    zoned = pl.Series([first.replace(" ", "T")]).str.contains(_OFFSET)[0]
+    column = column.set(column.str.contains(_OFFSET) != zoned, None)
+    tried = [
+        column.str.to_datetime(form, time_unit="us", strict=False)
+        for form in (_ZONED_TIMES if zoned else _LOCAL_TIMES)
+    ]
+    return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
+
+
+def _zone(column: pl.Series) -> str | None:
+    return column.dtype.time_zone if isinstance(column.dtype, pl.Datetime) else None
+
+
+def seconds(moments: pl.Series) -> FloatArray:
+    """Return times as numbers; dates as seconds from the earliest."""
+    if not isinstance(moments.dtype, pl.Datetime):
+        return np.asarray(moments.to_numpy(), dtype=np.float64)
+    ticks = moments.to_physical().to_numpy()
+    since: FloatArray = (ticks - ticks.min()) / _PER_SECOND[moments.dtype.time_unit]
+    return since
+
+
+def without_marks(column: pl.Series) -> pl.Series:
+    """Return text without spaces around it, null where it says that there is nothing."""
+    column = column.str.strip_chars()
+    return column.set(column.str.to_lowercase().is_in(_MISSING), None)
+
+
+def _require(column: pl.Series, holds: pl.Series, path: Path, requirement: str) -> None:
+    wrong = (column.is_not_null() & ~holds.fill_null(False)).arg_true()
+    if len(wrong):
+        row = wrong[0]
+        fail(
+            f"{place(path, row)}: {column.name} is {column[row]!r}; it must be {requirement}"
+            + (f" ({len(wrong)} such lines)" if len(wrong) > 1 else "")
+        )
+
+
+def write(table: pl.DataFrame, path: Path) -> None:
+    """Write a table in the format that the name of the file tells, and say so."""
+    try:
+        _WRITERS[path.suffix.lower()](table, path)
+    except (OSError, pl.exceptions.PolarsError) as error:
+        fail(f"cannot write {path}: {error}")
+    typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
+
+
+def save(figure: "Figure", path: Path) -> None:
+    """Write a picture."""
+    try:
+        figure.savefig(path, dpi=120)
+    except OSError as error:
+        fail(f"cannot write {path}: {error}")

@@ -1,0 +1,13 @@
+"""Pictures: what was measured, what was flagged, and what came of it.
+
+Needs the extra `plot` (Matplotlib). Nothing is shown or saved: the functions return the axes.
+Flagged measurements differ in shape as well as in colour; the colours are those of Okabe and Ito,
+which remain distinct for colour-blind readers.
+"""
+
+from tertia.plot._axes import rounded as rounded
+from tertia.plot._combination import combination
+from tertia.plot._samples import bearing, screening
+from tertia.plot._tracks import consistency, fusion
+
+__all__ = ["bearing", "combination", "consistency", "fusion", "screening"]

@@ -1,0 +1,203 @@
+"""Pictures of estimates with their error ellipses."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, finite, flag, integer, real
+from tertia.plot._axes import RESULT, new_axes, rounded
+from tertia.weights import Combination
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# one for each estimate; black and thick is what they are fused into
+_ESTIMATES = (
+    ("#56B4E9", "o", "-"),
+    ("#D55E00", "s", "--"),
+    ("#009E73", "^", "-."),
+    ("#CC79A7", "D", ":"),
+    ("#E69F00", "v", "-"),
+    ("#0072B2", "P", "--"),
+)
+_ELLIPSE_POINTS = 181
+# by so much rounding may leave a correlation above 1
+_ROUNDING = 1e-12
+
+
+def combination(
+    estimates: npt.ArrayLike,
+    covariances: npt.ArrayLike,
+    result: Combination,
+    *,
+    components: Sequence[int] = (0, 1),
+    probability: float = 0.95,
+    equal: bool = True,
+    legend: bool = True,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw estimates of a vector and what they were fused into, with their error ellipses.
+
+    Of more than two components the ellipses are those of the two drawn, whatever the others are.
+
+    Parameters
+    ----------
+    estimates : array_like of shape (K, m)
+        The estimates, as given to `tertia.weights.combine`; of one that a scalar was added to by
+        `tertia.weights.combine_scalar`, a single row.
+    covariances : array_like of shape (K, m, m)
+        Their covariances.
+    result : Combination
+        What came of them.
+    components : (int, int)
+        The components along the two axes, from 0.
+    probability : float
+        With which normal errors put the true vector inside an ellipse.
+    equal : bool
+        Whether a unit is of the same length on both axes.
+    legend : bool
+        Whether to draw one.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default on a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        One component over the other. Up to six estimates differ in colour, marker and line; more
+        are drawn alike.
+
+    Raises
+    ------
+    ValueError
+        A batch, `estimates` or `covariances` that are not what `result` was made of, components
+        that are the same or not there, or a probability that is not between 0 and 1.
+    TypeError
+        An argument of the wrong type.
+    ImportError
+        Matplotlib is missing.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from tertia import plot, weights
+    >>> x = [[10, 20], [13, 21]]
+    >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
+    >>> plot.combination(x, S, weights.combine(x, S), ax=Figure().subplots()).get_title()
+    '12.48 ± 0.85, 20.9 ± 1.0; p-value 0.39'
+    """
+    if result.value.ndim != 1:
+        raise ValueError(
+            f"result has a batch of shape {result.value.shape[:-1]}; one combination can be drawn"
+        )
+    centres, shapes = _estimates(estimates, covariances, result.value.size)
+    pair = _pair(components, result.value.size)
+    radius = math.sqrt(-2 * math.log1p(-_share(probability)))
+    ellipses = [
+        _ellipse(centre[pair], covariance[np.ix_(pair, pair)], radius, name)
+        for centre, covariance, name in [
+            *((x, shapes[k], f"covariances[{k}]") for k, x in enumerate(centres)),
+            (result.value, result.covariance, "result.covariance"),
+        ]
+    ]
+    equal, p_value = flag(equal, "equal"), real(result.p_value, "result.p_value")
+    ax = new_axes() if ax is None else ax
+
+    _draw_ellipses(ax, ellipses)
+    texts = (" ± ".join(rounded(result.value[i], result.sigma[i])) for i in pair)
+    ax.set(
+        title=f"{', '.join(texts)}; p-value {p_value:.2g}",
+        xlabel=f"component {pair[0]}",
+        ylabel=f"component {pair[1]}",
+    )
+    if equal:
+        ax.set_aspect("equal", adjustable="datalim")
+    if legend:
+        ax.legend(title=f"{100 * probability:.10g} % ellipses", fontsize="small")
+    return ax
+
+
+def _estimates(
+    estimates: npt.ArrayLike, covariances: npt.ArrayLike, m: int
+) -> tuple[FloatArray, FloatArray]:
+    x, s = finite(estimates, "estimates"), finite(covariances, "covariances")
+    if x.ndim != 2 or x.shape[1] != m or not len(x):
+        raise ValueError(
+            f"estimates has shape {x.shape}, but result has {m} components; (K, {m}) can be drawn"
+        )
+    if s.shape != (len(x), m, m):
+        raise ValueError(
+            f"covariances has shape {s.shape}; for estimates of shape {x.shape} it must be "
+            f"{(len(x), m, m)}"
+        )
+    return x, s
+
+
+def _pair(components: Sequence[int], m: int) -> list[int]:
+    try:
+        first, second = components
+    except (TypeError, ValueError):
+        raise ValueError(f"components is {components!r}; it must be two numbers") from None
+    pair = [integer(i, f"components[{at}]", 0) for at, i in enumerate((first, second))]
+    for at, i in enumerate(pair):
+        if i >= m:
+            raise ValueError(f"components[{at}] is {i}; result has {m} components, numbered from 0")
+    if pair[0] == pair[1]:
+        raise ValueError(f"components are both {pair[0]}; they must be distinct")
+    return pair
+
+
+def _share(probability: float) -> float:
+    share = real(probability, "probability")
+    if not 0 < share < 1:
+        raise ValueError(f"probability is {share}; it must be between 0 and 1")
+    return share
+
+
+def _ellipse(centre: FloatArray, covariance: FloatArray, radius: float, name: str) -> FloatArray:
+    """Return the centre, a gap and the ellipse, shape (n, 2)."""
+    variances = np.diagonal(covariance)
+    if not np.all(variances > 0):
+        raise ValueError(f"{name} has a variance that is not positive in the components drawn")
+    sigma = np.sqrt(variances)
+    correlation = covariance[0, 1] / sigma[0] / sigma[1]
+    if abs(correlation) > 1 + _ROUNDING:
+        raise ValueError(f"{name} is indefinite in the components drawn")
+    # not by eigenvectors: the components may be of very different size
+    other = math.sqrt(max(0.0, 1 - correlation**2))
+    angle = np.linspace(0, 2 * np.pi, _ELLIPSE_POINTS)
+    first, second = np.cos(angle), np.sin(angle)
+    unit = np.column_stack([first, correlation * first + other * second])
+    return np.vstack([centre, np.full(2, np.nan), centre + radius * sigma * unit])
+
+
+def _draw_ellipses(ax: "Axes", ellipses: list[FloatArray]) -> None:
+    """Draw the estimates and, last, what they were fused into."""
+    *estimates, fused = ellipses
+    alike = len(estimates) > len(_ESTIMATES)
+    for k, points in enumerate(estimates):
+        colour, marker, line = _ESTIMATES[0 if alike else k]
+        # an underscore hides it from the legend
+        alike_label = "_estimate" if k else "estimate"
+        ax.plot(
+            *points.T,
+            color=colour,
+            marker=marker,
+            linestyle=line,
+            linewidth=1.5,
+            markersize=6,
+            markevery=[0],
+            label=alike_label if alike else f"estimate {k}",
+        )
+    ax.plot(
+        *fused.T,
+        color=RESULT,
+        marker="*",
+        markersize=10,
+        linewidth=2.5,
+        solid_capstyle="round",  # closed without a notch
+        markevery=[0],
+        label="fused",
+    )

@@ -1,0 +1,230 @@
+"""Pictures of single samples."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, integer, real, samples
+from tertia.bearing import BearingEstimate
+from tertia.plot._axes import (
+    BAND,
+    FLAGGED,
+    KEPT,
+    RESULT,
+    add_legend,
+    angle_unit,
+    near,
+    new_axes,
+    rounded,
+    wrapped_label,
+)
+from tertia.screening import Screening
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_REPLACED = "#CC79A7"
+# the lightest group must still be seen
+_FAINTEST = 0.25
+
+
+def bearing(
+    theta: npt.ArrayLike,
+    estimate: BearingEstimate,
+    *,
+    period: float | None = 360.0,
+    group_size: int = 10,
+    legend: bool = True,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw a record of bearings, the anomalous ones, the groups, the estimate and its 2-sigma band.
+
+    The record is drawn continuously about the estimate, across north too; the labels of the axis
+    are wrapped back to [0, period).
+
+    Parameters
+    ----------
+    theta : array_like of shape (N,)
+        The measurements, as given to `tertia.estimate_bearing`; nan is not drawn.
+    estimate : BearingEstimate
+        What came of them.
+    period : float or None
+        As given to `tertia.estimate_bearing`, in the unit of `theta`.
+    group_size : int
+        As given to `tertia.estimate_bearing`; the estimate does not remember it.
+    legend : bool
+        Whether to draw one.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default on a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Bearings over the number of the measurement, from 0; in the unit of `theta`. The groups are
+        darker the more weight they have.
+
+    Raises
+    ------
+    ValueError
+        `theta` is not one sample, or not what `estimate` was made of, or `group_size` is not.
+    TypeError
+        An argument of the wrong type.
+    ImportError
+        Matplotlib is missing.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import tertia
+    >>> from tertia import plot
+    >>> record = tertia.simulate.direction_finder(100, bearing=359.0, rng=7)
+    >>> estimate = tertia.estimate_bearing(record.theta)
+    >>> plot.bearing(record.theta, estimate, ax=Figure().subplots()).get_title()
+    '358.48 ± 0.31'
+    """
+    period = None if period is None else real(period, "period")
+    angles = _sample(theta, "theta", estimate.outlier, "estimate")
+    value, sigma = real(estimate.value, "estimate.value"), real(estimate.sigma, "estimate.sigma")
+    extents = _extents(angles, estimate, integer(group_size, "group_size", 2))
+    ax = new_axes() if ax is None else ax
+
+    _draw_band(ax, value, 2 * sigma, "± 2 sigma")
+    _draw_measurements(ax, near(angles, value, period), estimate.outlier)
+    if estimate.group_means is not None and estimate.group_weights is not None:
+        means = near(estimate.group_means, value, period)
+        _draw_groups(ax, means, estimate.group_weights, extents)
+    ax.axhline(value, color=RESULT, linewidth=1.5, label="bearing")
+    ax.set(title=" ± ".join(rounded(value, sigma)), ylabel="bearing" + angle_unit(period))
+    if period is not None:
+        ax.yaxis.set_major_formatter(lambda angle, _: wrapped_label(angle, period))
+    return _finish(ax, legend)
+
+
+def screening(
+    y: npt.ArrayLike, screening: Screening, *, legend: bool = True, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw a sample, what a screening flagged and replaced, and the band of what passes.
+
+    Parameters
+    ----------
+    y : array_like of shape (N,)
+        The measurements, as given to the screening; nan is not drawn.
+    screening : Screening
+        What was found in them.
+    legend : bool
+        Whether to draw one.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default on a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Measurements over their number, from 0; in the unit of `y`. The band is mean ± threshold; in
+        a sequential screening it is the final one, so an earlier measurement outside may have
+        passed.
+
+    Raises
+    ------
+    ValueError
+        `y` is not one sample, or not what `screening` was made of.
+    TypeError
+        `y` does not hold real numbers.
+    ImportError
+        Matplotlib is missing.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from tertia import plot
+    >>> from tertia.screening import leave_one_out
+    >>> y = [12.4, 11.8, 40.0, 12.1, 12.9, 11.5, 20.0, 12.2, 12.0, 11.9]
+    >>> plot.screening(y, leave_one_out(y), ax=Figure().subplots()).get_title()
+    '2 of 10 anomalous'
+    """
+    values = _sample(y, "y", screening.outlier, "screening")
+    mean = real(screening.mean, "screening.mean")
+    threshold = real(screening.threshold, "screening.threshold")
+    ax = new_axes() if ax is None else ax
+
+    _draw_band(ax, mean, threshold, "mean ± threshold")
+    _draw_measurements(ax, values, screening.outlier)
+    replaced = np.flatnonzero(screening.outlier & ~np.isnan(screening.cleaned))
+    if replaced.size:
+        ax.plot(
+            replaced,
+            screening.cleaned[replaced],
+            "D",
+            color=_REPLACED,
+            markersize=4,
+            label="replacement",
+        )
+    ax.axhline(mean, color=RESULT, linewidth=1.5, label="mean")
+    found, present = np.count_nonzero(screening.outlier), np.count_nonzero(~np.isnan(values))
+    ax.set(title=f"{found} of {present} anomalous", ylabel="value")
+    return _finish(ax, legend)
+
+
+def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) -> FloatArray:
+    array = samples(value, name)
+    if array.ndim != 1:
+        raise ValueError(f"{name} has shape {array.shape}; one sample of shape (N,) can be drawn")
+    if array.shape != outlier.shape:
+        raise ValueError(
+            f"{name} has shape {array.shape}, but {result} was made of shape {outlier.shape}"
+        )
+    return array
+
+
+def _extents(theta: FloatArray, estimate: BearingEstimate, group_size: int) -> FloatArray:
+    """First and last measurement of each group, shape (groups, 2): groups of what is there."""
+    if estimate.group_means is None:
+        return np.empty((0, 2))
+    present = np.flatnonzero(~np.isnan(theta))
+    # with gaps there are fewer groups than the estimate has room for
+    room, count = (max(1, size // group_size) for size in (theta.size, present.size))
+    if room != estimate.group_means.size:
+        raise ValueError(
+            f"group_size is {group_size}, which makes {room} groups of {theta.size} measurements; "
+            f"estimate has {estimate.group_means.size}"
+        )
+    first = np.arange(count) * group_size
+    last = np.append(first[1:], present.size) - 1
+    return np.column_stack([present[first], present[last]]).astype(np.float64)
+
+
+def _draw_band(ax: "Axes", centre: float, half_width: float, label: str) -> None:
+    low, high = centre - half_width, centre + half_width
+    ax.axhspan(low, high, facecolor=BAND, edgecolor="none", alpha=0.2, label=label)
+
+
+def _draw_measurements(ax: "Axes", values: FloatArray, outlier: BoolArray) -> None:
+    kept, flagged = np.flatnonzero(~outlier), np.flatnonzero(outlier)
+    ax.plot(kept, values[kept], ".", color=KEPT, markersize=5, label="measurement")
+    if flagged.size:
+        ax.plot(flagged, values[flagged], "x", color=FLAGGED, markersize=6, label="anomalous")
+
+
+def _draw_groups(ax: "Axes", means: FloatArray, weights: FloatArray, extents: FloatArray) -> None:
+    # no mean where all of a group is anomalous, no extent where gaps leave fewer groups
+    means, weights = means[: len(extents)], weights[: len(extents)]
+    drawn = ~np.isnan(means)
+    first, last = extents[drawn].T
+    opacity = _FAINTEST + (1 - _FAINTEST) * weights[drawn] / weights.max()
+    colours = [(0.3, 0.3, 0.3, alpha) for alpha in opacity]
+    ax.hlines(
+        means[drawn],
+        first - 0.5,
+        last + 0.5,
+        colors=colours,
+        linewidth=3,
+        zorder=3,
+        label="group mean",
+    )
+
+
+def _finish(ax: "Axes", legend: bool) -> "Axes":
+    ax.set_xlabel("measurement")
+    if legend:
+        add_legend(ax)
+    return ax

@@ -1,0 +1,42 @@
+//! Gains of all series of a batch: covariances do not depend on what the plots are.
+
+use super::filter::Filter;
+use super::series::Series;
+
+/// Gain, innovation variance and covariance after each step of series that miss no plot and have
+/// the same noise, steps and start.
+#[derive(Clone, Debug)]
+pub struct Gains {
+    pub(super) gain: Vec<[f64; 3]>,
+    pub(super) variance: Vec<f64>,
+    pub(super) covariance: Vec<[f64; 6]>,
+    /// Sums of the logarithms of the innovation variances from each step on.
+    pub(super) logarithms: Vec<f64>,
+}
+
+impl Gains {
+    /// The gains of series like this one, whatever its plots are. Cost O(steps).
+    pub fn new(series: &Series<'_>, filter: Filter) -> Self {
+        let n = series.z.len();
+        let mut gains = Self {
+            gain: Vec::with_capacity(n),
+            variance: Vec::with_capacity(n),
+            covariance: Vec::with_capacity(n),
+            logarithms: vec![0.0; n],
+        };
+        series.run(filter, |step, state, innovation| {
+            let [p00, p01, p02, ..] = state.covariance;
+            let r = series.variance.at(step);
+            // the first row of (I − K h^T) P⁻ is K R
+            gains.gain.push([p00 / r, p01 / r, p02 / r]);
+            gains.variance.push(innovation.variance);
+            gains.covariance.push(state.covariance);
+        });
+        let mut sum = 0.0;
+        for (total, variance) in gains.logarithms.iter_mut().zip(&gains.variance).rev() {
+            sum += variance.ln();
+            *total = sum;
+        }
+        gains
+    }
+}

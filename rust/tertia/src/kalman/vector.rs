@@ -1,0 +1,110 @@
+//! Vectors that add and multiply like numbers.
+
+use super::block::Lane;
+use pulp::Simd;
+use std::ops::{Add, Mul, Sub};
+
+/// Some lanes.
+#[derive(Clone, Copy)]
+pub(super) struct Vector<S: Simd> {
+    simd: S,
+    lanes: S::f64s,
+}
+
+impl<S: Simd> Add for Vector<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self { lanes: self.simd.add_f64s(self.lanes, other.lanes), ..self }
+    }
+}
+
+impl<S: Simd> Sub for Vector<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self { lanes: self.simd.sub_f64s(self.lanes, other.lanes), ..self }
+    }
+}
+
+impl<S: Simd> Mul for Vector<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self { lanes: self.simd.mul_f64s(self.lanes, other.lanes), ..self }
+    }
+}
+
+impl<S: Simd> Vector<S> {
+    #[inline(always)]
+    pub fn splat(simd: S, value: f64) -> Self {
+        Self { simd, lanes: simd.splat_f64s(value) }
+    }
+
+    #[inline(always)]
+    pub fn splat_all<const N: usize>(simd: S, values: &[f64; N]) -> [Self; N] {
+        let mut vectors = [Self::splat(simd, 0.0); N];
+        // not `map`: its closure would not be compiled for the vectors of `simd`
+        for (vector, &value) in vectors.iter_mut().zip(values) {
+            *vector = Self::splat(simd, value);
+        }
+        vectors
+    }
+
+    #[inline(always)]
+    pub fn load(simd: S, lane: &Lane, at: usize) -> Self {
+        Self { simd, lanes: S::as_simd_f64s(lane).0[at] }
+    }
+
+    #[inline(always)]
+    pub fn load_all<const N: usize>(simd: S, lanes: &[Lane; N], at: usize) -> [Self; N] {
+        let mut vectors = [Self::splat(simd, 0.0); N];
+        for (vector, lane) in vectors.iter_mut().zip(lanes) {
+            *vector = Self::load(simd, lane, at);
+        }
+        vectors
+    }
+
+    #[inline(always)]
+    pub fn store(self, lane: &mut Lane, at: usize) {
+        S::as_mut_simd_f64s(lane).0[at] = self.lanes;
+    }
+
+    #[inline(always)]
+    pub fn store_all<const N: usize>(vectors: &[Self; N], lanes: &mut [Lane; N], at: usize) {
+        for (vector, lane) in vectors.iter().zip(lanes) {
+            vector.store(lane, at);
+        }
+    }
+
+    /// Where it is not nan.
+    #[inline(always)]
+    pub fn is_number(self) -> S::m64s {
+        self.simd.equal_f64s(self.lanes, self.lanes)
+    }
+
+    /// Whether a lane is larger in size; none that is nan.
+    #[inline(always)]
+    pub fn exceeds(self, bound: f64) -> bool {
+        let size = self.simd.abs_f64s(self.lanes);
+        let larger = self.simd.greater_than_f64s(size, self.simd.splat_f64s(bound));
+        self.simd.first_true_m64s(larger) < S::F64_LANES
+    }
+
+    /// This where `mask` is set, the other one elsewhere.
+    #[inline(always)]
+    pub fn or(self, mask: S::m64s, other: Self) -> Self {
+        Self { lanes: self.simd.select_f64s(mask, self.lanes, other.lanes), ..self }
+    }
+
+    #[inline(always)]
+    pub fn max(self, other: Self) -> Self {
+        Self { lanes: self.simd.max_f64s(self.lanes, other.lanes), ..self }
+    }
+
+    #[inline(always)]
+    pub fn reciprocal(self) -> Self {
+        let one = self.simd.splat_f64s(1.0);
+        Self { lanes: self.simd.div_f64s(one, self.lanes), ..self }
+    }
+}
