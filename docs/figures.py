@@ -59,6 +59,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "consistency": fusion.consistency,
         "worst ratios": fusion.worst_ratios,
         "every ratio": fusion.every_ratio,
+        "every consistency": fusion.every_consistency,
+        "several faults": fusion.several_faults,
         "cost": fusion.cost,
     },
     "kalman.md": {

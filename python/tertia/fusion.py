@@ -1,7 +1,7 @@
 """Fusion: one track with an honest covariance from the plots of several radars.
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
-(`method="paper"`), the usual rules, and a default that finds out which radar is worse than it says.
+(`method="paper"`), the usual rules, and a default that finds out how good each radar really is.
 
 All radars measure one angle in one frame; `common_azimuth` brings those of other sites into it.
 """
@@ -21,6 +21,7 @@ from tertia.kalman import SingerModel, _full, _initial, _intervals, _require_mod
 __all__ = ["FusionMethod", "FusionResult", "TrackFusion", "common_azimuth", "fuse_series"]
 
 FusionMethod: TypeAlias = Literal[
+    "robust",
     "adaptive",
     "matrix",
     "central",
@@ -46,12 +47,14 @@ class FusionResult:
         Upper triangles of the covariances, row by row.
     weights : ndarray of shape (..., K, steps, 3)
         Weights of the radars in angle, rate and acceleration: the diagonals of the weight matrices.
-        nan for radars that are not known yet, and for "central".
+        nan for radars that are not known yet, and for "central". For "robust" the shares of the
+        plots in the correction of this step, the same in all components: 0 without a plot.
     noise_variance : ndarray of shape (..., K, steps)
-        Variance of each radar's plots as now believed.
+        Variance of each radar's plots as now believed; for "robust" apart from single outliers.
     outlier : ndarray of bool, shape (..., K, steps)
-        Plots that were taken for single outliers. After one, the radar's own filter needs some
-        steps to recover, and its plots of these may be taken for outliers, too.
+        Plots that were taken for single outliers. With rules other than "robust", the radar's own
+        filter needs some steps to recover after one, and its plots of these may be taken for
+        outliers, too.
     innovation, innovation_variance : ndarray of shape (..., K, steps)
         Of the radars' own filters, with the noise as given; nan where there is none.
     """
@@ -86,10 +89,11 @@ def fuse_series(
     measurement_variance: npt.ArrayLike,
     model: SingerModel,
     *,
-    method: FusionMethod = "adaptive",
+    method: FusionMethod = "robust",
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     times: npt.ArrayLike | None = None,
     period: float | None = None,
+    change: float = 0.005,
     memory: float = 0.1,
     threshold: float = 1.6,
     outlier_gate: float = 16.0,
@@ -107,6 +111,7 @@ def fuse_series(
     model : SingerModel
         How the target moves.
     method : str
+        "robust": one filter for all plots, whose noise, outliers and manoeuvres are found out.
         "adaptive": component by component by the inverse variances that the radars' tracks really
         have, as now believed.
         "matrix": the same believed covariances with the correlation between the radars, as full
@@ -127,11 +132,15 @@ def fuse_series(
     period : float, optional
         360.0 for degrees, 2*pi for radians; None for data that do not wrap. Angles come back in
         [0, period).
+    change : float
+        For "robust": chance that a radar's noise changes from one of its plots to the next, and
+        that a plot is a single outlier.
     memory : float
-        Share of the newest innovation in what is believed of a radar.
+        For "adaptive", "matrix" and "ewma": share of the newest innovation in what is believed of a
+        radar.
     threshold : float
-        Mean normalised innovation, over that of the others, above which a radar is believed to be
-        noisier than it says.
+        For "adaptive" and "matrix": mean normalised innovation, over that of the others, above
+        which a radar is believed to be noisier than it says.
     outlier_gate : float
         Square of a single normalised innovation, likewise, above which a plot is an outlier.
     n_threads : int, optional
@@ -154,11 +163,19 @@ def fuse_series(
 
     Notes
     -----
-    Each radar's filter runs with the noise as stated. A radar whose innovations are larger than
-    expected and than those of the others (the median of them, so that a manoeuvre accuses nobody)
-    is believed to have more noise, and its track the covariance that follows from that; the errors
-    of two tracks are correlated through the motion that both follow. A bias of a radar is not
-    noise, and not seen. Cost O(K² steps).
+    "robust": a plot's noise variance is that stated times an unknown level (1/4 to 64; 256 for a
+    single outlier), and the prediction's variance is that of the filter times 1 or 64. Every
+    combination of levels is a hypothesis, as probable as it makes the plots of the step. Their
+    mixture gives the state and its covariance, and the probabilities of each radar's levels, from
+    which the next step starts. Cost O(K steps) besides the radars' own filters.
+
+    "adaptive": each radar's filter runs with the noise as stated. A radar whose innovations are
+    larger than expected and than those of the others (the median of them, so that a manoeuvre
+    accuses nobody) is believed to have more noise, and its track the covariance that follows from
+    that; the errors of two tracks are correlated through the motion that both follow. Cost
+    O(K² steps).
+
+    A bias of a radar is not noise, and not seen.
 
     Examples
     --------
@@ -167,10 +184,11 @@ def fuse_series(
     >>> from tertia.kalman import SingerModel
     >>> rng = np.random.default_rng(1)
     >>> z = 359.0 + 0.2 * np.arange(60) + 0.1 * rng.standard_normal((2, 60))
+    >>> z[0, 20] -= 2.0
     >>> z[1, 40] += 3.0
     >>> result = fuse_series(z % 360, 0.01, SingerModel(5.0, 0.05, 0.003), period=360.0)
     >>> result
-    FusionResult(2 radars, 60 steps, 4 outliers)
+    FusionResult(2 radars, 60 steps, 2 outliers)
     """
     plots = samples(z, "z")
     if plots.ndim < 2 or plots.shape[-2] < 1 or plots.shape[-1] < 1:
@@ -185,6 +203,7 @@ def fuse_series(
         "model": model._core,
         "period": None if period is None else real(period, "period"),
         "method": str(method),
+        "change": real(change, "change"),
         "memory": real(memory, "memory"),
         "threshold": real(threshold, "threshold"),
         "outlier_gate": real(outlier_gate, "outlier_gate"),

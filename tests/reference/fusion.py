@@ -6,7 +6,15 @@ import numpy as np
 NAN = float("nan")
 COMPONENTWISE = ["equal", "static", "paper", "ewma", "posterior", "adaptive"]
 MATRICES = ["matrix", "nominal-matrix"]
-METHODS = [*COMPONENTWISE, *MATRICES, "covariance-intersection", "central"]
+METHODS = [*COMPONENTWISE, *MATRICES, "covariance-intersection", "central", "robust"]
+LEVELS = [0.25, 1, 4, 16, 64]
+AT_FIRST = np.array([0.125, 0.5, 0.125, 0.125, 0.125])
+OUTLIER = 256
+MANOEUVRES = [1, 64]
+MOSTLY_NONE = np.array([0.999, 0.001])
+MANOEUVRE_ENDS = 0.1
+FOLLOWED = 12
+LEAST_GAIN = 1e-3
 
 
 def wrap(difference, period):
@@ -210,6 +218,78 @@ def central(z, r, t, f, q, initial, acceleration_variance, period=None):
     return [np.array(part) for part in zip(*states, strict=True)]
 
 
+def hypotheses(nu, r, prior, noise, motion, change):
+    """Every combination of the prediction's level and those of the plots, with its probability,
+    as far as followed."""
+    found = [((), p, 0.0, c * prior) for p, c in zip(motion, MANOEUVRES, strict=True)]
+    found = [((c,), *rest) for c, (_, *rest) in enumerate(found)]
+    excesses = np.array([*LEVELS, OUTLIER])
+    for v, variance, levels in zip(nu, r, noise, strict=True):
+        chances = np.append((1 - change) * levels, change)
+        found = sorted(found, key=lambda one: -one[1])[:FOLLOWED]
+        # the largest of all as 1, lest all vanish
+        scale = min((v - m) ** 2 / (p + OUTLIER * variance) for _, _, m, p in found)
+        grown = []
+        for which, weight, m, p in found:
+            for level, (chance, excess) in enumerate(zip(chances, excesses, strict=True)):
+                s = p + excess * variance
+                likely = np.exp(-((v - m) ** 2 / s - scale) / 2) / np.sqrt(s)
+                new = m + p / s * (v - m), p * excess * variance / s
+                grown.append(((*which, level), weight * chance * likely, *new))
+        found = grown
+    which, weight, mean, variance = zip(*found, strict=True)
+    return np.array(which), np.array(weight) / sum(weight), np.array(mean), np.array(variance)
+
+
+def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change=0.005):
+    """One filter for all plots with the noise as believed: states, weights, noise, outliers."""
+    k, steps = z.shape
+    track = Track(initial, acceleration_variance, period)
+    noise, motion = np.tile(AT_FIRST, (k, 1)), MOSTLY_NONE
+    states, weights = [], np.full((k, steps), NAN)
+    believed, outlier = np.empty((k, steps)), np.zeros((k, steps), dtype=bool)
+    for step in range(steps):
+        if step:
+            track.predict(t[step - 1], f[step - 1], q[step - 1])
+        seen = [i for i in range(k) if not np.isnan(z[i, step])]
+        if not track.known:
+            for i in seen:
+                track.update(z[i, step], r[i, step])
+        else:
+            weights[~np.isnan(z[:, : step + 1]).all(axis=1) | (initial is not None), step] = 0
+            if seen:
+                nu = {i: wrap(z[i, step] - track.x[0], period) for i in seen}
+                seen.sort(key=lambda i: abs(nu[i]))
+                base = seen[0]
+                nu = [nu[base] + wrap(z[i, step] - z[base, step], period) for i in seen]
+                motion = motion + MANOEUVRE_ENDS * (MOSTLY_NONE - motion)
+                noise[seen] += change * (AT_FIRST - noise[seen])
+                prior = track.p[0, 0]
+                found = hypotheses(nu, r[seen, step], prior, noise[seen], motion, change)
+                which, weight, mean, variance = found
+                motion = np.array([weight[which[:, 0] == c].sum() for c in (0, 1)])
+                pulls = []
+                for at, i in enumerate(seen, start=1):
+                    of_levels = [weight[which[:, at] == level].sum() for level in range(6)]
+                    noise[i] = of_levels[:5] + of_levels[5] * noise[i]
+                    outlier[i, step] = of_levels[5] > 0.5
+                    excess = np.array([*LEVELS, OUTLIER])[which[:, at]]
+                    pulls.append(weight @ (variance / (excess * r[i, step])))
+                weights[seen, step] = pulls / np.sum(pulls)
+                e = weight @ mean
+                p = weight @ (variance + (mean - e) ** 2)
+                grown = max(motion @ MANOEUVRES, p / prior / (1 - LEAST_GAIN))
+                # the error of the angle tells of the others what they have in common with it
+                with_angle = track.p[:, 0] / prior
+                both = np.outer(with_angle, with_angle)
+                track.x = track.x + with_angle * e
+                track.p = grown * (track.p - prior * both) + p * both
+        believed[:, step] = r[:, step] * np.exp(noise @ np.log(LEVELS))
+        states.append((track.x, track.p))
+    states = [np.array(part) for part in zip(*states, strict=True)]
+    return states, weights, believed, outlier
+
+
 def pooled(z, r, period=None):
     """The plots of every step as one, weighted by 1/R."""
     there = ~np.isnan(z)
@@ -266,6 +346,7 @@ def fuse(  # noqa: PLR0912, PLR0915
     memory=0.1,
     threshold=1.6,
     gate=16.0,
+    change=0.005,
 ):
     """Plots and variances (K, steps), times and matrices between the steps, states for all radars
     or none; returns arrays by name."""
@@ -377,6 +458,13 @@ def fuse(  # noqa: PLR0912, PLR0915
         out["covariance"][step] = covariance if bound is None else bound
         for i, w in zip(known, weights, strict=True):
             out["weights"][i, step] = np.diag(w)
+    if method == "robust":
+        states, weights, out["noise_variance"], out["outlier"] = robust(
+            z, r, t, f, q, pool, acceleration_variance, period, change
+        )
+        known = out["known"].any(axis=0)
+        out["mean"][known], out["covariance"][known] = (part[known] for part in states)
+        out["weights"] = np.repeat(weights[..., np.newaxis], 3, axis=-1)
     if period is not None:
         out["mean"][:, 0] %= period
     return out

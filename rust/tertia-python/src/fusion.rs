@@ -31,8 +31,9 @@ fn rule(name: &str) -> PyResult<Rule> {
         "nominal-matrix" => Rule::NominalMatrix,
         "covariance-intersection" => Rule::CovarianceIntersection,
         "central" => Rule::Central,
+        "robust" => Rule::Robust,
         other => {
-            let choices = "'adaptive', 'matrix', 'central', 'posterior', 'nominal-matrix', \
+            let choices = "'robust', 'adaptive', 'matrix', 'central', 'posterior', 'nominal-matrix', \
                            'covariance-intersection', 'ewma', 'static', 'equal' or 'paper'";
             return Err(unknown("method", other, choices));
         }
@@ -54,6 +55,7 @@ pub struct Batch<'py> {
     memory: f64,
     threshold: f64,
     outlier_gate: f64,
+    change: f64,
 }
 
 /// What every row is fused with.
@@ -180,7 +182,7 @@ pub fn fuse_series<'py>(
         model: singer(batch.model)?,
         period: batch.period,
         rule: rule(&batch.method)?,
-        beliefs: Beliefs::try_new(batch.memory, batch.threshold, batch.outlier_gate)
+        beliefs: Beliefs::try_new(batch.memory, batch.threshold, batch.outlier_gate, batch.change)
             .map_err(value_error)?,
         radars,
         steps: n,
@@ -215,8 +217,8 @@ pub fn fuse_series<'py>(
     Ok((arrays, outlier.into_array()))
 }
 
-/// TrackFusion(model, measurement_variance, *, method='adaptive', period=None, memory=0.1,
-/// threshold=1.6, outlier_gate=16.0)
+/// TrackFusion(model, measurement_variance, *, method='robust', period=None, change=0.005,
+/// memory=0.1, threshold=1.6, outlier_gate=16.0)
 /// --
 ///
 /// A centre that is fed scan by scan with the plots of several radars, for embedding.
@@ -229,7 +231,7 @@ pub fn fuse_series<'py>(
 ///     How the target moves; `model.dt` is the time of a step unless another is given.
 /// measurement_variance : sequence of K floats
 ///     Variance of each radar's noise, unless others are given with the plots.
-/// method, period, memory, threshold, outlier_gate
+/// method, period, change, memory, threshold, outlier_gate
 ///     See `fuse_series`.
 ///
 /// Attributes
@@ -264,13 +266,13 @@ pub fn fuse_series<'py>(
 /// >>> for plots in [(359.1, 359.2), (359.8, float("nan")), (0.4, 0.5)]:
 /// ...     angle = centre.step(plots)
 /// >>> round(angle, 2)
-/// 0.43
+/// 0.44
 #[pyclass(module = "tertia.fusion")]
 pub struct TrackFusion {
     /// As given, for the pickle.
     given: Py<PyAny>,
     method: String,
-    parameters: [f64; 3],
+    parameters: [f64; 4],
     singer: Singer,
     transition: Transition,
     variances: Vec<f64>,
@@ -326,14 +328,16 @@ impl TrackFusion {
 impl TrackFusion {
     #[new]
     #[pyo3(signature = (
-        model, measurement_variance, *, method="adaptive", period=None, memory=0.1,
-        threshold=1.6, outlier_gate=16.0
+        model, measurement_variance, *, method="robust", period=None, change=0.005,
+        memory=0.1, threshold=1.6, outlier_gate=16.0
     ))]
+    #[allow(clippy::too_many_arguments)] // the Python signature
     fn new(
         model: Bound<'_, PyAny>,
         measurement_variance: Vec<f64>,
         method: &str,
         period: Option<f64>,
+        change: f64,
         memory: f64,
         threshold: f64,
         outlier_gate: f64,
@@ -350,13 +354,14 @@ impl TrackFusion {
         if let Some(period) = period {
             kalman::require_period(period).map_err(value_error)?;
         }
-        let beliefs = Beliefs::try_new(memory, threshold, outlier_gate).map_err(value_error)?;
+        let beliefs =
+            Beliefs::try_new(memory, threshold, outlier_gate, change).map_err(value_error)?;
         let radars = measurement_variance.len();
         let filter = Filter::new(singer.acceleration_variance(), period);
         let filters = std::iter::repeat_n(filter, radars);
         Ok(Self {
             given: model.unbind(),
-            parameters: [memory, threshold, outlier_gate],
+            parameters: [change, memory, threshold, outlier_gate],
             singer,
             transition,
             variances: measurement_variance,
@@ -442,7 +447,8 @@ impl TrackFusion {
         let options = PyDict::new(py);
         options.set_item("method", &self.method)?;
         options.set_item("period", self.period)?;
-        let [memory, threshold, outlier_gate] = self.parameters;
+        let [change, memory, threshold, outlier_gate] = self.parameters;
+        options.set_item("change", change)?;
         options.set_item("memory", memory)?;
         options.set_item("threshold", threshold)?;
         options.set_item("outlier_gate", outlier_gate)?;

@@ -8,6 +8,7 @@
 mod belief;
 mod centre;
 mod matrix;
+mod robust;
 mod rules;
 
 pub use centre::{Centre, Fused, RadarReport};

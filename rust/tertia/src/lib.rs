@@ -25,7 +25,7 @@
 //! |---|---|---|
 //! | [`kalman::Series::run`] | O(steps) | none |
 //! | [`kalman::smooth`] | O(steps) | 35 numbers a step |
-//! | [`fusion::Centre`], K radars, a step | O(K²); matrix rules O(K³) | O(K²) |
+//! | [`fusion::Centre`], K radars, a step | O(K²); robust O(K), matrix rules O(K³) | O(K²) |
 
 mod angle;
 pub mod batch;

@@ -2,6 +2,7 @@
 
 use super::belief::{Belief, believed_noise};
 use super::matrix::{best_weights, difference, full, intersect, matrices, packed};
+use super::robust::Robust;
 use super::rules::{Beliefs, Rule};
 use crate::kalman::{Filter, Innovation, State, Transition};
 use nalgebra::{Matrix3, Vector3};
@@ -64,6 +65,7 @@ pub struct Centre {
     /// acceleration has done since its first plot.
     cross: Vec<Matrix3<f64>>,
     central: Filter,
+    robust: Robust,
     rule: Rule,
     parameters: Beliefs,
     period: Option<f64>,
@@ -85,6 +87,7 @@ impl Centre {
             beliefs: radars.iter().map(|radar| radar.known.then_some(Belief::NEW)).collect(),
             cross: vec![Matrix3::zeros(); k * k],
             central: radars.first().map_or(Filter::new(0.0, period), |radar| radar.filter),
+            robust: Robust::new(k, parameters.change),
             weights: vec![Matrix3::zeros(); k],
             scratch: Vec::with_capacity(k),
             radars,
@@ -133,6 +136,7 @@ impl Centre {
     /// Everything that it knows, as lists of numbers.
     pub fn saved(&self) -> Vec<Vec<f64>> {
         let mut saved = vec![self.central.saved()];
+        saved.extend(self.robust.saved());
         saved.extend(self.cross.iter().map(|cross| cross.as_slice().to_vec()));
         for (radar, belief) in self.radars.iter().zip(&self.beliefs) {
             saved.push(radar.filter.saved());
@@ -147,6 +151,7 @@ impl Centre {
         let mut centre = self.clone();
         let mut lists = saved.iter();
         centre.central = centre.central.restored(lists.next()?)?;
+        centre.robust.restore(&mut lists)?;
         let square = |list: &Vec<f64>| (list.len() == 9).then(|| Matrix3::from_column_slice(list));
         for cross in &mut centre.cross {
             *cross = square(lists.next()?)?;
@@ -166,18 +171,28 @@ impl Centre {
 
     /// Goes on in time.
     pub fn predict(&mut self, transition: &Transition) {
-        let (f, q) = matrices(transition);
         for radar in &mut self.radars {
             radar.filter.predict(transition);
-            radar.actual = f * radar.actual * f.transpose() + q;
         }
         self.central.predict(transition);
+        if self.rule == Rule::Robust {
+            return;
+        }
+        let (f, q) = matrices(transition);
+        for radar in &mut self.radars {
+            radar.actual = f * radar.actual * f.transpose() + q;
+        }
         self.for_each_pair(|_, _, cross| *cross = f * *cross * f.transpose() + q);
     }
 
     /// Takes in the plots z (nan: none) with the nominal variances r of all radars.
     pub fn update(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> Fused {
-        let started = self.update_filters(z, r);
+        let robustly = self.rule == Rule::Robust && self.central.is_known();
+        let started = self.update_filters(z, r, !robustly);
+        if self.rule == Rule::Robust {
+            self.update_robust(z, r, robustly, reports);
+            return self.central.state();
+        }
         for (belief, radar) in self.beliefs.iter_mut().zip(&self.radars) {
             if let Some(belief) = belief {
                 belief.update(radar.innovation, self.parameters.memory);
@@ -213,6 +228,25 @@ impl Centre {
         self.fuse(r, reports)
     }
 
+    /// The robust rule's plots; those that make its filter start are taken as they say.
+    fn update_robust(&mut self, z: &[f64], r: &[f64], known: bool, reports: &mut [RadarReport]) {
+        for (report, radar) in reports.iter_mut().zip(&self.radars) {
+            let innovation = radar.innovation.unwrap_or(Innovation::NONE);
+            let weight = if radar.filter.has_plot() && known { 0.0 } else { f64::NAN };
+            *report = RadarReport { innovation, weight: [weight; 3], ..RadarReport::NONE };
+        }
+        if known {
+            self.robust.update(&mut self.central, z, r, self.period, |radar, found| {
+                reports[radar].outlier = found.outlier;
+                reports[radar].weight = [found.share; 3];
+            });
+        }
+        for (i, report) in reports.iter_mut().enumerate() {
+            report.noise = r[i] * self.robust.excess(i);
+            self.radars[i].known = self.radars[i].filter.is_known();
+        }
+    }
+
     fn for_each_pair(&mut self, mut change: impl FnMut(usize, usize, &mut Matrix3<f64>)) {
         let k = self.radars.len();
         for i in 0..k {
@@ -222,8 +256,9 @@ impl Centre {
         }
     }
 
-    /// Updates the radars' own filters with nominal noise; returns what has begun for each.
-    fn update_filters(&mut self, z: &[f64], r: &[f64]) -> Vec<Option<Start>> {
+    /// Updates the radars' own filters with nominal noise, and the central one if it is to be;
+    /// returns what has begun for each.
+    fn update_filters(&mut self, z: &[f64], r: &[f64], central: bool) -> Vec<Option<Start>> {
         let mut started = vec![None; z.len()];
         for (i, radar) in self.radars.iter_mut().enumerate() {
             (radar.gain, radar.innovation) = (Vector3::zeros(), None);
@@ -232,7 +267,9 @@ impl Centre {
             }
             let since = radar.filter.since_first_plot();
             let innovation = radar.filter.update(z[i], r[i]);
-            self.central.update(z[i], r[i]);
+            if central {
+                self.central.update(z[i], r[i]);
+            }
             if radar.known {
                 let [p00, p01, p02, ..] = radar.filter.state().covariance;
                 radar.gain = Vector3::new(p00, p01, p02) / r[i];

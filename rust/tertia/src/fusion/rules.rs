@@ -26,6 +26,8 @@ pub enum Rule {
     CovarianceIntersection,
     /// One filter for all plots.
     Central,
+    /// The same, with the noise as now believed and the prediction, too.
+    Robust,
 }
 
 impl Rule {
@@ -44,6 +46,9 @@ pub struct Beliefs {
     pub threshold: f64,
     /// Normalised square of a single innovation, likewise, above which it is an outlier.
     pub outlier_gate: f64,
+    /// For [`Rule::Robust`]: chance that a radar's noise changes from one plot to the next, and that
+    /// a plot is an outlier.
+    pub change: f64,
 }
 
 impl Beliefs {
@@ -51,10 +56,11 @@ impl Beliefs {
     ///
     /// # Errors
     /// A parameter outside its domain.
-    pub fn try_new(memory: f64, threshold: f64, outlier_gate: f64) -> Result<Self> {
+    pub fn try_new(memory: f64, threshold: f64, outlier_gate: f64, change: f64) -> Result<Self> {
         require("memory", memory, memory > 0.0 && memory <= 1.0, "above 0 and at most 1")?;
         require("threshold", threshold, threshold >= 1.0, "at least 1")?;
         require("outlier_gate", outlier_gate, outlier_gate >= 1.0, "at least 1")?;
-        Ok(Self { memory, threshold, outlier_gate })
+        require("change", change, change > 0.0 && change < 1.0, "above 0 and below 1")?;
+        Ok(Self { memory, threshold, outlier_gate, change })
     }
 }

@@ -61,6 +61,11 @@ impl Factored {
         }
     }
 
+    /// Multiplies the covariance.
+    pub fn inflate(&mut self, factor: f64) {
+        self.d = self.d.map(|d| d * factor);
+    }
+
     /// U and D.
     pub fn factors(&self) -> ([[f64; 3]; 3], [f64; 3]) {
         let [u01, u02, u12] = self.u;

@@ -135,6 +135,11 @@ impl Filter {
         matches!(self.knowledge, Knowledge::Plain(_) | Knowledge::Factored(_))
     }
 
+    /// Whether there was a plot, or a state was given.
+    pub(crate) fn has_plot(&self) -> bool {
+        !matches!(self.knowledge, Knowledge::Nothing)
+    }
+
     /// The step since the first plot, while there is but one.
     pub(crate) fn since_first_plot(&self) -> Option<Transition> {
         match self.knowledge {
@@ -195,6 +200,19 @@ impl Filter {
             }
             Knowledge::Factored(factored) => factored.predict(transition),
         }
+    }
+
+    /// Takes in a plot whose innovation, which does not wrap, is known, after a prediction whose
+    /// covariance is so many times what it was. The state must be known.
+    pub(crate) fn correct(&mut self, innovation: f64, r: f64, inflation: f64) {
+        let period = self.period.take();
+        match &mut self.knowledge {
+            Knowledge::Plain(state) => state.covariance = state.covariance.map(|p| p * inflation),
+            Knowledge::Factored(factored) => factored.inflate(inflation),
+            _ => {}
+        }
+        self.update(self.state().mean[0] + innovation, r);
+        self.period = period;
     }
 
     /// Takes in a plot z with the variance r. No innovation: the plot was needed to start.
