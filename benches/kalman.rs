@@ -2,7 +2,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
-use tertia::kalman::{Filter, LANES, PerStep, Series, Singer, Workspace, run_block, smooth};
+use tertia::kalman::{Filter, LANES, PerStep, Series, Singer, Steps, Workspace, run_block, smooth};
 
 const STEPS: usize = 10_000;
 
@@ -55,23 +55,30 @@ fn blocks(c: &mut Criterion) {
         .collect();
     let rows: Vec<_> = plots.chunks_exact(N).collect();
     let variance = PerStep::Constant(0.01);
-    let series = std::array::from_fn(|l| Series { z: rows[l], variance, transition });
-    let filters = || [Filter::new(model.acceleration_variance(), None); LANES];
-    let mut mean = vec![[0.0; 3]; LANES * N];
-    let mut covariance = vec![[0.0; 6]; LANES * N];
+    let series: [_; LANES] = std::array::from_fn(|l| Series { z: rows[l], variance, transition });
+    let filters = [Filter::new(model.acceleration_variance(), None); LANES];
+    let mut mean = vec![0.0; 3 * LANES * N];
+    let mut covariance = vec![0.0; 6 * LANES * N];
     let mut group = c.benchmark_group("kalman, blocks");
     group.throughput(Throughput::Elements((LANES * N) as u64));
-    group.bench_function("final state", |b| {
-        b.iter(|| run_block(&series, &filters(), None, |_, _, _, _| {}));
-    });
-    group.bench_function("means and covariances", |b| {
-        b.iter(|| {
-            run_block(&series, &filters(), None, |l, step, state, _| {
-                mean[l * N + step] = state.mean;
-                covariance[l * N + step] = state.covariance;
-            })
+    for (name, room) in [("final state", 0), ("means and covariances", N)] {
+        group.bench_function(name, |b| {
+            let mut out: Vec<_> = mean
+                .chunks_mut(3 * N)
+                .zip(covariance.chunks_mut(6 * N))
+                .map(|(mean, covariance)| Steps {
+                    mean: &mut mean[..3 * room],
+                    covariance: &mut covariance[..6 * room],
+                    innovation: &mut [],
+                    variance: &mut [],
+                })
+                .collect();
+            b.iter(|| {
+                let mut out: Vec<_> = out.iter_mut().collect();
+                run_block(&series, &filters, None, &mut out)
+            });
         });
-    });
+    }
     group.finish();
 }
 

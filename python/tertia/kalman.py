@@ -200,20 +200,17 @@ class SmoothResult:
 class NoiseFit:
     """Noise of plots and motion that explains a recording best.
 
-    The likelihood may be largest where a parameter is 0 or infinite. Then `limits` has one or two
-    of these names:
+    The likelihood may be largest where a parameter is 0 or infinite. `limits` names where:
 
-    ===================== =============== ====================================================
-    limit                 where           what is told
-    ===================== =============== ====================================================
-    white acceleration    alpha infinite  `density` alone, of alpha and `acceleration_sigma`
-    constant acceleration alpha = 0       `acceleration_sigma`
-    constant rate         no acceleration neither alpha nor `acceleration_sigma`
-    no noise              no noise        nothing of `measurement_sigma`
-    ===================== =============== ====================================================
+    - "white acceleration": alpha is infinite. Of alpha and `acceleration_sigma` the recording tells
+      their combination `density` alone.
+    - "constant acceleration": alpha is 0. `acceleration_sigma` is that of the one acceleration of
+      each series, and says little of others.
+    - "constant rate": there is no acceleration. `density` and `acceleration_sigma` are 0.
+    - "no noise": beside the motion the noise is nothing.
 
-    In place of infinity alpha is 1e6 over a usual interval, and in place of none the noise is
-    1e-7 of the motion, so that `model` can be used.
+    There, an infinite alpha is given as 1e6 over a usual interval, and a noise of 0 as a tiny
+    number, so that `model` and the filter can be used.
 
     Attributes
     ----------
@@ -227,10 +224,9 @@ class NoiseFit:
     count : int
         Plots that tell something.
     density_error : float
-        Standard error of the logarithm of `density`; inf if it is not told.
+        Standard error of the logarithm of `density`; inf if the recording does not tell it.
     limits : tuple of str
-        What the recording is best explained by at a limit; empty if alpha, acceleration and noise
-        are all between.
+        Names as above; empty if no parameter is 0 or infinite.
     """
 
     alpha: float
@@ -244,24 +240,28 @@ class NoiseFit:
 
     @property
     def density(self) -> float:
-        """Return 2 acceleration_sigma² / alpha, the spectral density of a slow acceleration."""
+        """Spectral density of a slowly changing acceleration, `2 acceleration_sigma**2 / alpha`."""
         if self.acceleration_sigma == 0:
             return 0.0
-        return 2 * self.acceleration_sigma**2 / self.alpha if self.alpha > 0 else np.inf
+        return 2 * self.acceleration_sigma**2 / self.alpha if self.alpha > 0 else float("inf")
 
     def model(self, dt: float) -> SingerModel:
         """Return the fitted model of the motion, with plots `dt` apart."""
         return SingerModel(dt, self.alpha, self.acceleration_sigma, exact=True)
 
     def __repr__(self) -> str:
-        """Tell the estimates with their errors."""
-        names = ("alpha", "acceleration_sigma", "measurement_sigma")
-        values = (self.alpha, self.acceleration_sigma, self.measurement_sigma)
+        """Tell the estimates with their errors; at limits, those that the recording tells."""
+        names = ["alpha", "acceleration_sigma", "measurement_sigma"]
+        errors = dict(zip(names, self.relative_errors, strict=True))
+        if "white acceleration" in self.limits:
+            errors = {"density": self.density_error} | errors
+        if self.limits:
+            errors = {name: error for name, error in errors.items() if np.isfinite(error)}
         told = ", ".join(
-            f"{name} {value:.3g} ± {error:.0%}"
-            for name, value, error in zip(names, values, self.relative_errors, strict=True)
+            f"{name} {getattr(self, name):.3g} ± {e:.0%}" for name, e in errors.items()
         )
-        return f"NoiseFit({told})"
+        limits = ", ".join(self.limits)
+        return f"NoiseFit({': '.join(filter(None, (limits, told)))})"
 
 
 def filter_series(
@@ -494,16 +494,19 @@ def fit_noise(
     Raises
     ------
     ValueError
-        Too few plots, plots that a straight line fits exactly, shapes that do not fit, times that
-        decrease, or neither or both of `dt` and `times`.
+        Too few plots, plots that a line or parabola fits exactly, shapes that do not fit, times
+        that decrease, or neither or both of `dt` and `times`.
     TypeError
         An argument of the wrong type.
 
     Notes
     -----
     Maximum likelihood: the scale of the noise in closed form, alpha and the ratio of acceleration
-    to noise on a grid and then by Newton's method. Errors are those of the curvature at the
-    maximum. A recording often says little about alpha, and its error is large then.
+    to noise on a grid and then by Newton's method, some 150 runs of the filter in all. Errors are
+    those of the curvature at the maximum. A recording often says little about alpha, and its error
+    is large then; where the maximum is at a limit, its error is inf and `limits` says so.
+
+    A batch is one fit, of parameters that its series share. For one fit each, call it for each.
 
     Examples
     --------
@@ -522,15 +525,7 @@ def fit_noise(
     plots = int(np.count_nonzero(~np.isnan(batch["z"])))
     if plots < _FEWEST_TO_FIT:
         raise ValueError(f"z has {plots} plots; at least {_FEWEST_TO_FIT} are needed")
-    fit = fit_singer(batch, threads(n_threads))
-    return NoiseFit(
-        *fit.parameters,
-        fit.relative_errors,
-        fit.log_likelihood,
-        fit.count,
-        fit.density_error,
-        fit.limits,
-    )
+    return NoiseFit(*fit_singer(batch, threads(n_threads)))
 
 
 def _full(upper: FloatArray) -> FloatArray:
@@ -617,6 +612,8 @@ def _initial(initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...
         raise ValueError(
             f"initial has shapes {x.shape} and {p.shape}; they must be (..., 3) and (..., 3, 3)"
         )
+    if x.ndim == 1 and p.ndim == 2:
+        return np.concatenate([x, p.reshape(9)])
     flat = p.reshape(*p.shape[:-2], 9)
     try:
         common = np.broadcast_shapes(x.shape[:-1], flat.shape[:-1])

@@ -11,8 +11,8 @@ use pyo3::types::PyDict;
 use std::num::NonZero;
 use tertia::batch::{RowError, for_each_row};
 use tertia::kalman::{
-    self, Filter, Gains, Innovation, LANES, PerStep, Series, Singer, State, Summary, Transition,
-    Workspace, run_block,
+    self, Filter, Gains, Innovation, LANES, PerStep, Series, Singer, State, Steps, Summary,
+    Transition, Workspace, run_block,
 };
 
 /// Cost of a step of the filter, for the choice of threads.
@@ -157,15 +157,14 @@ impl<'a> Inputs<'a> {
     }
 
     /// The gains of rows that miss no plot, if all have the same.
-    fn gains(&self, steps: Option<PerStep<'_, Transition>>) -> Option<Gains> {
-        let initial = self.initial.as_ref().is_none_or(is_one_row);
-        if self.z.count() < FEWEST_LANES || !initial || !is_one_row(&self.variance) {
+    fn gains(&self, steps: Option<PerStep<'_, Transition>>, filter: Filter) -> Option<Gains> {
+        if self.z.count() < FEWEST_LANES || !is_one_row(&self.variance) {
             return None;
         }
         let plots = vec![0.0; self.z.len()];
         // what is wrong with them is told of the first row
         let series = self.series(0, &plots, steps?).ok()?;
-        Some(Gains::new(&series, self.filter(0).ok()?))
+        Some(Gains::new(&series, filter))
     }
 
     /// The steps, if all rows have the same.
@@ -177,33 +176,6 @@ impl<'a> Inputs<'a> {
             return Ok(None);
         }
         self.steps(0, buffer).map(Some).map_err(value_error)
-    }
-}
-
-/// Where the states of all steps go; what is not wanted is empty.
-struct Steps<'a> {
-    mean: &'a mut [f64],
-    covariance: &'a mut [f64],
-    innovation: &'a mut [f64],
-    variance: &'a mut [f64],
-}
-
-impl Steps<'_> {
-    #[inline(always)]
-    fn put_mean(&mut self, step: usize, state: &State, period: Option<f64>) {
-        let mean = &mut self.mean[3 * step..][..3];
-        mean.copy_from_slice(&state.mean);
-        if let Some(period) = period {
-            mean[0] = kalman::wrapped(mean[0], period);
-        }
-    }
-
-    #[inline(always)]
-    fn put(&mut self, step: usize, state: &State, innovation: Innovation, period: Option<f64>) {
-        self.put_mean(step, state, period);
-        self.covariance[6 * step..][..6].copy_from_slice(&state.covariance);
-        self.innovation[step] = innovation.value;
-        self.variance[step] = innovation.variance;
     }
 }
 
@@ -238,30 +210,27 @@ struct Row<'a> {
     failed: bool,
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum Store {
-    All,
-    Mean,
-    Final,
-}
-
 struct Task<'a> {
     inputs: &'a Inputs<'a>,
     shared_steps: Option<PerStep<'a, Transition>>,
+    /// Of all rows, if it is the same.
+    filter: Option<Filter>,
     gains: Option<Gains>,
-    store: Store,
 }
 
 /// Fewer rows are not worth lanes.
 const FEWEST_LANES: usize = 4;
 
 impl<'a> Task<'a> {
-    fn new(
-        inputs: &'a Inputs<'a>,
-        shared_steps: Option<PerStep<'a, Transition>>,
-        store: Store,
-    ) -> Self {
-        Self { inputs, shared_steps, gains: inputs.gains(shared_steps), store }
+    fn new(inputs: &'a Inputs<'a>, shared_steps: Option<PerStep<'a, Transition>>) -> Self {
+        let one_start = inputs.initial.as_ref().is_none_or(is_one_row);
+        let filter = inputs.filter(0).ok().filter(|_| one_start);
+        let gains = filter.and_then(|filter| inputs.gains(shared_steps, filter));
+        Self { inputs, shared_steps, filter, gains }
+    }
+
+    fn filter(&self, row: usize) -> tertia::Result<Filter> {
+        self.filter.map_or_else(|| self.inputs.filter(row), Ok)
     }
 
     /// Filters rows, side by side if there are several.
@@ -285,12 +254,8 @@ impl<'a> Task<'a> {
             None => inputs.steps(row.index, buffer)?,
         };
         let series = inputs.series(row.index, row.z, transition)?;
-        let (filter, steps) = (inputs.filter(row.index)?, &mut row.steps);
-        let summary = match self.store {
-            Store::All => series.run(filter, |i, state, new| steps.put(i, state, new, period)),
-            Store::Mean => series.run(filter, |i, state, _| steps.put_mean(i, state, period)),
-            Store::Final => series.run(filter, |_, _, _| {}),
-        };
+        let (filter, steps) = (self.filter(row.index)?, &mut row.steps);
+        let summary = series.fill(filter, steps);
         row.end = End::new(&summary, period);
         Ok(())
     }
@@ -307,21 +272,13 @@ impl<'a> Task<'a> {
         for row in &mut *rows {
             let both = inputs
                 .series(row.index, row.z, steps)
-                .and_then(|series| Ok((series, inputs.filter(row.index)?)));
+                .and_then(|series| Ok((series, self.filter(row.index)?)));
             let both = both.inspect_err(|_| row.failed = true)?;
             series.push(both.0);
             filters.push(both.1);
         }
-        let gains = self.gains.as_ref();
-        let summaries = match self.store {
-            Store::All => run_block(&series, &filters, gains, |l, i, state, new| {
-                rows[l].steps.put(i, state, new, period);
-            }),
-            Store::Mean => run_block(&series, &filters, gains, |l, i, state, _| {
-                rows[l].steps.put_mean(i, state, period);
-            }),
-            Store::Final => run_block(&series, &filters, gains, |_, _, _, _| {}),
-        };
+        let mut out: Vec<_> = rows.iter_mut().map(|row| &mut row.steps).collect();
+        let summaries = run_block(&series, &filters, self.gains.as_ref(), &mut out);
         let Some(summaries) = summaries else { return Ok(false) };
         for (row, summary) in rows.iter_mut().zip(&summaries) {
             row.end = End::new(summary, period);
@@ -344,17 +301,15 @@ pub fn filter_series<'py>(
     filled: Filled<'py>,
     n_threads: Threads,
 ) -> PyResult<([Array<'py>; 3], Bound<'py, PyArrayDyn<i64>>)> {
-    let store = match store {
-        "all" => Store::All,
-        "mean" => Store::Mean,
-        "final" => Store::Final,
-        other => return Err(unknown("store", other, "'all', 'mean' or 'final'")),
-    };
     let samplings = batch.extract()?;
     let inputs = Inputs::new(&batch, &samplings)?;
     let (n, count) = (inputs.z.len(), inputs.z.count());
-    let many = if store == Store::Final { 0 } else { n };
-    let every = if store == Store::All { n } else { 0 };
+    let (many, every) = match store {
+        "all" => (n, n),
+        "mean" => (n, 0),
+        "final" => (0, 0),
+        other => return Err(unknown("store", other, "'all', 'mean' or 'final'")),
+    };
     let shape = |tail: &[usize]| [inputs.z.batch(), tail].concat();
     let [mut mean, mut covariance, mut innovation, mut variance] = filled;
     let steps = chunks(writable(&mut mean, &shape(&[many, 3]), "mean")?, 3 * many, count)
@@ -369,7 +324,7 @@ pub fn filter_series<'py>(
         rows.push(Row { index, z, steps, end: End::NONE, failed: false });
     }
     let mut buffer = Vec::new();
-    let task = Task::new(&inputs, inputs.shared_steps(&mut buffer)?, store);
+    let task = Task::new(&inputs, inputs.shared_steps(&mut buffer)?);
     let cost = FILTER_NS * (n * count) as f64;
     let done = release(py, cost, || {
         for_each_row(rows.chunks_mut(LANES), cost, n_threads, Vec::new, |buffer, rows| {

@@ -13,6 +13,7 @@ mod shared;
 mod smoother;
 mod state;
 mod steady;
+mod steps;
 mod vector;
 
 use crate::angle::principal;
@@ -29,6 +30,7 @@ pub use shared::Gains;
 pub(crate) use state::residual;
 pub use state::{Innovation, State};
 pub use steady::steady_state;
+pub use steps::Steps;
 
 /// An angle in [0, period).
 #[inline(always)]

@@ -4,8 +4,10 @@ use super::filter::Filter;
 use super::model::Transition;
 use super::series::{PRODUCTS, PerStep, Series, Summary, log_likelihood};
 use super::shared::Gains;
-use super::state::{FACTORS_ABOVE, Innovation, State, residual};
+use super::state::{FACTORS_ABOVE, State, residual};
+use super::steps::Steps;
 use super::vector::Vector;
+use crate::kalman::wrapped;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Series that are filtered together: vectors enough to hide that each waits for its last step.
@@ -16,19 +18,20 @@ const TILE: usize = 16;
 pub(super) type Lane = [f64; LANES];
 
 /// Filters up to [`LANES`] series of the same length with the same steps between their plots, with
-/// `gains` if they are those of all of them and no plot is missing. `None` where they must be
-/// filtered one by one: a prior that is kept as factors, or a start that takes all steps.
+/// `gains` if they are those of all of them and no plot is missing, and keeps what `out` has room
+/// for. `None` where they must be filtered one by one: a prior that is kept as factors, or a start
+/// that takes all steps.
 pub fn run_block(
     series: &[Series<'_>],
     filters: &[Filter],
     gains: Option<&Gains>,
-    sink: impl FnMut(usize, usize, &State, Innovation),
+    out: &mut [&mut Steps<'_>],
 ) -> Option<Vec<Summary>> {
     let n = series.first()?.z.len();
     let start = series.iter().zip(filters).map(|(series, filter)| known_from(series, filter));
     let start = start.max().filter(|&start| start < n)?;
     let gains = gains.filter(|_| series.iter().all(Series::is_complete));
-    Arch::new().dispatch(Run { series, filters, gains, start, sink })
+    Arch::new().dispatch(Run { series, filters, gains, start, out })
 }
 
 /// The step by which the state of a series is known.
@@ -40,25 +43,25 @@ fn known_from(series: &Series<'_>, filter: &Filter) -> usize {
     plots.nth(1).map_or(series.z.len(), |(step, _)| step + 1)
 }
 
-struct Run<'a, F> {
+struct Run<'a, 'b, 'c, 'd> {
     series: &'a [Series<'a>],
     filters: &'a [Filter],
     gains: Option<&'a Gains>,
     start: usize,
-    sink: F,
+    out: &'b mut [&'c mut Steps<'d>],
 }
 
-impl<F: FnMut(usize, usize, &State, Innovation)> WithSimd for Run<'_, F> {
+impl WithSimd for Run<'_, '_, '_, '_> {
     type Output = Option<Vec<Summary>>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { series, filters, gains, start, mut sink } = self;
+        let Self { series, filters, gains, start, out } = self;
         let mut summaries = Vec::with_capacity(series.len());
         let mut tile = Tile::new();
         for (l, (series, filter)) in series.iter().zip(filters).enumerate() {
             let head = Series { z: &series.z[..start], ..*series };
-            let summary = head.run(*filter, |step, state, none| sink(l, step, state, none));
+            let summary = head.fill(*filter, out[l]);
             let state = match gains {
                 Some(_) => summary.filter.state(),
                 None => summary.filter.plain()?,
@@ -78,16 +81,8 @@ impl<F: FnMut(usize, usize, &State, Innovation)> WithSimd for Run<'_, F> {
                     None => tile.step(simd, i, transition, period),
                 }
             }
-            for l in 0..series.len() {
-                for i in 0..steps {
-                    let mut state = tile.state(l, i + 1);
-                    let mut innovation = tile.innovation(l, i);
-                    if let Some(gains) = gains {
-                        state.covariance = gains.covariance[from + i];
-                        innovation.variance = gains.variance[from + i];
-                    }
-                    sink(l, from + i, &state, innovation);
-                }
+            for (l, out) in out.iter_mut().enumerate() {
+                tile.keep(l, from, steps, gains, period, out);
             }
             tile.shift(steps);
         }
@@ -200,9 +195,46 @@ impl Tile {
         }
     }
 
+    /// Keeps lane l's steps.
     #[inline(always)]
-    fn innovation(&self, l: usize, i: usize) -> Innovation {
-        Innovation { value: self.value[i][l], variance: self.variance[i][l] }
+    fn keep(
+        &self,
+        l: usize,
+        from: usize,
+        steps: usize,
+        gains: Option<&Gains>,
+        period: Option<f64>,
+        out: &mut Steps<'_>,
+    ) {
+        // known to be less than LANES without a check in the loops
+        let (l, to) = (l % LANES, from + steps);
+        if let Some(mean) = out.mean.get_mut(3 * from..3 * to) {
+            for (row, lanes) in mean.as_chunks_mut::<3>().0.iter_mut().zip(&self.mean[1..]) {
+                *row = [lanes[0][l], lanes[1][l], lanes[2][l]];
+                if let Some(period) = period {
+                    row[0] = wrapped(row[0], period);
+                }
+            }
+        }
+        if let Some(innovation) = out.innovation.get_mut(from..to) {
+            for (value, lane) in innovation.iter_mut().zip(&self.value) {
+                *value = lane[l];
+            }
+        }
+        let (covariance, variance) =
+            (out.covariance.get_mut(6 * from..6 * to), out.variance.get_mut(from..to));
+        let (Some(covariance), Some(variance)) = (covariance, variance) else { return };
+        if let Some(gains) = gains {
+            covariance.copy_from_slice(gains.covariance[from..to].as_flattened());
+            variance.copy_from_slice(&gains.variance[from..to]);
+            return;
+        }
+        for (row, p) in covariance.as_chunks_mut::<6>().0.iter_mut().zip(&self.covariance[1..]) {
+            *row = [p[0][l], p[1][l], p[2][l], p[3][l], p[4][l], p[5][l]];
+        }
+        for (value, lane) in variance.iter_mut().zip(&self.variance) {
+            *value = lane[l];
+        }
     }
 
     /// [`State::predicted`] and [`State::updated`] in all lanes, in the same order; without a plot,

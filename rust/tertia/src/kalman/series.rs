@@ -3,7 +3,9 @@
 use super::filter::Filter;
 use super::model::{Singer, Transition};
 use super::state::{Innovation, State, residual};
+use super::steps::Steps;
 use crate::error::{Error, Result, require, require_each};
+use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
 /// A covariance that changes by less in a step has converged.
@@ -85,8 +87,13 @@ impl<'a> Series<'a> {
         transition: PerStep<'a, Transition>,
     ) -> Result<Self> {
         let requirement = "a plot must be a finite number, or nan for none";
-        require_each("z", z, |z| z.is_nan() || z.abs() <= LARGEST, requirement)?;
+        let refused = |z: f64| z.abs() > LARGEST;
+        // to the end, because a loop that may leave earlier is not made of vectors
+        if z.iter().fold(false, |any, &z| any | refused(z)) {
+            require_each("z", z, |z| !refused(z), requirement)?;
+        }
         match variance {
+            PerStep::Constant(r) if VARIANCES.contains(&r) => {}
             PerStep::Constant(_) if z.iter().all(|z| z.is_nan()) => {}
             PerStep::Constant(r) => require_plot(0.0, r)?,
             PerStep::Each(each) => {
@@ -156,9 +163,32 @@ pub(super) fn log_likelihood(squares: f64, logarithms: f64, count: usize) -> f64
     0.0 - 0.5 * (squares + logarithms + count as f64 * TAU.ln())
 }
 
+struct Fill<'a, 'b> {
+    series: &'a Series<'a>,
+    filter: Filter,
+    out: &'a mut Steps<'b>,
+}
+
+impl WithSimd for Fill<'_, '_> {
+    type Output = Summary;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Summary {
+        let period = self.filter.period();
+        self.series.run(self.filter, |step, state, new| self.out.put(step, state, new, period))
+    }
+}
+
 impl Series<'_> {
+    /// Runs `filter` along the series and keeps what `out` has room for. Cost O(steps).
+    pub fn fill(&self, filter: Filter, out: &mut Steps<'_>) -> Summary {
+        // not for its vectors: instructions of this machine take three registers
+        Arch::new().dispatch(Fill { series: self, filter, out })
+    }
+
     /// Runs `filter` from before the first plot to after the last, and shows every step's state
     /// and innovation (nan where there is none) to `sink`. Cost O(steps).
+    #[inline(always)]
     pub fn run(
         &self,
         mut filter: Filter,
@@ -204,6 +234,7 @@ impl Series<'_> {
 
     /// Goes on from the `state` after the step before `step` for as long as the covariance can be
     /// kept as it is; returns the step where that ends.
+    #[inline(always)]
     fn run_plain(
         &self,
         mut state: State,
@@ -268,6 +299,7 @@ impl Converged {
     }
 
     /// Goes on to the next step without a plot.
+    #[inline(always)]
     fn run(
         &self,
         z: &[f64],
