@@ -230,9 +230,9 @@ def fuse(
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
     >>> common = [[0.5, 0.2], [0.2, 0.5]]
     >>> fuse([[359, 20], [2, 21]], S, cross_covariances=[[S[0], common], [common, S[1]]], period=360)
-    Fused([1.53571 ± 0.943, 20.8571 ± 1.18], p-value 0.356)
+    Fused([1.78987 ± 0.9, 20.9425 ± 1.14], p-value 0.292)
     >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
-    Fused([1.25714 ± 1.15, 20.8857 ± 1.4])
+    Fused([1.93436 ± 1.02, 20.9903 ± 1.66])
     """
     x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
     if x.ndim < 2 or 0 in x.shape[-2:]:

@@ -233,7 +233,9 @@ def instant(x, covariances, method, cross=None, weights=None, period=None):
     if not len(present):
         return np.full(m, NAN), np.where(np.eye(m), np.inf, 0), out
     own = covariances[present]
-    joint = joint_matrix(own, None if cross is None else np.asarray(cross)[np.ix_(present, present)])
+    joint = joint_matrix(
+        own, None if cross is None else np.asarray(cross)[np.ix_(present, present)]
+    )
     bound = None
     if method == "matrix":
         e = np.tile(np.eye(m), (len(present), 1))

@@ -72,6 +72,8 @@ pub struct Centre {
     period: Option<f64>,
     weights: Vec<Matrix3<f64>>,
     scratch: Vec<f64>,
+    /// Made when it is needed.
+    intersection: Option<Intersection<Const<3>>>,
 }
 
 impl Centre {
@@ -91,6 +93,7 @@ impl Centre {
             robust: Robust::new(k, parameters.change),
             weights: vec![Matrix3::zeros(); k],
             scratch: Vec::with_capacity(k),
+            intersection: None,
             radars,
             rule,
             parameters,
@@ -374,14 +377,15 @@ impl Centre {
     /// Covariance intersection; of covariances that are singular together the first radar's.
     fn intersect(&mut self, known: &[usize]) -> Option<Matrix3<f64>> {
         let own: Vec<_> = known.iter().map(|&i| self.joint(i, i)).collect();
-        let mut intersection = Intersection::new(known.len(), Const::<3>);
+        let new = || Intersection::new(self.radars.len(), Const::<3>);
+        let intersection = self.intersection.get_or_insert_with(new);
         let Ok(&bound) = intersection.intersect(&own) else {
             self.weights.fill(Matrix3::zeros());
             self.weights[known[0]] = Matrix3::identity();
             return Some(own[0]);
         };
-        for (&i, weight) in known.iter().zip(intersection.weight) {
-            self.weights[i] = weight;
+        for (&i, weight) in known.iter().zip(&intersection.weight) {
+            self.weights[i] = *weight;
         }
         Some(bound)
     }

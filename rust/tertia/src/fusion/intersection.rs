@@ -25,25 +25,27 @@ const GRADIENT: f64 = 1e-9;
 /// Seen: 20.
 const MAX_STEPS: usize = 60;
 /// Share of the way to a bound that a step goes at most.
-const TO_BOUND: f64 = 0.995;
+const TO_BOUND: f64 = 0.9995;
 /// How quickly the gap is closed at least.
 const CLOSING: f64 = 0.1;
 
 /// Weights and bound of a covariance intersection, and the buffers for them.
+#[derive(Clone, Debug)]
 pub(super) struct Intersection<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
 {
-    order: D,
     /// W_k.
     pub weight: Vec<Square<D>>,
     /// The weights of the inflated estimates.
     group: Group<D>,
     inflated: Vec<Square<D>>,
+    used: Vec<usize>,
     search: Search<D>,
 }
 
 /// The point of the search, and the buffers for a step of it.
+#[derive(Clone, Debug)]
 struct Search<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -59,6 +61,8 @@ where
     multiplier: Vec<f64>,
     gradient: Vec<f64>,
     curvature: DMatrix<f64>,
+    /// Of the curvature with that of the barrier.
+    factor: DMatrix<f64>,
     step: Vec<f64>,
 }
 
@@ -68,10 +72,10 @@ where
 {
     pub fn new(sensors: usize, order: D) -> Self {
         Self {
-            order,
             weight: vec![zeros(order); sensors],
             group: Group::new(sensors, order),
             inflated: vec![zeros(order); sensors],
+            used: Vec::with_capacity(sensors),
             search: Search::new(sensors, order),
         }
     }
@@ -83,21 +87,22 @@ where
         self.group.weigh(covariances, None)?;
         self.search.start(&self.group.weight[..count], &covariances[0]);
         self.search.run();
-        let mut used = Vec::with_capacity(count);
-        for (k, covariance) in covariances.iter().enumerate() {
-            let share = self.search.share[k];
+        self.used.clear();
+        for (k, (covariance, &share)) in covariances.iter().zip(&self.search.share).enumerate() {
             if share > 0.0 {
-                self.inflated[used.len()].copy_from(covariance);
-                self.inflated[used.len()] /= share;
-                used.push(k);
+                let inflated = &mut self.inflated[self.used.len()];
+                inflated.copy_from(covariance);
+                *inflated /= share;
+                self.used.push(k);
             }
         }
-        let place = |error: Error| error.renumbered(&used);
-        self.group.weigh(&self.inflated[..used.len()], None).map_err(place)?;
-        self.group.fuse(&self.inflated[..used.len()], None).map_err(place)?;
+        let inflated = &self.inflated[..self.used.len()];
+        let place = |error: Error| error.renumbered(&self.used);
+        self.group.weigh(inflated, None).map_err(place)?;
+        self.group.fuse(inflated, None).map_err(place)?;
         self.group.require_known()?;
-        self.weight[..count].fill(zeros(self.order));
-        for (at, &k) in used.iter().enumerate() {
+        self.weight[..count].iter_mut().for_each(|weight| weight.fill(0.0));
+        for (at, &k) in self.used.iter().enumerate() {
             self.weight[k].copy_from(&self.group.weight[at]);
         }
         Ok(&self.group.fused)
@@ -118,6 +123,7 @@ where
             multiplier: numbers(),
             gradient: numbers(),
             curvature: large(sensors),
+            factor: large(sensors),
             step: numbers(),
         }
     }
@@ -138,17 +144,19 @@ where
             list.resize(count, 0.0);
         }
         self.share.fill(1.0 / count as f64);
-        self.multiplier.fill(m as f64);
         if self.curvature.nrows() != count {
-            self.curvature = large(count);
+            (self.curvature, self.factor) = (large(count), large(count));
         }
     }
 
     /// Finds the shares; those that are not worth it become zero.
     fn run(&mut self) {
-        for _ in 0..MAX_STEPS {
+        for step in 0..MAX_STEPS {
             if !self.differentiate() {
                 break;
+            }
+            if step == 0 {
+                self.start_multipliers();
             }
             let pairs = self.share.iter().zip(&self.multiplier);
             let gap = pairs.map(|(share, multiplier)| share * multiplier).sum::<f64>();
@@ -156,7 +164,7 @@ where
                 break;
             }
             let mean = gap / self.share.len() as f64;
-            let barrier = (CLOSING * mean).min(mean.powf(1.5)).max(CLOSING * GAP);
+            let barrier = (CLOSING * mean).min(mean * mean).max(CLOSING * GAP);
             if !self.solve(barrier) {
                 break;
             }
@@ -169,6 +177,16 @@ where
         }
         let sum: f64 = self.share.iter().sum();
         self.share.iter_mut().for_each(|share| *share /= sum);
+    }
+
+    /// Starts with multipliers that are above zero unless equal shares are the best.
+    fn start_multipliers(&mut self) {
+        let m = self.sum.nrows() as f64;
+        let farthest = self.gradient.iter().map(|g| (m - g).abs()).fold(0.0, f64::max);
+        let least = if farthest > GAP { farthest.min(m) } else { 0.0 };
+        for (multiplier, gradient) in self.multiplier.iter_mut().zip(&self.gradient) {
+            *multiplier = if least > 0.0 { (m - gradient).max(0.0) + least } else { 0.0 };
+        }
     }
 
     /// Sets N_k, gradient and curvature.
@@ -208,12 +226,11 @@ where
         for k in 0..count {
             self.step[k] = self.gradient[k] - m + barrier / self.share[k];
         }
-        // the curvature along the step is needed without the barrier's
-        let mut factor = self.curvature.clone();
+        self.factor.copy_from(&self.curvature);
         for k in 0..count {
-            factor[(k, k)] += self.multiplier[k] / self.share[k];
+            self.factor[(k, k)] += self.multiplier[k] / self.share[k];
         }
-        solve_definite(&mut factor, &mut self.step)
+        solve_definite(&mut self.factor, &mut self.step)
     }
 
     /// Goes as far as the logarithm is like its second-order expansion, and not to a bound.

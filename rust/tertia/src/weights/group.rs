@@ -62,6 +62,7 @@ where
 }
 
 /// Weights of the members of a group, and the buffers for them and as many or fewer.
+#[derive(Clone, Debug)]
 pub(crate) struct Group<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -83,6 +84,7 @@ where
 }
 
 /// A sum of two covariances, and what is computed of it.
+#[derive(Clone, Debug)]
 pub(crate) struct Sum<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
