@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, fusion, paper, screening, weights
+from studies import bearing, fusion, instant, paper, screening, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -62,6 +62,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "every consistency": fusion.every_consistency,
         "several faults": fusion.several_faults,
         "cost": fusion.cost,
+        "instant": instant.methods,
     },
     "kalman.md": {
         "misprints": fusion.misprints,
