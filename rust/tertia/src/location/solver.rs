@@ -1,0 +1,603 @@
+//! The position of one instant: start, robust steps, other minima, covariance.
+
+use super::candidates::Candidates;
+use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
+use super::lenth::{self, Weight};
+use super::measurement::{Kind, Measurement};
+use super::small::{Factor, Matrix, Vector, norm, quadratic};
+use crate::angle::median;
+use crate::distribution::chi_square_upper;
+
+/// Least squares end where a step is shorter than so many standard deviations.
+const TOLERANCE: f64 = 1e-11;
+const STEPS: usize = 100;
+/// Robust steps: Huber's only lead to Tukey's.
+const HUBER_STEPS: usize = 8;
+const HUBER_TOLERANCE: f64 = 1e-2;
+const TUKEY_STEPS: usize = 50;
+const TUKEY_TOLERANCE: f64 = 1e-8;
+const RESCALINGS: usize = 12;
+/// With normal noise, for Tukey's weights w: `E w E ψ² / (E ψ')²`, `E w / E w r²`.
+const TUKEY_VARIANCE: f64 = 0.963_273_870;
+const TUKEY_SPREAD: f64 = 1.207_598_3;
+/// Median of the size of a standard normal number.
+const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
+/// Minima whose likelihoods differ less than by a factor of 20 cannot be told apart: ln 20.
+const AMBIGUOUS: f64 = 2.995_732_273_553_991;
+/// Points within so many standard deviations, squared, belong to one minimum.
+const SAME_MINIMUM: f64 = 25.0;
+/// Other minima looked for.
+const RIVALS: usize = 3;
+/// Cost of as many faults as a start from the stations' own fixes is trusted with.
+const TRUSTED_FAULTS: f64 = 2.0;
+/// A point is at a station below this share of the extent.
+const NEAR: f64 = 1e-9;
+/// Largest cost of a point where as many measurements as coordinates meet.
+const MEETING: f64 = 1e-6;
+
+/// How a position is estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Tukey's biweight from so many degrees of freedom on, least squares below.
+    Robust(usize),
+    /// Least squares.
+    LeastSquares,
+    /// Lenth's maximum likelihood.
+    LenthMle,
+    /// Lenth's form of Huber's estimator.
+    LenthHuber,
+    /// Lenth's form of Andrews' estimator.
+    LenthAndrews,
+}
+
+/// Why an instant has no position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Problem {
+    /// It has one.
+    None = 0,
+    /// Fewer measurements than coordinates.
+    TooFew = 1,
+    /// Bearings that are parallel, diverge, or meet behind a station; ranges that do not meet.
+    NoIntersection = 2,
+    /// Measurements that leave some direction undetermined.
+    Singular = 3,
+    /// Two positions that explain the measurements (almost) equally well.
+    Ambiguous = 4,
+    /// A position at a station, or straight above one that measures angles.
+    AtStation = 5,
+    /// No minimum was reached.
+    NotConverged = 6,
+}
+
+/// What was measured at one instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant<'a> {
+    /// Positions of K stations, K D numbers.
+    pub stations: &'a [f64],
+    /// Ranges, azimuths, elevations and range differences, 4 K finite numbers, nan where there is
+    /// none.
+    pub values: &'a [f64],
+    /// Their standard deviations; nan if they are unknown and equal.
+    pub sigmas: &'a [f64],
+    /// A position near the one looked for.
+    pub initial: Option<&'a [f64]>,
+}
+
+/// Where the results go.
+#[derive(Debug)]
+pub struct Output<'a> {
+    /// D numbers.
+    pub position: &'a mut [f64],
+    /// D² numbers.
+    pub covariance: &'a mut [f64],
+    /// 4 K whitened residuals, measured less predicted; nan where nothing was measured.
+    pub residual: &'a mut [f64],
+    /// 4 K marks of measurements without weight.
+    pub outlier: &'a mut [bool],
+}
+
+/// What besides the position came out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fix {
+    /// Why there is no position.
+    pub problem: Problem,
+    /// Measurements less coordinates, negative where there are too few.
+    pub degrees_of_freedom: i64,
+    /// Sum of all squared residuals.
+    pub chi_square: f64,
+    /// Probability of a larger one; nan where σ is estimated.
+    pub p_value: f64,
+    /// Root of the trace of the covariance for σ = 1; nan where units are mixed.
+    pub dilution: f64,
+    /// The standard deviation of a measurement where it is estimated, nan otherwise.
+    pub sigma: f64,
+}
+
+/// Buffers of a thread.
+#[derive(Debug)]
+pub struct Workspace<const D: usize> {
+    measurements: Vec<Measurement<D>>,
+    places: Vec<usize>,
+    candidates: Candidates<D>,
+    costs: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+impl<const D: usize> Default for Workspace<D> {
+    fn default() -> Self {
+        Self {
+            measurements: Vec::new(),
+            places: Vec::new(),
+            candidates: Candidates::default(),
+            costs: Vec::new(),
+            scratch: Vec::new(),
+        }
+    }
+}
+
+/// A minimum of the cost.
+#[derive(Clone, Copy, Debug)]
+struct Minimum<const D: usize> {
+    position: Vector<D>,
+    normal: Normal<D>,
+    end: End,
+    scale: f64,
+}
+
+/// An estimator of positions.
+#[derive(Clone, Copy, Debug)]
+pub struct Locator {
+    method: Method,
+}
+
+/// One instant on its way through the solver.
+struct Search<'a, const D: usize> {
+    problem: descent::Problem<'a, D>,
+    loss: Loss,
+    unknown: bool,
+}
+
+impl Locator {
+    /// An estimator by this method.
+    pub fn new(method: Method) -> Self {
+        Self { method }
+    }
+
+    /// Estimates the position of one instant. Where that fails, position and covariance are nan.
+    pub fn locate<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        out: &mut Output<'_>,
+        workspace: &mut Workspace<D>,
+    ) -> Fix {
+        out.position.fill(f64::NAN);
+        out.covariance.fill(f64::NAN);
+        out.residual.fill(f64::NAN);
+        out.outlier.fill(false);
+        let extent = workspace.read(instant);
+        let count = workspace.measurements.len();
+        let degrees_of_freedom = count as i64 - D as i64;
+        let failed = |problem| Fix {
+            problem,
+            degrees_of_freedom,
+            chi_square: f64::NAN,
+            p_value: f64::NAN,
+            dilution: f64::NAN,
+            sigma: f64::NAN,
+        };
+        if degrees_of_freedom < 0 {
+            return failed(Problem::TooFew);
+        }
+        let unknown = workspace.places.iter().any(|&at| instant.sigmas[at].is_nan());
+        let redundancy = count - D;
+        let loss = match self.method {
+            Method::Robust(least) if redundancy >= least.max(1) => Loss::Tukey(TUKEY),
+            _ => Loss::Square,
+        };
+        let Workspace { measurements, places, candidates, costs, scratch } = workspace;
+        let problem = descent::Problem { measurements, extent };
+        let search = Search { problem, loss, unknown };
+        let origin = first::<D>(instant.stations);
+        let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
+        let found = match self.lenth() {
+            None => search.minimum(initial, candidates, costs, scratch),
+            Some(weight) => search.lenth(initial, weight, candidates, costs, scratch),
+        };
+        let minimum = match found.and_then(|minimum| search.checked(minimum)) {
+            Ok(minimum) => minimum,
+            Err(problem) => return failed(problem),
+        };
+        for (value, (p, o)) in out.position.iter_mut().zip(minimum.position.iter().zip(origin)) {
+            *value = p + o;
+        }
+        let summary = search.summary(&minimum, self.lenth());
+        for (i, row) in summary.covariance.iter().enumerate() {
+            out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
+        }
+        let mut chi_square = 0.0;
+        for (measurement, &place) in search.problem.measurements.iter().zip(&*places) {
+            let residual = measurement.row(&minimum.position).residual;
+            let u = residual / summary.sigma;
+            out.residual[place] = u;
+            out.outlier[place] = summary.is_fault(residual / minimum.scale);
+            chi_square += u * u;
+        }
+        Fix {
+            chi_square,
+            p_value: match unknown {
+                true => f64::NAN,
+                false if redundancy == 0 => 1.0,
+                false => chi_square_upper(chi_square, redundancy),
+            },
+            dilution: dilution(search.problem.measurements, &minimum.position, |i| {
+                !out.outlier[places[i]]
+            }),
+            sigma: if unknown { summary.sigma } else { f64::NAN },
+            ..failed(Problem::None)
+        }
+    }
+
+    fn lenth(&self) -> Option<Weight> {
+        match self.method {
+            Method::LenthMle => Some(Weight::One),
+            Method::LenthHuber => Some(Weight::Huber),
+            Method::LenthAndrews => Some(Weight::Andrews),
+            _ => None,
+        }
+    }
+
+    /// The covariance that stations would have at a position, `sigmas` as in [`Instant`], nan for
+    /// what they do not measure; infinite where it is not determined. Returns the dilution. O(K).
+    pub fn accuracy<const D: usize>(
+        stations: &[f64],
+        sigmas: &[f64],
+        position: &[f64],
+        covariance: &mut [f64],
+        workspace: &mut Workspace<D>,
+    ) -> f64 {
+        let values = sigmas;
+        let extent = workspace.read(&Instant { stations, values, sigmas, initial: None });
+        let origin = first::<D>(stations);
+        let p: Vector<D> = std::array::from_fn(|i| position[i] - origin[i]);
+        let measurements = &workspace.measurements;
+        let near = NEAR * (extent + norm(&p));
+        let problem = descent::Problem { measurements, extent };
+        let matrix = problem.normal(&p, Loss::Square, 1.0).matrix;
+        let blind = measurements.iter().any(|m| m.is_blind(&p, near));
+        let inverse = Factor::try_new(&matrix, 0.0).filter(|_| !blind).map(|f| f.inverse());
+        for (i, row) in inverse.unwrap_or_else(undetermined).iter().enumerate() {
+            covariance[i * D..(i + 1) * D].copy_from_slice(row);
+        }
+        if inverse.is_none() {
+            return f64::INFINITY;
+        }
+        dilution(measurements, &p, |_| true)
+    }
+}
+
+/// Infinite variances; what is between them is not a number.
+fn undetermined<const D: usize>() -> Matrix<D> {
+    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { f64::NAN }))
+}
+
+/// The first station, from which positions are counted: a common offset costs no digits.
+fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
+    std::array::from_fn(|i| stations[i])
+}
+
+impl<const D: usize> Workspace<D> {
+    /// Collects what was measured, station by station, and returns the size of the geometry.
+    fn read(&mut self, instant: &Instant<'_>) -> f64 {
+        self.measurements.clear();
+        self.places.clear();
+        let (origin, count) = (first::<D>(instant.stations), instant.stations.len() / D);
+        let mut extent = 0.0_f64;
+        for k in 0..count {
+            let station: Vector<D> =
+                std::array::from_fn(|i| instant.stations[k * D + i] - origin[i]);
+            let before = self.places.len();
+            for (at, kind) in Kind::ALL.into_iter().enumerate() {
+                let place = at * count + k;
+                let (value, sigma) = (instant.values[place], instant.sigmas[place]);
+                if value.is_nan() {
+                    continue;
+                }
+                let sigma = if sigma.is_nan() { 1.0 } else { sigma };
+                self.measurements.push(Measurement::new(kind, k, station, value, sigma));
+                self.places.push(place);
+                if !kind.is_angle() {
+                    extent = extent.max(value.abs());
+                }
+            }
+            if self.places.len() > before {
+                extent = extent.max(norm(&station));
+            }
+        }
+        extent
+    }
+}
+
+impl<const D: usize> Search<'_, D> {
+    /// The best minimum, if no other explains the measurements as well.
+    fn minimum(
+        &self,
+        initial: Option<Vector<D>>,
+        candidates: &mut Candidates<D>,
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<Minimum<D>, Problem> {
+        if let Some(start) = initial {
+            return Ok(self.refine(start, scratch));
+        }
+        candidates.read(self.problem.measurements);
+        if candidates.polar() && candidates.points.len() > 1 && !self.unknown {
+            let start = self.best(&candidates.points, costs, scratch);
+            let minimum = start.map(|start| self.refine(candidates.points[start], scratch));
+            if let Some(minimum) = minimum.filter(|minimum| self.is_trusted(minimum)) {
+                return Ok(minimum);
+            }
+        }
+        candidates.all(self.problem.extent);
+        let points = &mut candidates.points;
+        let Some(start) = self.best(points, costs, scratch) else {
+            return Err(Problem::NoIntersection);
+        };
+        let minimum = self.refine(points[start], scratch);
+        self.rivalled(minimum, points, costs, scratch)
+    }
+
+    /// Whether a minimum needs no other starts: hardly anything contradicts it.
+    fn is_trusted(&self, minimum: &Minimum<D>) -> bool {
+        let count = self.problem.measurements.len() as f64;
+        let faults = TRUSTED_FAULTS * TUKEY * TUKEY / 6.0;
+        minimum.end == End::Converged && minimum.normal.cost < 0.5 * count + faults
+    }
+
+    /// Index of the point with the least cost, and the costs of all.
+    fn best(
+        &self,
+        points: &[Vector<D>],
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Option<usize> {
+        costs.clear();
+        for point in points {
+            costs.push(match self.loss {
+                Loss::Tukey(_) if self.unknown => self.median_scale(point, scratch),
+                loss => self.problem.cost(point, loss, 1.0),
+            });
+        }
+        least(costs)
+    }
+
+    /// Goes down from a start.
+    fn refine(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
+        let mut position = start;
+        if self.loss == Loss::Square {
+            let (end, normal) =
+                self.problem.descend(&mut position, self.loss, 1.0, STEPS, TOLERANCE);
+            return Minimum { position, normal, end, scale: 1.0 };
+        }
+        let mut scale = 1.0;
+        for _ in 0..if self.unknown { HUBER_STEPS } else { 1 } {
+            let steps = if self.unknown { 1 } else { HUBER_STEPS };
+            if self.unknown {
+                scale = self.median_scale(&position, scratch);
+            }
+            let huber = Loss::Huber(HUBER);
+            self.problem.descend(&mut position, huber, scale, steps, HUBER_TOLERANCE);
+        }
+        if !self.is_better(&position, &start, scratch) {
+            position = start;
+        }
+        if self.unknown {
+            for _ in 0..RESCALINGS {
+                scale = self.median_scale(&position, scratch);
+                self.problem.descend(&mut position, self.loss, scale, 1, TUKEY_TOLERANCE);
+            }
+            scale = self.median_scale(&position, scratch);
+        }
+        let (end, normal) =
+            self.problem.descend(&mut position, self.loss, scale, TUKEY_STEPS, TUKEY_TOLERANCE);
+        Minimum { position, normal, end, scale }
+    }
+
+    fn is_better(&self, p: &Vector<D>, q: &Vector<D>, scratch: &mut Vec<f64>) -> bool {
+        if self.unknown {
+            return self.median_scale(p, scratch) <= self.median_scale(q, scratch);
+        }
+        self.problem.cost(p, self.loss, 1.0) <= self.problem.cost(q, self.loss, 1.0)
+    }
+
+    /// σ from the median size of the residuals, without the D − 1 smallest, which the fit makes
+    /// small.
+    fn median_scale(&self, p: &Vector<D>, scratch: &mut Vec<f64>) -> f64 {
+        scratch.clear();
+        scratch.extend(self.problem.measurements.iter().map(|m| m.row(p).residual.abs()));
+        if scratch.iter().any(|r| r.is_nan()) {
+            return f64::INFINITY;
+        }
+        scratch.sort_unstable_by(f64::total_cmp);
+        let scale = median(&mut scratch[D - 1..]) / NORMAL_MEDIAN;
+        scale.max(f64::MIN_POSITIVE.sqrt())
+    }
+
+    /// The better of a minimum and those that other candidates lead to; an error if two are
+    /// equally good.
+    fn rivalled(
+        &self,
+        mut best: Minimum<D>,
+        points: &mut [Vector<D>],
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<Minimum<D>, Problem> {
+        if best.scale != 1.0 {
+            costs.clear();
+            costs.extend(points.iter().map(|p| self.problem.cost(p, self.loss, best.scale)));
+        }
+        let mut rival: Option<Minimum<D>> = None;
+        for _ in 0..RIVALS {
+            for minimum in [Some(best), rival].into_iter().flatten() {
+                for (point, cost) in points.iter().zip(costs.iter_mut()) {
+                    if minimum.is_same(point) {
+                        *cost = f64::INFINITY;
+                    }
+                }
+            }
+            let count = self.problem.measurements.len() as f64;
+            let limit = 2.0 * best.normal.cost + AMBIGUOUS + count + 10.0;
+            let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
+            costs[at] = f64::INFINITY;
+            let mut other = self.refine(points[at], scratch);
+            if other.end != End::Converged || best.is_same(&other.position) {
+                continue;
+            }
+            if other.scale != best.scale {
+                other.normal = self.problem.normal(&other.position, self.loss, best.scale);
+            }
+            if other.normal.cost < best.normal.cost || best.end != End::Converged {
+                (best, other) = (other, best);
+            }
+            let closer = |r: &Minimum<D>| r.normal.cost > other.normal.cost;
+            if other.end == End::Converged && rival.as_ref().is_none_or(closer) {
+                rival = Some(other);
+            }
+        }
+        match rival {
+            Some(rival) if rival.normal.cost < best.normal.cost + AMBIGUOUS => {
+                Err(Problem::Ambiguous)
+            }
+            _ => Ok(best),
+        }
+    }
+
+    /// Fails where a minimum is none, or not one point.
+    fn checked(&self, minimum: Minimum<D>) -> Result<Minimum<D>, Problem> {
+        let near = NEAR * self.problem.extent;
+        let p = &minimum.position;
+        if self.problem.measurements.iter().any(|m| m.is_blind(p, near)) {
+            return Err(Problem::AtStation);
+        }
+        match minimum.end {
+            End::Diverged => return Err(Problem::NoIntersection),
+            End::Singular => return Err(Problem::Singular),
+            End::Moving => return Err(Problem::NotConverged),
+            End::Converged => {}
+        }
+        let exact = self.problem.measurements.len() == D;
+        if exact && (minimum.normal.cost.is_nan() || minimum.normal.cost > MEETING) {
+            return Err(Problem::NoIntersection);
+        }
+        if Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
+            return Err(Problem::Singular);
+        }
+        Ok(minimum)
+    }
+
+    /// Lenth's estimate, from the least-squares position.
+    fn lenth(
+        &self,
+        initial: Option<Vector<D>>,
+        weight: Weight,
+        candidates: &mut Candidates<D>,
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<Minimum<D>, Problem> {
+        let start = self.minimum(initial, candidates, costs, scratch)?;
+        let measurements = self.problem.measurements;
+        let known = (!self.unknown).then(|| measurements[0].precision.powi(2));
+        let estimate = lenth::estimate(measurements, start.position, known, weight);
+        let mut normal = self.problem.normal(&estimate.position, Loss::Square, 1.0);
+        normal.matrix = estimate.covariance.ok_or(Problem::Singular)?;
+        let end = if estimate.converged { End::Converged } else { End::Moving };
+        let scale = if self.unknown { 1.0 / estimate.kappa.sqrt() } else { 1.0 };
+        Ok(Minimum { position: estimate.position, normal, end, scale })
+    }
+
+    /// Covariance and σ.
+    fn summary(&self, minimum: &Minimum<D>, lenth: Option<Weight>) -> Summary<D> {
+        if let Some(weight) = lenth {
+            let fault = if weight == Weight::Andrews { lenth::ZERO } else { f64::INFINITY };
+            return Summary { covariance: minimum.normal.matrix, sigma: minimum.scale, fault };
+        }
+        let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
+            .map_or_else(undetermined, |factor| factor.inverse());
+        let (mut sum, mut total) = (0.0, 0.0);
+        for m in self.problem.measurements {
+            let u = m.row(&minimum.position).residual / minimum.scale;
+            let (weight, _) = self.loss.weight(u);
+            sum += weight * u * u;
+            total += weight;
+        }
+        let robust = self.loss != Loss::Square;
+        let (variance, spread) = if robust { (TUKEY_VARIANCE, TUKEY_SPREAD) } else { (1.0, 1.0) };
+        let fault = if robust { TUKEY } else { f64::INFINITY };
+        if !self.unknown {
+            let covariance = inverse.map(|row| row.map(|v| v * variance));
+            return Summary { covariance, sigma: 1.0, fault };
+        }
+        let rest = total - D as f64;
+        if rest < 1e-9 {
+            return Summary { covariance: undetermined(), sigma: f64::NAN, fault };
+        }
+        let square = spread * sum / rest;
+        let covariance = inverse.map(|row| row.map(|v| v * variance * square));
+        Summary { covariance, sigma: minimum.scale * square.sqrt(), fault }
+    }
+}
+
+/// What is made of a minimum.
+struct Summary<const D: usize> {
+    covariance: Matrix<D>,
+    sigma: f64,
+    /// Residuals from here on have no weight.
+    fault: f64,
+}
+
+impl<const D: usize> Summary<D> {
+    fn is_fault(&self, u: f64) -> bool {
+        u.abs() >= self.fault
+    }
+}
+
+impl<const D: usize> Minimum<D> {
+    /// Whether a point is within the error of this one.
+    fn is_same(&self, point: &Vector<D>) -> bool {
+        let difference = std::array::from_fn(|i| point[i] - self.position[i]);
+        quadratic(&self.normal.matrix, &difference) <= SAME_MINIMUM
+    }
+}
+
+/// Index of the least number that is finite.
+fn least(costs: &[f64]) -> Option<usize> {
+    let finite = costs.iter().enumerate().filter(|(_, cost)| cost.is_finite());
+    finite.min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| at)
+}
+
+/// Root of the trace of the covariance for errors of size 1.
+fn dilution<const D: usize>(
+    measurements: &[Measurement<D>],
+    p: &Vector<D>,
+    counts: impl Fn(usize) -> bool,
+) -> f64 {
+    let mut matrix = [[0.0; D]; D];
+    let mut angles = 0;
+    for (at, m) in measurements.iter().enumerate() {
+        angles += usize::from(m.kind.is_angle());
+        if !counts(at) {
+            continue;
+        }
+        let gradient = m.row(p).gradient.map(|v| v / m.precision);
+        for i in 0..D {
+            for j in 0..D {
+                matrix[i][j] += gradient[i] * gradient[j];
+            }
+        }
+    }
+    if angles != 0 && angles != measurements.len() {
+        return f64::NAN;
+    }
+    let Some(factor) = Factor::try_new(&matrix, 0.0) else { return f64::INFINITY };
+    let inverse = factor.inverse();
+    (0..D).map(|i| inverse[i][i]).sum::<f64>().sqrt()
+}
