@@ -9,6 +9,8 @@ use super::small::{Matrix, Vector, dot, norm, roots, solve_line};
 
 /// Points tried of each sort at most: more are drawn at random, always the same.
 const MOST: usize = 64;
+/// Ranges whose spheres lines are drawn through, at most.
+const SPHERES: usize = 8;
 /// Constants of Knuth's MMIX generator.
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
 const INCREMENT: u64 = 1_442_695_040_888_963_407;
@@ -111,7 +113,7 @@ impl<const D: usize> Candidates<D> {
             self.planes.extend(sight.planes().into_iter().flatten());
         }
         let angles = self.planes.len();
-        self.meet(D, |planes, points| {
+        self.meet(D, MOST, |planes, points| {
             if let Some((point, _)) = meeting(planes) {
                 points.push(point);
             }
@@ -125,9 +127,14 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// Calls `make` with subsets of the planes.
-    fn meet(&mut self, size: usize, mut make: impl FnMut(&[Plane<D>], &mut Vec<Vector<D>>)) {
+    fn meet(
+        &mut self,
+        size: usize,
+        most: usize,
+        mut make: impl FnMut(&[Plane<D>], &mut Vec<Vector<D>>),
+    ) {
         let Self { planes, points, .. } = self;
-        for_each_subset(planes.len(), size, |indices| {
+        for_each_subset(planes.len(), size, most, |indices| {
             let mut subset = [Plane { normal: [0.0; D], offset: 0.0, slope: 0.0 }; D];
             for (plane, &i) in subset.iter_mut().zip(indices) {
                 *plane = planes[i];
@@ -140,7 +147,8 @@ impl<const D: usize> Candidates<D> {
     fn spheres(&mut self, angles: usize) {
         let ranges = self.sights.iter().filter(|sight| sight.range.is_some()).count();
         // a few spheres are enough
-        let every = ranges.div_ceil(8).max(1);
+        let every = ranges.div_ceil(SPHERES).max(1);
+        let most = MOST / ranges.clamp(1, SPHERES);
         let mut number = 0;
         for at in 0..self.sights.len() {
             let sight = self.sights[at];
@@ -153,7 +161,7 @@ impl<const D: usize> Candidates<D> {
             for other in &self.sights {
                 self.planes.extend(other.relative_to(&sight, range).into_iter().flatten());
             }
-            self.meet(D - 1, |planes, points| {
+            self.meet(D - 1, most, |planes, points| {
                 let Some((u, v)) = line(planes) else { return };
                 let from: Vector<D> = std::array::from_fn(|i| u[i] - sight.station[i]);
                 let c = dot(&from, &from) - range * range;
@@ -175,7 +183,7 @@ impl<const D: usize> Candidates<D> {
         if self.planes.len() == angles {
             return;
         }
-        self.meet(D, |planes, points| {
+        self.meet(D, MOST, |planes, points| {
             let Some((u, v)) = meeting(planes) else { return };
             if planes.iter().all(|plane| plane.slope == 0.0) {
                 return;
@@ -300,14 +308,14 @@ fn line<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)> {
     meeting(&all)
 }
 
-/// Visits all subsets of so many of `n`, or so many random ones.
-fn for_each_subset(n: usize, size: usize, mut visit: impl FnMut(&[usize])) {
+/// Visits all subsets of so many of `n`, or `most` random ones.
+fn for_each_subset(n: usize, size: usize, most: usize, mut visit: impl FnMut(&[usize])) {
     if n < size {
         return;
     }
     let count = (0..size).fold(1, |count: usize, i| count.saturating_mul(n - i) / (i + 1));
     let mut indices = [0, 1, 2];
-    if count <= MOST {
+    if count <= most {
         loop {
             visit(&indices[..size]);
             let Some(i) = (0..size).rev().find(|&i| indices[i] < n - size + i) else { return };
@@ -323,7 +331,7 @@ fn for_each_subset(n: usize, size: usize, mut visit: impl FnMut(&[usize])) {
         ((state >> 33) as usize) % n
     };
     let mut visited = 0;
-    while visited < MOST {
+    while visited < most {
         for index in &mut indices[..size] {
             *index = draw();
         }
@@ -343,14 +351,14 @@ mod tests {
     fn every_subset_once() {
         for (n, size, count) in [(4, 2, 6), (5, 3, 10), (3, 3, 1), (6, 1, 6), (2, 3, 0)] {
             let mut seen = Vec::new();
-            for_each_subset(n, size, |indices| seen.push(indices.to_vec()));
+            for_each_subset(n, size, MOST, |indices| seen.push(indices.to_vec()));
             assert_eq!(seen.len(), count);
             seen.dedup();
             assert_eq!(seen.len(), count);
             assert!(seen.iter().flatten().all(|&i| i < n));
         }
         let mut visited = 0;
-        for_each_subset(100, 3, |indices| {
+        for_each_subset(100, 3, MOST, |indices| {
             visited += 1;
             assert!(indices[0] != indices[1] && indices[1] != indices[2]);
         });

@@ -1,7 +1,7 @@
 //! Gauss–Newton on weighted, whitened residuals, with Levenberg's safeguard.
 
 use super::measurement::{Measurement, Row};
-use super::small::{Factor, Matrix, Vector, dot, norm, quadratic};
+use super::small::{Factor, Matrix, Vector, norm, quadratic};
 
 /// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
 pub(super) const HUBER: f64 = 1.345;
@@ -27,17 +27,19 @@ pub(super) enum Loss {
 }
 
 impl Loss {
-    /// Weight `ψ(u)/u` and cost `ρ(u)`.
+    /// Weight `ψ(u)/u`, cost `ρ(u)` and `ψ'(u)`.
     #[inline]
-    pub fn weight(self, u: f64) -> (f64, f64) {
+    pub fn at(self, u: f64) -> (f64, f64, f64) {
         match self {
-            Self::Square => (1.0, 0.5 * u * u),
-            Self::Huber(c) if u.abs() <= c => (1.0, 0.5 * u * u),
-            Self::Huber(c) => (c / u.abs(), c * (u.abs() - 0.5 * c)),
+            Self::Square => (1.0, 0.5 * u * u, 1.0),
+            Self::Huber(c) if u.abs() <= c => (1.0, 0.5 * u * u, 1.0),
+            // as if it were its own weight: steps are shorter, and never fail
+            Self::Huber(c) => (c / u.abs(), c * (u.abs() - 0.5 * c), c / u.abs()),
             Self::Tukey(c) => {
                 let q = (u / c).powi(2);
                 let rest = if q < 1.0 { 1.0 - q } else { 0.0 };
-                (rest * rest, c * c / 6.0 * (1.0 - rest * rest * rest))
+                let cost = c * c / 6.0 * (1.0 - rest * rest * rest);
+                (rest * rest, cost, rest * (1.0 - 5.0 * q))
             }
         }
     }
@@ -47,6 +49,8 @@ impl Loss {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Normal<const D: usize> {
     pub matrix: Matrix<D>,
+    /// The same with ψ' in place of the weights.
+    curvature: Matrix<D>,
     pub vector: Vector<D>,
     pub cost: f64,
 }
@@ -73,28 +77,31 @@ pub(super) struct Problem<'a, const D: usize> {
 impl<const D: usize> Problem<'_, D> {
     /// The normal equations. O(M).
     pub fn normal(&self, p: &Vector<D>, loss: Loss, scale: f64) -> Normal<D> {
-        let mut normal = Normal { matrix: [[0.0; D]; D], vector: [0.0; D], cost: 0.0 };
+        let zero = [[0.0; D]; D];
+        let mut normal = Normal { matrix: zero, curvature: zero, vector: [0.0; D], cost: 0.0 };
         let reciprocal = 1.0 / scale;
         for measurement in self.measurements {
             let Row { residual, gradient } = measurement.row(p);
             let u = residual * reciprocal;
-            let (weight, cost) = loss.weight(u);
+            let (weight, cost, curvature) = loss.at(u);
             normal.cost += cost;
             if weight == 0.0 {
                 continue;
             }
-            let weight = weight * reciprocal;
+            let gradient = gradient.map(|v| v * reciprocal);
             for i in 0..D {
-                let g = weight * gradient[i];
-                normal.vector[i] += g * u;
+                normal.vector[i] += weight * u * gradient[i];
                 for j in 0..=i {
-                    normal.matrix[i][j] += g * reciprocal * gradient[j];
+                    let product = gradient[i] * gradient[j];
+                    normal.matrix[i][j] += weight * product;
+                    normal.curvature[i][j] += curvature * product;
                 }
             }
         }
         for i in 0..D {
             for j in 0..i {
                 normal.matrix[j][i] = normal.matrix[i][j];
+                normal.curvature[j][i] = normal.curvature[i][j];
             }
         }
         normal
@@ -103,11 +110,13 @@ impl<const D: usize> Problem<'_, D> {
     /// The cost alone. O(M).
     pub fn cost(&self, p: &Vector<D>, loss: Loss, scale: f64) -> f64 {
         let reciprocal = 1.0 / scale;
-        let cost = |m: &Measurement<D>| loss.weight(m.row(p).residual * reciprocal).1;
+        let cost = |m: &Measurement<D>| loss.at(m.row(p).residual * reciprocal).1;
         self.measurements.iter().map(cost).sum()
     }
 
     /// Goes downhill until a step is shorter than `tolerance` standard deviations.
+    ///
+    /// A step is Newton's with ψ', then that with weights, then shorter ones of that.
     pub fn descend(
         &self,
         p: &mut Vector<D>,
@@ -117,34 +126,32 @@ impl<const D: usize> Problem<'_, D> {
         tolerance: f64,
     ) -> (End, Normal<D>) {
         let mut normal = self.normal(p, loss, scale);
+        let newton = matches!(loss, Loss::Tukey(_));
         let mut damping = 0.0;
         for _ in 0..steps {
-            let (step, next) = loop {
-                let factor = Factor::try_new(&normal.matrix, damping);
-                if let Some(factor) = factor {
-                    let step = factor.solve(&normal.vector);
-                    let mut trial = *p;
-                    for i in 0..D {
-                        trial[i] += step[i];
+            let first = if newton { Factor::try_new(&normal.curvature, 0.0) } else { None };
+            let taken = first.and_then(|factor| self.step(p, &factor, &normal, loss, scale).ok());
+            let (trial, next, size) = match taken {
+                Some(taken) => taken,
+                None => loop {
+                    if let Some(factor) = Factor::try_new(&normal.matrix, damping) {
+                        match self.step(p, &factor, &normal, loss, scale) {
+                            Ok(taken) => break taken,
+                            // what is left is rounding
+                            Err(size) if size <= tolerance * tolerance => {
+                                return (End::Converged, normal);
+                            }
+                            Err(_) => {}
+                        }
                     }
-                    let next = self.normal(&trial, loss, scale);
-                    if next.cost <= normal.cost * (1.0 + ROUNDING) + f64::MIN_POSITIVE {
-                        *p = trial;
-                        break (step, next);
+                    damping = if damping == 0.0 { FIRST_DAMPING } else { damping * GROWTH };
+                    if damping > LARGEST_DAMPING {
+                        let regular = Factor::try_new(&normal.matrix, 0.0).is_some();
+                        return (if regular { End::Converged } else { End::Singular }, normal);
                     }
-                    // what is left is rounding
-                    if quadratic(&normal.matrix, &step) <= tolerance * tolerance {
-                        return (End::Converged, normal);
-                    }
-                }
-                damping = if damping == 0.0 { FIRST_DAMPING } else { damping * GROWTH };
-                if damping > LARGEST_DAMPING {
-                    let end = if factor_exists(&normal) { End::Converged } else { End::Singular };
-                    return (end, normal);
-                }
+                },
             };
-            let size = quadratic(&normal.matrix, &step);
-            normal = next;
+            (*p, normal) = (trial, next);
             damping = if damping <= FIRST_DAMPING { 0.0 } else { damping / GROWTH };
             if norm(p) > FAR * self.extent {
                 return (End::Diverged, normal);
@@ -155,9 +162,22 @@ impl<const D: usize> Problem<'_, D> {
         }
         (End::Moving, normal)
     }
-}
 
-fn factor_exists<const D: usize>(normal: &Normal<D>) -> bool {
-    dot(&normal.vector, &normal.vector).is_finite()
-        && Factor::try_new(&normal.matrix, 0.0).is_some()
+    /// A step that does not go uphill: where it leads, the normal equations there, and its square
+    /// in standard deviations. Otherwise that square alone.
+    fn step(
+        &self,
+        p: &Vector<D>,
+        factor: &Factor<D>,
+        normal: &Normal<D>,
+        loss: Loss,
+        scale: f64,
+    ) -> Result<(Vector<D>, Normal<D>, f64), f64> {
+        let step = factor.solve(&normal.vector);
+        let size = quadratic(&normal.matrix, &step);
+        let trial = std::array::from_fn(|i| p[i] + step[i]);
+        let next = self.normal(&trial, loss, scale);
+        let down = next.cost <= normal.cost * (1.0 + ROUNDING) + f64::MIN_POSITIVE;
+        if down { Ok((trial, next, size)) } else { Err(size) }
+    }
 }

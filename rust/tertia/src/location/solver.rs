@@ -5,7 +5,6 @@ use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
 use super::lenth::{self, Weight};
 use super::measurement::{Kind, Measurement};
 use super::small::{Factor, Matrix, Vector, norm, quadratic};
-use crate::angle::median;
 use crate::distribution::chi_square_upper;
 
 /// Least squares end where a step is shorter than so many standard deviations.
@@ -17,9 +16,12 @@ const HUBER_TOLERANCE: f64 = 1e-2;
 const TUKEY_STEPS: usize = 50;
 const TUKEY_TOLERANCE: f64 = 1e-8;
 const RESCALINGS: usize = 12;
-/// With normal noise, for Tukey's weights w: `E w E ψ² / (E ψ')²`, `E w / E w r²`.
-const TUKEY_VARIANCE: f64 = 0.963_273_870;
-const TUKEY_SPREAD: f64 = 1.207_598_3;
+/// A start is better than Huber's fit where its scale is smaller by this factor.
+const SMALLER_BY_CHANCE: f64 = 2.0;
+/// Steps to the σ whose weighted residuals are as large as those found.
+const SPREAD_STEPS: usize = 20;
+/// Correction of a scale for few measurements.
+const FEW: f64 = 5.0;
 /// Median of the size of a standard normal number.
 const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 /// Minima whose likelihoods differ less than by a factor of 20 cannot be told apart: ln 20.
@@ -30,6 +32,8 @@ const SAME_MINIMUM: f64 = 25.0;
 const RIVALS: usize = 3;
 /// Cost of as many faults as a start from the stations' own fixes is trusted with.
 const TRUSTED_FAULTS: f64 = 2.0;
+/// Least sum of the weights beyond what the coordinates use up.
+const LEAST_REST: f64 = 1e-9;
 /// A point is at a station below this share of the extent.
 const NEAR: f64 = 1e-9;
 /// Largest cost of a point where as many measurements as coordinates meet.
@@ -350,7 +354,8 @@ impl<const D: usize> Search<'_, D> {
     fn is_trusted(&self, minimum: &Minimum<D>) -> bool {
         let count = self.problem.measurements.len() as f64;
         let faults = TRUSTED_FAULTS * TUKEY * TUKEY / 6.0;
-        minimum.end == End::Converged && minimum.normal.cost < 0.5 * count + faults
+        let hardly = self.loss == Loss::Square || minimum.normal.cost < 0.5 * count + faults;
+        minimum.end == End::Converged && hardly
     }
 
     /// Index of the point with the least cost, and the costs of all.
@@ -404,22 +409,26 @@ impl<const D: usize> Search<'_, D> {
 
     fn is_better(&self, p: &Vector<D>, q: &Vector<D>, scratch: &mut Vec<f64>) -> bool {
         if self.unknown {
-            return self.median_scale(p, scratch) <= self.median_scale(q, scratch);
+            // the least of many scales is too small by chance
+            let factor = SMALLER_BY_CHANCE;
+            return self.median_scale(p, scratch) <= factor * self.median_scale(q, scratch);
         }
         self.problem.cost(p, self.loss, 1.0) <= self.problem.cost(q, self.loss, 1.0)
     }
 
-    /// σ from the median size of the residuals, without the D − 1 smallest, which the fit makes
-    /// small.
+    /// σ from the size of the residual of the middle of those that a fit does not make small, with
+    /// the correction of Rousseeuw and Leroy (1987) for few measurements.
     fn median_scale(&self, p: &Vector<D>, scratch: &mut Vec<f64>) -> f64 {
         scratch.clear();
         scratch.extend(self.problem.measurements.iter().map(|m| m.row(p).residual.abs()));
         if scratch.iter().any(|r| r.is_nan()) {
             return f64::INFINITY;
         }
-        scratch.sort_unstable_by(f64::total_cmp);
-        let scale = median(&mut scratch[D - 1..]) / NORMAL_MEDIAN;
-        scale.max(f64::MIN_POSITIVE.sqrt())
+        let count = scratch.len();
+        let at = (count + D).div_ceil(2) - 1;
+        let (_, &mut size, _) = scratch.select_nth_unstable_by(at, f64::total_cmp);
+        let correction = 1.0 + FEW / (count - D) as f64;
+        (correction * size / NORMAL_MEDIAN).max(f64::MIN_POSITIVE.sqrt())
     }
 
     /// The better of a minimum and those that other candidates lead to; an error if two are
@@ -525,24 +534,53 @@ impl<const D: usize> Search<'_, D> {
         let (mut sum, mut total) = (0.0, 0.0);
         for m in self.problem.measurements {
             let u = m.row(&minimum.position).residual / minimum.scale;
-            let (weight, _) = self.loss.weight(u);
+            let (weight, ..) = self.loss.at(u);
             sum += weight * u * u;
             total += weight;
         }
         let robust = self.loss != Loss::Square;
-        let (variance, spread) = if robust { (TUKEY_VARIANCE, TUKEY_SPREAD) } else { (1.0, 1.0) };
         let fault = if robust { TUKEY } else { f64::INFINITY };
+        let of =
+            |sigma: f64| if robust { Expected::of_tukey(sigma) } else { Expected::of_square() };
         if !self.unknown {
-            let covariance = inverse.map(|row| row.map(|v| v * variance));
+            let covariance = inverse.map(|row| row.map(|v| v * of(1.0).variance));
             return Summary { covariance, sigma: 1.0, fault };
         }
         let rest = total - D as f64;
-        if rest < 1e-9 {
+        if rest < LEAST_REST {
             return Summary { covariance: undetermined(), sigma: f64::NAN, fault };
         }
-        let square = spread * sum / rest;
-        let covariance = inverse.map(|row| row.map(|v| v * variance * square));
-        Summary { covariance, sigma: minimum.scale * square.sqrt(), fault }
+        let mut sigma = (sum / rest).sqrt();
+        for _ in 0..SPREAD_STEPS {
+            sigma = (sum / rest / of(sigma).spread).sqrt();
+        }
+        let factor = of(sigma).variance * sigma * sigma;
+        let covariance = inverse.map(|row| row.map(|v| v * factor));
+        Summary { covariance, sigma: minimum.scale * sigma, fault }
+    }
+}
+
+/// What Tukey's weights do to normal errors of some σ, in units of the scale.
+struct Expected {
+    /// `E w E ψ² / (E ψ')² / σ²`: the variance of an estimate over `σ² / Σ w`.
+    variance: f64,
+    /// `E w r² / E w / σ²`
+    spread: f64,
+}
+
+impl Expected {
+    fn of_square() -> Self {
+        Self { variance: 1.0, spread: 1.0 }
+    }
+
+    /// Moments of the normal distribution; what is beyond c is left out, less than 1e-5 up to σ = 1.
+    fn of_tukey(sigma: f64) -> Self {
+        let q = (sigma.min(1.0) / TUKEY).powi(2);
+        let weight = 1.0 - 2.0 * q + 3.0 * q * q;
+        // E w r² and E ψ' are the same
+        let slope = 1.0 - 6.0 * q + 15.0 * q * q;
+        let square = 1.0 - 12.0 * q + 90.0 * q * q - 420.0 * q.powi(3) + 945.0 * q.powi(4);
+        Self { variance: weight * square / (slope * slope), spread: slope / weight }
     }
 }
 
