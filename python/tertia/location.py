@@ -532,7 +532,7 @@ def _measured(value: npt.ArrayLike, kind: str, k: int) -> FloatArray:
         if kind == "range":
             wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
         elif kind == "elevation":
-            wrong, domain = np.abs(array) > np.pi / 2, "between -pi/2 and pi/2"
+            wrong, domain = np.abs(array) > np.pi, "between -pi and pi"
         else:
             wrong, domain = np.isinf(array), "a finite number"
     bad = np.argwhere(wrong)

@@ -6,6 +6,7 @@
 
 use super::measurement::{Kind, Measurement};
 use super::small::{Matrix, Vector, dot, norm, roots, solve_line};
+use crate::angle::median;
 
 /// Points tried of each sort at most: more are drawn at random, always the same.
 const MOST: usize = 64;
@@ -59,12 +60,13 @@ struct Sight<const D: usize> {
 pub(super) struct Candidates<const D: usize> {
     sights: Vec<Sight<D>>,
     planes: Vec<Plane<D>>,
+    coordinates: Vec<f64>,
     pub points: Vec<Vector<D>>,
 }
 
 impl<const D: usize> Default for Candidates<D> {
     fn default() -> Self {
-        Self { sights: Vec::new(), planes: Vec::new(), points: Vec::new() }
+        Self { sights: Vec::new(), planes: Vec::new(), coordinates: Vec::new(), points: Vec::new() }
     }
 }
 
@@ -103,6 +105,20 @@ impl<const D: usize> Candidates<D> {
             self.points.push(point);
         }
         self.points.len() == self.sights.len()
+    }
+
+    /// The median of the stations' own fixes, coordinate by coordinate, where all of three or more
+    /// stations make one. O(K).
+    pub fn middle(&mut self) -> Option<Vector<D>> {
+        if !self.polar() || self.points.len() < 3 {
+            return None;
+        }
+        let Self { points, coordinates, .. } = self;
+        Some(std::array::from_fn(|i| {
+            coordinates.clear();
+            coordinates.extend(points.iter().map(|point| point[i]));
+            median(coordinates)
+        }))
     }
 
     /// Points of all sorts.

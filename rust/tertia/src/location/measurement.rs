@@ -52,7 +52,7 @@ impl<const D: usize> Measurement<D> {
     }
 
     /// Residual and gradient at a position relative to the first station.
-    #[inline]
+    #[inline(always)]
     pub fn row(&self, p: &Vector<D>) -> Row<D> {
         let mut d = *p;
         for i in 0..D {

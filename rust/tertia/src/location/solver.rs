@@ -3,18 +3,18 @@
 use super::candidates::Candidates;
 use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
 use super::lenth::{self, Weight};
-use super::measurement::{Kind, Measurement};
+use super::measurement::{Kind, Measurement, Row};
 use super::small::{Factor, Matrix, Vector, norm, quadratic};
 use crate::distribution::chi_square_upper;
 
 /// Least squares end where a step is shorter than so many standard deviations.
-const TOLERANCE: f64 = 1e-11;
+const TOLERANCE: f64 = 1e-9;
 const STEPS: usize = 100;
 /// Robust steps: Huber's only lead to Tukey's.
 const HUBER_STEPS: usize = 8;
-const HUBER_TOLERANCE: f64 = 1e-2;
+const HUBER_TOLERANCE: f64 = 0.1;
 const TUKEY_STEPS: usize = 50;
-const TUKEY_TOLERANCE: f64 = 1e-8;
+const TUKEY_TOLERANCE: f64 = 1e-7;
 const RESCALINGS: usize = 12;
 /// A start is better than Huber's fit where its scale is smaller by this factor.
 const SMALLER_BY_CHANCE: f64 = 2.0;
@@ -36,6 +36,9 @@ const TRUSTED_FAULTS: f64 = 2.0;
 const LEAST_REST: f64 = 1e-9;
 /// A point is at a station below this share of the extent.
 const NEAR: f64 = 1e-9;
+/// Where a descent creeps closer than this, it would end at a station: close to one, its azimuth
+/// can be anything.
+const APPROACHED: f64 = 1e-2;
 /// Largest cost of a point where as many measurements as coordinates meet.
 const MEETING: f64 = 1e-6;
 
@@ -214,16 +217,15 @@ impl Locator {
         for (value, (p, o)) in out.position.iter_mut().zip(minimum.position.iter().zip(origin)) {
             *value = p + o;
         }
-        let summary = search.summary(&minimum, self.lenth());
+        let summary = search.summary(&minimum, self.lenth(), scratch);
         for (i, row) in summary.covariance.iter().enumerate() {
             out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
         }
         let mut chi_square = 0.0;
-        for (measurement, &place) in search.problem.measurements.iter().zip(&*places) {
-            let residual = measurement.row(&minimum.position).residual;
+        for (&residual, &place) in scratch.iter().zip(&*places) {
             let u = residual / summary.sigma;
             out.residual[place] = u;
-            out.outlier[place] = summary.is_fault(residual / minimum.scale);
+            out.outlier[place] = (residual / minimum.scale).abs() >= summary.fault;
             chi_square += u * u;
         }
         Fix {
@@ -233,9 +235,7 @@ impl Locator {
                 false if redundancy == 0 => 1.0,
                 false => chi_square_upper(chi_square, redundancy),
             },
-            dilution: dilution(search.problem.measurements, &minimum.position, |i| {
-                !out.outlier[places[i]]
-            }),
+            dilution: summary.dilution,
             sigma: if unknown { summary.sigma } else { f64::NAN },
             ..failed(Problem::None)
         }
@@ -275,7 +275,11 @@ impl Locator {
         if inverse.is_none() {
             return f64::INFINITY;
         }
-        dilution(measurements, &p, |_| true)
+        let mut spread = Spread::default();
+        for m in measurements {
+            spread.add(m, &m.row(&p), true);
+        }
+        spread.dilution()
     }
 }
 
@@ -334,10 +338,9 @@ impl<const D: usize> Search<'_, D> {
             return Ok(self.refine(start, scratch));
         }
         candidates.read(self.problem.measurements);
-        if candidates.polar() && candidates.points.len() > 1 && !self.unknown {
-            let start = self.best(&candidates.points, costs, scratch);
-            let minimum = start.map(|start| self.refine(candidates.points[start], scratch));
-            if let Some(minimum) = minimum.filter(|minimum| self.is_trusted(minimum)) {
+        if let Some(start) = candidates.middle().filter(|_| !self.unknown) {
+            let minimum = self.refine_steadily(start);
+            if self.is_trusted(&minimum) {
                 return Ok(minimum);
             }
         }
@@ -373,6 +376,21 @@ impl<const D: usize> Search<'_, D> {
             });
         }
         least(costs)
+    }
+
+    /// Goes down from a start that is trusted: Huber's steps are not compared with it.
+    fn refine_steadily(&self, start: Vector<D>) -> Minimum<D> {
+        let (mut position, scale) = (start, 1.0);
+        let mut run = |loss, steps, tolerance| {
+            self.problem.descend(&mut position, loss, scale, steps, tolerance)
+        };
+        let (end, normal) = if self.loss == Loss::Square {
+            run(self.loss, STEPS, TOLERANCE)
+        } else {
+            run(Loss::Huber(HUBER), HUBER_STEPS, HUBER_TOLERANCE);
+            run(self.loss, TUKEY_STEPS, TUKEY_TOLERANCE)
+        };
+        Minimum { position, normal, end, scale }
     }
 
     /// Goes down from a start.
@@ -480,16 +498,22 @@ impl<const D: usize> Search<'_, D> {
         }
     }
 
+    /// Whether a measurement has no direction within this share of the extent.
+    fn is_blind(&self, p: &Vector<D>, share: f64) -> bool {
+        let near = share * self.problem.extent;
+        self.problem.measurements.iter().any(|m| m.is_blind(p, near))
+    }
+
     /// Fails where a minimum is none, or not one point.
     fn checked(&self, minimum: Minimum<D>) -> Result<Minimum<D>, Problem> {
-        let near = NEAR * self.problem.extent;
         let p = &minimum.position;
-        if self.problem.measurements.iter().any(|m| m.is_blind(p, near)) {
+        if self.is_blind(p, NEAR) {
             return Err(Problem::AtStation);
         }
         match minimum.end {
             End::Diverged => return Err(Problem::NoIntersection),
             End::Singular => return Err(Problem::Singular),
+            End::Moving if self.is_blind(p, APPROACHED) => return Err(Problem::AtStation),
             End::Moving => return Err(Problem::NotConverged),
             End::Converged => {}
         }
@@ -523,32 +547,47 @@ impl<const D: usize> Search<'_, D> {
         Ok(Minimum { position: estimate.position, normal, end, scale })
     }
 
-    /// Covariance and σ.
-    fn summary(&self, minimum: &Minimum<D>, lenth: Option<Weight>) -> Summary<D> {
-        if let Some(weight) = lenth {
-            let fault = if weight == Weight::Andrews { lenth::ZERO } else { f64::INFINITY };
-            return Summary { covariance: minimum.normal.matrix, sigma: minimum.scale, fault };
-        }
-        let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
-            .map_or_else(undetermined, |factor| factor.inverse());
+    /// Covariance, σ and dilution; the residuals go to `residuals`.
+    fn summary(
+        &self,
+        minimum: &Minimum<D>,
+        lenth: Option<Weight>,
+        residuals: &mut Vec<f64>,
+    ) -> Summary<D> {
+        let robust = self.loss != Loss::Square;
+        let fault = match lenth {
+            Some(Weight::Andrews) => lenth::ZERO,
+            None if robust => TUKEY,
+            _ => f64::INFINITY,
+        };
+        residuals.clear();
+        let mut spread = Spread::default();
         let (mut sum, mut total) = (0.0, 0.0);
         for m in self.problem.measurements {
-            let u = m.row(&minimum.position).residual / minimum.scale;
+            let row = m.row(&minimum.position);
+            let u = row.residual / minimum.scale;
             let (weight, ..) = self.loss.at(u);
             sum += weight * u * u;
             total += weight;
+            residuals.push(row.residual);
+            spread.add(m, &row, u.abs() < fault);
         }
-        let robust = self.loss != Loss::Square;
-        let fault = if robust { TUKEY } else { f64::INFINITY };
+        let dilution = spread.dilution();
+        if lenth.is_some() {
+            let covariance = minimum.normal.matrix;
+            return Summary { covariance, sigma: minimum.scale, fault, dilution };
+        }
+        let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
+            .map_or_else(undetermined, |factor| factor.inverse());
         let of =
             |sigma: f64| if robust { Expected::of_tukey(sigma) } else { Expected::of_square() };
         if !self.unknown {
             let covariance = inverse.map(|row| row.map(|v| v * of(1.0).variance));
-            return Summary { covariance, sigma: 1.0, fault };
+            return Summary { covariance, sigma: 1.0, fault, dilution };
         }
         let rest = total - D as f64;
         if rest < LEAST_REST {
-            return Summary { covariance: undetermined(), sigma: f64::NAN, fault };
+            return Summary { covariance: undetermined(), sigma: f64::NAN, fault, dilution };
         }
         let mut sigma = (sum / rest).sqrt();
         for _ in 0..SPREAD_STEPS {
@@ -556,7 +595,7 @@ impl<const D: usize> Search<'_, D> {
         }
         let factor = of(sigma).variance * sigma * sigma;
         let covariance = inverse.map(|row| row.map(|v| v * factor));
-        Summary { covariance, sigma: minimum.scale * sigma, fault }
+        Summary { covariance, sigma: minimum.scale * sigma, fault, dilution }
     }
 }
 
@@ -590,12 +629,7 @@ struct Summary<const D: usize> {
     sigma: f64,
     /// Residuals from here on have no weight.
     fault: f64,
-}
-
-impl<const D: usize> Summary<D> {
-    fn is_fault(&self, u: f64) -> bool {
-        u.abs() >= self.fault
-    }
+    dilution: f64,
 }
 
 impl<const D: usize> Minimum<D> {
@@ -612,30 +646,41 @@ fn least(costs: &[f64]) -> Option<usize> {
     finite.min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| at)
 }
 
-/// Root of the trace of the covariance for errors of size 1.
-fn dilution<const D: usize>(
-    measurements: &[Measurement<D>],
-    p: &Vector<D>,
-    counts: impl Fn(usize) -> bool,
-) -> f64 {
-    let mut matrix = [[0.0; D]; D];
-    let mut angles = 0;
-    for (at, m) in measurements.iter().enumerate() {
-        angles += usize::from(m.kind.is_angle());
-        if !counts(at) {
-            continue;
+/// The information of errors of size 1, and in how many units.
+struct Spread<const D: usize> {
+    matrix: Matrix<D>,
+    angles: usize,
+    count: usize,
+}
+
+impl<const D: usize> Default for Spread<D> {
+    fn default() -> Self {
+        Self { matrix: [[0.0; D]; D], angles: 0, count: 0 }
+    }
+}
+
+impl<const D: usize> Spread<D> {
+    fn add(&mut self, m: &Measurement<D>, row: &Row<D>, counts: bool) {
+        self.count += 1;
+        self.angles += usize::from(m.kind.is_angle());
+        if !counts {
+            return;
         }
-        let gradient = m.row(p).gradient.map(|v| v / m.precision);
+        let square = 1.0 / (m.precision * m.precision);
         for i in 0..D {
-            for j in 0..D {
-                matrix[i][j] += gradient[i] * gradient[j];
+            for j in 0..=i {
+                self.matrix[i][j] += square * row.gradient[i] * row.gradient[j];
             }
         }
     }
-    if angles != 0 && angles != measurements.len() {
-        return f64::NAN;
+
+    /// Root of the trace of the covariance; nan where units are mixed.
+    fn dilution(&self) -> f64 {
+        if self.angles != 0 && self.angles != self.count {
+            return f64::NAN;
+        }
+        let Some(factor) = Factor::try_new(&self.matrix, 0.0) else { return f64::INFINITY };
+        let inverse = factor.inverse();
+        (0..D).map(|i| inverse[i][i]).sum::<f64>().sqrt()
     }
-    let Some(factor) = Factor::try_new(&matrix, 0.0) else { return f64::INFINITY };
-    let inverse = factor.inverse();
-    (0..D).map(|i| inverse[i][i]).sum::<f64>().sqrt()
 }
