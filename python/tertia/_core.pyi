@@ -29,6 +29,8 @@ __all__ = [
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "locate",
+    "location_accuracy",
     "simulated_excess",
     "singer_transition",
     "smooth_series",
@@ -205,3 +207,16 @@ class TrackFusion:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, list[float]], dict[str, Any]]: ...
     def __getstate__(self) -> tuple[Any, ...]: ...
     def __setstate__(self, saved: Any) -> None: ...
+
+def locate(
+    stations: FloatArray,
+    values: FloatArray,
+    sigmas: FloatArray,
+    initial: FloatArray | None,
+    method_name: str,
+    redundancy: int,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]]: ...
+def location_accuracy(
+    stations: FloatArray, sigmas: FloatArray, positions: FloatArray, n_threads: int | None
+) -> tuple[FloatArray, FloatArray]: ...

@@ -4,6 +4,7 @@ mod arrays;
 mod bearing;
 mod fusion;
 mod kalman;
+mod location;
 mod screening;
 mod weights;
 
@@ -21,6 +22,8 @@ mod core_module {
         AngleFilter, consistency_bounds, filter_series, singer_transition, smooth_series,
         steady_state,
     };
+    #[pymodule_export]
+    use super::location::{locate, location_accuracy};
     #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,
