@@ -2,7 +2,7 @@
 //! sometimes wrong.
 //!
 //! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- kalman <-
-//! fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its left only.
+//! smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
@@ -25,6 +25,8 @@
 //! |---|---|---|
 //! | [`kalman::Series::run`] | O(steps) | none |
 //! | [`kalman::smooth`] | O(steps) | 35 numbers a step |
+//! | [`smoothing::Polynomial`], window W | O(N W); O(N) per tap with equal steps | W |
+//! | [`smoothing::smooth`], D axes | O(N D³) | 9 D² + 9 D numbers an instant |
 //! | [`fusion::Centre`], K radars, a step | O(K²); robust O(K), matrix rules O(K³) | O(K²) |
 
 mod angle;
@@ -38,6 +40,7 @@ mod matrix;
 pub mod missing;
 mod moments;
 pub mod screening;
+pub mod smoothing;
 pub mod weights;
 
 pub use error::{Error, Result};
