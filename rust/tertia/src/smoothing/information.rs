@@ -1,11 +1,12 @@
-//! What some plots tell of the state, as rows `R x = z + noise of unit variance`.
+//! What some plots tell of the state, as rows `R x = z + noise of unit variance`, x being the
+//! difference to a reference that stays near the plots: nothing large is extrapolated.
 //!
 //! There are as many rows as the plots determine, so nothing at all is no rows, and no large number
 //! stands for an unknown. The state is [positions, velocities, accelerations]. A step in time is
 //! `x' = F x + G w` with w of unit variance; forwards `[R F^-1 G, R F^-1; I, 0]`, backwards
 //! `[R G, R F; I, 0]` is made triangular, and w is left out (Bierman 1977, chapter 6).
 
-use super::rows::{reduce, reflect, solve, triangularise};
+use super::rows::{reduce, reflect, triangularise};
 use super::track::{ENOUGH, Seen, Track};
 
 /// Sum of logarithms, most of them taken of products.
@@ -65,21 +66,30 @@ impl Information {
         self.seen.iter().map(|seen| seen.count).sum()
     }
 
-    /// Goes on by the time `t`; adds what is left out to `logarithms`.
+    /// Goes between instants `k` and `k + 1`; adds what is left out to `logarithms`.
     #[inline(always)]
     pub fn advance(
         &mut self,
         n: usize,
-        t: f64,
+        track: &Track<'_>,
+        k: usize,
         jerk: f64,
         direction: Direction,
         logarithms: &mut Logarithms,
     ) {
+        let (d, width) = (n / 3, n + 1);
+        let sign = if direction == Direction::Forwards { -1.0 } else { 1.0 };
+        let (from, to) = (track.reference(k), track.reference(k + 1));
+        for row in self.rows.chunks_exact_mut(width) {
+            for axis in 0..d {
+                row[n] += sign * row[axis] * (to[axis] - from[axis]);
+            }
+        }
+        let t = track.times[k + 1] - track.times[k];
         if t == 0.0 {
             return;
         }
-        let (d, width) = (n / 3, n + 1);
-        let back = if direction == Direction::Forwards { -t } else { t };
+        let back = sign * t;
         let half = 0.5 * t * t;
         let moved = |row: &mut [f64]| {
             for axis in 0..d {
@@ -122,10 +132,11 @@ impl Information {
         }
     }
 
-    /// Takes in the plot of instant `k` less `state`; returns the sum of squares that it adds.
+    /// Takes in the plot of instant `k`; returns the sum of squares that it adds.
     #[inline(always)]
-    pub fn observe(&mut self, n: usize, track: &Track<'_>, k: usize, state: &[f64]) -> f64 {
+    pub fn observe(&mut self, n: usize, track: &Track<'_>, k: usize) -> f64 {
         let (d, width) = (n / 3, n + 1);
+        let reference = track.reference(k);
         let (plot, whitener) = (track.plot(k), track.whitener(k));
         let before = self.rows.len() / width;
         for (i, row) in whitener.chunks_exact(d).enumerate() {
@@ -140,7 +151,7 @@ impl Information {
                 // those that are not there have the weight 0
                 if row[axis] != 0.0 {
                     out[axis] = row[axis];
-                    out[n] += row[axis] * (plot[axis] - state[axis]);
+                    out[n] += row[axis] * (plot[axis] - reference[axis]);
                 }
             }
         }
@@ -166,27 +177,6 @@ impl Information {
         out.clear();
         out.extend_from_slice(&self.rows);
         complete(n, track, &self.seen, out, &mut self.sums);
-    }
-
-    /// The change of the state that the rows tell, after which their right side is 0.
-    #[inline(always)]
-    pub fn settle(&mut self, n: usize, track: &Track<'_>, out: &mut Vec<f64>, change: &mut [f64]) {
-        let width = n + 1;
-        self.complete(n, track, out);
-        solve(out, width, n, change);
-        for row in self.rows.chunks_exact_mut(width) {
-            row[n] = 0.0;
-        }
-    }
-
-    /// Turns rows about the difference to a state into those about the difference to another, which
-    /// is `change` more: their right side grows by R times the change.
-    #[inline(always)]
-    pub fn shift(&mut self, n: usize, change: &[f64]) {
-        for row in self.rows.chunks_exact_mut(n + 1) {
-            let sum: f64 = row[..n].iter().zip(change).map(|(r, x)| r * x).sum();
-            row[n] += sum;
-        }
     }
 }
 

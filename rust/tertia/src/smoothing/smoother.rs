@@ -37,10 +37,9 @@ pub struct Workspace {
     information: Information,
     triangle: Vec<f64>,
     state: Vec<f64>,
-    change: Vec<f64>,
     root: Vec<f64>,
     sums: Vec<f64>,
-    /// Of every instant: the state from the plots so far, its change by the plot, and the rows.
+    /// Of every instant the rows of the plots up to it.
     forwards: Vec<f64>,
 }
 
@@ -85,35 +84,19 @@ fn forwards(
     mut innovations: Option<&mut [f64]>,
 ) -> Summary {
     let (d, width) = (n / 3, n + 1);
-    let Workspace { information, triangle, state, change, forwards, root, .. } = workspace;
+    let Workspace { information, triangle, state, forwards, root, .. } = workspace;
     information.start(d, &track.prior);
-    for values in [&mut *state, &mut *change] {
-        values.clear();
-        values.resize(n, 0.0);
-    }
     let (mut squares, mut logarithms) = (0.0, Logarithms::NONE);
-    if !track.prior.is_empty() {
-        information.settle(n, track, triangle, change);
-        state.copy_from_slice(change);
-    }
     for k in 0..track.len() {
         if k > 0 {
-            let t = track.times[k] - track.times[k - 1];
-            information.advance(n, t, jerk, Direction::Forwards, &mut logarithms);
-            moved(state, d, t);
+            information.advance(n, track, k - 1, jerk, Direction::Forwards, &mut logarithms);
         }
         if let Some(innovations) = &mut innovations {
             let out = &mut innovations[k * d..][..d];
             innovation(n, track, k, information, state, triangle, root, out);
         }
-        squares += information.observe(n, track, k, state);
-        information.settle(n, track, triangle, change);
-        for (x, change) in state.iter_mut().zip(&*change) {
-            *x += change;
-        }
+        squares += information.observe(n, track, k);
         if innovations.is_some() {
-            forwards.extend_from_slice(state);
-            forwards.extend_from_slice(change);
             let start = forwards.len();
             forwards.extend_from_slice(&information.rows);
             forwards.resize(start + n * width, 0.0);
@@ -130,16 +113,6 @@ fn forwards(
     Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count }
 }
 
-/// `F x`.
-#[inline(always)]
-fn moved(state: &mut [f64], d: usize, t: f64) {
-    for axis in 0..d {
-        let (v, a) = (state[d + axis], state[2 * d + axis]);
-        state[axis] += t * v + 0.5 * t * t * a;
-        state[d + axis] += t * a;
-    }
-}
-
 /// The innovation of the plot of instant `k`, with the inverse of the Cholesky factor of its
 /// covariance, as far as the plot is predicted.
 #[inline(always)]
@@ -149,7 +122,7 @@ fn innovation(
     track: &Track<'_>,
     k: usize,
     information: &mut Information,
-    state: &[f64],
+    state: &mut Vec<f64>,
     triangle: &mut Vec<f64>,
     root: &mut Vec<f64>,
     out: &mut [f64],
@@ -163,9 +136,12 @@ fn innovation(
         return;
     }
     information.complete(n, track, triangle);
-    root.clear();
-    root.resize(n * n, 0.0);
+    for values in [&mut *root, &mut *state] {
+        values.clear();
+        values.resize(n * n, 0.0);
+    }
     invert(triangle, width, n, root);
+    solve(triangle, width, n, state);
     // S = H P H^T + covariance; the innovation goes along as another row of its factor
     let whitener = track.whitener(k);
     let mut factor = vec![0.0; d * d];
@@ -174,7 +150,7 @@ fn innovation(
         if !predicted(i, &information.seen[i]) {
             continue;
         }
-        let mut value = plot[i] - state[i];
+        let mut value = plot[i] - track.reference(k)[i] - state[i];
         for j in 0..=i {
             if out[j].is_nan() && j < i {
                 continue;
@@ -229,28 +205,24 @@ fn backwards(
     out: &mut Smoothed<'_>,
 ) {
     let (d, width) = (n / 3, n + 1);
-    let Workspace { information, triangle, change, forwards, root, sums, .. } = workspace;
-    let stride = 2 * n + n * width;
+    let Workspace { information, triangle, state, forwards, root, sums } = workspace;
     information.start(d, &[]);
-    root.resize(n * n, 0.0);
-    sums.clear();
-    sums.resize(width, 0.0);
+    for (values, size) in [(&mut *root, n * n), (&mut *state, n), (&mut *sums, width)] {
+        values.clear();
+        values.resize(size, 0.0);
+    }
     let mut unused = Logarithms::NONE;
     for k in (0..track.len()).rev() {
-        let (state, rest) = forwards[k * stride..][..stride].split_at(n);
-        let (step, rows) = rest.split_at(n);
         triangle.clear();
-        triangle.extend_from_slice(rows);
+        triangle.extend_from_slice(&forwards[k * n * width..][..n * width]);
         triangle.extend_from_slice(&information.rows);
         complete(n, track, &track.seen, triangle, sums);
-        solve(triangle, width, n, change);
+        solve(triangle, width, n, state);
         invert(triangle, width, n, root);
         let mean = &mut out.mean[k * n..][..n];
-        for (i, value) in mean.iter_mut().enumerate() {
-            *value = state[i] + change[i];
-            if i < d {
-                *value += track.origin[i];
-            }
+        mean.copy_from_slice(state);
+        for (value, reference) in mean.iter_mut().zip(track.reference(k)) {
+            *value += reference;
         }
         let covariance = &mut out.covariance[k * n * n..][..n * n];
         write_square(root, n, covariance);
@@ -262,10 +234,8 @@ fn backwards(
             }
         }
         if k > 0 {
-            information.observe(n, track, k, state);
-            information.shift(n, step);
-            let t = track.times[k] - track.times[k - 1];
-            information.advance(n, t, jerk, Direction::Backwards, &mut unused);
+            information.observe(n, track, k);
+            information.advance(n, track, k - 1, jerk, Direction::Backwards, &mut unused);
         }
     }
 }

@@ -8,6 +8,8 @@ const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
 const ASYMMETRY: f64 = 1e-10;
 /// Share of a variance that the other components must leave unexplained.
 const REGULAR: f64 = 1e-13;
+/// A plot that is so many times less precise than the last moves the reference halfway.
+const FORGETTING: f64 = 1e4;
 /// Squares of larger numbers overflow.
 const LARGEST: f64 = 1e140;
 
@@ -72,9 +74,10 @@ impl Seen {
 pub struct Track<'a> {
     pub(super) dimension: usize,
     pub(super) times: &'a [f64],
-    /// Less `origin`; nan where there is none.
+    /// The plots; nan where there is none.
     pub(super) y: Vec<f64>,
-    pub(super) origin: Vec<f64>,
+    /// Positions near the plots, at all instants: the state is sought as its difference to them.
+    pub(super) reference: Vec<f64>,
     /// Of every instant the inverse of the lower Cholesky factor of what is there (D, D).
     pub(super) whitener: Vec<f64>,
     /// Sum of the logarithms of the determinants of the covariances.
@@ -111,7 +114,7 @@ impl<'a> Track<'a> {
             dimension,
             times,
             y: y.to_vec(),
-            origin: (0..d).map(|axis| middle(y, d, axis)).collect(),
+            reference: vec![0.0; n * d],
             whitener: vec![0.0; n * d * d],
             log_determinant: 0.0,
             measured: 0,
@@ -148,16 +151,31 @@ impl<'a> Track<'a> {
         for scale in &mut track.scale {
             *scale = if *scale > 0.0 { *scale } else { 1.0 };
         }
-        let origin = track.origin.clone();
-        for plot in track.y.chunks_exact_mut(d) {
-            for (y, origin) in plot.iter_mut().zip(&origin) {
-                *y -= origin;
-            }
-        }
+        track.set_reference();
         if let Some(prior) = prior {
             track.set_prior(prior)?;
         }
         Ok(track)
+    }
+
+    /// Follows the plots, but not those that are much less precise than others.
+    fn set_reference(&mut self) {
+        let (d, n) = (self.dimension, self.len());
+        for axis in 0..d {
+            let first = (0..n).map(|k| self.y[k * d + axis]).find(|y| !y.is_nan());
+            let (mut position, mut variance) = (first.unwrap_or(0.0), f64::INFINITY);
+            for k in 0..n {
+                let y = self.y[k * d + axis];
+                if !y.is_nan() {
+                    variance *= FORGETTING;
+                    let own = self.whitener[(k * d + axis) * d + axis].powi(-2);
+                    let gain = 1.0 / (1.0 + own / variance);
+                    position += gain * (y - position);
+                    variance = gain * own;
+                }
+                self.reference[k * d + axis] = position;
+            }
+        }
     }
 
     fn set_prior(&mut self, prior: Prior<'_>) -> Result<()> {
@@ -171,7 +189,8 @@ impl<'a> Track<'a> {
         let log = whiten_as(argument, &[], prior.covariance, &vec![true; n], &mut root)?;
         self.log_determinant += log;
         for row in root.chunks_exact(n) {
-            let right = |i: usize| prior.mean[i] - self.origin.get(i).unwrap_or(&0.0);
+            let right =
+                |i: usize| prior.mean[i] - if i < self.dimension { self.reference[i] } else { 0.0 };
             let sum = row.iter().enumerate().map(|(i, r)| r * right(i)).sum();
             self.prior.extend_from_slice(row);
             self.prior.push(sum);
@@ -191,6 +210,10 @@ impl<'a> Track<'a> {
 
     pub(super) fn plot(&self, k: usize) -> &[f64] {
         &self.y[k * self.dimension..][..self.dimension]
+    }
+
+    pub(super) fn reference(&self, k: usize) -> &[f64] {
+        &self.reference[k * self.dimension..][..self.dimension]
     }
 
     pub(super) fn whitener(&self, k: usize) -> &[f64] {
@@ -237,14 +260,6 @@ fn require_plots(y: &[f64], d: usize) -> Result<()> {
             requirement: "a plot must be a finite number, or nan for none",
         }),
     }
-}
-
-/// A plot of the axis from the middle of the track, or 0.
-fn middle(y: &[f64], d: usize, axis: usize) -> f64 {
-    let half = y.len() / d / 2;
-    let column = |k: usize| y[k * d + axis];
-    let (before, after) = ((0..half).rev(), half..y.len() / d);
-    after.chain(before).map(column).find(|y| !y.is_nan()).unwrap_or(0.0)
 }
 
 /// The inverse of the Cholesky factor of the covariance of what is there, and ln of its determinant.
