@@ -29,10 +29,12 @@ __all__ = [
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "local_polynomial",
     "locate",
     "location_accuracy",
     "simulated_excess",
     "singer_transition",
+    "smooth",
     "smooth_series",
     "steady_state",
     "thompson_tau",
@@ -220,3 +222,17 @@ def locate(
 def location_accuracy(
     stations: FloatArray, sigmas: FloatArray, positions: FloatArray, n_threads: int | None
 ) -> tuple[FloatArray, FloatArray]: ...
+def local_polynomial(
+    y: FloatArray,
+    times: FloatArray | None,
+    variances: FloatArray | None,
+    window: int,
+    degree: int,
+    adaptive: bool,
+    derivative: int,
+    significance: float,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...
+def smooth(
+    tracks: dict[str, Any], n_threads: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...

@@ -6,6 +6,7 @@ mod fusion;
 mod kalman;
 mod location;
 mod screening;
+mod smoothing;
 mod weights;
 
 use pyo3::prelude::*;
@@ -30,6 +31,8 @@ mod core_module {
         leave_one_out, leave_one_out_mask, leave_one_out_statistics, thompson_tau, unknown_sigma,
         unwrap,
     };
+    #[pymodule_export]
+    use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]
     use super::weights::{
         combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,
