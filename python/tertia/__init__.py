@@ -4,9 +4,10 @@ For measurements that are redundant and sometimes wrong. `tertia.screening` find
 ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.weights` combines
 estimates and tells what not knowing their covariances costs, `tertia.location` makes a position of
 what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
-positions along time, `tertia.fusion` makes one track of several radars', `tertia.metrics` tells
-whether errors are as claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the
-extra `plot`; the command `tertia` needs the extra `cli`.
+positions along time, `tertia.trajectory` does both for what stations measured along time,
+`tertia.fusion` makes one track of several radars', `tertia.metrics` tells whether errors are as
+claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the
+command `tertia` needs the extra `cli`.
 """
 
 import warnings
@@ -20,6 +21,7 @@ from tertia import (
     screening,
     simulate,
     smoothing,
+    trajectory,
     weights,
 )
 from tertia._core import DEBUG_BUILD, VERSION
@@ -39,6 +41,7 @@ __all__ = [
     "screening",
     "simulate",
     "smoothing",
+    "trajectory",
     "weights",
 ]
 

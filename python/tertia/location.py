@@ -15,7 +15,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -509,7 +509,7 @@ def _stations(
     except ValueError:
         shapes = ", ".join(str(position.shape) for position in positions)
         raise ValueError(f"the positions of the stations have shapes {shapes}") from None
-    sigmas = {
+    sigmas: dict[str, FloatArray] = {
         kind: np.array(
             [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in stations],
             dtype=np.float64,
@@ -542,7 +542,9 @@ def _measured(value: npt.ArrayLike, kind: str, k: int) -> FloatArray:
     return array
 
 
-def _deviations(sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int) -> FloatArray:
+def _deviations(
+    sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int
+) -> FloatArray:
     """Return standard deviations, (..., K) or (..., K - 1), nan where they are unknown."""
     count = k - int(kind == "range_difference")
     if sigma is None:
@@ -621,7 +623,7 @@ def _chosen(
     if measurements is None:
         return [kind for kind in _KINDS if given[kind] is not None or kind in own]
     if isinstance(measurements, str):
-        measurements = [measurements]
+        measurements = cast("list[Kind]", [measurements])
     for kind in measurements:
         if kind not in _KINDS:
             raise ValueError(f"measurements has {kind!r}; it must be one of {', '.join(_KINDS)}")

@@ -249,9 +249,7 @@ def local_polynomial(
     )
     if noise is not None:
         return PolynomialSmooth(value, sigma, used, None, None)
-    return PolynomialSmooth(
-        value, sigma, used, scalar_or_array(variance), scalar_or_array(freedom)
-    )
+    return PolynomialSmooth(value, sigma, used, scalar_or_array(variance), scalar_or_array(freedom))
 
 
 def smooth(
@@ -414,7 +412,7 @@ def _instants(
         step = 1.0 if dt is None else real(dt, "dt")
         if not 0 < step < np.inf:
             raise ValueError(f"dt is {step}; it must be a positive number")
-        return step * np.arange(n)
+        return step * np.arange(n, dtype=np.float64)
     if dt is not None:
         raise ValueError("give either times or dt")
     return _shared(finite(times, "times"), (n,), batch, "times", "N")
