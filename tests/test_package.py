@@ -14,21 +14,42 @@ from tertia import (
     bearing,
     fusion,
     kalman,
+    location,
     metrics,
     plot,
     screening,
     simulate,
+    smoothing,
+    trajectory,
     weights,
 )
 
-MODULES = [bearing, fusion, kalman, metrics, plot, screening, simulate, tertia, weights]
+MODULES = [
+    bearing,
+    fusion,
+    kalman,
+    location,
+    metrics,
+    plot,
+    screening,
+    simulate,
+    smoothing,
+    tertia,
+    trajectory,
+    weights,
+]
 ALIASES = {
     "Convention",
     "Count",
     "FusionMethod",
+    "Kind",
+    "LocationMethod",
     "LossMethod",
     "Method",
+    "Order",
     "ScenarioName",
+    "Smoother",
+    "Spatial",
     "Store",
     "TestName",
 }

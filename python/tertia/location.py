@@ -1,4 +1,4 @@
-"""Location: a position at one instant from the measurements of several stations, some of them wrong.
+"""A position at one instant from the measurements of several stations, some of them wrong.
 
 Ranges, azimuths, elevations and range differences, in any mixture, in the plane or in space. The
 position minimises the sum of a function of the whitened residuals `(measured - predicted) / sigma`:
@@ -60,7 +60,7 @@ _REDUNDANCY = 3
 
 
 class Problem(enum.IntEnum):
-    """Why an instant has no position."""
+    """Why an instant has no position; `reason` tells it as a sentence."""
 
     NONE = 0
     TOO_FEW = 1

@@ -250,7 +250,7 @@ class _Record:
 
     def located(self, measured: _Measured, sigmas: dict[Kind, FloatArray]) -> Location:
         """Locate all instants."""
-        options: dict[str, Any] = dict(measured)
+        options: dict[str, Any] = {str(kind): values for kind, values in measured.items()}
         options |= {f"{kind}_sigma": sigmas[kind] for kind in measured}
         fixes = locate(self.places, method=self.spatial, n_threads=self.n_threads, **options)
         if not np.any(fixes.located):
@@ -485,7 +485,7 @@ def _smoothed_series(
 
 def _continuous(angles: FloatArray) -> FloatArray:
     """Return series without jumps by whole turns, nan where nothing was measured."""
-    continuous = angles.copy()
+    continuous: FloatArray = angles.copy()
     for column in continuous.T:
         seen = ~np.isnan(column)
         column[seen] = np.unwrap(column[seen])
