@@ -17,7 +17,7 @@ STATIONS = [
     for place in PLACES
 ]
 INSTANTS = np.arange(60.0)
-RUNS = 100
+RUNS = 50
 FIRST, MARGIN = 28, 7
 # of station 1's ranges, in standard deviations, with the errors of an independent simulation
 FAULTS: dict[str, tuple[float, ...]] = {
