@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, fusion, instant, paper, screening, weights
+from studies import bearing, fusion, instant, paper, screening, trajectory, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -71,6 +71,10 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "fit": fusion.fit_coverage,
         "metrics": fusion.filter_consistency,
         "accuracy": fusion.accuracy,
+    },
+    "trajectory.md": {
+        "faults": trajectory.faults,
+        "biases": trajectory.biases,
     },
 }
 FIGURES = {

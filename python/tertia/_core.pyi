@@ -30,8 +30,12 @@ __all__ = [
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "local_polynomial",
+    "locate",
+    "location_accuracy",
     "simulated_excess",
     "singer_transition",
+    "smooth",
     "smooth_series",
     "steady_state",
     "thompson_tau",
@@ -207,3 +211,30 @@ class TrackFusion:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, list[float]], dict[str, Any]]: ...
     def __getstate__(self) -> tuple[Any, ...]: ...
     def __setstate__(self, saved: Any) -> None: ...
+
+def locate(
+    stations: FloatArray,
+    values: FloatArray,
+    sigmas: FloatArray,
+    initial: FloatArray | None,
+    method_name: str,
+    redundancy: int,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]]: ...
+def location_accuracy(
+    stations: FloatArray, sigmas: FloatArray, positions: FloatArray, n_threads: int | None
+) -> tuple[FloatArray, FloatArray]: ...
+def local_polynomial(
+    y: FloatArray,
+    times: FloatArray | None,
+    variances: FloatArray | None,
+    window: int,
+    degree: int,
+    adaptive: bool,
+    derivative: int,
+    significance: float,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...
+def smooth(
+    tracks: dict[str, Any], n_threads: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...

@@ -5,7 +5,9 @@ mod bearing;
 mod fusion;
 mod instant;
 mod kalman;
+mod location;
 mod screening;
+mod smoothing;
 mod weights;
 
 use pyo3::prelude::*;
@@ -25,11 +27,15 @@ mod core_module {
         steady_state,
     };
     #[pymodule_export]
+    use super::location::{locate, location_accuracy};
+    #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,
         leave_one_out, leave_one_out_mask, leave_one_out_statistics, thompson_tau, unknown_sigma,
         unwrap,
     };
+    #[pymodule_export]
+    use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]
     use super::weights::{
         combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,

@@ -55,6 +55,18 @@ pub enum Error {
         /// Which matrix.
         index: Vec<usize>,
     },
+    /// A covariance without error in some direction, or nearly so.
+    #[error(
+        "{} is singular to working precision: some combination of its components has (almost) no \
+         variance",
+        element(argument, .index)
+    )]
+    Singular {
+        /// Name of the argument.
+        argument: &'static str,
+        /// Which matrix.
+        index: Vec<usize>,
+    },
     /// Sensors that are both without error in some direction, or nearly so.
     #[error(
         "{} and those that it is combined with are singular to working precision: \
@@ -162,6 +174,7 @@ impl Error {
         matches!(
             self,
             Self::Indefinite { .. }
+                | Self::Singular { .. }
                 | Self::SingularSum { .. }
                 | Self::LostToRounding { .. }
                 | Self::IndefiniteJoint

@@ -1,8 +1,9 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- kalman <-
-//! fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its left only.
+//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
+//! kalman <- smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses
+//! those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
@@ -24,8 +25,11 @@
 //!
 //! | kernel | cost | extra memory |
 //! |---|---|---|
+//! | [`location::Locator::locate`], M measurements | O(M) a step | O(M) |
 //! | [`kalman::Series::run`] | O(steps) | none |
 //! | [`kalman::smooth`] | O(steps) | 35 numbers a step |
+//! | [`smoothing::Polynomial`], window W | O(N W); O(N) per tap with equal steps | W |
+//! | [`smoothing::smooth`], D axes | O(N D³) | 9 D² + 9 D numbers an instant |
 //! | [`fusion::Centre`], K radars, a step | O(K²); robust O(K), matrix rules O(K³) | O(K²) |
 
 mod angle;
@@ -35,10 +39,12 @@ mod distribution;
 mod error;
 pub mod fusion;
 pub mod kalman;
+pub mod location;
 mod matrix;
 pub mod missing;
 mod moments;
 pub mod screening;
+pub mod smoothing;
 pub mod weights;
 
 pub use error::{Error, Result};

@@ -1,0 +1,17 @@
+//! One target along time: a local polynomial, or the state of a motion with white jerk.
+//!
+//! `local_polynomial` fits a polynomial to the instants around each; [`smooth`] is the fixed-interval
+//! smoother of position, velocity and acceleration, [`fit_jerk`] finds how restless the target is.
+
+mod basis;
+mod information;
+mod jerk;
+mod polynomial;
+mod rows;
+mod smoother;
+mod track;
+
+pub use jerk::{JerkFit, fit_jerk};
+pub use polynomial::{Degree, Fit, Output, Polynomial, Record};
+pub use smoother::{Smoothed, Summary, Workspace, smooth};
+pub use track::{Noise, Prior, Track};

@@ -1,0 +1,227 @@
+//! What some plots tell of the state, as rows `R x = z + noise of unit variance`, x being the
+//! difference to a reference that stays near the plots: nothing large is extrapolated.
+//!
+//! There are as many rows as the plots determine, so nothing at all is no rows, and no large number
+//! stands for an unknown. The state is [positions, velocities, accelerations]. A step in time is
+//! `x' = F x + G w` with w of unit variance; forwards `[R F^-1 G, R F^-1; I, 0]`, backwards
+//! `[R G, R F; I, 0]` is made triangular, and w is left out (Bierman 1977, chapter 6).
+
+use super::rows::{reduce, reflect, triangularise};
+use super::track::{ENOUGH, Seen, Track};
+
+/// Sum of logarithms, most of them taken of products.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Logarithms {
+    sum: f64,
+    product: f64,
+}
+
+impl Logarithms {
+    pub const NONE: Self = Self { sum: 0.0, product: 1.0 };
+
+    #[inline(always)]
+    pub fn add(&mut self, value: f64) {
+        self.product *= value.abs();
+        if !(1e-150..1e150).contains(&self.product) {
+            self.sum += self.product.ln();
+            self.product = 1.0;
+        }
+    }
+
+    pub fn total(&self) -> f64 {
+        self.sum + self.product.ln()
+    }
+}
+
+/// Which way time goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Direction {
+    Forwards,
+    Backwards,
+}
+
+/// The rows, with z as their last column.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Information {
+    pub rows: Vec<f64>,
+    pub seen: Vec<Seen>,
+    spare: Vec<f64>,
+    sums: Vec<f64>,
+}
+
+impl Information {
+    /// Nothing at all, or what a prior tells.
+    pub fn start(&mut self, dimension: usize, prior: &[f64]) {
+        let n = 3 * dimension;
+        self.rows.clear();
+        self.rows.extend_from_slice(prior);
+        self.seen.clear();
+        let seen = if prior.is_empty() { Seen::default() } else { Seen::ALL };
+        self.seen.resize(dimension, seen);
+        self.sums.clear();
+        self.sums.resize(2 * n + 1, 0.0);
+    }
+
+    fn rank(&self) -> usize {
+        self.seen.iter().map(|seen| seen.count).sum()
+    }
+
+    /// Goes between instants `k` and `k + 1`; adds what is left out to `logarithms`.
+    #[inline(always)]
+    pub fn advance(
+        &mut self,
+        n: usize,
+        track: &Track<'_>,
+        k: usize,
+        jerk: f64,
+        direction: Direction,
+        logarithms: &mut Logarithms,
+    ) {
+        let (d, width) = (n / 3, n + 1);
+        let sign = if direction == Direction::Forwards { -1.0 } else { 1.0 };
+        let (from, to) = (track.reference(k), track.reference(k + 1));
+        for row in self.rows.chunks_exact_mut(width) {
+            for axis in 0..d {
+                row[n] += sign * row[axis] * (to[axis] - from[axis]);
+            }
+        }
+        let t = track.times[k + 1] - track.times[k];
+        if t == 0.0 {
+            return;
+        }
+        let back = sign * t;
+        let half = 0.5 * t * t;
+        let moved = |row: &mut [f64]| {
+            for axis in 0..d {
+                let (p, v) = (row[axis], row[d + axis]);
+                row[2 * d + axis] += back * v + half * p;
+                row[d + axis] += back * p;
+            }
+        };
+        if jerk == 0.0 {
+            self.rows.chunks_exact_mut(width).for_each(moved);
+            return;
+        }
+        let g = noise_root(t, jerk);
+        let wide = n + width;
+        let count = self.rows.len() / width;
+        self.spare.clear();
+        self.spare.resize((count + n) * wide, 0.0);
+        let (told, unit) = self.spare.split_at_mut(count * wide);
+        for (out, row) in told.chunks_exact_mut(wide).zip(self.rows.chunks_exact_mut(width)) {
+            let (noise, state) = out.split_at_mut(n);
+            if direction == Direction::Forwards {
+                moved(row);
+                times_root(row, d, &g, noise);
+            } else {
+                times_root(row, d, &g, noise);
+                moved(row);
+            }
+            state.copy_from_slice(row);
+        }
+        for (i, row) in unit.chunks_exact_mut(wide).enumerate() {
+            row[i] = 1.0;
+        }
+        for j in 0..n {
+            logarithms.add(reflect(&mut self.spare, wide, j, j, j + 1, &mut self.sums));
+        }
+        for (row, out) in
+            self.rows.chunks_exact_mut(width).zip(self.spare.chunks_exact(wide).skip(n))
+        {
+            row.copy_from_slice(&out[n..]);
+        }
+    }
+
+    /// Takes in the plot of instant `k`; returns the sum of squares that it adds.
+    #[inline(always)]
+    pub fn observe(&mut self, n: usize, track: &Track<'_>, k: usize) -> f64 {
+        let (d, width) = (n / 3, n + 1);
+        let reference = track.reference(k);
+        let (plot, whitener) = (track.plot(k), track.whitener(k));
+        let before = self.rows.len() / width;
+        for (i, row) in whitener.chunks_exact(d).enumerate() {
+            if plot[i].is_nan() {
+                continue;
+            }
+            self.seen[i].add(track.times[k]);
+            let start = self.rows.len();
+            self.rows.resize(start + width, 0.0);
+            let out = &mut self.rows[start..];
+            for axis in 0..=i {
+                // those that are not there have the weight 0
+                if row[axis] != 0.0 {
+                    out[axis] = row[axis];
+                    out[n] += row[axis] * (plot[axis] - reference[axis]);
+                }
+            }
+        }
+        let (rank, count) = (self.rank(), self.rows.len() / width);
+        if count == before {
+            return 0.0;
+        }
+        if rank == n {
+            triangularise(&mut self.rows, width, n, &mut self.sums);
+        } else if rank < count {
+            reduce(&mut self.rows, width, n, rank, &mut self.sums);
+        }
+        let left = self.rows[rank.min(count) * width..].chunks_exact(width);
+        let squares = left.map(|row| row[n] * row[n]).sum();
+        self.rows.truncate(rank * width);
+        squares
+    }
+
+    /// The rows as an upper triangle in `out`, with what is not `seen` fixed: that changes nothing
+    /// that is determined.
+    #[inline(always)]
+    pub fn complete(&mut self, n: usize, track: &Track<'_>, out: &mut Vec<f64>) {
+        out.clear();
+        out.extend_from_slice(&self.rows);
+        complete(n, track, &self.seen, out, &mut self.sums);
+    }
+}
+
+/// Adds rows for what is not determined, and makes all of them an upper triangle.
+#[inline(always)]
+pub(super) fn complete(
+    n: usize,
+    track: &Track<'_>,
+    seen: &[Seen],
+    rows: &mut Vec<f64>,
+    sums: &mut [f64],
+) {
+    let (d, width, span) = (n / 3, n + 1, track.span());
+    for (axis, seen) in seen.iter().enumerate() {
+        for derivative in seen.count..ENOUGH {
+            let start = rows.len();
+            rows.resize(start + width, 0.0);
+            // as precise as a plot at the end of the track
+            rows[start + derivative * d + axis] = track.scale[axis] * span.powi(derivative as i32);
+        }
+    }
+    triangularise(rows, width, n, sums);
+}
+
+/// The lower G with `G G^T = Q`, for one axis: white jerk of this intensity over the time t.
+fn noise_root(t: f64, jerk: f64) -> [f64; 6] {
+    // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
+    let s = (jerk * t).sqrt();
+    [
+        s * t * t * 0.05_f64.sqrt(),
+        s * t * 20_f64.sqrt() / 8.0,
+        s * t / 48_f64.sqrt(),
+        s * 20_f64.sqrt() / 6.0,
+        s / 3_f64.sqrt(),
+        s / 3.0,
+    ]
+}
+
+/// A row times G of all axes.
+#[inline(always)]
+fn times_root(row: &[f64], d: usize, g: &[f64; 6], out: &mut [f64]) {
+    for axis in 0..d {
+        let (p, v, a) = (row[axis], row[d + axis], row[2 * d + axis]);
+        out[axis] = p * g[0] + v * g[1] + a * g[3];
+        out[d + axis] = v * g[2] + a * g[4];
+        out[2 * d + axis] = a * g[5];
+    }
+}

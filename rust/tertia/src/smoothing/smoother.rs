@@ -1,0 +1,263 @@
+//! The state at every instant from all plots: what those up to it tell and what those after it tell
+//! are two sets of rows, and both together are solved.
+//!
+//! The estimate is that of Rauch, Tung and Striebel (1965) for an unknown first state. No covariance
+//! is inverted and nothing is subtracted from a variance, so plots of any precision, steps of any
+//! length and motion without noise are alike.
+
+use super::information::{Direction, Information, Logarithms, complete};
+use super::rows::{invert, solve};
+use super::track::{Seen, Track};
+use std::f64::consts::TAU;
+
+/// Where the results go.
+#[derive(Debug)]
+pub struct Smoothed<'a> {
+    /// States (N, 3D): positions, velocities, accelerations; nan where unknown.
+    pub mean: &'a mut [f64],
+    /// Their covariances (N, 3D, 3D); a variance is ∞ where unknown.
+    pub covariance: &'a mut [f64],
+    /// Innovations (N, D), uncorrelated and of unit variance: the difference of each plot from what
+    /// those before it and its axes before this one predict; nan where nothing does.
+    pub innovation: &'a mut [f64],
+}
+
+/// What comes of a whole track.
+#[derive(Clone, Copy, Debug)]
+pub struct Summary {
+    /// Logarithm of the likelihood of the plots, but for a constant that depends on units and times.
+    pub log_likelihood: f64,
+    /// Measured numbers beyond those needed to determine the state.
+    pub count: usize,
+}
+
+/// Buffers, which grow with the track.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    information: Information,
+    triangle: Vec<f64>,
+    state: Vec<f64>,
+    root: Vec<f64>,
+    sums: Vec<f64>,
+    /// Of every instant the rows of the plots up to it.
+    forwards: Vec<f64>,
+}
+
+/// Calls a kernel with the order of the state as a constant where it is one of the usual ones.
+macro_rules! with_order {
+    ($dimension:expr, $kernel:ident($($argument:expr),*)) => {
+        match $dimension {
+            1 => $kernel(3, $($argument),*),
+            2 => $kernel(6, $($argument),*),
+            3 => $kernel(9, $($argument),*),
+            d => $kernel(3 * d, $($argument),*),
+        }
+    };
+}
+
+/// Smooths a track whose jerk is white, of this intensity. Cost O(N D³).
+pub fn smooth(
+    track: &Track<'_>,
+    jerk: f64,
+    workspace: &mut Workspace,
+    out: &mut Smoothed<'_>,
+) -> Summary {
+    workspace.forwards.clear();
+    let keep = Some(&mut *out.innovation);
+    let summary = with_order!(track.dimension, forwards(track, jerk, workspace, keep));
+    with_order!(track.dimension, backwards(track, jerk, workspace, out));
+    summary
+}
+
+/// The likelihood alone. Cost O(N D³).
+pub(super) fn likelihood(track: &Track<'_>, jerk: f64, workspace: &mut Workspace) -> Summary {
+    with_order!(track.dimension, forwards(track, jerk, workspace, None))
+}
+
+/// The filter. With room for innovations, what the way back needs is kept.
+#[inline(always)]
+fn forwards(
+    n: usize,
+    track: &Track<'_>,
+    jerk: f64,
+    workspace: &mut Workspace,
+    mut innovations: Option<&mut [f64]>,
+) -> Summary {
+    let (d, width) = (n / 3, n + 1);
+    let Workspace { information, triangle, state, forwards, root, .. } = workspace;
+    information.start(d, &track.prior);
+    let (mut squares, mut logarithms) = (0.0, Logarithms::NONE);
+    for k in 0..track.len() {
+        if k > 0 {
+            information.advance(n, track, k - 1, jerk, Direction::Forwards, &mut logarithms);
+        }
+        if let Some(innovations) = &mut innovations {
+            let out = &mut innovations[k * d..][..d];
+            innovation(n, track, k, information, state, triangle, root, out);
+        }
+        squares += information.observe(n, track, k);
+        if innovations.is_some() {
+            let start = forwards.len();
+            forwards.extend_from_slice(&information.rows);
+            forwards.resize(start + n * width, 0.0);
+        }
+    }
+    information.complete(n, track, triangle);
+    for i in 0..n {
+        logarithms.add(triangle[i * width + i]);
+    }
+    let used = if track.prior.is_empty() { track.rank() } else { 0 };
+    let count = track.measured - used;
+    let logarithm = 2.0 * logarithms.total() + track.log_determinant + count as f64 * TAU.ln();
+    // no plots: 0, not −0
+    Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count }
+}
+
+/// The innovation of the plot of instant `k`, with the inverse of the Cholesky factor of its
+/// covariance, as far as the plot is predicted.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // buffers
+fn innovation(
+    n: usize,
+    track: &Track<'_>,
+    k: usize,
+    information: &mut Information,
+    state: &mut Vec<f64>,
+    triangle: &mut Vec<f64>,
+    root: &mut Vec<f64>,
+    out: &mut [f64],
+) {
+    let (d, width) = (n / 3, n + 1);
+    out.fill(f64::NAN);
+    let plot = track.plot(k);
+    let predicted =
+        |axis: usize, seen: &Seen| !plot[axis].is_nan() && seen.determines(track.times[k])[0];
+    if !information.seen.iter().enumerate().any(|(axis, seen)| predicted(axis, seen)) {
+        return;
+    }
+    information.complete(n, track, triangle);
+    for values in [&mut *root, &mut *state] {
+        values.clear();
+        values.resize(n * n, 0.0);
+    }
+    invert(triangle, width, n, root);
+    solve(triangle, width, n, state);
+    // S = H P H^T + covariance; the innovation goes along as another row of its factor
+    let whitener = track.whitener(k);
+    let mut factor = vec![0.0; d * d];
+    let noise = noise_of(whitener, d);
+    for i in 0..d {
+        if !predicted(i, &information.seen[i]) {
+            continue;
+        }
+        let mut value = plot[i] - track.reference(k)[i] - state[i];
+        for j in 0..=i {
+            if out[j].is_nan() && j < i {
+                continue;
+            }
+            let product = |a: usize, b: usize| -> f64 {
+                (0..n).map(|c| root[a * n + c] * root[b * n + c]).sum()
+            };
+            let mut sum = product(i, j) + noise[i * d + j];
+            for l in 0..j {
+                sum -= factor[i * d + l] * factor[j * d + l];
+            }
+            factor[i * d + j] = if i == j { sum.sqrt() } else { sum / factor[j * d + j] };
+            if j < i {
+                value -= factor[i * d + j] * out[j];
+            }
+        }
+        out[i] = value / factor[i * d + i];
+    }
+}
+
+/// The covariance whose factor's inverse is given.
+fn noise_of(whitener: &[f64], d: usize) -> Vec<f64> {
+    // L row by row from N = L^-1; axes that are not there have zero rows
+    let mut l = vec![0.0; d * d];
+    for i in 0..d {
+        let pivot = whitener[i * d + i];
+        if pivot == 0.0 {
+            continue;
+        }
+        l[i * d + i] = 1.0 / pivot;
+        for j in 0..i {
+            let sum: f64 = (j..i).map(|k| whitener[i * d + k] * l[k * d + j]).sum();
+            l[i * d + j] = -sum / pivot;
+        }
+    }
+    let mut noise = vec![0.0; d * d];
+    for i in 0..d {
+        for j in 0..d {
+            noise[i * d + j] = (0..d).map(|k| l[i * d + k] * l[j * d + k]).sum();
+        }
+    }
+    noise
+}
+
+/// The way back, which makes the results.
+#[inline(always)]
+fn backwards(
+    n: usize,
+    track: &Track<'_>,
+    jerk: f64,
+    workspace: &mut Workspace,
+    out: &mut Smoothed<'_>,
+) {
+    let (d, width) = (n / 3, n + 1);
+    let Workspace { information, triangle, state, forwards, root, sums } = workspace;
+    information.start(d, &[]);
+    for (values, size) in [(&mut *root, n * n), (&mut *state, n), (&mut *sums, width)] {
+        values.clear();
+        values.resize(size, 0.0);
+    }
+    let mut unused = Logarithms::NONE;
+    for k in (0..track.len()).rev() {
+        triangle.clear();
+        triangle.extend_from_slice(&forwards[k * n * width..][..n * width]);
+        triangle.extend_from_slice(&information.rows);
+        complete(n, track, &track.seen, triangle, sums);
+        solve(triangle, width, n, state);
+        invert(triangle, width, n, root);
+        let mean = &mut out.mean[k * n..][..n];
+        mean.copy_from_slice(state);
+        for (value, reference) in mean.iter_mut().zip(track.reference(k)) {
+            *value += reference;
+        }
+        let covariance = &mut out.covariance[k * n * n..][..n * n];
+        write_square(root, n, covariance);
+        for (axis, seen) in track.seen.iter().enumerate() {
+            for (derivative, known) in seen.determines(track.times[k]).into_iter().enumerate() {
+                if !known {
+                    forget(derivative * d + axis, n, mean, covariance);
+                }
+            }
+        }
+        if k > 0 {
+            information.observe(n, track, k);
+            information.advance(n, track, k - 1, jerk, Direction::Backwards, &mut unused);
+        }
+    }
+}
+
+/// `U U^T` of an upper triangle.
+#[inline(always)]
+fn write_square(u: &[f64], n: usize, out: &mut [f64]) {
+    for i in 0..n {
+        for j in 0..=i {
+            let sum = (i..n).map(|k| u[i * n + k] * u[j * n + k]).sum();
+            out[i * n + j] = sum;
+            out[j * n + i] = sum;
+        }
+    }
+}
+
+/// Marks a component as unknown.
+fn forget(component: usize, n: usize, mean: &mut [f64], covariance: &mut [f64]) {
+    mean[component] = f64::NAN;
+    for j in 0..n {
+        covariance[component * n + j] = 0.0;
+        covariance[j * n + component] = 0.0;
+    }
+    covariance[component * n + component] = f64::INFINITY;
+}

@@ -1,0 +1,165 @@
+"""Local polynomials by least squares with powers; the smoother as one dense normal distribution."""
+
+import mpmath
+import numpy as np
+from scipy import stats
+
+from reference.kalman import exactly
+
+# of the first state: nothing is known, in 300 digits
+WIDE = mpmath.mpf(10) ** 140
+DIGITS = 300
+
+
+def polynomial(y, window, degree, *, times=None, variances=None, derivative=0, significance=0.05):
+    """Value, standard error for unit variance, and degree, instant by instant; highest degree if a
+    tuple (0, highest) is given."""
+    y, n = np.asarray(y, dtype=float), len(y)
+    t = np.arange(n) if times is None else np.asarray(times, dtype=float)
+    v = np.ones(n) if variances is None else np.broadcast_to(variances, n)
+    adaptive = isinstance(degree, tuple)
+    top = degree[1] if adaptive else degree
+    value, error, used = np.full(n, np.nan), np.full(n, np.inf), np.full(n, -1)
+    residuals = np.full(n, np.nan)
+    expected = np.full(n, np.nan)
+    size = min(window, n)
+    for i in range(n):
+        start = min(max(i - window // 2, 0), n - size)
+        own = np.arange(start, start + size)
+        own = own[~np.isnan(y[own])]
+        highest = min(top, len(set(t[own])) - 1)
+        if highest < derivative or (not adaptive and highest < degree):
+            continue
+        fits = [_powers(t[own] - t[i], y[own], v[own], p) for p in range(highest + 1)]
+        p = highest
+        while adaptive and p > derivative:
+            nu = len(own) - p - 1
+            gain = fits[p - 1][2] - fits[p][2]
+            if variances is not None:
+                if gain > stats.chi2.isf(significance, 1):
+                    break
+            elif nu > 0 and gain * nu > stats.f.isf(significance, 1, nu) * fits[p][2]:
+                break
+            p -= 1
+        factorial = np.prod(np.arange(1, derivative + 1))
+        coefficients, covariance, _ = fits[p]
+        value[i] = factorial * coefficients[derivative]
+        error[i] = factorial * np.sqrt(covariance[derivative, derivative])
+        used[i] = p
+        if not np.isnan(y[i]):
+            coefficients, covariance, _ = fits[highest]
+            residuals[i] = y[i] - coefficients[0]
+            expected[i] = 1 - covariance[0, 0] / v[i]
+    variance = np.nansum(residuals**2) / np.nansum(expected)
+    return value, error * (1 if variances is not None else np.sqrt(variance)), used, variance
+
+
+def _powers(t, y, v, degree):
+    """Coefficients of the powers of t, their covariance, and what is left."""
+    scale = np.max(np.abs(t), initial=0.0) or 1.0
+    origin = y[0]
+    root = 1 / np.sqrt(v)
+    a = np.vander(t / scale, degree + 1, increasing=True) * root[:, np.newaxis]
+    coefficients, *_ = np.linalg.lstsq(a, (y - origin) * root, rcond=None)
+    left = (y - origin) * root - a @ coefficients
+    units = scale ** -np.arange(degree + 1.0)
+    covariance = np.linalg.inv(a.T @ a) * np.outer(units, units)
+    coefficients = coefficients * units
+    coefficients[0] += origin
+    return coefficients, covariance, left @ left
+
+
+def transition(t):
+    """F of one axis."""
+    return np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]], dtype=object)
+
+
+def noise(t, q):
+    """Q of one axis: white jerk of the intensity q over the time t."""
+    return q * np.array(
+        [
+            [t**5 / 20, t**4 / 8, t**3 / 6],
+            [t**4 / 8, t**3 / 3, t**2 / 2],
+            [t**3 / 6, t**2 / 2, t],
+        ],
+        dtype=object,
+    )
+
+
+def _cholesky(a):
+    """Return the lower L with `L L' = a`."""
+    a, n = a.copy(), len(a)
+    for j in range(n):
+        root = mpmath.sqrt(a[j, j])
+        a[j:, j] = a[j:, j] / root
+        for i in range(j + 1, n):
+            a[i:, i] = a[i:, i] - a[i:, j] * a[i, j]
+        a[j, j + 1 :] = mpmath.mpf(0)
+    return a
+
+
+def _solve(lower, b):
+    """Return `L^-1 b`."""
+    b = b.copy()
+    for j in range(len(lower)):
+        b[j] = b[j] / lower[j, j]
+        if j + 1 < len(lower):
+            b[j + 1 :] = b[j + 1 :] - np.multiply.outer(lower[j + 1 :, j], b[j])
+    return b
+
+
+def smooth(y, covariance, times, q, initial=None):
+    """Mean (N, 3D) and covariance (N, 3D, 3D), innovations (N, D) and log L but for a constant.
+
+    All states are normal, and so are all plots: the states given the plots are one formula. What is
+    not determined has nan and inf.
+    """
+    with mpmath.workdps(DIGITS):
+        (n, d), states = np.shape(y), 3 * np.shape(y)[1]
+        t = exactly(times)
+        unit = exactly(np.eye(d))
+        mean0, first = exactly(np.zeros(states)), exactly(np.eye(states)) * WIDE
+        if initial is not None:
+            mean0, first = exactly(initial[0]), exactly(initial[1])
+        f = [np.kron(transition(s - t[0]), unit) for s in t]
+        deviations = [np.kron(noise(s - t[0], mpmath.mpf(q)), unit) for s in t]
+        joint = exactly(np.zeros((n * states, n * states)))
+        for i in range(n):
+            for j in range(i, n):
+                later = np.kron(transition(t[j] - t[i]), unit)
+                block = f[i].dot(first).dot(f[j].T) + deviations[i].dot(later.T)
+                joint[i * states : (i + 1) * states, j * states : (j + 1) * states] = block
+                joint[j * states : (j + 1) * states, i * states : (i + 1) * states] = block.T
+        prior = np.concatenate([a.dot(mean0) for a in f])
+        there = ~np.isnan(np.ravel(y))
+        places = np.ravel(states * np.arange(n)[:, np.newaxis] + np.arange(d))[there]
+        errors = exactly(np.zeros((n * d, n * d)))
+        for i in range(n):
+            own = slice(i * d, (i + 1) * d)
+            errors[own, own] = exactly(covariance[i])
+        v = joint[np.ix_(places, places)] + errors[np.ix_(there, there)]
+        lower = _cholesky(v)
+        difference = exactly(np.ravel(y)[there]) - prior[places]
+        white = _solve(lower, difference)
+        gain = _solve(lower, joint[places])
+        mean = (prior + gain.T.dot(white)).reshape(n, states)
+        blocks = [slice(i * states, (i + 1) * states) for i in range(n)]
+        posterior = [joint[b, b] - gain[:, b].T.dot(gain[:, b]) for b in blocks]
+        pivots = np.diagonal(lower)
+        innovation = np.full(n * d, np.nan)
+        wide = np.array([pivot**2 > mpmath.sqrt(WIDE) for pivot in pivots], dtype=bool)
+        innovation[there] = np.where(wide, np.nan, white.astype(float))
+        likelihood = -sum(mpmath.log(p) for p in pivots) - white.dot(white) / 2
+        return (*_determined(mean, posterior), innovation.reshape(n, d), float(likelihood))
+
+
+def _determined(mean, posterior):
+    found, covariances = np.full(mean.shape, np.nan), []
+    for i, p in enumerate(posterior):
+        known = np.array([v < mpmath.sqrt(WIDE) for v in np.diagonal(p)], dtype=bool)
+        found[i, known] = mean[i, known].astype(float)
+        both = np.outer(known, known)
+        covariance = np.where(both, p, 0.0).astype(float)
+        covariance[~known, ~known] = np.inf
+        covariances.append(covariance)
+    return found, np.array(covariances)
