@@ -3,10 +3,10 @@
 For measurements that are redundant and sometimes wrong. `tertia.screening` finds the anomalous
 ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.weights` combines
 estimates and tells what not knowing their covariances costs, `tertia.kalman` makes tracks of plots,
-`tertia.fusion` one of several radars', `tertia.smoothing` smooths
-positions along time, `tertia.metrics` tells whether errors are as claimed,
-`tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the command
-`tertia` needs the extra `cli`.
+`tertia.smoothing` of positions, from all plots before and after, `tertia.fusion` one track of
+several radars', `tertia.metrics` tells whether errors are as claimed, `tertia.simulate` makes
+records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
+`cli`.
 """
 
 import warnings

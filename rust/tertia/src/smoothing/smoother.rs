@@ -221,9 +221,7 @@ fn backwards(
         invert(triangle, width, n, root);
         let mean = &mut out.mean[k * n..][..n];
         mean.copy_from_slice(state);
-        for (value, reference) in mean.iter_mut().zip(track.reference(k)) {
-            *value += reference;
-        }
+        track.restore(k, mean);
         let covariance = &mut out.covariance[k * n * n..][..n * n];
         write_square(root, n, covariance);
         for (axis, seen) in track.seen.iter().enumerate() {
