@@ -183,7 +183,7 @@ def local_polynomial(
     derivative : int
         0 for the value, 1 for its rate, ..., at most the degree. Adaptive degrees are not lower.
     max_degree : int
-        Highest adaptive degree.
+        Highest adaptive degree, less than `window` - 1.
     significance : float
         Chance of a test to keep a coefficient that is 0.
     n_threads : int, optional
@@ -206,8 +206,8 @@ def local_polynomial(
     -----
     A degree is tested from the highest down: coefficient p of orthogonal polynomials, by F(1, ν)
     with ν = n - p - 1 from what the window of n measurements leaves; with `variances` by chi-square
-    of one degree of freedom. Each test has the level `significance`. With too few measurements in a
-    window for a degree, lower ones are tested; for a fixed degree there is no value then.
+    of one degree of freedom. Each test has the level `significance`. A window with too few
+    measurements to test the highest degree has no value, nor has one with too few for a fixed degree.
 
     Without variances `sigma` is that of equal noise, whose variance is estimated from the whole
     record, about polynomials of the highest degree: so choosing a degree does not make it smaller.
