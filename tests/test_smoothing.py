@@ -82,7 +82,9 @@ class TestPolynomial:
         if not regular:
             times[-1] += 1e-9
         with mpmath.workdps(50):
-            powers = mpmath.matrix([[mpmath.mpf(int(t)) ** p for p in range(degree + 1)] for t in x])
+            powers = mpmath.matrix(
+                [[mpmath.mpf(int(t)) ** p for p in range(degree + 1)] for t in x]
+            )
             own = mpmath.matrix(y[2 : window + 2].tolist())
             c = mpmath.lu_solve(powers.T * powers, powers.T * own)
             expected = [float(mpmath.factorial(p) * c[p]) for p in range(degree + 1)]
@@ -123,7 +125,20 @@ class TestPolynomial:
         assert local_polynomial([]).value.shape == (0,)
         # equal times are one instant
         assert np.all(local_polynomial([1.0, 2.0, 3.0], 3, 1, times=[2, 2, 2]).degree == -1)
-        np.testing.assert_allclose(local_polynomial([1.0, 2.0, 3.0], 3, 0, times=[2, 2, 2]).value, 2)
+        np.testing.assert_allclose(
+            local_polynomial([1.0, 2.0, 3.0], 3, 0, times=[2, 2, 2]).value, 2
+        )
+
+    @pytest.mark.parametrize("variances", [None, 1.0])
+    def test_a_degree_that_cannot_be_tested_is_not_chosen(self, variances):
+        y = gaps(series(40), 0.0)
+        y[15:27] = NAN
+        found = local_polynomial(y, 13, variances=variances)
+        counts = np.array(
+            [np.count_nonzero(~np.isnan(y[max(0, min(i - 6, 27)) :][:13])) for i in range(40)]
+        )
+        np.testing.assert_array_equal(found.degree >= 0, counts >= (5 if variances is None else 4))
+        np.testing.assert_array_equal(np.isfinite(found.sigma), found.degree >= 0)
 
     @pytest.mark.parametrize("degree", [1, 3, (0, 3)])
     @pytest.mark.parametrize("irregular", [False, True])
@@ -162,9 +177,7 @@ class TestPolynomial:
             np.testing.assert_allclose(found.value[there], expected[there], atol=1e-11 * size)
 
     @settings(max_examples=40, deadline=None)
-    @given(
-        st.floats(-1e3, 1e3), st.floats(1e-6, 1e6), st.floats(1e-6, 1e6), st.integers(0, 10**6)
-    )
+    @given(st.floats(-1e3, 1e3), st.floats(1e-6, 1e6), st.floats(1e-6, 1e6), st.integers(0, 10**6))
     def test_shift_and_scale(self, shift, scale, pace, seed):
         y, t = gaps(series(50, seed), 0.1, seed), np.sort(rng(seed).uniform(0, 50, 50))
         for times in (None, t):
@@ -251,7 +264,7 @@ class TestPolynomial:
             ({"degree": 13}, ValueError, "degree is 13; it must be less than window"),
             ({"degree": 10, "window": 51}, ValueError, "degree is 10; it must be .* not above 9"),
             ({"degree": "best"}, ValueError, "degree is 'best'; it must be 'adaptive'"),
-            ({"max_degree": 13}, ValueError, "max_degree is 13"),
+            ({"max_degree": 12}, ValueError, "max_degree is 12; it must be less than window - 1"),
             ({"degree": 1, "derivative": 2}, ValueError, "derivative is 2; it must be not above"),
             ({"significance": 1.0}, ValueError, "significance is 1; it must be between 0 and 1"),
             ({"times": [0, 1, 3, 2]}, ValueError, r"times\[3\] is 2; times must not decrease"),
@@ -297,7 +310,6 @@ class TestTrack:
     def check(self, y, covariance, times, q, initial=None):
         """Everything against one dense normal distribution in 300 digits."""
         y = np.asarray(y, dtype=float)
-        n, d = y.shape
         found = smooth(y, covariance, times=times, jerk=q, initial=initial)
         mean, matrix, innovation, likelihood = reference.smooth(y, covariance, times, q, initial)
         self.assert_valid(found)
@@ -466,7 +478,7 @@ class TestTrack:
     def test_the_fitted_jerk(self):
         """As near as it says, and at the maximum."""
         q, trials = 0.3, 300
-        truth, y = simulated(trials, np.arange(100.0), 2, q, np.eye(2))
+        _, y = simulated(trials, np.arange(100.0), 2, q, np.eye(2))
         found = smooth(y, 1.0)
         error = np.log(found.jerk / q) / found.jerk_error
         assert np.abs(np.mean(error)) < 0.25
@@ -499,9 +511,7 @@ class TestTrack:
         assert found.nis[10:].mean() == pytest.approx(1, abs=0.5)
 
     @settings(max_examples=25, deadline=None)
-    @given(
-        st.floats(1e-6, 1e6), st.floats(1e-3, 1e3), st.floats(-1e6, 1e6), st.integers(0, 10**6)
-    )
+    @given(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3), st.floats(-1e6, 1e6), st.integers(0, 10**6))
     def test_units(self, scale, pace, shift, seed):
         d = 2
         y, times = gaps(series(40 * d, seed).reshape(40, d), 0.1, seed), np.arange(40.0)
@@ -557,7 +567,15 @@ class TestTrack:
         y = gaps(rng(1).normal(size=(2, 3, 60, 2)), 0.1)
         matrix = np.broadcast_to(covariances(60, 2), (2, 3, 60, 2, 2))
         one, many = (smooth(y, matrix, n_threads=n) for n in (1, 4))
-        names = ("mean", "covariance", "innovation", "log_likelihood", "count", "jerk", "jerk_error")
+        names = (
+            "mean",
+            "covariance",
+            "innovation",
+            "log_likelihood",
+            "count",
+            "jerk",
+            "jerk_error",
+        )
         for name in names:
             np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
             for place in np.ndindex(2, 3):

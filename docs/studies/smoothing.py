@@ -3,12 +3,15 @@
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown
 from tertia import metrics, plot
 from tertia.smoothing import PolynomialSmooth, TrackSmooth, local_polynomial, smooth
+
+BoolArray = npt.NDArray[np.bool_]
 
 WINDOW = 13
 # of the picture, so that a band can be seen
@@ -27,7 +30,7 @@ def told(value: float, error: float) -> str:
     return f"{value:.3f} ± {error:.1g}"
 
 
-def share(hits: FloatArray) -> str:
+def share(hits: BoolArray) -> str:
     """Format a share."""
     return f"{100 * np.mean(hits):.1f} %"
 
@@ -80,8 +83,8 @@ def degrees_chosen() -> str:
             rng = generator(71, int(amplitude))
             y = truth + rng.standard_normal((TRIALS, truth.size))
             cells = []
-            for options in ({}, {"variances": 1.0}):
-                degree = local_polynomial(y, WINDOW, **options).degree[:, 10:31]
+            for variances in (None, 1.0):
+                degree = local_polynomial(y, WINDOW, variances=variances).degree[:, 10:31]
                 counts = [100 * np.mean(degree == p) for p in range(4)]
                 cells.append(", ".join(f"{count:.0f}" for count in counts))
             label = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
@@ -91,7 +94,7 @@ def degrees_chosen() -> str:
 
 
 def ends() -> str:
-    """Standard errors in the middle and at the end."""
+    """Return standard errors in the middle and at the end."""
     rows = []
     for degree in range(4):
         cells = []
@@ -302,7 +305,7 @@ def consistency() -> str:
 
 
 def track_figure() -> Figure:
-    """A turn with a gap and few plots: points, curve and band."""
+    """Draw a turn with a gap: points, curve and band."""
     truth, _ = turn(1, 3)
     x = truth[:, 0] + NOISY * generator(74).standard_normal(STEPS)
     x[40:55] = np.nan

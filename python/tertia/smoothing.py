@@ -1,8 +1,8 @@
 """One target along time: from positions, or any measured series, with their covariances.
 
 `local_polynomial` fits a polynomial to the instants around each. `smooth` estimates position,
-velocity and acceleration at every instant from all plots, for a target whose acceleration is changed
-by white jerk. Units are the caller's.
+velocity and acceleration at every instant from all plots, for a target whose acceleration is
+changed by white jerk. Units are the caller's.
 
 Neither looks for outliers: they must be gone before (`tertia.screening`).
 """
@@ -80,7 +80,8 @@ class TrackSmooth:
         variance if the model holds: the first axis first, the others given those before. nan where
         there is no plot, or nothing to predict it from.
     log_likelihood : float or ndarray of shape (...)
-        Of all plots, for an unknown first state; but for a constant that depends on units and times.
+        Of all plots, for an unknown first state; but for a constant that depends on units and
+        times.
     count : int or ndarray of shape (...)
         Measured numbers beyond those that are needed to know the state.
     jerk : float or ndarray of shape (...)
@@ -135,7 +136,7 @@ class TrackSmooth:
 
     @property
     def nis(self) -> FloatArray:
-        """Squared innovations over what is expected, of shape (..., N); nan where there are none."""
+        """Sums of squared innovations, of shape (..., N); nan where there are none."""
         known = ~np.isnan(self.innovation)
         squares = np.sum(np.where(known, self.innovation, 0.0) ** 2, axis=-1)
         return np.where(known.any(axis=-1), squares, np.nan)
@@ -171,8 +172,8 @@ def local_polynomial(
     y : array_like of shape (..., N)
         Measurements; nan where there is none.
     window : int
-        Instants in a window, an odd number. The instant is in the middle; at the ends the first and
-        last windows are evaluated off-centre.
+        Instants in a window, an odd number. The instant is in the middle; at the ends the first
+        and last windows are evaluated off-centre.
     degree : {"adaptive"} or int
         Degree of the polynomials, at most 9 and less than `window`. "adaptive": in each window the
         highest one up to `max_degree` whose coefficient is significant.
@@ -207,7 +208,8 @@ def local_polynomial(
     A degree is tested from the highest down: coefficient p of orthogonal polynomials, by F(1, ν)
     with ν = n - p - 1 from what the window of n measurements leaves; with `variances` by chi-square
     of one degree of freedom. Each test has the level `significance`. A window with too few
-    measurements to test the highest degree has no value, nor has one with too few for a fixed degree.
+    measurements to test the highest degree has no value, nor has one with too few for a fixed
+    degree.
 
     Without variances `sigma` is that of equal noise, whose variance is estimated from the whole
     record, about polynomials of the highest degree: so choosing a degree does not make it smaller.
@@ -221,7 +223,7 @@ def local_polynomial(
     >>> import numpy as np
     >>> from tertia.smoothing import local_polynomial
     >>> t = np.arange(40)
-    >>> y = 0.1 * t + np.random.default_rng(1).standard_normal(40)
+    >>> y = t + np.random.default_rng(1).standard_normal(40)
     >>> smooth = local_polynomial(y)
     >>> smooth
     PolynomialSmooth(value of shape (40,), 100% of degree 1)
@@ -249,9 +251,7 @@ def local_polynomial(
     )
     if noise is not None:
         return PolynomialSmooth(value, sigma, used, None, None)
-    return PolynomialSmooth(
-        value, sigma, used, scalar_or_array(variance), scalar_or_array(freedom)
-    )
+    return PolynomialSmooth(value, sigma, used, scalar_or_array(variance), scalar_or_array(freedom))
 
 
 def smooth(
@@ -304,11 +304,11 @@ def smooth(
 
     Notes
     -----
-    Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise of
-    the covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of Rauch,
-    Tung and Striebel (1965) for an unknown first state: exactly, not by large variances. Two square
-    root information filters, forwards and backwards, are solved together at each instant. Three
-    instants determine the state of an axis. Where there are fewer, the variance of what they do not
+    Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise
+    of the covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
+    Rauch, Tung and Striebel (1965) for an unknown first state: exactly, not by large variances. Two
+    square root information filters, forwards and backwards, are solved together at each instant.
+    Three instants determine the state of an axis. Where there are fewer, the variance of what they do not
     determine is inf.
 
     The fitted jerk is taken as known: its own error is not in `covariance`. It is 0, with the error
@@ -402,8 +402,9 @@ def _covariances(
         diagonal[..., ~np.eye(dimension, dtype=bool)] = 0.0
         return _shared(diagonal, (n, *square), batch, "covariance", "N, D, D"), True
     raise ValueError(
-        f"covariance has shape {array.shape}; for y of shape {(*batch, n, dimension)} it must be (), "
-        f"({dimension},), {square}, (..., {n}, {dimension}) or (..., {n}, {dimension}, {dimension})"
+        f"covariance has shape {array.shape}; for y of shape {(*batch, n, dimension)} it must be "
+        f"(), ({dimension},), {square}, (..., {n}, {dimension}) or "
+        f"(..., {n}, {dimension}, {dimension})"
     )
 
 
@@ -414,7 +415,7 @@ def _instants(
         step = 1.0 if dt is None else real(dt, "dt")
         if not 0 < step < np.inf:
             raise ValueError(f"dt is {step}; it must be a positive number")
-        return step * np.arange(n)
+        return np.arange(n, dtype=np.float64) * step
     if dt is not None:
         raise ValueError("give either times or dt")
     return _shared(finite(times, "times"), (n,), batch, "times", "N")

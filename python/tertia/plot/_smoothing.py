@@ -91,9 +91,19 @@ def smoothing(
 
     known = np.isfinite(half)
     # cut where nothing is known
-    low, high = (np.where(known, value + sign * np.where(known, half, 0), np.nan) for sign in (-1, 1))
-    band = {"facecolor": BAND, "edgecolor": "none", "alpha": 0.3}
-    ax.fill_between(instants, low, high, where=known.tolist(), label=f"± {width:g} sigma", **band)
+    low, high = (
+        np.where(known, value + sign * np.where(known, half, 0), np.nan) for sign in (-1, 1)
+    )
+    ax.fill_between(
+        instants,
+        low,
+        high,
+        where=known.tolist(),
+        facecolor=BAND,
+        edgecolor="none",
+        alpha=0.3,
+        label=f"± {width:g} sigma",
+    )
     there = ~np.isnan(points)
     ax.plot(instants[there], points[there], ".", color=KEPT, markersize=4, label="measured")
     ax.plot(instants, value, color=RESULT, linewidth=1, label="smoothed")

@@ -195,8 +195,8 @@ impl Polynomial {
     /// Critical values of the coefficient of every degree, with so many measurements.
     fn table(&mut self, count: usize) -> [f64; HIGHEST + 1] {
         let mut table = [f64::INFINITY; HIGHEST + 1];
-        for p in 1..=self.top() {
-            table[p] = self.critical_value(count - p - 1);
+        for (p, critical) in table.iter_mut().enumerate().take(self.top() + 1) {
+            *critical = self.critical_value(count - p - 1);
         }
         table
     }
@@ -508,11 +508,7 @@ impl WithSimd for Convolution<'_> {
                 &padded[..]
             };
             let middle = lanes(block, half);
-            let mut left = [0.0; LANES];
-            let sums = weigh(&stencil.value_taps, true, block, half, middle);
-            for l in 0..LANES {
-                left[l] = sums[l];
-            }
+            let left = weigh(&stencil.value_taps, true, block, half, middle);
             let result = if stencil.derivative == 0 {
                 let mut result = middle;
                 for l in 0..LANES {
@@ -631,19 +627,19 @@ impl WithSimd for Adaptive<'_> {
             }
             for l in 0..count {
                 let mut c = [0.0; HIGHEST + 1];
-                for j in 0..=top {
-                    c[j] = coefficients[j][l];
+                for (c, lanes) in c.iter_mut().zip(&coefficients) {
+                    *c = lanes[l];
                 }
                 let rounding = window as f64 * (f64::EPSILON * largest[l]).powi(2);
                 let p = choice.degree(&c, squares[l].max(rounding));
                 let offset = if stencil.derivative == 0 { middle[l] } else { 0.0 };
                 let mut sum = 0.0;
-                for j in 0..=p {
-                    sum += c[j] * stencil.at[j];
+                for (c, at) in c[..=p].iter().zip(&stencil.at) {
+                    sum += c * at;
                 }
                 let mut left = 0.0;
-                for j in 0..=top {
-                    left += c[j] * stencil.values[j];
+                for (c, value) in c.iter().zip(&stencil.values) {
+                    left += c * value;
                 }
                 value[start + l] = offset + sum;
                 sigma[start + l] = stencil.error[p];

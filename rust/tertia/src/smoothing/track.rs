@@ -163,12 +163,10 @@ impl<'a> Track<'a> {
                 }
             };
             track.log_determinant += log_determinant;
-            for axis in 0..d {
-                if there[axis] {
-                    track.seen[axis].add(times[k]);
-                    let size = track.whitener[(k * d + axis) * d + axis];
-                    track.scale[axis] = track.scale[axis].max(size);
-                }
+            for (axis, _) in there.iter().enumerate().filter(|&(_, &there)| there) {
+                track.seen[axis].add(times[k]);
+                let size = track.whitener[(k * d + axis) * d + axis];
+                track.scale[axis] = track.scale[axis].max(size);
             }
             last = Some((there, log_determinant));
         }
