@@ -38,6 +38,7 @@ ALIASES = {
     "Convention",
     "Count",
     "FusionMethod",
+    "InstantMethod",
     "LossMethod",
     "Method",
     "ScenarioName",
@@ -144,6 +145,10 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
         "weights.combine(np.zeros((2, 3)), np.broadcast_to(np.eye(3), (10**9, 2, 3, 3)))",
         "weights.combine_scalar([0.0], np.broadcast_to(1.0, (10**9, 1, 1)), [1.0], 1.0, 1.0)",
         "weights.fusion_loss(np.ones((2, 1, 1)), 9, trials=2**31 - 1)",
+        "fusion.fuse(np.zeros((2, 3)), np.broadcast_to(np.eye(3), (10**9, 2, 3, 3)))",
+        "fusion.fuse(np.zeros((2, 9000)), np.broadcast_to(1.0, (2, 9000, 9000)))",
+        "fusion.fuse(np.zeros((10**5, 9)), np.broadcast_to(np.eye(9), (10**5, 9, 9)), "
+        "cross_covariances=np.broadcast_to(0.0, (10**5, 10**5, 9, 9)))",
     ],
 )
 def test_too_large_is_an_error_and_not_an_abort(call):
@@ -151,7 +156,7 @@ def test_too_large_is_an_error_and_not_an_abort(call):
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, 4 * 2**30))
 import numpy as np
-from tertia import estimate_bearing, screening, weights
+from tertia import estimate_bearing, fusion, screening, weights
 try:
     {call}
 except (MemoryError, ValueError) as error:

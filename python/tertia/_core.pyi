@@ -18,6 +18,7 @@ __all__ = [
     "false_alarm_probability",
     "filter_series",
     "first_order_excess",
+    "fuse",
     "fuse_series",
     "fused_covariance",
     "grubbs",
@@ -173,6 +174,9 @@ class AngleFilter:
     def __getstate__(self) -> tuple[list[float], float, float]: ...
     def __setstate__(self, state: Any) -> None: ...
 
+def fuse(
+    instants: dict[str, Any], n_threads: int | None
+) -> tuple[list[FloatArray], IntArray]: ...
 def fuse_series(
     batch: dict[str, Any], n_threads: int | None
 ) -> tuple[list[FloatArray], BoolArray]: ...

@@ -1,4 +1,5 @@
-"""Fusion: one track with an honest covariance from the plots of several radars.
+"""Fusion: one track with an honest covariance from the plots of several radars, or one estimate
+from those of several sensors.
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
 (`method="paper"`), the usual rules, and a default that finds out how good each radar really is.
@@ -15,10 +16,29 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, finite, positive, real, samples, threads
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    positive,
+    real,
+    samples,
+    scalar_or_array,
+    threads,
+)
 from tertia.kalman import SingerModel, _full, _initial, _intervals, _require_model, _sigma
 
-__all__ = ["FusionMethod", "FusionResult", "TrackFusion", "common_azimuth", "fuse_series"]
+__all__ = [
+    "Fused",
+    "FusionMethod",
+    "FusionResult",
+    "InstantMethod",
+    "TrackFusion",
+    "common_azimuth",
+    "fuse",
+    "fuse_series",
+]
 
 FusionMethod: TypeAlias = Literal[
     "robust",
@@ -32,6 +52,9 @@ FusionMethod: TypeAlias = Literal[
     "static",
     "equal",
     "paper",
+]
+InstantMethod: TypeAlias = Literal[
+    "matrix", "posterior", "covariance-intersection", "static", "equal"
 ]
 
 
@@ -80,8 +103,160 @@ class FusionResult:
     def __repr__(self) -> str:
         """Tell the shape and the outliers."""
         *batch, radars, steps = self.outlier.shape
-        told = f"{radars} radars, {steps} steps, {np.count_nonzero(self.outlier)} outliers"
-        return f"FusionResult({f'batch {tuple(batch)}, ' if batch else ''}{told})"
+        counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
+        told = [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
+        return f"FusionResult({', '.join([f'batch {tuple(batch)}'] * bool(batch) + told)})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fused:
+    """A fused estimate, and whether what it was made of agrees.
+
+    Attributes
+    ----------
+    mean : ndarray of shape (..., m)
+        The fused estimate; nan where no sensor has one.
+    covariance : ndarray of shape (..., m, m)
+        Its covariance, if those given are right; from "covariance-intersection" a bound of it.
+        Where no sensor has an estimate, infinite variances.
+    weights : ndarray of shape (..., K, m, m)
+        The weight of each estimate, which sum to the identity; 0 where a sensor has none.
+    statistic : float or ndarray of shape (...)
+        Sum of the squared differences of the estimates in units of their covariances; nan from
+        methods other than "matrix".
+    degrees_of_freedom : int or ndarray of shape (...)
+        The chi-square distribution that `statistic` has where the covariances are right.
+    p_value : float or ndarray of shape (...)
+        Probability of a larger statistic then; nan likewise. A small one says that an estimate or
+        a covariance is wrong.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    weights: FloatArray
+    statistic: float | FloatArray
+    degrees_of_freedom: int | IntArray
+    p_value: float | FloatArray
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of `mean`, of shape (..., m)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+
+    def __repr__(self) -> str:
+        """Tell mean and sigma where there is no batch."""
+        if self.mean.ndim > 1:
+            return f"Fused(batch {self.mean.shape[:-1]}, {self.mean.shape[-1]} components)"
+        pairs = zip(self.mean, self.sigma, strict=True)
+        listed = ", ".join(f"{mean:.6g} ± {sigma:.3g}" for mean, sigma in pairs)
+        agreement = "" if np.isnan(self.p_value) else f", p-value {self.p_value:.3g}"
+        return f"Fused([{listed}]{agreement})"
+
+
+def fuse(
+    estimates: npt.ArrayLike,
+    covariances: npt.ArrayLike,
+    *,
+    method: InstantMethod = "matrix",
+    cross_covariances: npt.ArrayLike | None = None,
+    weights: npt.ArrayLike | None = None,
+    period: float | None = None,
+    n_threads: int | None = None,
+) -> Fused:
+    """Fuse the estimates that several sensors have of the same vector at one instant.
+
+    Parameters
+    ----------
+    estimates : array_like of shape (..., K, m)
+        Estimates of K >= 1 sensors. nan in all components: the sensor has none, and what else is
+        given of it is not read.
+    covariances : array_like of shape (..., K, m, m)
+        Their covariances. Leading axes of all arrays are broadcast against each other. For
+        "matrix" a covariance may be singular if the others are not so in the same direction.
+    method : str
+        "matrix": the linear unbiased combination with the least covariance.
+        "posterior": component by component by the inverse variances.
+        "covariance-intersection": for errors that are correlated nobody knows how; all sensors at
+        once, with the bound of the covariance that has the least determinant.
+        "static": by `weights`. "equal": equal weights.
+    cross_covariances : array_like of shape (..., K, K, m, m), optional
+        Covariances of the errors of two sensors: block [i, j] is that of the errors of i (rows) and
+        of j (columns), and the transpose of [j, i]. Blocks [i, i] are not read. By default the
+        errors are independent. Covariance intersection does not use them: its bound holds for any.
+    weights : array_like of shape (K,), optional
+        For "static", and only there: what the weights are proportional to.
+    period : float, optional
+        Of the first component, if that is an angle: 360.0 for degrees, 2*pi for radians. It comes
+        back in [0, period).
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    Fused
+        Mean, covariance, weights, and for "matrix" the statistic of consistency.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A covariance, or the joint one of all sensors, that is indefinite. With "matrix" and
+        "covariance-intersection" also one that is singular in such a way that the weights are not
+        defined, or lost to rounding.
+    ValueError
+        Shapes that do not fit, a matrix that is not symmetric, an estimate that is infinite, above
+        1e150 in size, or nan in some components alone, a variance that is not positive, an unknown
+        method, or weights that are missing, negative, all zero or not asked for.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Whatever the weights W, the covariance is that of the combination,
+    `sum of W_i S_ij W_j'` over all i and j. "matrix" inverts covariances of differences of
+    estimates alone. Without `cross_covariances` it is `weights.combine`, cost O(K m³); with them
+    O(K³ m³).
+
+    "covariance-intersection": `(sum of ω_k C_k)^-1` with C_k the inverse covariances and shares
+    ω_k of sum 1 is a bound of the covariance whatever the correlation. A least determinant, unlike
+    a least trace, does not depend on the units. The problem is convex and treats all sensors alike.
+
+    With a period, angles are turned to within half of it of the angle with the least variance.
+
+    Examples
+    --------
+    Two tracks whose errors have something in common:
+
+    >>> from tertia.fusion import fuse
+    >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
+    >>> common = [[0.5, 0.2], [0.2, 0.5]]
+    >>> fuse([[359, 20], [2, 21]], S, cross_covariances=[[S[0], common], [common, S[1]]], period=360)
+    Fused([1.78987 ± 0.9, 20.9425 ± 1.14], p-value 0.292)
+    >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
+    Fused([1.93436 ± 1.02, 20.9903 ± 1.66])
+    """
+    x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
+    if x.ndim < 2 or 0 in x.shape[-2:]:
+        raise ValueError(f"estimates has shape {x.shape}; it must be (..., K, m)")
+    sensors, m = x.shape[-2:]
+    arrays, tails = {"estimates": x, "covariances": s}, [(sensors, m), (sensors, m, m)]
+    if cross_covariances is not None:
+        arrays["cross_covariances"] = samples(cross_covariances, "cross_covariances")
+        tails.append((sensors, sensors, m, m))
+    arguments: dict[str, object] = dict.fromkeys(["cross_covariances"], None)
+    arguments |= _of_one_batch(arrays, tails)
+    arguments["weights"] = _proportions(weights, method, sensors)
+    arguments["method"] = str(method)
+    arguments["period"] = None if period is None else real(period, "period")
+    found, present = _core.fuse(arguments, threads(n_threads))
+    mean, covariance, matrices, statistic, p_value = found
+    return Fused(
+        mean,
+        covariance,
+        matrices,
+        scalar_or_array(statistic),
+        scalar_or_array(np.asarray(np.maximum(present - 1, 0) * m)),
+        scalar_or_array(p_value),
+    )
 
 
 def fuse_series(
@@ -295,18 +470,55 @@ def common_azimuth(
     return polar, roots @ np.swapaxes(roots, -1, -2)
 
 
+def _of_one_batch(
+    arrays: dict[str, FloatArray], tails: list[tuple[int, ...]]
+) -> dict[str, FloatArray]:
+    """Return arrays of these shapes with the same leading axes."""
+    batches = []
+    for (name, array), tail in zip(arrays.items(), tails, strict=True):
+        if array.shape[-len(tail) :] != tail:
+            expected = ", ".join(map(str, tail))
+            raise ValueError(
+                f"{name} has shape {array.shape}; for estimates of shape "
+                f"{arrays['estimates'].shape} it must be (..., {expected})"
+            )
+        batches.append(array.shape[: -len(tail)])
+    try:
+        batch = np.broadcast_shapes(*batches)
+    except ValueError:
+        told = ", ".join(f"{name} {shape}" for name, shape in zip(arrays, batches, strict=True))
+        raise ValueError(f"the batches do not fit together: {told}") from None
+    pairs = zip(arrays.items(), tails, strict=True)
+    return {name: np.broadcast_to(array, batch + tail) for (name, array), tail in pairs}
+
+
+def _proportions(weights: npt.ArrayLike | None, method: str, sensors: int) -> list[float] | None:
+    """Return the weights of method "static"."""
+    if (weights is None) == (method == "static"):
+        needed = "needs weights" if weights is None else "takes no weights"
+        raise ValueError(f"method {method!r} {needed}; they are for 'static'")
+    if weights is None:
+        return None
+    array = finite(weights, "weights")
+    if array.shape != (sensors,):
+        raise ValueError(f"weights has shape {array.shape}; it must be ({sensors},)")
+    if np.any(array < 0) or not np.any(array > 0):
+        raise ValueError(f"weights are {array}; they must not be negative, and not all zero")
+    numbers: list[float] = array.tolist()
+    return numbers
+
+
 def _variances(
     measurement_variance: npt.ArrayLike, batch: tuple[int, ...], radars: int, steps: int
 ) -> FloatArray:
-    """Return variances of shape (K, 1 or steps), of one row for all or one for each."""
+    """Return variances of shape (1 or K, 1 or steps), of one row for all or one for each."""
     array = np.atleast_2d(samples(measurement_variance, "measurement_variance"))
     lengths = (1, steps)
     if array.shape[-1] in lengths and array.shape[-2] in {1, radars}:
-        shape = (radars, array.shape[-1])
         if array.ndim == 2:
-            return np.broadcast_to(array, shape)
+            return array
         try:
-            return np.broadcast_to(array, (*batch, *shape))
+            return np.broadcast_to(array, (*batch, *array.shape[-2:]))
         except ValueError:
             pass
     raise ValueError(
@@ -320,5 +532,5 @@ def _states(
 ) -> FloatArray:
     states = _initial(initial, (*batch, radars))
     if states.ndim == 1:
-        return np.broadcast_to(states, (radars, 12))
+        return states[np.newaxis]
     return states.reshape(*batch, radars, 12)

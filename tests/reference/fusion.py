@@ -174,22 +174,94 @@ def matrix_weights(joint):
     return best_linear(joint)
 
 
-def intersection(a, b, count=2001):
-    """Weights and bound of two estimates; the share with the least determinant, on ever finer
-    grids."""
-    ia, ib = np.linalg.inv(a), np.linalg.inv(b)
-    low, high, share = 0.0, 1.0, 0.5
-    for _ in range(3):
-        grid = np.linspace(low, high, count)[:, np.newaxis, np.newaxis]
-        information = np.linalg.slogdet(grid * ia + (1 - grid) * ib)[1]
-        share = grid[np.argmax(information), 0, 0]
-        if np.ptp(information) < 1e-13:
-            share = (low + high) / 2
+def best_split(first, second, others, total):
+    """The part of `total` that `first` gets, for the largest determinant of all together; by
+    bisection of the derivative of its logarithm. Half of it where it does not matter."""
+
+    def slope(part):
+        information = others + part * first + (total - part) * second
+        return np.trace(np.linalg.solve(information, first - second))
+
+    low, high = 0.0, total
+    ends = slope(0.0), slope(total)
+    if max(np.abs(ends)) < 1e-12:
+        return total / 2
+    if ends[0] <= 0 or ends[1] >= 0:
+        return 0.0 if ends[0] <= 0 else total
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if slope(middle) > 0 else (low, middle)
+    return (low + high) / 2
+
+
+def intersection(covariances, cycles=200):
+    """Weights and bound with the least determinant: shares are exchanged between two of the
+    estimates at a time, until nothing changes."""
+    k = len(covariances)
+    information = np.linalg.inv(np.asarray(covariances))
+    share = np.full(k, 1 / k)
+    for _ in range(cycles):
+        before = share.copy()
+        for i in range(k):
+            for j in range(i):
+                total = share[i] + share[j]
+                others = np.tensordot(share, information, 1)
+                others = others - share[i] * information[i] - share[j] * information[j]
+                if total > 0:
+                    share[i] = best_split(information[i], information[j], others, total)
+                    share[j] = total - share[i]
+        if np.abs(share - before).max() < 1e-11:
             break
-        step = (high - low) / (count - 1)
-        low, high = max(0.0, share - step), min(1.0, share + step)
-    fused = np.linalg.inv(share * ia + (1 - share) * ib)
-    return [fused @ ia * share, fused @ ib * (1 - share)], fused
+    bound = np.linalg.inv(np.tensordot(share, information, 1))
+    return [part * bound @ own for part, own in zip(share, information, strict=True)], bound
+
+
+def joint_matrix(covariances, cross=None):
+    """All covariances as one matrix of order K m."""
+    k, m = np.shape(covariances)[:2]
+    blocks = np.zeros((k, k, m, m)) if cross is None else np.array(cross, dtype=float)
+    blocks[range(k), range(k)] = covariances
+    return blocks.swapaxes(1, 2).reshape(k * m, k * m)
+
+
+def instant(x, covariances, method, cross=None, weights=None, period=None):
+    """Mean, covariance and weights of estimates (K, m); nan for none."""
+    x, covariances = np.asarray(x, dtype=float), np.asarray(covariances, dtype=float)
+    present = np.flatnonzero(~np.isnan(x).all(axis=1))
+    k, m = x.shape
+    out = np.zeros((k, m, m))
+    if not len(present):
+        return np.full(m, NAN), np.where(np.eye(m), np.inf, 0), out
+    own = covariances[present]
+    joint = joint_matrix(
+        own, None if cross is None else np.asarray(cross)[np.ix_(present, present)]
+    )
+    bound = None
+    if method == "matrix":
+        e = np.tile(np.eye(m), (len(present), 1))
+        inverse = np.linalg.inv(joint)
+        together = np.linalg.inv(e.T @ inverse @ e) @ e.T @ inverse
+        found = together.reshape(m, len(present), m).swapaxes(0, 1)
+    elif method == "covariance-intersection":
+        found, bound = intersection(own)
+    else:
+        precision = {
+            "equal": np.ones((k, m)),
+            "posterior": 1 / np.diagonal(covariances, axis1=1, axis2=2),
+            "static": np.repeat(np.asarray(weights, dtype=float)[:, np.newaxis], m, axis=1)
+            if weights is not None
+            else None,
+        }[method][present]
+        found = [np.diag(row) for row in precision / precision.sum(axis=0)]
+    out[present] = found
+    row = np.concatenate(list(found), axis=1)
+    base = present[np.argmin(own[:, 0, 0])]
+    away = x[present] - x[base]
+    away[:, 0] = wrap(away[:, 0], period)
+    mean = x[base] + sum(w @ a for w, a in zip(found, away, strict=True))
+    if period is not None:
+        mean[0] %= period
+    return mean, row @ joint @ row.T if bound is None else bound, out
 
 
 def combine(weights, states, joint, period):
@@ -432,10 +504,7 @@ def fuse(  # noqa: PLR0912, PLR0915
         if method in MATRICES:
             weights = matrix_weights(joint)
         elif method == "covariance-intersection":
-            weights, bound = [np.eye(3)], joint[0][0]
-            for at in range(1, len(known)):
-                (old, new), bound = intersection(bound, joint[at][at])
-                weights = [old @ w for w in weights] + [new]
+            weights, bound = intersection([joint[at][at] for at in range(len(known))])
         else:
             if method == "paper":
                 share = paper_weights(

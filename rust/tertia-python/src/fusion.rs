@@ -17,6 +17,8 @@ use tertia::kalman::{
 /// Cost of a step for one radar, for the choice of threads.
 const FUSE_NS: f64 = 300.0;
 
+const VARIANCE: &str = "measurement_variance";
+
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 
 fn rule(name: &str) -> PyResult<Rule> {
@@ -40,8 +42,9 @@ fn rule(name: &str) -> PyResult<Rule> {
     })
 }
 
-/// Series of several radars (..., K, steps); `variance` (K and then one or all steps), `dt` and
-/// `initial` (K times mean, then covariance row by row) may have a single row for all.
+/// Series of several radars (..., K, steps); `variance` (one radar for all or K, and then one or all
+/// steps), `dt` and `initial` (one state for all or K: mean, then covariance row by row) may have a
+/// single row for all.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Batch<'py> {
@@ -67,6 +70,8 @@ struct Task<'a> {
     period: Option<f64>,
     rule: Rule,
     beliefs: Beliefs,
+    /// One radar's for all, or those of each.
+    variance_rows: usize,
     radars: usize,
     steps: usize,
 }
@@ -103,7 +108,31 @@ impl Task<'_> {
             let state = State::try_new(rows[0], &[rows[1], rows[2], rows[3]])?;
             Ok(Filter::from_state(state, self.period))
         };
-        states.iter().map(filter).collect()
+        if let [common] = states {
+            return Ok(vec![filter(common)?; self.radars]);
+        }
+        let of_radar = |(radar, numbers)| filter(numbers).map_err(|error| error.within(radar));
+        states.iter().enumerate().map(of_radar).collect()
+    }
+
+    /// The row of the variances that is a radar's.
+    fn variance_row(&self, radar: usize) -> usize {
+        if self.variance_rows == 1 { 0 } else { radar }
+    }
+
+    /// What is wrong with a radar's series, with the place where the caller has it.
+    fn of_radar(&self, radar: usize, error: tertia::Error) -> tertia::Error {
+        match error {
+            tertia::Error::InvalidParameter { argument, value, .. } if self.variance_rows > 1 => {
+                let requirement = "it must be a positive number from 1e-100 to 1e100";
+                let index = vec![radar, 0];
+                tertia::Error::InvalidElement { argument, index, value, requirement }
+            }
+            tertia::Error::InvalidMeasurement { argument: VARIANCE, .. } => {
+                error.within(self.variance_row(radar))
+            }
+            other => other.within(radar),
+        }
     }
 
     fn run(
@@ -117,14 +146,15 @@ impl Task<'_> {
         let Buffers { transitions, z, r, reports } = buffers;
         let transition = self.model.over_all(shared(&self.dt, row), transitions)?;
         let variances = shared(&self.variance, row);
-        let per_radar = variances.len() / radars;
-        let variance = |radar: usize| match &variances[radar * per_radar..][..per_radar] {
-            [single] => PerStep::Constant(*single),
-            each => PerStep::Each(each),
-        };
+        let length = variances.len() / self.variance_rows;
+        let variance =
+            |radar: usize| match &variances[self.variance_row(radar) * length..][..length] {
+                [single] => PerStep::Constant(*single),
+                each => PerStep::Each(each),
+            };
         for radar in 0..radars {
             Series::try_new(&plots[radar * n..][..n], variance(radar), transition)
-                .map_err(|error| error.within(radar))?;
+                .map_err(|error| self.of_radar(radar, error))?;
         }
         let mut centre = Centre::new(self.filters(row)?, self.rule, self.beliefs, self.period);
         for step in 0..n {
@@ -165,7 +195,7 @@ pub fn fuse_series<'py>(
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<([Array<'py>; 6], Bound<'py, PyArrayDyn<bool>>)> {
     let z = Samples::extract(&batch.z, "z")?;
-    let variance = Samples::extract(&batch.variance, "measurement_variance")?;
+    let variance = Samples::extract(&batch.variance, VARIANCE)?;
     let dt = Samples::extract(&batch.dt, "times")?;
     let initial = batch.initial.as_ref();
     let initial = initial.map(|value| Samples::extract(value, "initial")).transpose()?;
@@ -184,6 +214,7 @@ pub fn fuse_series<'py>(
         rule: rule(&batch.method)?,
         beliefs: Beliefs::try_new(batch.memory, batch.threshold, batch.outlier_gate, batch.change)
             .map_err(value_error)?,
+        variance_rows: variance.shape()[variance.shape().len() - 2],
         radars,
         steps: n,
     };

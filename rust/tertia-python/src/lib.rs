@@ -3,6 +3,7 @@
 mod arrays;
 mod bearing;
 mod fusion;
+mod instant;
 mod kalman;
 mod screening;
 mod smoothing;
@@ -17,6 +18,8 @@ mod core_module {
     use super::bearing::estimate_bearing;
     #[pymodule_export]
     use super::fusion::{TrackFusion, fuse_series};
+    #[pymodule_export]
+    use super::instant::fuse;
     #[pymodule_export]
     use super::kalman::{
         AngleFilter, consistency_bounds, filter_series, singer_transition, smooth_series,

@@ -88,6 +88,18 @@ pub enum Error {
         /// Name of the argument.
         argument: &'static str,
     },
+    /// Estimates whose errors cannot be correlated like that.
+    #[error(
+        "covariances and cross_covariances make a joint covariance that is indefinite: some \
+         combination of the estimates would have a negative variance"
+    )]
+    IndefiniteJoint,
+    /// Estimates of which some combination is without error, or nearly so.
+    #[error(
+        "covariances and cross_covariances make a joint covariance that is singular to working \
+         precision: some combination of the estimates has (almost) no error"
+    )]
+    SingularJoint,
     /// The sample is shorter than the method needs.
     #[error("{argument} has {count} measurements; at least {minimum} are needed")]
     TooFew {
@@ -137,11 +149,21 @@ pub enum Error {
 }
 
 impl Error {
-    /// The same error about one row of a matrix of measurements.
+    /// The same error about one of several rows, vectors or matrices.
     pub fn within(self, row: usize) -> Self {
+        let of_row = |index: Vec<usize>| [&[row], index.as_slice()].concat();
         match self {
             Self::InvalidMeasurement { argument, index, value, requirement } => {
                 Self::InvalidElement { argument, index: vec![row, index], value, requirement }
+            }
+            Self::InvalidElement { argument, index, value, requirement } => {
+                Self::InvalidElement { argument, index: of_row(index), value, requirement }
+            }
+            Self::NotSymmetric { argument, index, upper, lower } => {
+                Self::NotSymmetric { argument, index: of_row(index), upper, lower }
+            }
+            Self::Indefinite { argument, index } => {
+                Self::Indefinite { argument, index: of_row(index) }
             }
             other => other,
         }
@@ -155,7 +177,20 @@ impl Error {
                 | Self::Singular { .. }
                 | Self::SingularSum { .. }
                 | Self::LostToRounding { .. }
+                | Self::IndefiniteJoint
+                | Self::SingularJoint
         )
+    }
+
+    /// The same error about the sensors that were chosen from a larger number.
+    pub(crate) fn renumbered(self, sensors: &[usize]) -> Self {
+        match self {
+            Self::SingularSum { argument, index } => {
+                let index = index.iter().map(|&k| sensors[k]).collect();
+                Self::SingularSum { argument, index }
+            }
+            other => other,
+        }
     }
 
     /// The same error about the bearings that were screened.

@@ -7,9 +7,13 @@
 
 mod belief;
 mod centre;
+mod instant;
+mod intersection;
+mod joint;
 mod matrix;
 mod robust;
 mod rules;
 
 pub use centre::{Centre, Fused, RadarReport};
+pub use instant::{Consistency, Fusing, Instant, InstantFusion, Weighting, fusing};
 pub use rules::{Beliefs, Rule};

@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use nalgebra::allocator::Allocator;
-use nalgebra::{DefaultAllocator, Dim, OMatrix};
+use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix};
 
 /// A matrix of order D.
 pub(crate) type Square<D> = OMatrix<f64, D, D>;
@@ -213,6 +213,51 @@ where
         factor[(i, i)] *= 1.0 + SEMIDEFINITE;
     }
     factorise(factor, 0.0)
+}
+
+/// Matrices of order m in their places, row after row, in one large matrix.
+pub(crate) fn assembled<D: Dim>(blocks: &[Square<D>], m: usize) -> DMatrix<f64>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    let count = blocks.len().isqrt();
+    let mut out = large(count * m);
+    for (at, block) in blocks.iter().enumerate() {
+        for (i, j) in (0..m).flat_map(|i| (0..m).map(move |j| (i, j))) {
+            out[(at / count * m + i, at % count * m + j)] = block[(i, j)];
+        }
+    }
+    out
+}
+
+/// A matrix of zeros, of an order that is not that of the covariances.
+pub(crate) fn large(order: usize) -> DMatrix<f64> {
+    DMatrix::zeros(order, order)
+}
+
+/// [`is_semidefinite`] of such a matrix.
+pub(crate) fn is_large_semidefinite(a: &DMatrix<f64>) -> bool {
+    is_semidefinite(a, &mut large(a.nrows()))
+}
+
+/// `b ← A^-1 b` for a symmetric A, of which the lower half is read and overwritten; false where it
+/// is not positive definite.
+pub(crate) fn solve_definite(a: &mut DMatrix<f64>, b: &mut [f64]) -> bool {
+    if !factorise(a, 0.0) {
+        return false;
+    }
+    for p in 0..b.len() {
+        for i in p + 1..b.len() {
+            b[i] -= a[(i, p)] * b[p];
+        }
+    }
+    for p in (0..b.len()).rev() {
+        b[p] /= a[(p, p)];
+        for i in p + 1..b.len() {
+            b[p] -= a[(i, p)] * b[i];
+        }
+    }
+    true
 }
 
 /// The mean of a matrix and its transpose.

@@ -13,7 +13,6 @@ mod propagation;
 
 use crate::error::Result;
 use crate::matrix::{Square, into_cholesky, read_covariance, write};
-use combination::{Combiner, require_estimates};
 use group::Problem;
 use loss::Loss;
 use nalgebra::allocator::Allocator;
@@ -21,10 +20,12 @@ use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector};
 use propagation::{Propagation, write_covariance_of_covariance};
 
 pub use combination::{Agreement, Scalar};
+pub(crate) use combination::{Combiner, require_estimates};
 pub use convention::{Convention, least_count, require_degrees_of_freedom};
+pub(crate) use group::Group;
 pub use loss::Simulated;
 
-const COVARIANCES: &str = "covariances";
+pub(crate) const COVARIANCES: &str = "covariances";
 
 /// What can be computed of the covariances of K sensors in m dimensions, with buffers that are
 /// reused from call to call. Slices of other lengths than said panic.

@@ -1,11 +1,12 @@
 //! The centre that fuses the tracks of several radars, step by step.
 
 use super::belief::{Belief, believed_noise};
-use super::matrix::{best_weights, difference, full, intersect, matrices, packed};
+use super::intersection::Intersection;
+use super::matrix::{best_weights, difference, full, matrices, packed};
 use super::robust::Robust;
-use super::rules::{Beliefs, Rule};
+use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Const, Matrix3, Vector3};
 
 /// The state at a step, fused.
 pub type Fused = State;
@@ -71,6 +72,8 @@ pub struct Centre {
     period: Option<f64>,
     weights: Vec<Matrix3<f64>>,
     scratch: Vec<f64>,
+    /// Made when it is needed.
+    intersection: Option<Intersection<Const<3>>>,
 }
 
 impl Centre {
@@ -90,6 +93,7 @@ impl Centre {
             robust: Robust::new(k, parameters.change),
             weights: vec![Matrix3::zeros(); k],
             scratch: Vec::with_capacity(k),
+            intersection: None,
             radars,
             rule,
             parameters,
@@ -339,7 +343,7 @@ impl Centre {
             _ => {
                 let precision: Vec<_> = known.iter().map(|&i| self.precision(i, r[i])).collect();
                 for component in 0..3 {
-                    let share = shares(&precision, component);
+                    let share = shares(precision.iter().map(|p| p[component]));
                     for (&i, share) in known.iter().zip(share) {
                         self.weights[i][(component, component)] = share;
                     }
@@ -370,22 +374,20 @@ impl Centre {
         }
     }
 
-    /// Covariance intersection, one radar after the other.
+    /// Covariance intersection; of covariances that are singular together the first radar's.
     fn intersect(&mut self, known: &[usize]) -> Option<Matrix3<f64>> {
-        let mut fused = self.joint(known[0], known[0]);
-        self.weights[known[0]] = Matrix3::identity();
-        for (at, &i) in known.iter().enumerate().skip(1) {
-            let own = self.joint(i, i);
-            self.weights[i] = Matrix3::zeros();
-            if let Some((weights, bound)) = intersect(&fused, &own) {
-                for &j in &known[..at] {
-                    self.weights[j] = weights[0] * self.weights[j];
-                }
-                self.weights[i] = weights[1];
-                fused = bound;
-            }
+        let own: Vec<_> = known.iter().map(|&i| self.joint(i, i)).collect();
+        let new = || Intersection::new(self.radars.len(), Const::<3>);
+        let intersection = self.intersection.get_or_insert_with(new);
+        let Ok(&bound) = intersection.intersect(&own) else {
+            self.weights.fill(Matrix3::zeros());
+            self.weights[known[0]] = Matrix3::identity();
+            return Some(own[0]);
+        };
+        for (&i, weight) in known.iter().zip(&intersection.weight) {
+            self.weights[i] = *weight;
         }
-        Some(fused)
+        Some(bound)
     }
 }
 
@@ -438,17 +440,4 @@ impl Radar {
         kept.set_column(0, &column);
         kept
     }
-}
-
-/// Precisions as shares of their sum; those that are infinite share everything, and all share
-/// alike where all are zero.
-fn shares(precision: &[Vector3<f64>], component: usize) -> impl Iterator<Item = f64> {
-    let largest = precision.iter().map(|p| p[component]).fold(0.0, f64::max);
-    let relative = move |p: &Vector3<f64>| match p[component] {
-        _ if largest == 0.0 => 1.0,
-        value if largest == f64::INFINITY => f64::from(u8::from(value == largest)),
-        value => value / largest,
-    };
-    let sum: f64 = precision.iter().map(relative).sum();
-    precision.iter().map(move |p| relative(p) / sum)
 }

@@ -7,9 +7,6 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 /// differ in fewer components than three.
 const ZERO_PIVOT: f64 = 1e-9;
 
-/// A determinant must be larger by more than this share to be worth unequal weights.
-const TIE: f64 = 1e-12;
-
 pub(super) fn full(p: &[f64; 6]) -> Matrix3<f64> {
     let [p00, p01, p02, p11, p12, p22] = *p;
     Matrix3::new(p00, p01, p02, p01, p11, p12, p02, p12, p22)
@@ -103,41 +100,6 @@ fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
         }
     }
     x
-}
-
-/// The weight matrices of two estimates and `(ω A^-1 + (1 − ω) B^-1)^-1`, for the ω in [0, 1] that
-/// gives it the least determinant, by golden section. `None` for singular ones.
-pub(super) fn intersect(
-    a: &Matrix3<f64>,
-    b: &Matrix3<f64>,
-) -> Option<([Matrix3<f64>; 2], Matrix3<f64>)> {
-    let (ia, ib) = (a.try_inverse()?, b.try_inverse()?);
-    let information = |omega: f64| ia * omega + ib * (1.0 - omega);
-    let cost = |omega: f64| -information(omega).determinant();
-    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut low, mut high) = (0.0, 1.0);
-    let (mut x, mut y) = (high - golden * (high - low), low + golden * (high - low));
-    let (mut at_x, mut at_y) = (cost(x), cost(y));
-    while high - low > 1e-8 {
-        if at_x < at_y {
-            (high, y, at_y) = (y, x, at_x);
-            x = high - golden * (high - low);
-            at_x = cost(x);
-        } else {
-            (low, x, at_x) = (x, y, at_y);
-            y = low + golden * (high - low);
-            at_y = cost(y);
-        }
-    }
-    // where all are equally good, both alike
-    let mut omega = 0.5;
-    for other in [0.5 * (low + high), 0.0, 1.0] {
-        if cost(other) < cost(omega) * (1.0 + TIE) {
-            omega = other;
-        }
-    }
-    let fused = information(omega).try_inverse()?;
-    Some(([fused * ia * omega, fused * ib * (1.0 - omega)], fused))
 }
 
 /// The residual vector with its first component turned by whole periods.

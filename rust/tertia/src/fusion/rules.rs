@@ -64,3 +64,16 @@ impl Beliefs {
         Ok(Self { memory, threshold, outlier_gate, change })
     }
 }
+
+/// Precisions as shares of their sum; those that are infinite share everything, and all share
+/// alike where all are zero.
+pub(super) fn shares(precision: impl Iterator<Item = f64> + Clone) -> impl Iterator<Item = f64> {
+    let largest = precision.clone().fold(0.0, f64::max);
+    let relative = move |value: f64| match value {
+        _ if largest == 0.0 => 1.0,
+        _ if largest == f64::INFINITY => f64::from(u8::from(value == largest)),
+        _ => value / largest,
+    };
+    let sum: f64 = precision.clone().map(relative).sum();
+    precision.map(move |value| relative(value) / sum)
+}

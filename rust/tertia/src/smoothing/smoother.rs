@@ -63,6 +63,8 @@ pub fn smooth(
     out: &mut Smoothed<'_>,
 ) -> Summary {
     workspace.forwards.clear();
+    let states = 3 * track.dimension;
+    workspace.forwards.reserve(track.len() * states * (states + 1));
     let keep = Some(&mut *out.innovation);
     let summary = with_order!(track.dimension, forwards(track, jerk, workspace, keep));
     with_order!(track.dimension, backwards(track, jerk, workspace, out));

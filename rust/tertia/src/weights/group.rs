@@ -57,15 +57,12 @@ where
     pub fn fuse(&mut self, covariances: &[f64]) -> Result<()> {
         self.weigh(covariances)?;
         self.group.fuse(&self.covariances, None)?;
-        if self.group.is_known && is_semidefinite(&self.group.fused, &mut self.group.others) {
-            Ok(())
-        } else {
-            Err(Error::LostToRounding { argument: COVARIANCES })
-        }
+        self.group.require_known()
     }
 }
 
-/// Weights of the members of a group, and the buffers for them.
+/// Weights of the members of a group, and the buffers for them and as many or fewer.
+#[derive(Clone, Debug)]
 pub(crate) struct Group<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -87,6 +84,7 @@ where
 }
 
 /// A sum of two covariances, and what is computed of it.
+#[derive(Clone, Debug)]
 pub(crate) struct Sum<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -189,6 +187,15 @@ where
             n => self.fused.copy_from(&self.forward[n - 1]),
         }
         Ok(())
+    }
+
+    /// Makes sure that [`Group::fuse`] has left a covariance that may be returned.
+    pub fn require_known(&mut self) -> Result<()> {
+        if self.is_known && is_semidefinite(&self.fused, &mut self.others) {
+            Ok(())
+        } else {
+            Err(Error::LostToRounding { argument: COVARIANCES })
+        }
     }
 
     fn weigh_two(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {

@@ -1,0 +1,393 @@
+//! Estimates of one vector at one instant by several sensors, fused.
+
+use super::intersection::Intersection;
+use super::joint::{Joint, vector};
+use super::rules::shares;
+use crate::angle::{nearest, principal};
+use crate::distribution::chi_square_upper;
+use crate::error::{Error, Result};
+use crate::matrix::{
+    Square, assembled, is_large_semidefinite, read_covariance, symmetrise, write, zeros,
+};
+use crate::weights::{COVARIANCES, Combiner, Group, require_estimates};
+use nalgebra::allocator::Allocator;
+use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector, U1};
+
+const CROSS: &str = "cross_covariances";
+/// Largest difference of two elements that should be equal, in standard deviations.
+const ASYMMETRY: f64 = 1e-10;
+
+/// How estimates are weighed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Weighting {
+    /// Equal weights.
+    Equal,
+    /// In proportion to these numbers, one for each sensor.
+    Static(Vec<f64>),
+    /// Component by component by the inverse variances.
+    Posterior,
+    /// The best linear combination.
+    Matrix,
+    /// Covariance intersection, which needs no correlations.
+    Intersection,
+}
+
+/// Estimates (K, m) of one vector, nan throughout where a sensor has none, and their covariances
+/// (K, m, m); those between sensors (K, K, m, m), whose diagonal blocks are not read, or none for
+/// independent errors. What belongs to a sensor without an estimate is not read.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant<'a> {
+    /// x_k.
+    pub estimates: &'a [f64],
+    /// S_k.
+    pub covariances: &'a [f64],
+    /// S_jk.
+    pub cross: Option<&'a [f64]>,
+}
+
+/// Where a fused estimate goes.
+#[derive(Debug)]
+pub struct InstantFusion<'a> {
+    /// x̂ (m).
+    pub mean: &'a mut [f64],
+    /// Its covariance (m, m), or the bound of it.
+    pub covariance: &'a mut [f64],
+    /// W_k (K, m, m).
+    pub weights: &'a mut [f64],
+}
+
+/// Whether estimates agree within their covariances, and how many there are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Consistency {
+    /// `Δ^T cov(Δ)^-1 Δ` of all differences Δ; nan where the rule does not find it.
+    pub statistic: f64,
+    /// Probability of a larger one where the covariances are right; nan likewise.
+    pub p_value: f64,
+    /// Sensors that have an estimate.
+    pub present: usize,
+}
+
+/// The fusion of K estimates of m components, with buffers that are reused from call to call.
+pub trait Fusing: Send {
+    /// Fuses estimates. Cost O(K m³); with cross covariances O(K³ m³); covariance intersection
+    /// O(K m³ + K² m² + K³) for each of about ten steps. Slices of other lengths than said panic.
+    ///
+    /// # Errors
+    /// An estimate that is only in part a number, a covariance that is none, and, where they are
+    /// inverted, covariances that make a singular one.
+    fn fuse(&mut self, instant: &Instant<'_>, out: &mut InstantFusion<'_>) -> Result<Consistency>;
+}
+
+/// The fusion of so many sensors' estimates of so many components, of which the first is an angle
+/// if there is a period.
+///
+/// # Panics
+/// No sensor, or no dimension.
+pub fn fusing(
+    sensors: usize,
+    dimension: usize,
+    weighting: Weighting,
+    period: Option<f64>,
+) -> Box<dyn Fusing> {
+    assert!(sensors >= 1 && dimension >= 1, "{sensors} sensors, {dimension} dimensions");
+    match dimension {
+        1 => Solver::boxed(sensors, Const::<1>, weighting, period),
+        2 => Solver::boxed(sensors, Const::<2>, weighting, period),
+        3 => Solver::boxed(sensors, Const::<3>, weighting, period),
+        4 => Solver::boxed(sensors, Const::<4>, weighting, period),
+        5 => Solver::boxed(sensors, Const::<5>, weighting, period),
+        6 => Solver::boxed(sensors, Const::<6>, weighting, period),
+        7 => Solver::boxed(sensors, Const::<7>, weighting, period),
+        8 => Solver::boxed(sensors, Const::<8>, weighting, period),
+        9 => Solver::boxed(sensors, Const::<9>, weighting, period),
+        m => Solver::boxed(sensors, Dyn(m), weighting, period),
+    }
+}
+
+struct Solver<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    order: D,
+    sensors: usize,
+    weighting: Weighting,
+    period: Option<f64>,
+    /// Sensors that have an estimate; what follows is of these, in this order.
+    present: Vec<usize>,
+    covariances: Vec<Square<D>>,
+    /// cov(x_j, x_l), row after row; empty for independent errors.
+    blocks: Vec<Square<D>>,
+    /// Estimates from `origin`, angles turned to it.
+    relative: Vec<f64>,
+    origin: OVector<f64, D>,
+    weight: Vec<Square<D>>,
+    fused: Square<D>,
+    // made when they are needed
+    group: Option<(Group<D>, Combiner<D>)>,
+    joint: Option<Joint<D>>,
+    intersection: Option<Intersection<D>>,
+}
+
+impl<D: Dim> Solver<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+    Self: Fusing + 'static,
+{
+    fn boxed(
+        sensors: usize,
+        order: D,
+        weighting: Weighting,
+        period: Option<f64>,
+    ) -> Box<dyn Fusing> {
+        Box::new(Self {
+            order,
+            sensors,
+            weighting,
+            period,
+            present: Vec::with_capacity(sensors),
+            covariances: Vec::with_capacity(sensors),
+            blocks: Vec::new(),
+            relative: Vec::new(),
+            origin: vector(order),
+            weight: vec![zeros(order); sensors],
+            fused: zeros(order),
+            group: None,
+            joint: None,
+            intersection: None,
+        })
+    }
+}
+
+impl<D: Dim> Fusing for Solver<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+    Square<D>: Send,
+    OVector<f64, D>: Send,
+{
+    fn fuse(&mut self, instant: &Instant<'_>, out: &mut InstantFusion<'_>) -> Result<Consistency> {
+        self.read(instant)?;
+        out.weights.fill(0.0);
+        let present = self.present.len();
+        if present == 0 {
+            self.write_unknown(out);
+            return Ok(Consistency { statistic: f64::NAN, p_value: f64::NAN, present });
+        }
+        self.set_relative(instant.estimates);
+        let (statistic, p_value) = self.weigh()?;
+        self.write(out);
+        Ok(Consistency { statistic, p_value, present })
+    }
+}
+
+impl<D: Dim> Solver<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    /// Finds out who is present, and reads the covariances.
+    fn read(&mut self, instant: &Instant<'_>) -> Result<()> {
+        let m = self.order.value();
+        self.present.clear();
+        for (k, estimate) in instant.estimates.chunks_exact(m).enumerate() {
+            if !estimate.iter().all(|x| x.is_nan()) {
+                require_estimates("estimates", estimate, |i| vec![k, i])?;
+                self.present.push(k);
+            }
+        }
+        let mut factor = zeros(self.order);
+        self.covariances.resize(self.present.len(), zeros(self.order));
+        for (&k, covariance) in self.present.iter().zip(&mut self.covariances) {
+            let values = &instant.covariances[k * m * m..][..m * m];
+            read_covariance(COVARIANCES, &[k], values, covariance, &mut factor)?;
+        }
+        self.blocks.clear();
+        match instant.cross {
+            Some(cross) => self.read_cross(cross),
+            None => Ok(()),
+        }
+    }
+
+    /// Reads the blocks between sensors, which must make a covariance.
+    fn read_cross(&mut self, cross: &[f64]) -> Result<()> {
+        let (count, m) = (self.present.len(), self.order.value());
+        self.blocks.resize(count * count, zeros(self.order));
+        for j in 0..count {
+            self.blocks[j * count + j].copy_from(&self.covariances[j]);
+            for l in j + 1..count {
+                for (a, b) in (0..m).flat_map(|a| (0..m).map(move |b| (a, b))) {
+                    let value = self.cross_covariance(cross, (j, a), (l, b))?;
+                    self.blocks[j * count + l][(a, b)] = value;
+                    self.blocks[l * count + j][(b, a)] = value;
+                }
+            }
+        }
+        let joint = assembled(&self.blocks, m);
+        if is_large_semidefinite(&joint) { Ok(()) } else { Err(Error::IndefiniteJoint) }
+    }
+
+    /// The covariance of component a of the j-th estimate and b of the l-th, which is there twice.
+    fn cross_covariance(
+        &self,
+        cross: &[f64],
+        (j, a): (usize, usize),
+        (l, b): (usize, usize),
+    ) -> Result<f64> {
+        let m = self.order.value();
+        let read = |(j, a): (usize, usize), (l, b): (usize, usize)| {
+            let index = vec![self.present[j], self.present[l], a, b];
+            let value = cross[((index[0] * self.sensors + index[1]) * m + a) * m + b];
+            if value.is_finite() {
+                return Ok((value, index));
+            }
+            let requirement = "every element must be a finite number";
+            Err(Error::InvalidElement { argument: CROSS, index, value, requirement })
+        };
+        let ((upper, index), (lower, _)) = (read((j, a), (l, b))?, read((l, b), (j, a))?);
+        let scale = self.covariances[j][(a, a)].sqrt() * self.covariances[l][(b, b)].sqrt();
+        if (upper - lower).abs() > ASYMMETRY * scale {
+            return Err(Error::NotSymmetric { argument: CROSS, index, upper, lower });
+        }
+        Ok(upper + 0.5 * (lower - upper))
+    }
+
+    /// Estimates from that whose first component is known best, so that neither a common offset
+    /// nor a bad estimate costs digits, and angles are turned to it, whatever the order.
+    fn set_relative(&mut self, estimates: &[f64]) {
+        let m = self.order.value();
+        let estimate = |at: usize| &estimates[self.present[at] * m..][..m];
+        let variance = |at: &usize| self.covariances[*at][(0, 0)];
+        let best = (0..self.present.len()).min_by(|a, b| variance(a).total_cmp(&variance(b)));
+        self.origin.copy_from_slice(estimate(best.unwrap_or(0)));
+        self.relative.clear();
+        for at in 0..self.present.len() {
+            let from_origin = estimate(at).iter().zip(&self.origin).map(|(x, o)| x - o);
+            self.relative.extend(from_origin);
+            if let Some(period) = self.period {
+                let angle = &mut self.relative[at * m];
+                *angle = nearest(*angle, 0.0, period);
+            }
+        }
+    }
+
+    /// Sets the weights and the covariance; returns the statistic of the consistency and its
+    /// p-value.
+    fn weigh(&mut self) -> Result<(f64, f64)> {
+        let unknown = (f64::NAN, f64::NAN);
+        if let [_] = self.covariances[..] {
+            self.weight[0].fill_with_identity();
+            self.fused.copy_from(&self.covariances[0]);
+            return Ok(if self.weighting == Weighting::Matrix { (0.0, 1.0) } else { unknown });
+        }
+        match self.weighting {
+            Weighting::Matrix if self.blocks.is_empty() => self.weigh_independent(),
+            Weighting::Matrix => self.weigh_joint(),
+            Weighting::Intersection => self.intersect().map(|()| unknown),
+            _ => {
+                self.weigh_components();
+                self.spread_components();
+                Ok(unknown)
+            }
+        }
+    }
+
+    fn weigh_independent(&mut self) -> Result<(f64, f64)> {
+        let new = || (Group::new(self.sensors, self.order), Combiner::new(self.order));
+        let (group, combiner) = self.group.get_or_insert_with(new);
+        let place = |error: Error| error.renumbered(&self.present);
+        group.weigh(&self.covariances, None).map_err(place)?;
+        group.fuse(&self.covariances, None).map_err(place)?;
+        group.require_known()?;
+        for (weight, found) in self.weight.iter_mut().zip(&group.weight) {
+            weight.copy_from(found);
+        }
+        self.fused.copy_from(&group.fused);
+        let agreement = combiner.agreement(&self.relative, &self.covariances).map_err(place)?;
+        Ok((agreement.statistic, agreement.p_value))
+    }
+
+    fn weigh_joint(&mut self) -> Result<(f64, f64)> {
+        let (order, m) = (self.order, self.order.value());
+        let joint = self.joint.get_or_insert_with(|| Joint::new(order));
+        let vectors = self.relative.chunks_exact(m);
+        let mut vectors: Vec<_> =
+            vectors.map(|x| OVector::from_column_slice_generic(order, U1, x)).collect();
+        let statistic = joint.combine(&mut vectors, &self.blocks)?;
+        for (weight, found) in self.weight.iter_mut().zip(&joint.weight) {
+            weight.copy_from(found);
+        }
+        self.fused.copy_from(&joint.fused);
+        Ok((statistic, chi_square_upper(statistic, (self.present.len() - 1) * m)))
+    }
+
+    fn intersect(&mut self) -> Result<()> {
+        let new = || Intersection::new(self.sensors, self.order);
+        let intersection = self.intersection.get_or_insert_with(new);
+        let bound = intersection.intersect(&self.covariances);
+        self.fused.copy_from(bound.map_err(|error| error.renumbered(&self.present))?);
+        for (weight, found) in self.weight.iter_mut().zip(&intersection.weight) {
+            weight.copy_from(found);
+        }
+        Ok(())
+    }
+
+    /// Sets the weights of a rule that weighs component by component.
+    fn weigh_components(&mut self) {
+        for component in 0..self.order.value() {
+            let precision = self.present.iter().zip(&self.covariances).map(|(&k, covariance)| {
+                match &self.weighting {
+                    Weighting::Static(weights) => weights[k],
+                    Weighting::Posterior => 1.0 / covariance[(component, component)],
+                    _ => 1.0,
+                }
+            });
+            for (weight, share) in self.weight.iter_mut().zip(shares(precision)) {
+                weight[(component, component)] = share;
+            }
+        }
+    }
+
+    /// Sets `Σ W_j cov(x_j, x_l) W_l` of diagonal weights.
+    fn spread_components(&mut self) {
+        let (count, m) = (self.present.len(), self.order.value());
+        self.fused.fill(0.0);
+        for j in 0..count {
+            for l in 0..count {
+                let block = match self.blocks.get(j * count + l) {
+                    Some(block) => block,
+                    None if j == l => &self.covariances[j],
+                    None => continue,
+                };
+                for (a, b) in (0..m).flat_map(|a| (0..m).map(move |b| (a, b))) {
+                    let shares = (self.weight[j][(a, a)], self.weight[l][(b, b)]);
+                    self.fused[(a, b)] += shares.0 * block[(a, b)] * shares.1;
+                }
+            }
+        }
+        symmetrise(&mut self.fused);
+    }
+
+    fn write(&mut self, out: &mut InstantFusion<'_>) {
+        let m = self.order.value();
+        out.mean.copy_from_slice(self.origin.as_slice());
+        for (at, &k) in self.present.iter().enumerate() {
+            let weight = &self.weight[at];
+            write(weight, &mut out.weights[k * m * m..][..m * m]);
+            for (i, mean) in out.mean.iter_mut().enumerate() {
+                let away = &self.relative[at * m..][..m];
+                *mean += (0..m).map(|j| weight[(i, j)] * away[j]).sum::<f64>();
+            }
+        }
+        if let Some(period) = self.period {
+            out.mean[0] = principal(out.mean[0], period);
+        }
+        write(&self.fused, out.covariance);
+    }
+
+    /// Nothing is known, as before the first plot of a track.
+    fn write_unknown(&self, out: &mut InstantFusion<'_>) {
+        out.mean.fill(f64::NAN);
+        out.covariance.fill(0.0);
+        for variance in out.covariance.iter_mut().step_by(self.order.value() + 1) {
+            *variance = f64::INFINITY;
+        }
+    }
+}
