@@ -34,6 +34,7 @@ bench: $(WHEEL) $(VENV)/.bench
 	$(BIN)/python benches/peers/screening.py
 	$(BIN)/python benches/peers/weights.py
 	$(BIN)/python benches/peers/kalman.py
+	$(BIN)/python benches/peers/smoothing.py
 
 clean:
 	rm -rf $(VENV) dist target

@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, fusion, instant, paper, screening, trajectory, weights
+from studies import bearing, fusion, instant, paper, screening, smoothing, trajectory, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -76,6 +76,15 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "faults": trajectory.faults,
         "biases": trajectory.biases,
     },
+    "smoothing.md": {
+        "degree coverage": smoothing.degree_coverage,
+        "degrees chosen": smoothing.degrees_chosen,
+        "ends": smoothing.ends,
+        "methods": smoothing.methods,
+        "faults": smoothing.faults,
+        "consistency": smoothing.consistency,
+        "jerk fit": smoothing.jerk_fit,
+    },
 }
 FIGURES = {
     "screening_record.png": screening.record_figure,
@@ -90,6 +99,7 @@ FIGURES = {
     "weights_passive_location.png": weights.passive_location_figure,
     "fusion_track.png": fusion.track_figure,
     "fusion_smoothing.png": fusion.smoothing_figure,
+    "smoothing_track.png": smoothing.track_figure,
 }
 
 

@@ -113,7 +113,7 @@ def test_every_public_name_exists_and_is_documented(module):
 
 @pytest.mark.parametrize(
     "module",
-    [bearing, fusion, kalman, metrics, screening, simulate, weights],
+    [bearing, fusion, kalman, metrics, screening, simulate, smoothing, weights],
     ids=lambda module: module.__name__,
 )
 def test_functions_document_what_they_take_return_and_raise(module):

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 import tertia
-from tertia import plot, screening, simulate, weights
+from tertia import plot, screening, simulate, smoothing, weights
 from tertia.fusion import fuse_series
 from tertia.kalman import SingerModel
 
@@ -610,4 +610,69 @@ def test_errors_of_consistency(
 ) -> None:
     with pytest.raises(error, match=message):
         plot.consistency(values, **options)
+    assert not plt.get_fignums()
+
+
+def test_smoothing_draws_points_curve_and_band() -> None:
+    y = np.sin(np.arange(60) / 10) + 0.3 * np.random.default_rng(1).standard_normal(60)
+    y[[3, 20]] = np.nan
+    y[40:56] = np.nan
+    result = smoothing.local_polynomial(y)
+    ax = plot.smoothing(y, result)
+    there = np.flatnonzero(~np.isnan(y))
+    np.testing.assert_array_equal(line(ax, "measured"), np.column_stack([there, y[there]]))
+    np.testing.assert_array_equal(line(ax, "smoothed")[:, 1], result.value)
+    (band_,) = ax.collections
+    vertices = np.concatenate([path.vertices for path in band_.get_paths()])
+    known = np.isfinite(result.sigma)
+    assert not known.all()
+    for sign in (-2, 2):
+        edge = (result.value + sign * result.sigma)[known]
+        assert np.max(np.min(np.abs(vertices[:, 1, np.newaxis] - edge), axis=0)) < 1e-12
+    assert ax.get_title() == "42 of 60 instants"
+    assert labels(ax) == ["measured", "smoothed", "± 2 sigma"]
+
+
+def test_smoothing_draws_one_axis_of_a_track() -> None:
+    y = np.random.default_rng(1).standard_normal((30, 2))
+    result = smoothing.smooth(y, 1.0)
+    _, given = plt.subplots()
+    ax = plot.smoothing(y, result, axis=1, times=5.0 * np.arange(30), ax=given, legend=False)
+    assert ax is given
+    assert ax.get_legend() is None
+    expected = np.column_stack([5.0 * np.arange(30), result.position[:, 1]])
+    np.testing.assert_array_equal(line(ax, "smoothed"), expected)
+    assert ax.get_xlabel() == "time"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (
+            {"y": np.zeros(9)},
+            ValueError,
+            r"y has shape \(9,\), but result was made of shape \(8,\)",
+        ),
+        ({"times": np.arange(3)}, ValueError, r"times has shape \(3,\); it must be \(8,\)"),
+        ({"width": "x"}, TypeError, "width is 'x'"),
+        ({"result": 1}, TypeError, "result is 1; it must be a PolynomialSmooth"),
+        (
+            {"result": smoothing.local_polynomial(np.zeros((2, 8)), 5)},
+            ValueError,
+            r"result has a batch of shape \(2,\); one series can be drawn",
+        ),
+        (
+            {"result": smoothing.smooth(np.zeros((8, 2)), 1.0, jerk=1.0), "axis": 2},
+            ValueError,
+            "axis is 2; result has 2 axes",
+        ),
+    ],
+)
+def test_errors_of_smoothing(
+    arguments: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    y = np.arange(8.0)
+    right = {"y": y, "result": smoothing.local_polynomial(y, 5)}
+    with pytest.raises(error, match=message):
+        plot.smoothing(**(right | arguments))
     assert not plt.get_fignums()

@@ -19,5 +19,9 @@ STATE = 1e-11
 SMOOTHED = 1e-9
 # against 60 digits
 EXACT_STATE = 1e-12
+# least squares of powers, whose condition is about 1e4, in units of the standard errors
+POLYNOMIAL = 1e-10
+# against 300 digits, in units of the standard deviations
+TRACK = 1e-9
 # the chance that a correct estimate fails a test by Monte Carlo, were its seed not fixed
 CHANCE = 0.01

@@ -1,8 +1,8 @@
 """One target along time: from positions, or any measured series, with their covariances.
 
 `local_polynomial` fits a polynomial to the instants around each. `smooth` estimates position,
-velocity and acceleration at every instant from all plots, for a target whose acceleration is changed
-by white jerk. Units are the caller's.
+velocity and acceleration at every instant from all plots, for a target whose acceleration is
+changed by white jerk. Units are the caller's.
 
 Neither looks for outliers: they must be gone before (`tertia.screening`).
 """
@@ -80,7 +80,8 @@ class TrackSmooth:
         variance if the model holds: the first axis first, the others given those before. nan where
         there is no plot, or nothing to predict it from.
     log_likelihood : float or ndarray of shape (...)
-        Of all plots, for an unknown first state; but for a constant that depends on units and times.
+        Of all plots, for an unknown first state; but for a constant that depends on units and
+        times.
     count : int or ndarray of shape (...)
         Measured numbers beyond those that are needed to know the state.
     jerk : float or ndarray of shape (...)
@@ -135,7 +136,7 @@ class TrackSmooth:
 
     @property
     def nis(self) -> FloatArray:
-        """Squared innovations over what is expected, of shape (..., N); nan where there are none."""
+        """Sums of squared innovations, of shape (..., N); nan where there are none."""
         known = ~np.isnan(self.innovation)
         squares = np.sum(np.where(known, self.innovation, 0.0) ** 2, axis=-1)
         return np.where(known.any(axis=-1), squares, np.nan)
@@ -171,8 +172,8 @@ def local_polynomial(
     y : array_like of shape (..., N)
         Measurements; nan where there is none.
     window : int
-        Instants in a window, an odd number. The instant is in the middle; at the ends the first and
-        last windows are evaluated off-centre.
+        Instants in a window, an odd number. The instant is in the middle; at the ends the first
+        and last windows are evaluated off-centre.
     degree : {"adaptive"} or int
         Degree of the polynomials, at most 9 and less than `window`. "adaptive": in each window the
         highest one up to `max_degree` whose coefficient is significant.
@@ -183,7 +184,7 @@ def local_polynomial(
     derivative : int
         0 for the value, 1 for its rate, ..., at most the degree. Adaptive degrees are not lower.
     max_degree : int
-        Highest adaptive degree.
+        Highest adaptive degree, less than `window` - 1.
     significance : float
         Chance of a test to keep a coefficient that is 0.
     n_threads : int, optional
@@ -206,8 +207,9 @@ def local_polynomial(
     -----
     A degree is tested from the highest down: coefficient p of orthogonal polynomials, by F(1, ν)
     with ν = n - p - 1 from what the window of n measurements leaves; with `variances` by chi-square
-    of one degree of freedom. Each test has the level `significance`. With too few measurements in a
-    window for a degree, lower ones are tested; for a fixed degree there is no value then.
+    of one degree of freedom. Each test has the level `significance`. A window with too few
+    measurements to test the highest degree has no value, nor has one with too few for a fixed
+    degree.
 
     Without variances `sigma` is that of equal noise, whose variance is estimated from the whole
     record, about polynomials of the highest degree: so choosing a degree does not make it smaller.
@@ -221,13 +223,13 @@ def local_polynomial(
     >>> import numpy as np
     >>> from tertia.smoothing import local_polynomial
     >>> t = np.arange(40)
-    >>> y = 0.1 * t + np.random.default_rng(1).standard_normal(40)
+    >>> y = t + np.random.default_rng(1).standard_normal(40)
     >>> smooth = local_polynomial(y)
     >>> smooth
-    PolynomialSmooth(value of shape (40,), 100% of degree 1)
+    PolynomialSmooth(value of shape (40,), 95% of degree 1, 5% of degree 2)
     >>> rate = local_polynomial(y, derivative=1)
     >>> print(f"{rate.value[20]:.2f} ± {rate.sigma[20]:.2f}")
-    0.15 ± 0.06
+    0.93 ± 0.07
     """
     series = _series(y, "y", 1, "(..., N)")
     adaptive = isinstance(degree, str)
@@ -302,12 +304,12 @@ def smooth(
 
     Notes
     -----
-    Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise of
-    the covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of Rauch,
-    Tung and Striebel (1965) for an unknown first state: exactly, not by large variances. Two square
-    root information filters, forwards and backwards, are solved together at each instant. Three
-    instants determine the state of an axis. Where there are fewer, the variance of what they do not
-    determine is inf.
+    Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise
+    of the covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
+    Rauch, Tung and Striebel (1965) for an unknown first state: exactly, not by large variances. Two
+    square root information filters, forwards and backwards, are solved together at each instant.
+    Three instants determine the state of an axis. Where there are fewer, the variance of what they
+    do not determine is inf.
 
     The fitted jerk is taken as known: its own error is not in `covariance`. It is 0, with the error
     inf, where the track shows none; of ten plots or so this is usual, and does not mean that there
@@ -322,9 +324,9 @@ def smooth(
     >>> y = truth + 20.0 * np.random.default_rng(1).standard_normal((60, 2))
     >>> track = smooth(y, 20.0**2, times=t)
     >>> track
-    TrackSmooth(position of shape (60, 2), jerk 0.00268 ± 50%)
+    TrackSmooth(position of shape (60, 2), jerk 0.00151 ± 35%)
     >>> print(f"{np.std(y - truth):.0f} m, {np.std(track.position - truth):.0f} m")
-    19 m, 10 m
+    17 m, 4 m
     """
     plots = _series(y, "y", 2, "(..., N, D)")
     *leading, n, dimension = plots.shape
@@ -400,8 +402,9 @@ def _covariances(
         diagonal[..., ~np.eye(dimension, dtype=bool)] = 0.0
         return _shared(diagonal, (n, *square), batch, "covariance", "N, D, D"), True
     raise ValueError(
-        f"covariance has shape {array.shape}; for y of shape {(*batch, n, dimension)} it must be (), "
-        f"({dimension},), {square}, (..., {n}, {dimension}) or (..., {n}, {dimension}, {dimension})"
+        f"covariance has shape {array.shape}; for y of shape {(*batch, n, dimension)} it must be "
+        f"(), ({dimension},), {square}, (..., {n}, {dimension}) or "
+        f"(..., {n}, {dimension}, {dimension})"
     )
 
 

@@ -28,7 +28,7 @@ def polynomial(y, window, degree, *, times=None, variances=None, derivative=0, s
         own = np.arange(start, start + size)
         own = own[~np.isnan(y[own])]
         highest = min(top, len(set(t[own])) - 1)
-        if highest < derivative or (not adaptive and highest < degree):
+        if highest < top or (adaptive and variances is None and len(own) < top + 2):
             continue
         fits = [_powers(t[own] - t[i], y[own], v[own], p) for p in range(highest + 1)]
         p = highest
@@ -38,7 +38,7 @@ def polynomial(y, window, degree, *, times=None, variances=None, derivative=0, s
             if variances is not None:
                 if gain > stats.chi2.isf(significance, 1):
                     break
-            elif nu > 0 and gain * nu > stats.f.isf(significance, 1, nu) * fits[p][2]:
+            elif gain * nu > stats.f.isf(significance, 1, nu) * fits[p][2]:
                 break
             p -= 1
         factorial = np.prod(np.arange(1, derivative + 1))

@@ -113,8 +113,11 @@ impl Polynomial {
             Degree::Fixed(top) => ("degree", top),
             Degree::Adaptive(top) => ("max_degree", top),
         };
-        let requirement = "less than window, and not above 9";
-        require(name, top as f64, top < window && top <= HIGHEST, requirement)?;
+        let (most, requirement) = match degree {
+            Degree::Fixed(_) => (window, "less than window, and not above 9"),
+            Degree::Adaptive(_) => (window - 1, "less than window - 1, and not above 9"),
+        };
+        require(name, top as f64, top < most && top <= HIGHEST, requirement)?;
         let requirement = "not above the degree";
         require("derivative", derivative as f64, derivative <= top, requirement)?;
         require_level(significance).map_err(|_| Error::InvalidParameter {
@@ -192,10 +195,8 @@ impl Polynomial {
     /// Critical values of the coefficient of every degree, with so many measurements.
     fn table(&mut self, count: usize) -> [f64; HIGHEST + 1] {
         let mut table = [f64::INFINITY; HIGHEST + 1];
-        for p in 1..=self.top() {
-            if count > p + 1 {
-                table[p] = self.critical_value(count - p - 1);
-            }
+        for (p, critical) in table.iter_mut().enumerate().take(self.top() + 1) {
+            *critical = self.critical_value(count - p - 1);
         }
         table
     }
@@ -227,7 +228,7 @@ impl Polynomial {
         let Some(top) = self.at.top else { return };
         let degree = match self.degree {
             Degree::Fixed(degree) if degree <= top => degree,
-            Degree::Adaptive(_) if self.derivative <= top => self.chosen(record, top),
+            Degree::Adaptive(most) if self.can_choose(record, most) => self.chosen(record, most),
             _ => return,
         };
         let Window { basis, centre, scale, coefficients, derivatives, values, origin, .. } =
@@ -294,8 +295,14 @@ impl Polynomial {
         self.at.top = Some(top);
     }
 
-    /// The highest degree whose coefficient is significant. Those that leave nothing to compare it
-    /// with are passed over.
+    /// Whether the window is enough to test the highest degree. One that is not would not show a
+    /// curvature, and so not the error of leaving it out.
+    fn can_choose(&self, record: &Record<'_>, most: usize) -> bool {
+        let enough = self.at.x.len() > most + 1 || record.variances.is_some();
+        self.at.top == Some(most) && enough
+    }
+
+    /// The highest degree whose coefficient is significant.
     fn chosen(&mut self, record: &Record<'_>, top: usize) -> usize {
         let count = self.at.x.len();
         let known = record.variances.is_some();
@@ -307,7 +314,7 @@ impl Polynomial {
                 if square > self.critical_value(0) {
                     return p;
                 }
-            } else if count > p + 1 {
+            } else {
                 let nu = count - p - 1;
                 if square * nu as f64 > self.critical_value(nu) * squares {
                     return p;
@@ -501,11 +508,7 @@ impl WithSimd for Convolution<'_> {
                 &padded[..]
             };
             let middle = lanes(block, half);
-            let mut left = [0.0; LANES];
-            let sums = weigh(&stencil.value_taps, true, block, half, middle);
-            for l in 0..LANES {
-                left[l] = sums[l];
-            }
+            let left = weigh(&stencil.value_taps, true, block, half, middle);
             let result = if stencil.derivative == 0 {
                 let mut result = middle;
                 for l in 0..LANES {
@@ -624,19 +627,19 @@ impl WithSimd for Adaptive<'_> {
             }
             for l in 0..count {
                 let mut c = [0.0; HIGHEST + 1];
-                for j in 0..=top {
-                    c[j] = coefficients[j][l];
+                for (c, lanes) in c.iter_mut().zip(&coefficients) {
+                    *c = lanes[l];
                 }
                 let rounding = window as f64 * (f64::EPSILON * largest[l]).powi(2);
                 let p = choice.degree(&c, squares[l].max(rounding));
                 let offset = if stencil.derivative == 0 { middle[l] } else { 0.0 };
                 let mut sum = 0.0;
-                for j in 0..=p {
-                    sum += c[j] * stencil.at[j];
+                for (c, at) in c[..=p].iter().zip(&stencil.at) {
+                    sum += c * at;
                 }
                 let mut left = 0.0;
-                for j in 0..=top {
-                    left += c[j] * stencil.values[j];
+                for (c, value) in c.iter().zip(&stencil.values) {
+                    left += c * value;
                 }
                 value[start + l] = offset + sum;
                 sigma[start + l] = stencil.error[p];
@@ -655,7 +658,7 @@ impl Choice<'_> {
         let (mut p, window) = (self.stencil.degree, self.stencil.window);
         while p > self.lowest {
             let square = c[p] * c[p];
-            if window > p + 1 && square * (window - p - 1) as f64 > self.critical[p] * squares {
+            if square * (window - p - 1) as f64 > self.critical[p] * squares {
                 return p;
             }
             squares += square;

@@ -63,6 +63,8 @@ pub fn smooth(
     out: &mut Smoothed<'_>,
 ) -> Summary {
     workspace.forwards.clear();
+    let states = 3 * track.dimension;
+    workspace.forwards.reserve(track.len() * states * (states + 1));
     let keep = Some(&mut *out.innovation);
     let summary = with_order!(track.dimension, forwards(track, jerk, workspace, keep));
     with_order!(track.dimension, backwards(track, jerk, workspace, out));
@@ -221,9 +223,7 @@ fn backwards(
         invert(triangle, width, n, root);
         let mean = &mut out.mean[k * n..][..n];
         mean.copy_from_slice(state);
-        for (value, reference) in mean.iter_mut().zip(track.reference(k)) {
-            *value += reference;
-        }
+        track.restore(k, mean);
         let covariance = &mut out.covariance[k * n * n..][..n * n];
         write_square(root, n, covariance);
         for (axis, seen) in track.seen.iter().enumerate() {
@@ -260,4 +260,62 @@ fn forget(component: usize, n: usize, mean: &mut [f64], covariance: &mut [f64]) 
         covariance[j * n + component] = 0.0;
     }
     covariance[component * n + component] = f64::INFINITY;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::track::Noise;
+    use super::*;
+
+    fn smoothed(d: usize, times: &[f64], y: &[f64], jerk: f64) -> (Vec<f64>, Vec<f64>, Summary) {
+        let (n, states) = (times.len(), 3 * d);
+        let unit: Vec<f64> = (0..d * d).map(|i| f64::from(u8::from(i % (d + 1) == 0))).collect();
+        let track = Track::try_new(d, times, y, Noise::Same(&unit), None).unwrap();
+        let mut mean = vec![0.0; n * states];
+        let mut covariance = vec![0.0; n * states * states];
+        let mut innovation = vec![0.0; n * d];
+        let mut out =
+            Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
+        let summary = smooth(&track, jerk, &mut Workspace::default(), &mut out);
+        (mean, covariance, summary)
+    }
+
+    /// Three plots determine a parabola, whatever the jerk; its covariance is that of the plots.
+    #[test]
+    fn three_plots_are_met() {
+        let times = [1.0, 2.0, 4.0];
+        let y: Vec<f64> = times.iter().map(|t| 3.0 - 2.0 * t + 5.0 * t * t).collect();
+        for jerk in [0.0, 1e-6, 1.0, 1e6] {
+            let (mean, covariance, summary) = smoothed(1, &times, &y, jerk);
+            assert_eq!(summary.count, 0);
+            for k in 0..3 {
+                assert!((mean[3 * k] - y[k]).abs() < 1e-12);
+                assert!((covariance[9 * k] - 1.0).abs() < 1e-12);
+            }
+            if jerk == 0.0 {
+                assert!((mean[1] - 8.0).abs() < 1e-12 && (mean[2] - 10.0).abs() < 1e-12);
+            }
+        }
+    }
+
+    /// Equal axes that are not coupled do not know of each other, nor of missing components.
+    #[test]
+    fn axes_are_independent() {
+        let times: Vec<f64> = (0..30).map(|i| f64::from(i) + 0.4 * f64::from(i % 3)).collect();
+        let one: Vec<f64> = times.iter().map(|t| (t * 1.3).sin()).collect();
+        let other: Vec<f64> =
+            one.iter().enumerate().map(|(i, y)| if i % 4 == 1 { f64::NAN } else { *y }).collect();
+        let both: Vec<f64> = one.iter().zip(&other).flat_map(|(a, b)| [*a, *b]).collect();
+        let (joint, covariance, _) = smoothed(2, &times, &both, 0.1);
+        for (axis, y) in [&one, &other].into_iter().enumerate() {
+            let (alone, own, _) = smoothed(1, &times, y, 0.1);
+            for k in 0..30 {
+                for i in 0..3 {
+                    assert!((joint[6 * k + 2 * i + axis] - alone[3 * k + i]).abs() < 1e-12);
+                    let at = 36 * k + (2 * i + axis) * 7;
+                    assert!((covariance[at] / own[9 * k + 4 * i] - 1.0).abs() < 1e-12);
+                }
+            }
+        }
+    }
 }

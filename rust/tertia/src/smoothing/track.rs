@@ -1,5 +1,6 @@
 //! The plots of a target: positions with their covariances, at instants.
 
+use super::basis::Basis;
 use crate::error::{Error, Result};
 
 /// Products of two standard deviations and of their reciprocals stay finite.
@@ -74,8 +75,9 @@ impl Seen {
 pub struct Track<'a> {
     pub(super) dimension: usize,
     pub(super) times: &'a [f64],
-    /// The plots; nan where there is none.
+    /// The plots less the trend; nan where there is none.
     pub(super) y: Vec<f64>,
+    trend: Trend,
     /// Positions near the plots, at all instants: the state is sought as its difference to them.
     pub(super) reference: Vec<f64>,
     /// Of every instant the inverse of the lower Cholesky factor of what is there (D, D).
@@ -90,6 +92,27 @@ pub struct Track<'a> {
     pub(super) scale: Vec<f64>,
     /// Rows of information at the first instant, with the right side; empty if there is none.
     pub(super) prior: Vec<f64>,
+}
+
+/// A parabola of every axis.
+#[derive(Clone, Debug, Default)]
+struct Trend {
+    centre: f64,
+    scale: f64,
+    /// Of the powers of `(t − centre) / scale`.
+    coefficients: Vec<[f64; 3]>,
+}
+
+impl Trend {
+    fn x(&self, time: f64) -> f64 {
+        (time - self.centre) / self.scale
+    }
+
+    /// Position, velocity, acceleration.
+    fn at(&self, axis: usize, time: f64) -> [f64; 3] {
+        let (x, unit, [c0, c1, c2]) = (self.x(time), 1.0 / self.scale, self.coefficients[axis]);
+        [c0 + x * (c1 + x * c2), (c1 + 2.0 * x * c2) * unit, 2.0 * c2 * unit * unit]
+    }
 }
 
 impl<'a> Track<'a> {
@@ -114,6 +137,7 @@ impl<'a> Track<'a> {
             dimension,
             times,
             y: y.to_vec(),
+            trend: Trend::default(),
             reference: vec![0.0; n * d],
             whitener: vec![0.0; n * d * d],
             log_determinant: 0.0,
@@ -139,23 +163,70 @@ impl<'a> Track<'a> {
                 }
             };
             track.log_determinant += log_determinant;
-            for axis in 0..d {
-                if there[axis] {
-                    track.seen[axis].add(times[k]);
-                    let size = track.whitener[(k * d + axis) * d + axis];
-                    track.scale[axis] = track.scale[axis].max(size);
-                }
+            for (axis, _) in there.iter().enumerate().filter(|&(_, &there)| there) {
+                track.seen[axis].add(times[k]);
+                let size = track.whitener[(k * d + axis) * d + axis];
+                track.scale[axis] = track.scale[axis].max(size);
             }
             last = Some((there, log_determinant));
         }
         for scale in &mut track.scale {
             *scale = if *scale > 0.0 { *scale } else { 1.0 };
         }
+        track.set_trend();
         track.set_reference();
         if let Some(prior) = prior {
             track.set_prior(prior)?;
         }
         Ok(track)
+    }
+
+    /// Takes the parabola out that is nearest to the plots. It is a motion without jerk, so what is
+    /// left moves as before, but far less.
+    fn set_trend(&mut self) {
+        let d = self.dimension;
+        let span = self.span();
+        let (first, last) = (self.times.first(), self.times.last());
+        let centre = first.zip(last).map_or(0.0, |(first, last)| first + 0.5 * (last - first));
+        self.trend = Trend { centre, scale: 0.5 * span, coefficients: Vec::new() };
+        let (mut basis, mut c, mut at) = (Basis::default(), Vec::new(), Vec::new());
+        for axis in 0..d {
+            let there = || (0..self.len()).filter(|&k| !self.plot(k)[axis].is_nan());
+            let x: Vec<f64> = there().map(|k| self.trend.x(self.times[k])).collect();
+            let least = self.scale[axis];
+            let w = |k: usize| (self.whitener[(k * d + axis) * d + axis] / least).powi(2);
+            let w: Vec<f64> = there().map(w).collect();
+            let mut y: Vec<f64> = there().map(|k| self.plot(k)[axis]).collect();
+            let distinct = x.chunk_by(|a, b| a == b).count();
+            let mut powers = [0.0; 3];
+            if distinct > 0 {
+                basis.build(distinct.min(ENOUGH) - 1, &x, &w);
+                basis.fit(&w, &mut y, &mut c);
+                for (order, power) in powers.iter_mut().enumerate() {
+                    basis.derivatives(order, 0.0, &mut at);
+                    *power = c.iter().zip(&at).map(|(c, p)| c * p).sum();
+                }
+                powers[2] *= 0.5;
+            }
+            self.trend.coefficients.push(powers);
+        }
+        for k in 0..self.len() {
+            for axis in 0..d {
+                self.y[k * d + axis] -= self.trend.at(axis, self.times[k])[0];
+            }
+        }
+    }
+
+    /// Adds the reference and the trend of instant `k` to a state.
+    pub(super) fn restore(&self, k: usize, state: &mut [f64]) {
+        let d = self.dimension;
+        for axis in 0..d {
+            let [position, velocity, acceleration] = self.trend.at(axis, self.times[k]);
+            state[axis] += self.reference(k)[axis];
+            state[axis] += position;
+            state[d + axis] += velocity;
+            state[2 * d + axis] += acceleration;
+        }
     }
 
     /// Follows the plots, but not those that are much less precise than others.
@@ -188,9 +259,12 @@ impl<'a> Track<'a> {
         let mut root = vec![0.0; n * n];
         let log = whiten_as(argument, &[], prior.covariance, &vec![true; n], &mut root)?;
         self.log_determinant += log;
+        let mut start = vec![0.0; n];
+        if !self.is_empty() {
+            self.restore(0, &mut start);
+        }
         for row in root.chunks_exact(n) {
-            let right =
-                |i: usize| prior.mean[i] - if i < self.dimension { self.reference[i] } else { 0.0 };
+            let right = |i: usize| prior.mean[i] - start[i];
             let sum = row.iter().enumerate().map(|(i, r)| r * right(i)).sum();
             self.prior.extend_from_slice(row);
             self.prior.push(sum);

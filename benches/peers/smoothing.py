@@ -1,0 +1,174 @@
+"""Smoothing side by side with other libraries, in one run.
+
+Nanoseconds of CPU time per instant, the least of several rounds on one thread, and the ratio to
+Tertia. Local polynomials of one degree beside SciPy's `savgol_filter`, which returns no standard
+errors; the smoother of constant acceleration and white jerk beside filterpy and statsmodels, which
+start from a wide prior. Everything must agree before it is timed. What is not installed is left
+out. The last lines fit cost = a n^b to Tertia's times.
+"""
+
+import importlib
+import os
+import time
+import warnings
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from tertia.smoothing import local_polynomial, smooth
+
+WINDOW, JERK = 13, 1e-3
+FEW = 2_000
+ROUNDS, SECONDS = 5, 0.2
+F = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1]])
+Q = JERK * np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]])
+WIDE = 1e8
+
+
+def optional(module):
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        print(f"{module} is not installed, so it is left out")
+        return None
+
+
+warnings.simplefilter("ignore")
+filterpy = optional("filterpy.kalman")
+statsmodels = optional("statsmodels.tsa.statespace.kalman_smoother")
+
+
+def series(n):
+    rng = np.random.default_rng(1)
+    return 10.0 * np.sin(np.arange(n) / 50) + rng.standard_normal(n)
+
+
+def tertia_track(y):
+    result = smooth(y[:, np.newaxis], 1.0, jerk=JERK, n_threads=1)
+    return result.mean, result.covariance
+
+
+def filterpy_track(y):
+    track = filterpy.KalmanFilter(dim_x=3, dim_z=1)
+    track.F, track.Q, track.H, track.R = F, Q, np.array([[1.0, 0, 0]]), np.eye(1)
+    track.P = WIDE * np.eye(3)
+    track.update(y[0])
+    means, covariances = [track.x.copy()], [track.P.copy()]
+    for plot in y[1:]:
+        track.predict()
+        track.update(plot)
+        means.append(track.x.copy())
+        covariances.append(track.P.copy())
+    mean, covariance, *_ = track.rts_smoother(np.array(means), np.array(covariances))
+    return mean[..., 0], covariance
+
+
+def statsmodels_track(y):
+    model = statsmodels.KalmanSmoother(k_endog=1, k_states=3)
+    model.bind(np.asfortranarray(y[:, np.newaxis]))
+    model["design"], model["obs_cov"] = np.array([[1.0, 0, 0]]), np.eye(1)
+    model["transition"], model["selection"], model["state_cov"] = F, np.eye(3), Q
+    model.initialize_known(np.zeros(3), WIDE * np.eye(3))
+    result = model.smooth()
+    return result.smoothed_state.T, np.moveaxis(result.smoothed_state_cov, -1, 0)
+
+
+def require_agreement(name, found, expected, tolerance):
+    off = np.max(np.abs(found - expected)) / np.max(np.abs(expected))
+    if not off <= tolerance:
+        raise SystemExit(f"{name} is off by {off:.1e}")
+
+
+def nanoseconds(function, y):
+    """Least CPU time per instant."""
+    best, end = np.inf, time.monotonic() + SECONDS
+    while time.monotonic() < end:
+        start = time.process_time_ns()
+        function(y)
+        best = min(best, (time.process_time_ns() - start) / len(y))
+    return best
+
+
+def least(problems):
+    best = dict.fromkeys(problems, np.inf)
+    # in turn, so that all of them see the machine both busy and quiet
+    for _ in range(ROUNDS):
+        for name, (function, y) in problems.items():
+            best[name] = min(best[name], nanoseconds(function, y))
+    return best
+
+
+def report(title, best):
+    print(f"\n{title}")
+    (_, own), *_ = best.items()
+    for name, cost in best.items():
+        print(f"  {name:<34}{cost:12.1f} ns {cost / own:10.2f} times")
+
+
+def polynomials(n):
+    y = series(n)
+    for derivative in (0, 1):
+        for degree in (2, 3):
+
+            def own(y, degree=degree, derivative=derivative):
+                return local_polynomial(y, WINDOW, degree, derivative=derivative, n_threads=1).value
+
+            def other(y, degree=degree, derivative=derivative):
+                return savgol_filter(y, WINDOW, degree, deriv=derivative, mode="interp")
+
+            require_agreement("savgol_filter", other(y), own(y), 1e-12)
+            problems = {"Tertia, with sigma": (own, y), "savgol_filter": (other, y)}
+            title = f"{n} instants, degree {degree}, derivative {derivative}"
+            report(title, least(problems))
+    problems = {
+        "equal steps": (lambda y: local_polynomial(y, WINDOW, n_threads=1), y),
+        "irregular": (
+            lambda y: local_polynomial(
+                y, WINDOW, times=np.arange(n) + 0.3 * np.sin(np.arange(n)), n_threads=1
+            ),
+            y,
+        ),
+    }
+    report(f"{n} instants, adaptive degree", least(problems))
+
+
+def tracks():
+    y = series(10_000)
+    problems = {"Tertia": (tertia_track, y)}
+    mean, covariance = tertia_track(y[:FEW])
+    for name, module, function in [
+        ("filterpy", filterpy, filterpy_track),
+        ("statsmodels", statsmodels, statsmodels_track),
+    ]:
+        if module:
+            found = function(y[:FEW])
+            middle = slice(100, -100)
+            require_agreement(name, found[0][middle], mean[middle], 1e-6)
+            require_agreement(name, found[1][middle], covariance[middle], 1e-6)
+            problems[name] = (function, y[:FEW])
+    report("smoother of position, velocity and acceleration, one axis", least(problems))
+
+
+def growth(name, function):
+    sizes = np.array([1_000, 3_000, 10_000, 30_000, 100_000])
+    best = least({n: (function, series(n)) for n in sizes})
+    total = np.array(list(best.values())) * sizes
+    exponent, intercept = np.polyfit(np.log(sizes), np.log(total), 1)
+    print(f"  {name:<34}{np.exp(intercept):12.1f} ns n^{exponent:.3f}")
+
+
+def main():
+    for n in (1_000, 100_000):
+        polynomials(n)
+    tracks()
+    print("\ncost of n instants")
+    growth("degree 2", lambda y: local_polynomial(y, WINDOW, 2, n_threads=1))
+    growth("adaptive", lambda y: local_polynomial(y, WINDOW, n_threads=1))
+    growth("smoother, one axis", tertia_track)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,325 @@
+"""The tables and the picture of the page on smoothing."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from studies.montecarlo import FloatArray, generator
+from studies.pages import markdown
+from tertia import metrics, plot
+from tertia.smoothing import PolynomialSmooth, TrackSmooth, local_polynomial, smooth
+
+BoolArray = npt.NDArray[np.bool_]
+
+WINDOW = 13
+# of the picture, so that a band can be seen
+NOISY = 100.0
+TRIALS = 4000
+# a turn in 3-D: radius, climb, seconds from plot to plot
+RADIUS, CLIMB, STEP, PERIOD = 1500.0, 10.0, 1.0, 60.0
+SIGMA = 4.5
+STEPS = 121
+# about what `smooth` fits to the turn; runs with the gate, which is a loop in Python
+TURN_JERK, GATED = 4.5, 25
+
+
+def told(value: float, error: float) -> str:
+    """Format a mean with its standard error."""
+    return f"{value:.3f} ± {error:.1g}"
+
+
+def share(hits: BoolArray) -> str:
+    """Format a share."""
+    return f"{100 * np.mean(hits):.1f} %"
+
+
+def shapes(amplitude: float) -> dict[str, FloatArray]:
+    """Return noise-free series of 41 instants, in units of the noise."""
+    t = np.linspace(-1.0, 1.0, 41)
+    return {
+        "constant": np.zeros(41),
+        "line": amplitude * t,
+        "parabola": amplitude * t**2,
+        "sine, 2 windows a period": amplitude * np.sin(2 * np.pi * 41 / 26 / 2 * t),
+    }
+
+
+def smoothed(y: FloatArray, degree: Any) -> PolynomialSmooth:
+    """Smooth with a window of 13."""
+    return local_polynomial(y, WINDOW, degree)
+
+
+def degree_coverage() -> str:
+    """RMSE and coverage of two standard errors, by degree, in the middle of the record."""
+    rows = []
+    middle = slice(10, 31)
+    for amplitude in (3.0, 30.0):
+        for name, truth in shapes(amplitude).items():
+            if name == "constant" and amplitude > 3:
+                continue
+            rng = generator(70, int(amplitude))
+            y = truth + rng.standard_normal((TRIALS, truth.size))
+            cells = []
+            for degree in (0, 1, 2, 3, "adaptive"):
+                found = smoothed(y, degree)
+                error = (found.value - truth)[:, middle]
+                inside = np.abs(error) < 2 * found.sigma[:, middle]
+                cells.append(f"{np.sqrt(np.mean(error**2)):.2f}; {share(inside)}")
+            label = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
+            rows.append([label, *cells])
+    head = ["RMSE over σ; within 2 sigma", "degree 0", "1", "2", "3", "adaptive"]
+    return markdown(head, rows)
+
+
+def degrees_chosen() -> str:
+    """Shares of the degrees that are chosen."""
+    rows = []
+    for amplitude in (3.0, 30.0):
+        for name, truth in shapes(amplitude).items():
+            if name == "constant" and amplitude > 3:
+                continue
+            rng = generator(71, int(amplitude))
+            y = truth + rng.standard_normal((TRIALS, truth.size))
+            cells = []
+            for variances in (None, 1.0):
+                degree = local_polynomial(y, WINDOW, variances=variances).degree[:, 10:31]
+                counts = [100 * np.mean(degree == p) for p in range(4)]
+                cells.append(", ".join(f"{count:.0f}" for count in counts))
+            label = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
+            rows.append([label, *cells])
+    head = ["degrees 0, 1, 2, 3 chosen, %", "F test", "chi-square test, variances known"]
+    return markdown(head, rows)
+
+
+def ends() -> str:
+    """Return standard errors in the middle and at the end."""
+    rows = []
+    for degree in range(4):
+        cells = []
+        for derivative in range(min(degree, 2) + 1):
+            sigma = local_polynomial(
+                np.zeros(41), WINDOW, degree, derivative=derivative, variances=1.0
+            ).sigma
+            cells.append(f"{sigma[20]:.3g}, {sigma[3]:.3g}, {sigma[0]:.3g}")
+        rows.append([str(degree), *cells, *["–"] * (3 - len(cells))])
+    head = ["degree", "value", "rate", "second derivative"]
+    return markdown(head, rows)
+
+
+def turn(runs: int, *study: int, period: float = PERIOD) -> tuple[FloatArray, FloatArray]:
+    """Return positions and velocities of a turn (steps, 6), and plots (runs, steps, 3)."""
+    t = STEP * np.arange(STEPS)
+    phase, rate = 2 * np.pi * t / period, 2 * np.pi / period
+    position = [RADIUS * np.cos(phase), RADIUS * np.sin(phase), CLIMB * t]
+    velocity = [-RADIUS * rate * np.sin(phase), RADIUS * rate * np.cos(phase), CLIMB + 0 * t]
+    truth = np.column_stack(position + velocity)
+    noise = SIGMA * generator(72, *study).standard_normal((runs, STEPS, 3))
+    return truth, truth[:, :3] + noise
+
+
+def polynomials(y: FloatArray, degree: Any, **options: Any) -> FloatArray:
+    """Smooth the axes of plots one by one; values only."""
+    value = local_polynomial(np.swapaxes(y, -1, -2), WINDOW, degree, **options).value
+    return np.swapaxes(value, -1, -2)
+
+
+def methods() -> str:
+    """Three-dimensional RMSE of positions and velocities on turns."""
+    rows = []
+    for period in (240.0, 60.0, 30.0):
+        truth, y = turn(100, 1, int(period), period=period)
+        track = smooth(y, SIGMA**2)
+        estimates: dict[str, tuple[FloatArray, FloatArray | None]] = {
+            "plots": (y, None),
+            "local polynomial, degree 2": (
+                polynomials(y, 2),
+                polynomials(y, 2, derivative=1),
+            ),
+            "local polynomial, adaptive, F test": (
+                polynomials(y, "adaptive"),
+                polynomials(y, "adaptive", derivative=1),
+            ),
+            "the same, chi-square": (
+                polynomials(y, "adaptive", variances=SIGMA**2),
+                polynomials(y, "adaptive", variances=SIGMA**2, derivative=1),
+            ),
+            "`smooth`": (track.position, track.velocity),
+        }
+        for name, (position, velocity) in estimates.items():
+            errors = [position - truth[:, :3]]
+            errors += [] if velocity is None else [velocity - truth[:, 3:]]
+            rmse = [float(np.sqrt(np.mean(np.sum(error**2, axis=-1)))) for error in errors]
+            cells = [f"{value:.2f}" for value in rmse] + ["–"] * (2 - len(rmse))
+            nees = "–"
+            if name == "`smooth`":
+                error = track.position - truth[:, :3]
+                nees = f"{np.mean(metrics.nees(error, track.position_covariance)) / 3:.2f}"
+            rows.append([f"{period:g} s", name, *cells, nees])
+    head = ["turn in", "", "position, m", "velocity, m/s", "NEES per dimension"]
+    return markdown(head, rows)
+
+
+def bisquare(y: FloatArray, iterations: int = 8) -> FloatArray:
+    """Smooth along time with bisquare weights of the residuals, σ known."""
+    weight = np.ones_like(y)
+    value = y
+    for _ in range(iterations):
+        variances = np.swapaxes(SIGMA**2 / np.maximum(weight, 1e-9), -1, -2)
+        value = polynomials(y, 2, variances=variances)
+        weight = np.maximum(0, 1 - ((y - value) / (4.685 * SIGMA)) ** 2) ** 2
+    return value
+
+
+def gated(y: FloatArray, jerk: float, gate: float = 16.27) -> FloatArray:
+    """Smooth what a filter of constant acceleration accepts: chi-square of 3, 0.1 %."""
+    kept = y.copy()
+    f = np.array([[1, STEP, STEP**2 / 2], [0, 1, STEP], [0, 0, 1]])
+    q = jerk * np.array(
+        [
+            [STEP**5 / 20, STEP**4 / 8, STEP**3 / 6],
+            [STEP**4 / 8, STEP**3 / 3, STEP**2 / 2],
+            [STEP**3 / 6, STEP**2 / 2, STEP],
+        ]
+    )
+    for run in kept:
+        start = smooth(run[:5], SIGMA**2, jerk=jerk)
+        x = start.mean[-1].reshape(3, 3)
+        p = start.covariance[-1][::3, ::3]
+        for k in range(5, len(run)):
+            x, p = f @ x, f @ p @ f.T + q
+            s = p[0, 0] + SIGMA**2
+            innovation = run[k] - x[0]
+            if innovation @ innovation / s > gate:
+                run[k] = np.nan
+                continue
+            gain = p[:, :1] / s
+            x, p = x + gain * innovation, p - gain * gain.T * s
+    return np.asarray(smooth(kept, SIGMA**2, jerk=jerk).position)
+
+
+def faults() -> str:
+    """RMSE about faults of one axis, over the faults and seven instants beside them."""
+    runs: dict[str, list[float]] = {
+        "no fault": [],
+        "single, 5 σ": [5],
+        "2 same": [5, 5],
+        "2 opposite": [5, -5],
+        "3 same": [5, 5, 5],
+        "+4, −6, +5": [4, -6, 5],
+        "4 same": [5, 5, 5, 5],
+        "7 same": [5] * 7,
+    }
+    cells: dict[str, list[str]] = {}
+    for i, sizes in enumerate(runs.values()):
+        truth, y = turn(100, 2, i)
+        first = STEPS // 2 - len(sizes) // 2
+        y[:, first : first + len(sizes), 0] += SIGMA * np.array(sizes)
+        near = slice(first - 7, first + len(sizes) + 7)
+        estimates = {
+            "plots": y,
+            "local polynomial, adaptive": polynomials(y, "adaptive"),
+            "local polynomial, degree 2": polynomials(y, 2),
+            "the same with bisquare weights": bisquare(y),
+            "`smooth`": smooth(y, SIGMA**2).position,
+            "the same after a gate": gated(y[:GATED], TURN_JERK),
+            "the same, jerk of the gate a hundredth": gated(y[:GATED], TURN_JERK / 100),
+        }
+        for name, estimate in estimates.items():
+            error = (estimate - truth[:, :3])[:, near]
+            rmse = np.sqrt(np.mean(np.sum(error**2, axis=-1)))
+            cells.setdefault(name, []).append(f"{rmse:.3g}")
+    head = ["3-D RMSE, m", *runs]
+    return markdown(head, [[name, *row] for name, row in cells.items()])
+
+
+def tracks(runs: int, steps: int, jerk: float, *study: int) -> tuple[FloatArray, FloatArray]:
+    """Return states (runs, steps, 6) of targets with white jerk in two axes, and plots of σ = 1."""
+    rng = generator(73, *study)
+    root = np.linalg.cholesky([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]])
+    f = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1]])
+    x = rng.standard_normal((runs, 3, 2)) * np.array([[100.0], [10.0], [1.0]])
+    states = [x]
+    for _ in range(steps - 1):
+        x = f @ x + np.sqrt(jerk) * root @ rng.standard_normal(x.shape)
+        states.append(x)
+    truth = np.stack(states, axis=1).reshape(runs, steps, 6)
+    return truth, truth[..., :2] + rng.standard_normal((runs, steps, 2))
+
+
+def nees(track: TrackSmooth, truth: FloatArray) -> list[str]:
+    """Mean NEES per dimension of position, velocity and acceleration, with standard errors."""
+    cells = []
+    for i, name in enumerate(("position", "velocity", "acceleration")):
+        error = getattr(track, name) - truth[..., 2 * i : 2 * i + 2]
+        values = np.asarray(metrics.nees(error, getattr(track, f"{name}_covariance"))) / 2
+        of_runs = values.mean(axis=-1)
+        cells.append(told(float(of_runs.mean()), float(of_runs.std() / np.sqrt(of_runs.size))))
+    return cells
+
+
+def jerk_fit() -> str:
+    """How well the jerk is told, and what that does to the covariance."""
+    rows = []
+    for jerk in (0.01, 1.0):
+        for steps in (10, 20, 50, 200, 600):
+            runs = max(100, min(400, 20_000 // steps))
+            truth, y = tracks(runs, steps, jerk, steps, int(100 * jerk))
+            fitted, known = smooth(y, 1.0), smooth(y, 1.0, jerk=jerk)
+            found = np.asarray(fitted.jerk)
+            error = np.asarray(fitted.jerk_error)
+            told_ = (found > 0) & np.isfinite(error)
+            inside = np.abs(np.log(found[told_] / jerk)) < 2 * error[told_]
+            rows.append(
+                [
+                    f"{jerk:g}",
+                    str(steps),
+                    f"{np.median(found) / jerk:.2f}",
+                    f"{np.median(error[told_]):.0%}" if told_.any() else "–",
+                    share(inside) if told_.any() else "–",
+                    share(found == 0),
+                    nees(known, truth)[0],
+                    nees(fitted, truth)[0],
+                ]
+            )
+    head = ["q T⁵/σ²", "plots", "median over truth", "claimed error", "within two", "found 0"]
+    return markdown([*head, "NEES, jerk known", "NEES, jerk fitted"], rows)
+
+
+def consistency() -> str:
+    """NEES with the true jerk at the ends and in the middle."""
+    truth, y = tracks(3000, 40, 0.1, 7)
+    track = smooth(y, 1.0, jerk=0.1)
+    rows = []
+    for name, at in {"first": 0, "second": 1, "middle": 20, "last": 39}.items():
+        one = slice(at, at + 1)
+        part = TrackSmooth(
+            track.mean[:, one],
+            track.covariance[:, one],
+            track.innovation[:, one],
+            *(track.log_likelihood, track.count, track.jerk, track.jerk_error),
+        )
+        rows.append([name, *nees(part, truth[:, one])])
+    return markdown(["instant", "position", "velocity", "acceleration"], rows)
+
+
+def track_figure() -> Figure:
+    """Draw a turn with a gap: points, curve and band."""
+    truth, _ = turn(1, 3)
+    x = truth[:, 0] + NOISY * generator(74).standard_normal(STEPS)
+    x[40:55] = np.nan
+    variances = np.full(STEPS, NOISY**2)
+    times = STEP * np.arange(STEPS)
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    top, bottom = figure.subplots(2, sharex=True)
+    track = smooth(x[:, np.newaxis], variances[:, np.newaxis], times=times)
+    plot.smoothing(x[:, np.newaxis], track, times=times, ax=top)
+    curve = local_polynomial(x, WINDOW, times=times, variances=variances)
+    plot.smoothing(x, curve, times=times, ax=bottom)
+    for ax, title in ((top, "smooth"), (bottom, "local_polynomial")):
+        ax.plot(times, truth[:, 0], ":", color="0.3", linewidth=1)
+        ax.set(title=title, ylabel="x, m")
+    top.set(xlabel="")
+    bottom.set(xlabel="s")
+    return figure

@@ -1,0 +1,627 @@
+"""Local polynomials and the smoother against plain least squares, dense normals and theory."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import smoothing as reference
+from scipy import stats
+from scipy.signal import savgol_filter
+from tolerances import CHANCE, POLYNOMIAL, TRACK, VECTOR
+
+from tertia import metrics
+from tertia.smoothing import local_polynomial, smooth
+
+NAN, INF = float("nan"), float("inf")
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def series(n, seed=0):
+    return np.cumsum(rng(seed).normal(size=n)) + rng(seed + 1).normal(size=n)
+
+
+def gaps(y, share, seed=2):
+    return np.where(rng(seed).random(np.shape(y)) < share, NAN, y)
+
+
+def assert_close(found, expected, tolerance, scale):
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    assert np.nanmax(np.abs(found - expected) / scale, initial=0) <= tolerance
+
+
+class TestPolynomial:
+    def check(self, y, window, degree, **options):
+        """Value, sigma and degree of everything against least squares of powers."""
+        derivative = options.get("derivative", 0)
+        given_degree = degree if isinstance(degree, int) else "adaptive"
+        if given_degree == "adaptive":
+            options["max_degree"] = degree[1]
+        found = local_polynomial(y, window, given_degree, **options)
+        options.pop("max_degree", None)
+        value, sigma, used, variance = reference.polynomial(y, window, degree, **options)
+        np.testing.assert_array_equal(found.degree, used)
+        known = np.isfinite(sigma)
+        np.testing.assert_array_equal(np.isfinite(found.sigma), known)
+        np.testing.assert_allclose(found.sigma[known], sigma[known], rtol=POLYNOMIAL)
+        assert_close(found.value[known], value[known], POLYNOMIAL * 10**derivative, sigma[known])
+        if "variances" in options:
+            assert found.residual_variance is None
+            assert found.degrees_of_freedom is None
+        else:
+            assert found.residual_variance == pytest.approx(variance, rel=POLYNOMIAL)
+        return found
+
+    @pytest.mark.parametrize("degree", [0, 1, 2, 3])
+    @pytest.mark.parametrize("window", [1, 3, 5, 13, 51])
+    def test_equal_steps_are_those_of_savitzky_and_golay(self, window, degree):
+        if degree >= window:
+            pytest.skip("no such polynomial")
+        y = series(200)
+        for derivative in range(degree + 1):
+            expected = savgol_filter(y, window, degree, deriv=derivative, mode="interp")
+            found = local_polynomial(y, window, degree, derivative=derivative)
+            np.testing.assert_allclose(
+                found.value, expected, rtol=VECTOR, atol=VECTOR * np.max(np.abs(expected))
+            )
+            assert np.all(found.degree == degree)
+            times = 1e6 + 0.25 * np.arange(200)
+            scaled = local_polynomial(y, window, degree, derivative=derivative, times=times)
+            np.testing.assert_allclose(scaled.value, found.value * 4.0**derivative, rtol=1e-14)
+            np.testing.assert_allclose(scaled.sigma, found.sigma * 4.0**derivative, rtol=1e-14)
+
+    @pytest.mark.parametrize(("window", "degree"), [(13, 3), (51, 5), (101, 9)])
+    @pytest.mark.parametrize("regular", [True, False])
+    def test_against_fifty_digits(self, regular, window, degree):
+        """Where powers have no digits left."""
+        x = np.arange(window) - window // 2
+        y, times = series(window + 4), np.arange(window + 4.0)
+        if not regular:
+            times[-1] += 1e-9
+        with mpmath.workdps(50):
+            powers = mpmath.matrix(
+                [[mpmath.mpf(int(t)) ** p for p in range(degree + 1)] for t in x]
+            )
+            own = mpmath.matrix(y[2 : window + 2].tolist())
+            c = mpmath.lu_solve(powers.T * powers, powers.T * own)
+            expected = [float(mpmath.factorial(p) * c[p]) for p in range(degree + 1)]
+        for derivative in range(degree + 1):
+            found = local_polynomial(y, window, degree, times=times, derivative=derivative)
+            i = window // 2 + 2
+            assert abs(found.value[i] - expected[derivative]) <= 1e-13 * found.sigma[i]
+
+    @pytest.mark.parametrize("degree", [0, 1, 2, 3, (0, 1), (0, 2), (0, 3)])
+    @pytest.mark.parametrize("kind", ["regular", "gaps", "irregular", "weights", "all"])
+    def test_against_least_squares_of_powers(self, kind, degree):
+        n, options = 60, {}
+        y = series(n, seed=7)
+        if kind in {"irregular", "all"}:
+            times = np.sort(rng(4).uniform(0, 100, n))
+            times[[5, 21, 22]] = times[[4, 20, 20]]
+            options["times"] = times
+        if kind in {"weights", "all"}:
+            options["variances"] = 10 ** rng(5).uniform(-1, 1, n)
+        if kind in {"gaps", "all"}:
+            y = gaps(y, 0.4)
+        top = degree if isinstance(degree, int) else degree[1]
+        for window in (5, 13, 71):
+            for derivative in range(min(top, 2) + 1):
+                self.check(y, window, degree, derivative=derivative, **options)
+
+    def test_what_too_few_measurements_determine(self):
+        y = [NAN, NAN, NAN, 1.0, NAN, 3.0, NAN, NAN, NAN, NAN]
+        fixed = local_polynomial(y, 5, 1)
+        assert_close(fixed.value, [NAN, NAN, NAN, 1, 2, 3, NAN, NAN, NAN, NAN], 1e-14, 1.0)
+        # two points on a line tell no noise
+        assert np.all(fixed.sigma == INF)
+        assert np.isnan(fixed.residual_variance)
+        known = local_polynomial(y, 5, 1, variances=0.25)
+        np.testing.assert_allclose(known.sigma[3:6], [0.5, 0.5**1.5, 0.5])
+        np.testing.assert_array_equal(known.degree >= 0, np.isfinite(known.sigma))
+        assert np.all(local_polynomial([NAN] * 5).sigma == INF)
+        assert local_polynomial([]).value.shape == (0,)
+        # equal times are one instant
+        assert np.all(local_polynomial([1.0, 2.0, 3.0], 3, 1, times=[2, 2, 2]).degree == -1)
+        np.testing.assert_allclose(
+            local_polynomial([1.0, 2.0, 3.0], 3, 0, times=[2, 2, 2]).value, 2
+        )
+
+    @pytest.mark.parametrize("variances", [None, 1.0])
+    def test_a_degree_that_cannot_be_tested_is_not_chosen(self, variances):
+        y = gaps(series(40), 0.0)
+        y[15:27] = NAN
+        found = local_polynomial(y, 13, variances=variances)
+        counts = np.array(
+            [np.count_nonzero(~np.isnan(y[max(0, min(i - 6, 27)) :][:13])) for i in range(40)]
+        )
+        np.testing.assert_array_equal(found.degree >= 0, counts >= (5 if variances is None else 4))
+        np.testing.assert_array_equal(np.isfinite(found.sigma), found.degree >= 0)
+
+    @pytest.mark.parametrize("degree", [1, 3, (0, 3)])
+    @pytest.mark.parametrize("irregular", [False, True])
+    def test_offsets_cost_nothing(self, irregular, degree):
+        times = 0.5 * np.arange(80.0)
+        if irregular:
+            times[1:-1] += rng(3).integers(-20, 20, 78) / 128
+        y = np.round(series(80) * 2**20) / 2**20
+        options = {"degree": degree if isinstance(degree, int) else "adaptive", "derivative": 1}
+        plain = local_polynomial(y, times=times, **options)
+        moved = local_polynomial(y + 2.0**30, times=times + 2.0**20, **options)
+        np.testing.assert_array_equal(plain.degree, moved.degree)
+        assert_close(moved.value, plain.value, 1e-12, plain.sigma)
+        np.testing.assert_allclose(moved.sigma, plain.sigma, rtol=1e-12)
+
+    @settings(max_examples=60, deadline=None)
+    @given(
+        st.integers(0, 3),
+        st.sampled_from([5, 7, 13]),
+        st.lists(st.floats(-10, 10), min_size=4, max_size=4),
+        st.integers(0, 10**6),
+    )
+    def test_polynomials_are_reproduced(self, degree, window, coefficients, seed):
+        random = rng(seed)
+        t = np.sort(random.uniform(-5, 5, 40)) if seed % 2 else np.linspace(-5, 5, 40)
+        c = np.array(coefficients[: degree + 1])
+        y = np.where(random.random(40) < 0.2, NAN, np.polynomial.polynomial.polyval(t, c))
+        size = np.sum(np.abs(c)) * 5.0**degree + 1e-300
+        for chosen in (degree, "adaptive"):
+            found = local_polynomial(y, window, chosen, times=t, max_degree=3)
+            there = found.degree >= 0
+            if chosen == "adaptive":
+                # windows with few measurements cannot test the degree
+                there &= found.degree >= degree
+            expected = np.polynomial.polynomial.polyval(t, c)
+            np.testing.assert_allclose(found.value[there], expected[there], atol=1e-11 * size)
+
+    @settings(max_examples=40, deadline=None)
+    @given(st.floats(-1e3, 1e3), st.floats(1e-6, 1e6), st.floats(1e-6, 1e6), st.integers(0, 10**6))
+    def test_shift_and_scale(self, shift, scale, pace, seed):
+        y, t = gaps(series(50, seed), 0.1, seed), np.sort(rng(seed).uniform(0, 50, 50))
+        for times in (None, t):
+            plain = local_polynomial(y, 9, times=times, derivative=1)
+            when = (np.arange(50) if times is None else times) * pace
+            found = local_polynomial((y + shift) * scale, 9, times=when, derivative=1)
+            np.testing.assert_array_equal(found.degree, plain.degree)
+            unit = scale / pace
+            assert_close(found.value, plain.value * unit, 1e-9, plain.sigma * unit)
+            np.testing.assert_allclose(found.sigma, plain.sigma * unit, rtol=1e-9)
+
+    @pytest.mark.parametrize("known", [False, True])
+    def test_a_degree_too_high_is_chosen_as_often_as_said(self, known):
+        """One test of a coefficient that is 0; windows that have nothing in common."""
+        window, level, trials = 13, 0.05, 20_000
+        t = np.arange(window) - 6.0
+        y = 5 + 3 * t - t**2 + rng(11).normal(size=(trials, window))
+        options = {"max_degree": 3, "significance": level}
+        found = local_polynomial(y, window, variances=1.0 if known else None, **options)
+        too_high = np.count_nonzero(found.degree[:, 6] == 3)
+        low, high = stats.binom.interval(1 - CHANCE, trials, level)
+        assert low <= too_high <= high
+        assert np.all(found.degree[:, 6] >= 2)
+        # nothing but noise: three tests
+        noise = local_polynomial(y - (5 + 3 * t - t**2), window, max_degree=3)
+        zero = np.count_nonzero(noise.degree[:, 6] == 0) / trials
+        assert 1 - zero == pytest.approx(1 - (1 - level) ** 3, abs=0.01)
+
+    @pytest.mark.parametrize("degree", [0, 1, 2, 3])
+    @pytest.mark.parametrize("n", [13, 20, 60])
+    def test_sigma_covers(self, n, degree):
+        """With Student's quantile, at the ends, beside them and in the middle."""
+        trials = 20_000
+        t = np.linspace(-1, 1, n)
+        truth = np.polynomial.polynomial.polyval(t, [1.0, 2.0, -3.0, 4.0][: degree + 1])
+        y = truth + rng(degree).normal(size=(trials, n))
+        found = local_polynomial(y, 13, degree)
+        variance = np.asarray(found.residual_variance)
+        assert np.mean(variance) == pytest.approx(1, abs=4 * np.std(variance) / trials**0.5)
+        freedom = np.asarray(found.degrees_of_freedom)[0]
+        assert 2 / np.var(variance) == pytest.approx(freedom, rel=0.08)
+        factor = stats.t.ppf(0.975, freedom)
+        for i in (0, 3, 6, n // 2, n - 1):
+            within = np.abs(found.value[:, i] - truth[i]) < factor * found.sigma[:, i]
+            # values and variance have measurements in common: not Student's law exactly
+            assert np.mean(within) == pytest.approx(0.95, abs=0.01)
+
+    @pytest.mark.parametrize("derivative", [0, 1, 2])
+    def test_known_variances_cover(self, derivative):
+        trials, n = 5_000, 30
+        t = np.sort(rng(1).uniform(-1, 1, n))
+        variances = 10 ** rng(2).uniform(-2, 2, n)
+        c = np.array([1.0, -2.0, 3.0])
+        truth = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyder(c, derivative))
+        y = np.polynomial.polynomial.polyval(t, c)
+        y = y + np.sqrt(variances) * rng(3).normal(size=(trials, n))
+        found = local_polynomial(y, 11, 2, times=t, variances=variances, derivative=derivative)
+        ratio = np.mean((found.value - truth) ** 2, axis=0) / found.sigma[0] ** 2
+        low, high = stats.chi2.interval(1 - CHANCE / n, trials) / np.array(trials)
+        assert np.all((low < ratio) & (ratio < high))
+
+    def test_batches_and_threads_return_the_same_bits(self):
+        y = gaps(series(12 * 500).reshape(3, 4, 500), 0.01)
+        times = np.sort(rng(1).uniform(0, 500, (3, 4, 500)))
+        for when in (None, times, times[0, 0]):
+            one = local_polynomial(y, times=when, n_threads=1)
+            many = local_polynomial(y, times=when, n_threads=3)
+            for name in ("value", "sigma", "degree", "residual_variance", "degrees_of_freedom"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
+            for place in np.ndindex(3, 4):
+                own = None if when is None else np.broadcast_to(when, y.shape)[place]
+                alone = local_polynomial(y[place], times=own)
+                np.testing.assert_array_equal(alone.value, one.value[place])
+                np.testing.assert_array_equal(alone.sigma, one.sigma[place])
+                assert isinstance(alone.residual_variance, float)
+
+    @pytest.mark.parametrize(
+        ("arguments", "error", "message"),
+        [
+            ({"y": 1.0}, ValueError, r"y has shape \(\); it must be \(..., N\)"),
+            ({"y": [[1.0, INF]]}, ValueError, r"y\[0, 1\] is inf; a measurement must be"),
+            ({"window": 4}, ValueError, "window is 4; it must be an odd number"),
+            ({"window": 2.5}, TypeError, "window is 2.5"),
+            ({"degree": 13}, ValueError, "degree is 13; it must be less than window"),
+            ({"degree": 10, "window": 51}, ValueError, "degree is 10; it must be .* not above 9"),
+            ({"degree": "best"}, ValueError, "degree is 'best'; it must be 'adaptive'"),
+            ({"max_degree": 12}, ValueError, "max_degree is 12; it must be less than window - 1"),
+            ({"degree": 1, "derivative": 2}, ValueError, "derivative is 2; it must be not above"),
+            ({"significance": 1.0}, ValueError, "significance is 1; it must be between 0 and 1"),
+            ({"times": [0, 1, 3, 2]}, ValueError, r"times\[3\] is 2; times must not decrease"),
+            ({"times": [0, 1, NAN, 2]}, ValueError, r"times\[2\] is nan"),
+            ({"times": [0, 1]}, ValueError, r"times has shape \(2,\); for a batch \(\) it must be"),
+            ({"variances": [1, 0, 1, 1]}, ValueError, r"variances\[1\] is 0; it must be positive"),
+            ({"variances": [1, 1]}, ValueError, r"variances has shape \(2,\)"),
+            ({"variances": NAN}, ValueError, r"variances\[0\] is nan"),
+        ],
+    )
+    def test_errors(self, arguments, error, message):
+        with pytest.raises(error, match=message):
+            local_polynomial(**({"y": [1.0, 2.0, 3.0, 4.0]} | arguments))
+
+    def test_it_tells_what_it_did(self):
+        assert repr(local_polynomial(np.arange(20.0) + series(20) * 1e-3, 5, 1)) == (
+            "PolynomialSmooth(value of shape (20,), 100% of degree 1)"
+        )
+        assert "no polynomial" in repr(local_polynomial([NAN]))
+
+
+def covariances(n, d, seed=0):
+    a = rng(seed).normal(size=(n, d, d))
+    return a @ np.swapaxes(a, 1, 2) + 0.1 * np.eye(d)
+
+
+def simulated(trials, times, d, q, covariance, seed=0):
+    """States with white jerk from anywhere, (trials, N, 3D), and plots."""
+    random = rng(seed)
+    x = random.normal(size=(trials, 3, d)) * np.array([100.0, 10.0, 1.0])[:, np.newaxis]
+    states = [x]
+    for t in np.diff(times):
+        f = reference.transition(t).astype(float)
+        root = np.linalg.cholesky(reference.noise(t, q).astype(float) + 1e-300 * np.eye(3))
+        x = f @ x + root @ random.normal(size=x.shape)
+        states.append(x)
+    truth = np.stack(states, axis=1).reshape(trials, len(times), 3 * d)
+    noise = random.multivariate_normal(np.zeros(d), covariance, size=truth.shape[:2])
+    return truth, truth[..., :d] + noise
+
+
+class TestTrack:
+    def check(self, y, covariance, times, q, initial=None):
+        """Everything against one dense normal distribution in 300 digits."""
+        y = np.asarray(y, dtype=float)
+        found = smooth(y, covariance, times=times, jerk=q, initial=initial)
+        mean, matrix, innovation, likelihood = reference.smooth(y, covariance, times, q, initial)
+        self.assert_valid(found)
+        sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
+        known = np.isfinite(sigma)
+        np.testing.assert_array_equal(np.isfinite(found.sigma), known)
+        np.testing.assert_array_equal(np.isnan(found.mean), ~known)
+        unit = np.where(known, sigma, 1.0)
+        assert np.max(np.abs(found.mean - mean)[known] / sigma[known], initial=0) <= TRACK
+        both = known[:, :, np.newaxis] & known[:, np.newaxis, :]
+        difference = np.where(both, found.covariance, 0) - np.where(both, matrix, 0)
+        scale = unit[:, :, np.newaxis] * unit[:, np.newaxis, :]
+        assert np.max(np.abs(difference) / scale, initial=0) <= TRACK
+        assert_close(found.innovation, innovation, TRACK, np.maximum(1, np.abs(innovation)))
+        assert found.count == np.count_nonzero(~np.isnan(innovation)) or initial is None
+        other = 3 * q + 0.1
+        apart = smooth(y, covariance, times=times, jerk=other, initial=initial).log_likelihood
+        expected = reference.smooth(y, covariance, times, other, initial)[3] - likelihood
+        size = max(1, abs(apart), abs(found.log_likelihood))
+        assert apart - found.log_likelihood == pytest.approx(expected, abs=TRACK * size)
+        return found
+
+    @staticmethod
+    def assert_valid(found):
+        """What holds for every result."""
+        matrix = found.covariance
+        np.testing.assert_array_equal(matrix, np.swapaxes(matrix, -1, -2))
+        variance = np.diagonal(matrix, axis1=-2, axis2=-1)
+        assert np.all(variance > 0)
+        unknown = np.isinf(variance)
+        unit = np.sqrt(np.where(unknown, 1.0, variance))
+        finite = np.where(np.isinf(matrix), 1.0, matrix)
+        correlation = finite / unit[..., :, np.newaxis] / unit[..., np.newaxis, :]
+        assert np.linalg.eigvalsh(correlation).min() > -1e-12
+
+    @pytest.mark.parametrize("d", [1, 2, 3, 4])
+    def test_coupled_axes_at_irregular_times(self, d):
+        y, times = rng(d).normal(size=(9, d)), np.sort(rng(d).uniform(0, 20, 9))
+        found = self.check(y, covariances(9, d), times, 0.01)
+        assert found.position.shape == found.velocity.shape == found.acceleration.shape == (9, d)
+        assert found.count == 9 * d - 3 * d
+        for i, name in enumerate(("position", "velocity", "acceleration")):
+            own = slice(i * d, (i + 1) * d)
+            np.testing.assert_array_equal(getattr(found, name), found.mean[..., own])
+            block = getattr(found, f"{name}_covariance")
+            np.testing.assert_array_equal(block, found.covariance[..., own, own])
+
+    @pytest.mark.parametrize("q", [0.0, 1e-12, 1e-6, 1.0, 1e6, 1e12])
+    def test_any_jerk(self, q):
+        times = np.sort(rng(1).uniform(0, 20, 10))
+        self.check(3 * rng(2).normal(size=(10, 2)), covariances(10, 2), times, q)
+
+    @pytest.mark.parametrize("q", [0.0, 1e-9, 1.0])
+    @pytest.mark.parametrize("at", [3, 6])
+    def test_a_gap_of_hours(self, at, q):
+        times = np.sort(rng(1).uniform(0, 20, 10))
+        times[at:] += 1e4
+        self.check(3 * rng(2).normal(size=(10, 2)), covariances(10, 2), times, q)
+
+    @pytest.mark.parametrize("q", [0.0, 1e-6, 1.0, 1e6])
+    def test_steps_of_very_different_length(self, q):
+        times = [0, 1e-3, 2e-3, 4e-3, 5, 6, 7.001, 8, 1e4, 1e4 + 1]
+        self.check(rng(2).normal(size=(10, 2)), covariances(10, 2), times, q)
+
+    @pytest.mark.parametrize("q", [1e-3, 0.1])
+    def test_plots_of_very_different_precision(self, q):
+        size = 10.0 ** rng(5).uniform(-8, 8, 10)
+        matrix = covariances(10, 2) * size[:, np.newaxis, np.newaxis]
+        y = rng(2).normal(size=(10, 2)) * np.sqrt(size)[:, np.newaxis]
+        self.check(y, matrix, np.sort(rng(1).uniform(0, 20, 10)), q)
+
+    @pytest.mark.parametrize("seed", range(4))
+    def test_missing_components_and_equal_times(self, seed):
+        y = gaps(rng(seed).normal(size=(12, 3)), 0.5, seed)
+        times = np.sort(rng(seed).integers(0, 7, 12)).astype(float)
+        self.check(y, covariances(12, 3), times, 0.1)
+
+    @pytest.mark.parametrize("count", range(5))
+    def test_what_few_plots_determine(self, count):
+        y = np.full((6, 2), NAN)
+        y[1 : 1 + count] = rng(1).normal(size=(count, 2))
+        found = self.check(y, covariances(6, 2), np.arange(6.0), 0.1)
+        assert np.all(np.isfinite(found.sigma)) == (count >= 3)
+        assert found.count == max(0, 2 * count - 6)
+        fitted = smooth(y, covariances(6, 2))
+        if count <= 3:
+            assert (fitted.jerk, fitted.jerk_error) == (0.0, INF)
+
+    def test_axes_that_are_not_measured_alike(self):
+        y = rng(1).normal(size=(7, 3))
+        y[:, 0], y[[0, 1, 2, 4, 5], 1] = NAN, NAN
+        found = self.check(y, covariances(7, 3), np.arange(7.0), 0.1)
+        known = np.isfinite(found.sigma)
+        assert not known[:, [0, 3, 6]].any()
+        assert known[:, [2, 5, 8]].all()
+        np.testing.assert_array_equal(np.flatnonzero(known[:, 1]), [3, 6])
+        # a parabola through two points is as steep halfway as their chord: here at no instant
+        assert not known[:, [4, 7]].any()
+        y[5, 1], y[6, 1] = 1.0, NAN
+        assert np.isfinite(self.check(y, covariances(7, 3), np.arange(7.0), 0.1).sigma[4, 4])
+
+    @pytest.mark.parametrize("size", [1.0, 1e10, 1e-8])
+    def test_an_initial_state(self, size):
+        a = rng(3).normal(size=(6, 6))
+        initial = rng(4).normal(size=6), a @ a.T * size
+        y = gaps(rng(2).normal(size=(8, 2)), 0.3)
+        self.check(y, covariances(8, 2), np.sort(rng(1).uniform(0, 20, 8)), 0.1, initial)
+        alone = smooth([[NAN, NAN]], 1.0, jerk=1.0, initial=initial)
+        np.testing.assert_allclose(alone.mean[0], initial[0], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(alone.covariance[0], initial[1], rtol=1e-9, atol=1e-12 * size)
+
+    def test_no_jerk_is_a_parabola(self):
+        """A hundred thousand instants, against least squares of orthogonal polynomials."""
+        n = 100_000
+        t = np.arange(n) / n
+        y = 1e6 * t + rng(1).normal(size=n)
+        found = smooth(y[:, np.newaxis], 1.0, times=t, jerk=0.0)
+        basis = np.linalg.qr(np.polynomial.legendre.legvander(2 * t - 1, 2))[0]
+        # without the slope, which would cost the reference its digits
+        expected = 1e6 * t + basis @ (basis.T @ (y - 1e6 * t))
+        sigma = np.sqrt(np.sum(basis**2, axis=1))
+        assert_close(found.position[:, 0], expected, 1e-7, sigma)
+        np.testing.assert_allclose(found.sigma[:, 0], sigma, rtol=1e-9)
+
+    def test_a_long_track_is_as_good_as_a_short_one(self):
+        """What is far away does not matter, so neither does rounding on the way."""
+        n, q = 100_000, 1e-2
+        y = np.cumsum(rng(1).normal(size=(n, 2)), axis=0)
+        whole = smooth(y, 1.0, jerk=q)
+        self.assert_valid(smooth(y[:2000], 1.0, jerk=q))
+        middle = slice(n // 2 - 500, n // 2 + 500)
+        part = smooth(y[middle], 1.0, jerk=q)
+        for name in ("mean", "covariance"):
+            found = getattr(whole, name)[middle][450:550]
+            np.testing.assert_allclose(found, getattr(part, name)[450:550], rtol=1e-9, atol=1e-9)
+
+    @pytest.mark.parametrize("d", [1, 3])
+    @pytest.mark.parametrize("q", [1e-4, 1.0])
+    def test_the_covariance_is_that_of_the_errors(self, d, q):
+        """NEES at the ends, beside them and in the middle; of each derivative and of the state."""
+        trials = 4_000
+        times = np.r_[0.0, 1.0, 2.5, 2.5, np.arange(4.0, 20.0), 40.0, 41.0]
+        covariance = covariances(1, d, seed=8)[0]
+        truth, y = simulated(trials, times, d, q, covariance)
+        missing = rng(4).random(y.shape) < 0.1
+        missing[:, 5] = True
+        y[missing] = NAN
+        found = smooth(y, covariance, times=times, jerk=q)
+        error = found.mean - truth
+        places = [0, 1, 3, 5, len(times) // 2, len(times) - 2, len(times) - 1]
+        low, high = metrics.consistency_bounds(trials, d, 1 - CHANCE / 28)
+        for i in places:
+            for derivative in range(3):
+                own = slice(derivative * d, (derivative + 1) * d)
+                nees = metrics.nees(error[:, i, own], found.covariance[:, i, own, own])
+                assert low <= np.mean(nees) <= high
+            whole = metrics.nees(error[:, i], found.covariance[:, i])
+            bounds = metrics.consistency_bounds(trials, 3 * d, 1 - CHANCE / 28)
+            assert bounds[0] <= np.mean(whole) <= bounds[1]
+        innovation = found.innovation[~np.isnan(found.innovation)]
+        low, high = metrics.consistency_bounds(innovation.size, 1, 1 - CHANCE)
+        assert low <= np.mean(innovation**2) <= high
+        assert np.nansum(found.nis) == pytest.approx(np.sum(innovation**2), rel=1e-12)
+        assert np.all(np.isnan(found.nis[:, 5]))
+
+    def test_the_fitted_jerk(self):
+        """As near as it says, and at the maximum."""
+        q, trials = 0.3, 300
+        _, y = simulated(trials, np.arange(100.0), 2, q, np.eye(2))
+        found = smooth(y, 1.0)
+        error = np.log(found.jerk / q) / found.jerk_error
+        assert np.abs(np.mean(error)) < 0.25
+        low, high = metrics.consistency_bounds(trials, 1, 1 - CHANCE / 4)
+        assert low * 0.9 <= np.mean(error**2) <= high * 1.1
+        for i in range(5):
+            best = smooth(y[i], 1.0).log_likelihood
+            assert best == pytest.approx(found.log_likelihood[i], rel=1e-12)
+            for factor in (0.97, 1.03):
+                assert smooth(y[i], 1.0, jerk=found.jerk[i] * factor).log_likelihood < best
+            step = 0.05 * found.jerk_error[i]
+            beside = [
+                smooth(y[i], 1.0, jerk=found.jerk[i] * np.exp(s)).log_likelihood
+                for s in (-step, step)
+            ]
+            curvature = (2 * best - sum(beside)) / step**2
+            assert found.jerk_error[i] == pytest.approx(curvature**-0.5, rel=0.03)
+
+    def test_a_jerk_that_is_not_told(self):
+        t = np.arange(30.0)
+        steady = (t + 0.1 * t**2)[:, np.newaxis] + 1e-3 * rng(1).normal(size=(30, 1))
+        found = smooth(steady, 1.0)
+        assert (found.jerk, found.jerk_error) == (0.0, INF)
+        assert "jerk 0 ± inf%" in repr(found)
+
+    def test_a_jerk_that_hides_the_noise(self):
+        y = rng(1).normal(size=(60, 1)).cumsum(axis=0) * 1e8
+        found = smooth(y, 1e-6)
+        assert np.isfinite(found.jerk_error)
+        assert found.nis[10:].mean() == pytest.approx(1, abs=0.5)
+
+    @settings(max_examples=25, deadline=None)
+    @given(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3), st.floats(-1e6, 1e6), st.integers(0, 10**6))
+    def test_units(self, scale, pace, shift, seed):
+        d = 2
+        y, times = gaps(series(40 * d, seed).reshape(40, d), 0.1, seed), np.arange(40.0)
+        matrix = covariances(40, d, seed)
+        plain = smooth(y, matrix, times=times)
+        found = smooth(y * scale + shift, matrix * scale**2, times=times * pace + shift)
+        if plain.jerk > 0:
+            assert found.jerk == pytest.approx(plain.jerk * scale**2 / pace**5, rel=1e-3)
+        jerk = plain.jerk * scale**2 / pace**5
+        found = smooth(y * scale + shift, matrix * scale**2, times=times * pace, jerk=jerk)
+        unit = scale / pace ** np.repeat([0, 1, 2], d)
+        offset = np.repeat([shift, 0, 0], d)
+        rounding = 1e-9 + 1e-14 * np.abs(shift) / scale
+        assert_close(found.mean - offset, plain.mean * unit, rounding, plain.sigma * unit)
+        np.testing.assert_allclose(found.sigma, plain.sigma * unit, rtol=1e-9)
+
+    def test_axes_may_be_exchanged(self):
+        y, matrix = gaps(rng(1).normal(size=(30, 3)), 0.2), covariances(30, 3)
+        order = [2, 0, 1]
+        plain = smooth(y, matrix, jerk=0.1)
+        found = smooth(y[:, order], matrix[:, order][:, :, order], jerk=0.1)
+        np.testing.assert_allclose(found.position, plain.position[:, order], rtol=1e-9, atol=1e-9)
+        expected = plain.velocity_covariance[:, order][:, :, order]
+        np.testing.assert_allclose(found.velocity_covariance, expected, rtol=1e-9, atol=1e-9)
+        assert found.log_likelihood == pytest.approx(plain.log_likelihood, rel=1e-12)
+
+    def test_every_form_of_the_covariance(self):
+        y, variances = rng(1).normal(size=(3, 20, 2)), np.array([0.5, 2.0])
+        plain = smooth(y, np.diag(variances), jerk=0.1)
+        each = np.broadcast_to(np.diag(variances), (3, 20, 2, 2))
+        for same in (variances, each, each[0], np.broadcast_to(variances, (20, 2)), each[0, :1]):
+            if same.shape == (1, 2, 2):
+                continue
+            found = smooth(y, same, jerk=[0.1, 0.1, 0.1])
+            np.testing.assert_array_equal(found.mean, plain.mean)
+        number = smooth(y, 0.5, jerk=0.1, dt=1.0)
+        same = smooth(y, 0.5 * np.eye(2), jerk=0.1, times=np.arange(20.0))
+        np.testing.assert_array_equal(number.covariance, same.covariance)
+        # what belongs to a missing component is not looked at
+        y[0, 3, 1] = NAN
+        hole = np.array(each)
+        hole[0, 3, 1] = hole[0, 3, :, 1] = NAN
+        np.testing.assert_array_equal(
+            smooth(y, hole, jerk=0.1).mean, smooth(y, np.diag(variances), jerk=0.1).mean
+        )
+        variances_each = np.array(np.broadcast_to(variances, (3, 20, 2)))
+        variances_each[0, 3, 1] = NAN
+        np.testing.assert_array_equal(
+            smooth(y, variances_each, jerk=0.1).mean, smooth(y, hole, jerk=0.1).mean
+        )
+
+    def test_batches_and_threads_return_the_same_bits(self):
+        y = gaps(rng(1).normal(size=(2, 3, 60, 2)), 0.1)
+        matrix = np.broadcast_to(covariances(60, 2), (2, 3, 60, 2, 2))
+        one, many = (smooth(y, matrix, n_threads=n) for n in (1, 4))
+        names = (
+            "mean",
+            "covariance",
+            "innovation",
+            "log_likelihood",
+            "count",
+            "jerk",
+            "jerk_error",
+        )
+        for name in names:
+            np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
+            for place in np.ndindex(2, 3):
+                alone = getattr(smooth(y[place], matrix[place]), name)
+                np.testing.assert_array_equal(alone, getattr(one, name)[place])
+        assert isinstance(smooth(y[0, 0], 1.0).jerk, float)
+
+    @pytest.mark.parametrize(
+        ("arguments", "error", "message"),
+        [
+            ({"y": [1.0, 2.0]}, ValueError, r"y has shape \(2,\); it must be \(..., N, D\)"),
+            ({"y": np.empty((3, 0))}, ValueError, "it must have at least one axis"),
+            ({"y": [[1, 2], [3, INF]]}, ValueError, r"y\[1, 1\] is inf; a plot must be"),
+            ({"y": [[[1, 2], [3, INF]]]}, ValueError, r"y\[0, 1, 1\] is inf"),
+            ({"covariance": -1.0}, ValueError, r"covariance\[0, 0\] is -1; variances must"),
+            ({"covariance": [[1, 2], [2, 1]]}, np.linalg.LinAlgError, "covariance is indefinite"),
+            ({"covariance": [[1, 1], [1, 1]]}, np.linalg.LinAlgError, "covariance is singular"),
+            ({"covariance": [[1, 0], [0.5, 1]]}, ValueError, r"covariance\[0, 1\] is 0 and its"),
+            (
+                {"covariance": [np.eye(2), -np.eye(2), np.eye(2)]},
+                ValueError,
+                r"covariance\[1, 0, 0\] is -1",
+            ),
+            ({"covariance": np.ones(3)}, ValueError, r"covariance has shape \(3,\); for y of"),
+            ({"covariance": NAN}, ValueError, r"covariance\[0, 0\] is nan"),
+            ({"times": [0, 2, 1]}, ValueError, r"times\[2\] is 1; times must not decrease"),
+            ({"times": [0, 1]}, ValueError, r"times has shape \(2,\)"),
+            ({"times": [0, 1, NAN]}, ValueError, r"times\[2\] is nan"),
+            ({"times": [0, 1, 2], "dt": 1.0}, ValueError, "give either times or dt"),
+            ({"dt": 0.0}, ValueError, "dt is 0.0; it must be a positive number"),
+            ({"jerk": -1.0}, ValueError, "jerk is -1.0; it must not be negative"),
+            ({"jerk": [1.0, -1.0]}, ValueError, r"jerk\[1\] is -1.0"),
+            ({"jerk": [1.0, 1.0]}, ValueError, r"jerk has shape \(2,\)"),
+            ({"jerk": NAN}, ValueError, "jerk is nan"),
+            ({"initial": 1}, TypeError, "initial must be a pair"),
+            ({"initial": ([0, 0], np.eye(2))}, ValueError, r"initial has shapes \(2,\)"),
+            ({"initial": (np.zeros(6), -np.eye(6))}, ValueError, r"initial\[0, 0\] is -1"),
+            ({"n_threads": 0}, ValueError, "n_threads is 0"),
+        ],
+    )
+    def test_errors(self, arguments, error, message):
+        given_ = {"y": [[1.0, 2.0], [2.0, 3.0], [4.0, 4.0]], "covariance": 1.0}
+        with pytest.raises(error, match=message):
+            smooth(**(given_ | arguments))
+
+    def test_nothing_to_smooth(self):
+        found = smooth(np.empty((0, 2)), 1.0)
+        assert found.mean.shape == (0, 6)
+        assert smooth(np.empty((0, 4, 2)), 1.0).covariance.shape == (0, 4, 6, 6)
