@@ -1,4 +1,4 @@
-"""Location: a position at one instant from the measurements of several stations, some of them wrong.
+"""Location: a position at one instant from what several stations measured, some of it wrong.
 
 Ranges, azimuths, elevations and range differences, in any mixture, in the plane or in space. The
 position minimises the sum of a function of the whitened residuals `(measured - predicted) / sigma`:
@@ -510,7 +510,7 @@ def _stations(
         shapes = ", ".join(str(position.shape) for position in positions)
         raise ValueError(f"the positions of the stations have shapes {shapes}") from None
     sigmas = {
-        kind: np.array(
+        str(kind): np.array(
             [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in stations],
             dtype=np.float64,
         )
@@ -542,7 +542,9 @@ def _measured(value: npt.ArrayLike, kind: str, k: int) -> FloatArray:
     return array
 
 
-def _deviations(sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int) -> FloatArray:
+def _deviations(
+    sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int
+) -> FloatArray:
     """Return standard deviations, (..., K) or (..., K - 1), nan where they are unknown."""
     count = k - int(kind == "range_difference")
     if sigma is None:
@@ -620,8 +622,6 @@ def _chosen(
     """Return the kinds that are measured."""
     if measurements is None:
         return [kind for kind in _KINDS if given[kind] is not None or kind in own]
-    if isinstance(measurements, str):
-        measurements = [measurements]
     for kind in measurements:
         if kind not in _KINDS:
             raise ValueError(f"measurements has {kind!r}; it must be one of {', '.join(_KINDS)}")
