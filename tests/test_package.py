@@ -14,6 +14,7 @@ from tertia import (
     bearing,
     fusion,
     kalman,
+    location,
     metrics,
     plot,
     screening,
@@ -21,11 +22,13 @@ from tertia import (
     weights,
 )
 
-MODULES = [bearing, fusion, kalman, metrics, plot, screening, simulate, tertia, weights]
+MODULES = [bearing, fusion, kalman, location, metrics, plot, screening, simulate, tertia, weights]
 ALIASES = {
     "Convention",
     "Count",
     "FusionMethod",
+    "Kind",
+    "LocationMethod",
     "LossMethod",
     "Method",
     "ScenarioName",
@@ -91,7 +94,7 @@ def test_every_public_name_exists_and_is_documented(module):
 
 @pytest.mark.parametrize(
     "module",
-    [bearing, fusion, kalman, metrics, screening, simulate, weights],
+    [bearing, fusion, kalman, location, metrics, screening, simulate, weights],
     ids=lambda module: module.__name__,
 )
 def test_functions_document_what_they_take_return_and_raise(module):

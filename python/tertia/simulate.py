@@ -356,7 +356,7 @@ def stations(
     >>> finders = [Station(p, azimuth_sigma=0.01) for p in places]
     >>> record = stations(finders, [1000, 2000], rng=1)
     >>> locate(finders, **record.measurements)
-    Location([1010.06 ± 13.9, 2008.38 ± 13.9], 0 of 4 faulty)
+    Location([1000.74 ± 14.7, 2003.78 ± 14.6], 0 of 4 faulty)
     """
     places, sigmas = _stations(stations)
     target = finite(position, "position")
