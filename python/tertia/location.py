@@ -60,7 +60,7 @@ _REDUNDANCY = 3
 
 
 class Problem(enum.IntEnum):
-    """Why an instant has no position."""
+    """Why an instant has no position; 0, which is false, where it has one."""
 
     NONE = 0
     TOO_FEW = 1
