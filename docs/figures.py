@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, fusion, paper, screening, weights
+from studies import bearing, fusion, location, paper, screening, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -50,6 +50,11 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "right treatment": weights.right_treatment,
         "area": weights.area,
     },
+    "location.md": {
+        "faults": location.faults,
+        "poor geometry": location.poor_geometry,
+        "lenth": location.lenth,
+    },
     "fusion.md": {
         "paper weights": fusion.paper_weights,
         "mean weights": fusion.mean_weights,
@@ -83,6 +88,8 @@ FIGURES = {
     "bearing_ten_trials.png": paper.ten_trials_figure,
     "weights_loss.png": weights.loss_figure,
     "weights_passive_location.png": weights.passive_location_figure,
+    "location_fix.png": location.fix_figure,
+    "location_map.png": location.map_figure,
     "fusion_track.png": fusion.track_figure,
     "fusion_smoothing.png": fusion.smoothing_figure,
 }

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from reference import location as reference
 from scipy import integrate, optimize, stats
 from tolerances import CHANCE
 
-from tertia import metrics, simulate
+from tertia import metrics, plot, simulate
 from tertia.location import Problem, Station, accuracy_map, locate
 
 NAN, INF = float("nan"), float("inf")
@@ -693,3 +694,44 @@ class TestSimulated:
             simulate.stations(self.STATIONS, [1.0, 2.0, 3.0])
         with pytest.raises(ValueError, match="measurements"):
             simulate.stations(self.STATIONS, TARGET, measurements=["elevation"])
+
+
+class TestPictures:
+    STATIONS = tuple(Station(p, range_sigma=10.0, azimuth_sigma=0.005, name="s") for p in PLANE)
+
+    def test_what_is_drawn_is_what_was_measured(self):
+        record = simulate.stations(self.STATIONS, TARGET, rng=23)
+        azimuth, ranges = record.measurements["azimuth"], record.measurements["range"]
+        azimuth[2] += 1.0
+        azimuth[4] = NAN
+        fix = locate(self.STATIONS, azimuth=azimuth, range=ranges)
+        ax = plot.location(
+            self.STATIONS, fix, azimuth=azimuth, range=ranges, ax=Figure().subplots()
+        )
+        lines = ax.get_lines()
+        rays = [line.get_xydata() for line in lines if len(line.get_xydata()) == 2]
+        assert len(rays) == 7
+        for ray, k in zip(rays, [0, 1, 2, 3, 5, 6, 7], strict=True):
+            np.testing.assert_array_equal(ray[0], PLANE[k])
+            way = ray[1] - ray[0]
+            assert np.arctan2(*way) == pytest.approx(np.angle(np.exp(1j * azimuth[k])))
+        faulty = [line for line in lines if line.get_linestyle() == "--"]
+        np.testing.assert_array_equal(faulty[0].get_xydata()[0], PLANE[2])
+        assert len(faulty) == 1
+        [ellipse] = [line for line in lines if str(line.get_label()).startswith("position")]
+        np.testing.assert_array_equal(ellipse.get_xydata()[0], fix.position)
+        points = ellipse.get_xydata()[2:] - fix.position
+        np.testing.assert_allclose(
+            metrics.nees(points, fix.covariance), stats.chi2.ppf(0.95, 2), rtol=1e-9
+        )
+        with pytest.raises(ValueError, match="have a batch"):
+            plot.location(self.STATIONS, locate(self.STATIONS, azimuth=[azimuth] * 2))
+
+    def test_a_map(self):
+        axis = np.linspace(100.0, 1900.0, 9)
+        grid = np.stack(np.meshgrid(axis, axis), axis=-1)
+        accuracy = accuracy_map(self.STATIONS, grid)
+        ax = plot.accuracy_map(self.STATIONS, grid, accuracy, ax=Figure().subplots())
+        np.testing.assert_array_equal(ax.get_lines()[0].get_xydata(), PLANE)
+        with pytest.raises(ValueError, match="grid has shape"):
+            plot.accuracy_map(self.STATIONS, grid[:3], accuracy)

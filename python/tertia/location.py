@@ -96,7 +96,7 @@ _REASONS = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Station:
     """Where a station is, and how well it measures.
 
@@ -113,19 +113,32 @@ class Station:
     """
 
     position: FloatArray
-    range_sigma: float | None = None
-    azimuth_sigma: float | None = None
-    elevation_sigma: float | None = None
-    name: str | None = None
+    range_sigma: float | None
+    azimuth_sigma: float | None
+    elevation_sigma: float | None
+    name: str | None
 
-    def __post_init__(self) -> None:
-        position = finite(self.position, "position")
-        _require_dimension(position, "position", "(..., 2) or (..., 3)")
-        object.__setattr__(self, "position", position)
-        for name in ("range_sigma", "azimuth_sigma", "elevation_sigma"):
-            sigma = getattr(self, name)
-            if sigma is not None:
-                object.__setattr__(self, name, float(positive(real(sigma, name), name)))
+    def __init__(
+        self,
+        position: npt.ArrayLike,
+        *,
+        range_sigma: float | None = None,
+        azimuth_sigma: float | None = None,
+        elevation_sigma: float | None = None,
+        name: str | None = None,
+    ) -> None:
+        place = finite(position, "position")
+        _require_dimension(place, "position", "(..., 2) or (..., 3)")
+        sigmas = {
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "elevation_sigma": elevation_sigma,
+        }
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "name", name)
+        for key, sigma in sigmas.items():
+            number = None if sigma is None else float(positive(real(sigma, key), key))
+            object.__setattr__(self, key, number)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
