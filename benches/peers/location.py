@@ -77,7 +77,8 @@ def batched(z, robust):
         weighted = j * w[..., np.newaxis]
         a = np.swapaxes(weighted, -1, -2) @ j
         b = np.swapaxes(weighted, -1, -2) @ r[..., np.newaxis]
-        p = p + np.linalg.solve(a, b)[..., 0]
+        # where no measurement has a weight left
+        p = p + np.linalg.solve(a + 1e-12 * np.eye(3), b)[..., 0]
     return p
 
 

@@ -528,7 +528,9 @@ impl<const D: usize> Search<'_, D> {
             End::Moving => return Err(Problem::NotConverged),
             End::Converged => {}
         }
-        if Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
+        // without a scale there is no covariance, but a position
+        let scaled = !minimum.scale.is_nan();
+        if scaled && Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
             return Err(Problem::Singular);
         }
         Ok(minimum)
@@ -543,8 +545,14 @@ impl<const D: usize> Search<'_, D> {
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
     ) -> Result<Minimum<D>, Problem> {
-        let start = self.minimum(initial, candidates, costs, scratch)?;
+        let start = self.checked(self.minimum(initial, candidates, costs, scratch)?)?;
         let measurements = self.problem.measurements;
+        if self.unknown && measurements.len() == D {
+            // nothing is left to estimate κ from
+            let mut minimum = Minimum { scale: f64::NAN, ..start };
+            minimum.normal.matrix = undetermined();
+            return Ok(minimum);
+        }
         let known = (!self.unknown).then(|| measurements[0].precision.powi(2));
         let estimate = lenth::estimate(measurements, start.position, known, weight);
         let mut normal = self.problem.normal(&estimate.position, Loss::Square, 1.0);
