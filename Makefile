@@ -33,6 +33,7 @@ bench: $(WHEEL) $(VENV)/.bench
 	$(BIN)/python -m pytest benches --benchmark-columns=min,median,rounds
 	$(BIN)/python benches/peers/screening.py
 	$(BIN)/python benches/peers/weights.py
+	$(BIN)/python benches/peers/location.py
 	$(BIN)/python benches/peers/kalman.py
 	$(BIN)/python benches/peers/smoothing.py
 

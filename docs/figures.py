@@ -10,7 +10,17 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, fusion, instant, paper, screening, smoothing, trajectory, weights
+from studies import (
+    bearing,
+    fusion,
+    instant,
+    location,
+    paper,
+    screening,
+    smoothing,
+    trajectory,
+    weights,
+)
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -49,6 +59,11 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "shared azimuth": weights.shared_azimuth,
         "right treatment": weights.right_treatment,
         "area": weights.area,
+    },
+    "location.md": {
+        "faults": location.faults,
+        "poor geometry": location.poor_geometry,
+        "lenth": location.lenth,
     },
     "fusion.md": {
         "paper weights": fusion.paper_weights,
@@ -97,6 +112,8 @@ FIGURES = {
     "bearing_ten_trials.png": paper.ten_trials_figure,
     "weights_loss.png": weights.loss_figure,
     "weights_passive_location.png": weights.passive_location_figure,
+    "location_fix.png": location.fix_figure,
+    "location_map.png": location.map_figure,
     "fusion_track.png": fusion.track_figure,
     "fusion_smoothing.png": fusion.smoothing_figure,
     "smoothing_track.png": smoothing.track_figure,

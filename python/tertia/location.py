@@ -1,4 +1,4 @@
-"""A position at one instant from the measurements of several stations, some of them wrong.
+"""Location: a position at one instant from what several stations measured, some of it wrong.
 
 Ranges, azimuths, elevations and range differences, in any mixture, in the plane or in space. The
 position minimises the sum of a function of the whitened residuals `(measured - predicted) / sigma`:
@@ -60,7 +60,7 @@ _REDUNDANCY = 3
 
 
 class Problem(enum.IntEnum):
-    """Why an instant has no position; `reason` tells it as a sentence."""
+    """Why an instant has no position; 0, which is false, where it has one."""
 
     NONE = 0
     TOO_FEW = 1
@@ -96,7 +96,7 @@ _REASONS = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Station:
     """Where a station is, and how well it measures.
 
@@ -113,19 +113,32 @@ class Station:
     """
 
     position: FloatArray
-    range_sigma: float | None = None
-    azimuth_sigma: float | None = None
-    elevation_sigma: float | None = None
-    name: str | None = None
+    range_sigma: float | None
+    azimuth_sigma: float | None
+    elevation_sigma: float | None
+    name: str | None
 
-    def __post_init__(self) -> None:
-        position = finite(self.position, "position")
-        _require_dimension(position, "position", "(..., 2) or (..., 3)")
-        object.__setattr__(self, "position", position)
-        for name in ("range_sigma", "azimuth_sigma", "elevation_sigma"):
-            sigma = getattr(self, name)
-            if sigma is not None:
-                object.__setattr__(self, name, float(positive(real(sigma, name), name)))
+    def __init__(
+        self,
+        position: npt.ArrayLike,
+        *,
+        range_sigma: float | None = None,
+        azimuth_sigma: float | None = None,
+        elevation_sigma: float | None = None,
+        name: str | None = None,
+    ) -> None:
+        place = finite(position, "position")
+        _require_dimension(place, "position", "(..., 2) or (..., 3)")
+        sigmas = {
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "elevation_sigma": elevation_sigma,
+        }
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "name", name)
+        for key, sigma in sigmas.items():
+            number = None if sigma is None else float(positive(real(sigma, key), key))
+            object.__setattr__(self, key, number)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -509,8 +522,8 @@ def _stations(
     except ValueError:
         shapes = ", ".join(str(position.shape) for position in positions)
         raise ValueError(f"the positions of the stations have shapes {shapes}") from None
-    sigmas: dict[str, FloatArray] = {
-        kind: np.array(
+    sigmas = {
+        str(kind): np.array(
             [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in stations],
             dtype=np.float64,
         )
@@ -622,8 +635,6 @@ def _chosen(
     """Return the kinds that are measured."""
     if measurements is None:
         return [kind for kind in _KINDS if given[kind] is not None or kind in own]
-    if isinstance(measurements, str):
-        measurements = cast("list[Kind]", [measurements])
     for kind in measurements:
         if kind not in _KINDS:
             raise ValueError(f"measurements has {kind!r}; it must be one of {', '.join(_KINDS)}")

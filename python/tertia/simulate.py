@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer, real
 from tertia._wishart import standard_wishart
 from tertia.kalman import SingerModel, _require_model
+from tertia.location import Kind, Station, _stations
 
 __all__ = [
     "BearingRecord",
@@ -18,10 +20,12 @@ __all__ = [
     "RadarRecord",
     "RadarScenario",
     "ScenarioName",
+    "StationRecord",
     "direction_finder",
     "passive_location",
     "radar_scenario",
     "radars",
+    "stations",
     "wishart",
 ]
 
@@ -279,6 +283,116 @@ def passive_location(
     roots = np.linalg.inv(np.stack([scaled[..., [0, 1], :], scaled[..., [0, 2], :]], axis=-3))
     covariances = roots @ np.swapaxes(roots, -1, -2)
     return PassiveLocation(target, jacobian, sigma, covariances)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationRecord:
+    """Simulated measurements of a target by several stations, and what is wrong with them.
+
+    Attributes
+    ----------
+    measurements : dict of str to ndarray of shape (..., K)
+        What `tertia.location.locate` takes: `locate(stations, **record.measurements)`.
+    fault : dict of str to ndarray of bool, shape (..., K)
+        Which measurements are faults.
+    position : ndarray of shape (..., D)
+        The target.
+    """
+
+    measurements: dict[str, FloatArray]
+    fault: dict[str, BoolArray]
+    position: FloatArray
+
+
+def stations(
+    stations: Sequence[Station],
+    position: npt.ArrayLike,
+    *,
+    measurements: Sequence[Kind] | None = None,
+    fault_probability: float = 0.0,
+    fault_size: float = 20.0,
+    missing_probability: float = 0.0,
+    batch: int | tuple[int, ...] = (),
+    rng: np.random.Generator | int | None = None,
+) -> StationRecord:
+    """Simulate what several stations measure of a target, with normal noise and faults.
+
+    Parameters
+    ----------
+    stations : sequence of K Station
+        The stations; each measures what it has a standard deviation of.
+    position : array_like of shape (..., D)
+        The target.
+    measurements : sequence of {"range", "azimuth", "elevation"}, optional
+        What is measured; by default all that there are standard deviations of.
+    fault_probability : float
+        Probability that a measurement is a fault.
+    fault_size : float
+        Offset of a fault, in standard deviations, up or down.
+    missing_probability : float
+        Probability that a measurement is missing.
+    batch : int or tuple of int
+        Shape of the batch of records of every position.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    StationRecord
+        Measurements of the shape `(*batch, ..., K)`, nan where they are missing.
+
+    Raises
+    ------
+    ValueError
+        A parameter outside its domain.
+    TypeError
+        A parameter of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.location import Station, locate
+    >>> from tertia.simulate import stations
+    >>> places = [[0, 0], [3000, 0], [0, 3000], [3000, 3000]]
+    >>> finders = [Station(p, azimuth_sigma=0.01) for p in places]
+    >>> record = stations(finders, [1000, 2000], rng=1)
+    >>> locate(finders, **record.measurements)
+    Location([1000.74 ± 14.7, 2003.78 ± 14.6], 0 of 4 faulty)
+    """
+    places, sigmas = _stations(stations)
+    target = finite(position, "position")
+    d = places.shape[-1]
+    _require(target.shape[-1:] == (d,), "position", target.shape, f"of shape (..., {d})")
+    fault_probability = _number(fault_probability, "fault_probability", 0, 1)
+    missing_probability = _number(missing_probability, "missing_probability", 0, 1)
+    size, source = _number(fault_size, "fault_size", 0), generator(rng)
+    truth = _sights(target[..., np.newaxis, :] - places)
+    if measurements is None:
+        chosen = [kind for kind in truth if not np.all(np.isnan(sigmas.get(kind, np.nan)))]
+    else:
+        chosen = list(measurements)
+    record: dict[str, FloatArray] = {}
+    fault: dict[str, BoolArray] = {}
+    for kind in chosen:
+        _require(kind in truth, "measurements", kind, f"one of {', '.join(truth)}")
+        shape = (*_shape(batch), *truth[kind].shape)
+        wrong = source.uniform(size=shape) < fault_probability
+        sign = np.where(source.uniform(size=shape) < 0.5, -1.0, 1.0)
+        error = source.standard_normal(shape) + np.where(wrong, size * sign, 0.0)
+        gone = source.uniform(size=shape) < missing_probability
+        record[kind] = np.where(gone, np.nan, truth[kind] + sigmas[kind] * error)
+        fault[kind] = wrong & ~np.isnan(record[kind])
+    return StationRecord(record, fault, np.broadcast_to(target, (*_shape(batch), *target.shape)))
+
+
+def _sights(offset: FloatArray) -> dict[str, FloatArray]:
+    """Return range, azimuth and (in space) elevation of offsets from the stations."""
+    truth = {
+        "range": np.sqrt(np.sum(offset**2, axis=-1)),
+        "azimuth": np.arctan2(offset[..., 0], offset[..., 1]),
+    }
+    if offset.shape[-1] == 3:
+        truth["elevation"] = np.arctan2(offset[..., 2], np.hypot(offset[..., 0], offset[..., 1]))
+    return truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,18 @@ which remain distinct for colour-blind readers.
 
 from tertia.plot._axes import rounded as rounded
 from tertia.plot._combination import combination
+from tertia.plot._locations import accuracy_map, location
 from tertia.plot._samples import bearing, screening
 from tertia.plot._smoothing import smoothing
 from tertia.plot._tracks import consistency, fusion
 
-__all__ = ["bearing", "combination", "consistency", "fusion", "screening", "smoothing"]
+__all__ = [
+    "accuracy_map",
+    "bearing",
+    "combination",
+    "consistency",
+    "fusion",
+    "location",
+    "screening",
+    "smoothing",
+]

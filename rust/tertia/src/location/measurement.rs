@@ -2,7 +2,8 @@
 
 use super::small::{Vector, dot, norm};
 
-/// Beyond this tangent the library's arctangent takes over.
+/// Up to these tangents five and nine terms of a series are an arctangent to the last bit.
+const TINY_TANGENT: f64 = 0.01;
 const SMALL_TANGENT: f64 = 0.1;
 
 /// What is measured.
@@ -129,18 +130,27 @@ impl<const D: usize> Measurement<D> {
 }
 
 /// `atan2(sine, cosine)`, by its series near zero: four times as fast as the library's.
-#[inline]
+#[inline(always)]
 fn angle(sine: f64, cosine: f64) -> f64 {
-    if sine.abs() <= SMALL_TANGENT * cosine {
-        let t = sine / cosine;
-        let s = t * t;
-        let mut sum = 0.0;
-        for k in (1..9_u8).rev() {
-            sum = s * (1.0 / f64::from(2 * k + 1) - sum);
-        }
-        return t - t * sum;
+    let size = sine.abs();
+    if size <= TINY_TANGENT * cosine {
+        return series::<5>(sine / cosine);
+    }
+    if size <= SMALL_TANGENT * cosine {
+        return series::<9>(sine / cosine);
     }
     sine.atan2(cosine)
+}
+
+/// So many terms of `t − t³/3 + t⁵/5 − …`
+#[inline(always)]
+fn series<const TERMS: u8>(t: f64) -> f64 {
+    let s = t * t;
+    let mut sum = 0.0;
+    for k in (1..TERMS).rev() {
+        sum = s * (1.0 / f64::from(2 * k + 1) - sum);
+    }
+    t - t * sum
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 const SAME_MINIMUM: f64 = 25.0;
 /// Other minima looked for.
 const RIVALS: usize = 3;
-/// Cost of as many faults as a start from the stations' own fixes is trusted with.
+/// Faults with which the best start of the stations' own fixes is trusted.
 const TRUSTED_FAULTS: f64 = 2.0;
 /// Least sum of the weights beyond what the coordinates use up.
 const LEAST_REST: f64 = 1e-9;
@@ -340,7 +340,14 @@ impl<const D: usize> Search<'_, D> {
         candidates.read(self.problem.measurements);
         if let Some(start) = candidates.middle().filter(|_| !self.unknown) {
             let minimum = self.refine_steadily(start);
-            if self.is_trusted(&minimum) {
+            if self.is_trusted(&minimum, 1.0) {
+                return Ok(minimum);
+            }
+            let best = self.best(&candidates.points, costs, scratch);
+            let other = best.map(|at| self.refine(candidates.points[at], scratch));
+            let better = |other: &Minimum<D>| other.normal.cost < minimum.normal.cost;
+            let minimum = other.filter(better).unwrap_or(minimum);
+            if self.is_trusted(&minimum, TRUSTED_FAULTS) {
                 return Ok(minimum);
             }
         }
@@ -353,11 +360,11 @@ impl<const D: usize> Search<'_, D> {
         self.rivalled(minimum, points, costs, scratch)
     }
 
-    /// Whether a minimum needs no other starts: hardly anything contradicts it.
-    fn is_trusted(&self, minimum: &Minimum<D>) -> bool {
+    /// Whether a minimum needs no other starts: no more than so many faults contradict it.
+    fn is_trusted(&self, minimum: &Minimum<D>, faults: f64) -> bool {
         let count = self.problem.measurements.len() as f64;
-        let faults = TRUSTED_FAULTS * TUKEY * TUKEY / 6.0;
-        let hardly = self.loss == Loss::Square || minimum.normal.cost < 0.5 * count + faults;
+        let limit = 0.5 * count + faults * TUKEY * TUKEY / 6.0;
+        let hardly = self.loss == Loss::Square || minimum.normal.cost < limit;
         minimum.end == End::Converged && hardly
     }
 
@@ -510,6 +517,10 @@ impl<const D: usize> Search<'_, D> {
         if self.is_blind(p, NEAR) {
             return Err(Problem::AtStation);
         }
+        let exact = self.problem.measurements.len() == D;
+        if exact && (minimum.normal.cost.is_nan() || minimum.normal.cost > MEETING) {
+            return Err(Problem::NoIntersection);
+        }
         match minimum.end {
             End::Diverged => return Err(Problem::NoIntersection),
             End::Singular => return Err(Problem::Singular),
@@ -517,11 +528,9 @@ impl<const D: usize> Search<'_, D> {
             End::Moving => return Err(Problem::NotConverged),
             End::Converged => {}
         }
-        let exact = self.problem.measurements.len() == D;
-        if exact && (minimum.normal.cost.is_nan() || minimum.normal.cost > MEETING) {
-            return Err(Problem::NoIntersection);
-        }
-        if Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
+        // without a scale there is no covariance, but a position
+        let scaled = !minimum.scale.is_nan();
+        if scaled && Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
             return Err(Problem::Singular);
         }
         Ok(minimum)
@@ -536,8 +545,14 @@ impl<const D: usize> Search<'_, D> {
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
     ) -> Result<Minimum<D>, Problem> {
-        let start = self.minimum(initial, candidates, costs, scratch)?;
+        let start = self.checked(self.minimum(initial, candidates, costs, scratch)?)?;
         let measurements = self.problem.measurements;
+        if self.unknown && measurements.len() == D {
+            // nothing is left to estimate κ from
+            let mut minimum = Minimum { scale: f64::NAN, ..start };
+            minimum.normal.matrix = undetermined();
+            return Ok(minimum);
+        }
         let known = (!self.unknown).then(|| measurements[0].precision.powi(2));
         let estimate = lenth::estimate(measurements, start.position, known, weight);
         let mut normal = self.problem.normal(&estimate.position, Loss::Square, 1.0);

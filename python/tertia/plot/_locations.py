@@ -1,0 +1,236 @@
+"""Pictures of positions: stations, their bearings and ranges, error ellipses, maps of accuracy."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, finite, flag
+from tertia.location import Accuracy, Location, Station, _measured, _stations
+from tertia.plot._axes import FLAGGED, KEPT, RESULT, new_axes, rounded
+from tertia.plot._combination import _ellipse, _share
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_CIRCLE_POINTS = 361
+_LEVELS = 12
+
+
+def location(
+    stations: Sequence[Station] | npt.ArrayLike,
+    result: Location,
+    *,
+    azimuth: npt.ArrayLike | None = None,
+    range: npt.ArrayLike | None = None,  # noqa: A002  # as in `locate`
+    probability: float = 0.95,
+    legend: bool = True,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw stations, what they measured, and the position with its error ellipse, from above.
+
+    Parameters
+    ----------
+    stations : sequence of K Station, or array_like of shape (K, D)
+        The stations, as given to `tertia.location.locate`.
+    result : Location
+        What came of them, one instant.
+    azimuth : array_like of shape (K,), optional
+        The azimuths, drawn as rays.
+    range : array_like of shape (K,), optional
+        The ranges, drawn as arcs about the stations; in space those on the ground below the target.
+    probability : float
+        With which normal errors put the true position inside the ellipse.
+    legend : bool
+        Whether to draw one.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default on a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        North over east in metres. Faults are dashed and of another colour.
+
+    Raises
+    ------
+    ValueError
+        A batch, shapes that do not fit, or a probability that is not between 0 and 1.
+    TypeError
+        An argument of the wrong type.
+    ImportError
+        Matplotlib is missing.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from tertia import plot
+    >>> from tertia.location import locate
+    >>> places, bearings = [[0, 0], [1000, 0], [500, -500]], [0.79, 5.5, 0.01]
+    >>> fix = locate(places, azimuth=bearings, azimuth_sigma=0.01)
+    >>> plot.location(places, fix, azimuth=bearings, ax=Figure().subplots()).get_title()
+    '505.6 ± 5.8, 498.8 ± 7.1'
+    """
+    places, _ = _stations(stations)
+    if places.ndim != 2 or result.position.ndim != 1:
+        raise ValueError("stations and result have a batch; one instant can be drawn")
+    if places.shape[-1] != result.position.size:
+        raise ValueError(
+            f"stations has shape {places.shape} and result {result.position.size} coordinates"
+        )
+    radius = math.sqrt(-2 * math.log1p(-_share(probability)))
+    rays = None if azimuth is None else _row(azimuth, "azimuth", len(places))
+    ranges = None if range is None else _row(range, "range", len(places))
+    covariance = result.covariance[:2, :2]
+    known = bool(np.all(np.isfinite(covariance)))
+    legend = flag(legend, "legend")
+    ax = new_axes() if ax is None else ax
+
+    if rays is not None:
+        _draw_rays(ax, places, rays, _marks(result.outliers.azimuth, rays), result.position)
+    if ranges is not None:
+        _draw_ranges(ax, places, ranges, _marks(result.outliers.range, ranges), result.position)
+    ax.plot(*places[:, :2].T, "^", color=RESULT, markerfacecolor="none", label="station")
+    _name(ax, stations, places)
+    points = result.position[np.newaxis, :2]
+    if known:
+        points = _ellipse(result.position[:2], covariance, radius, "result.covariance")
+    label = f"position, {100 * probability:.10g} %" if known else "position"
+    ax.plot(*points.T, color=RESULT, marker="*", markevery=[0], markersize=10, label=label)
+    texts = (" ± ".join(rounded(x, s)) for x, s in zip(result.position, result.sigma, strict=True))
+    ax.set(title=", ".join(texts), xlabel="east (m)", ylabel="north (m)")
+    ax.set_aspect("equal", adjustable="datalim")
+    if legend:
+        ax.legend(fontsize="small")
+    return ax
+
+
+def accuracy_map(
+    stations: Sequence[Station] | npt.ArrayLike,
+    grid: npt.ArrayLike,
+    result: Accuracy,
+    *,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw the accuracy of positions over an area.
+
+    Parameters
+    ----------
+    stations : sequence of K Station, or array_like of shape (K, D)
+        The stations, as given to `tertia.location.accuracy_map`.
+    grid : array_like of shape (rows, columns, D)
+        The positions, rows to the north and columns to the east.
+    result : Accuracy
+        What came of them.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default on a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The root of the sum of the variances in metres, on a logarithmic scale.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, or a position that is nowhere determined.
+    TypeError
+        An argument of the wrong type.
+    ImportError
+        Matplotlib is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from tertia import location, plot
+    >>> radars = [[0, 0], [3000, 0]]
+    >>> grid = np.stack(np.meshgrid(np.linspace(0, 3e3, 9), np.linspace(100, 3e3, 9)), axis=-1)
+    >>> accuracy = location.accuracy_map(radars, grid, range_sigma=10)
+    >>> plot.accuracy_map(radars, grid, accuracy, ax=Figure().subplots()).get_xlabel()
+    'east (m)'
+    """
+    places, _ = _stations(stations)
+    points, sigma = finite(grid, "grid"), np.asarray(result.position_sigma)
+    if points.ndim != 3 or points.shape[:2] != sigma.shape:
+        raise ValueError(
+            f"grid has shape {points.shape} and result {sigma.shape}; they must be "
+            "(rows, columns, D) and (rows, columns)"
+        )
+    known = sigma[np.isfinite(sigma)]
+    if known.size == 0:
+        raise ValueError("result has no position that is determined")
+    ax = new_axes() if ax is None else ax
+    low, high = np.log10(np.quantile(known, [0.0, 0.98]))
+    levels = 10 ** np.linspace(low, max(high, low + 1e-3), _LEVELS)
+    shown = np.ma.masked_invalid(sigma)
+    filled = ax.contourf(*np.moveaxis(points[..., :2], -1, 0), shown, levels, extend="max")
+    bar = ax.get_figure(root=True).colorbar(filled, ax=ax, label="position error (m)")  # type: ignore[union-attr]
+    bar.set_ticks(list(levels[::2]), labels=[f"{level:.3g}" for level in levels[::2]])
+    ax.plot(*places[:, :2].T, "^", color="white", markeredgecolor=RESULT)
+    _name(ax, stations, places)
+    ax.set(xlabel="east (m)", ylabel="north (m)")
+    ax.set_aspect("equal")
+    return ax
+
+
+def _row(values: npt.ArrayLike, name: str, k: int) -> FloatArray:
+    row = _measured(values, name, k)
+    if row.ndim != 1:
+        raise ValueError(f"{name} has shape {row.shape}; one instant can be drawn")
+    return row
+
+
+def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
+    return np.zeros(values.shape, dtype=bool) if outliers is None else outliers
+
+
+def _draw_lines(ax: "Axes", lines: list[FloatArray], fault: BoolArray, name: str) -> None:
+    """Draw those that are there; the legend names each sort once."""
+    named = set()
+    for line, wrong in zip(lines, fault, strict=True):
+        if np.isnan(line).all():
+            continue
+        label = f"faulty {name}" if wrong else name
+        ax.plot(
+            *line.T,
+            color=FLAGGED if wrong else KEPT,
+            linestyle="--" if wrong else "-",
+            linewidth=1,
+            # an underscore hides it from the legend
+            label=f"_{label}" if label in named else label,
+        )
+        named.add(label)
+
+
+def _draw_rays(
+    ax: "Axes", places: FloatArray, azimuth: FloatArray, fault: BoolArray, position: FloatArray
+) -> None:
+    length = 1.2 * np.max(np.linalg.norm(position[:2] - places[:, :2], axis=-1))
+    toward = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    lines = [
+        np.stack([place, place + length * way])
+        for place, way in zip(places[:, :2], toward, strict=True)
+    ]
+    lines = [np.where(np.isnan(a), np.nan, line) for a, line in zip(azimuth, lines, strict=True)]
+    _draw_lines(ax, lines, fault, "bearing")
+
+
+def _draw_ranges(
+    ax: "Axes", places: FloatArray, ranges: FloatArray, fault: BoolArray, position: FloatArray
+) -> None:
+    angle = np.linspace(0, 2 * np.pi, _CIRCLE_POINTS)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    height = position[2:] - places[:, 2:]
+    ground = np.sqrt(np.maximum(ranges**2 - np.sum(height**2, axis=-1), 0.0))
+    lines = [place + r * circle for place, r in zip(places[:, :2], ground, strict=True)]
+    _draw_lines(ax, lines, fault, "range")
+
+
+def _name(ax: "Axes", stations: Sequence[Station] | npt.ArrayLike, places: FloatArray) -> None:
+    if not isinstance(stations, Sequence):
+        return
+    for station, place in zip(stations, places, strict=True):
+        if isinstance(station, Station) and station.name is not None:
+            ax.annotate(station.name, place[:2], xytext=(5, 5), textcoords="offset points")

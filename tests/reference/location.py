@@ -1,0 +1,57 @@
+"""Location by its formulas: predictions, whitened residuals, covariances."""
+
+import numpy as np
+
+KINDS = ("range", "azimuth", "elevation", "range_difference")
+TUKEY = 4.685
+
+
+def predict(p, stations):
+    """What a position predicts, (K,) each; azimuths clockwise from north."""
+    d = np.asarray(p, dtype=float) - np.asarray(stations, dtype=float)
+    ranges = np.sqrt(np.sum(d**2, axis=-1))
+    predicted = {
+        "range": ranges,
+        "azimuth": np.arctan2(d[..., 0], d[..., 1]),
+        "range_difference": ranges[..., 1:] - ranges[..., :1],
+    }
+    if d.shape[-1] == 3:
+        predicted["elevation"] = np.arctan2(d[..., 2], np.hypot(d[..., 0], d[..., 1]))
+    return predicted
+
+
+def residuals(p, stations, measured, sigmas):
+    """Whitened residuals of all measurements that are there, one after the other."""
+    predicted = predict(p, stations)
+    rows = []
+    for kind in KINDS:
+        if kind in measured:
+            r = np.asarray(measured[kind]) - predicted[kind]
+            if kind in {"azimuth", "elevation"}:
+                r = np.angle(np.exp(1j * r))
+            r = r / sigmas[kind]
+            rows.append(r[~np.isnan(r)])
+    return np.concatenate(rows)
+
+
+def jacobian(p, stations, measured, sigmas):
+    """Derivatives of the whitened residuals by differences of fourth order."""
+    columns = []
+    step = 1e-4
+    for i in range(len(p)):
+        e = np.zeros(len(p))
+        e[i] = step
+        near = [residuals(p + f * e, stations, measured, sigmas) for f in (-2, -1, 1, 2)]
+        columns.append((near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * step))
+    return np.stack(columns, axis=-1)
+
+
+def tukey_cost(u):
+    """The cost of residuals: c²/6 (1 - (1 - (u/c)²)³) up to c, c²/6 beyond."""
+    rest = np.maximum(0.0, 1.0 - (u / TUKEY) ** 2)
+    return TUKEY**2 / 6 * np.sum(1 - rest**3)
+
+
+def tukey_weight(u):
+    """The weight of residuals."""
+    return np.maximum(0.0, 1.0 - (u / TUKEY) ** 2) ** 2
