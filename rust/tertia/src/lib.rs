@@ -2,7 +2,8 @@
 //! sometimes wrong.
 //!
 //! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- kalman <-
-//! smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its left only.
+//! smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its
+//! left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
