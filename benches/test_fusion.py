@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tertia.fusion import FusionMethod, TrackFusion, fuse_series
+from tertia.fusion import FusionMethod, InstantMethod, TrackFusion, fuse, fuse_series
 from tertia.kalman import SingerModel
 
 MODEL = SingerModel(5.0, 1 / 20, 0.003)
@@ -41,3 +41,18 @@ def test_step(benchmark, radars):
     for scan in plots((radars, 100), 0.0).T:
         centre.step(scan)
     benchmark(centre.step, [1.0] * radars)
+
+
+@pytest.mark.parametrize("correlated", [False, True], ids=["independent", "correlated"])
+@pytest.mark.parametrize(("k", "m"), [(2, 3), (4, 6), (3, 12)])
+@pytest.mark.parametrize("method", get_args(InstantMethod))
+def test_fuse(benchmark, method, k, m, correlated):
+    rng = np.random.default_rng(2)
+    roots = rng.standard_normal((1_000, k, m, m))
+    s = roots @ roots.swapaxes(-1, -2) + np.eye(m)
+    options = {"weights": np.ones(k)} if method == "static" else {}
+    if correlated:
+        options["cross_covariances"] = np.broadcast_to(0.1 * np.eye(m), (1_000, k, k, m, m)).copy()
+    x = rng.standard_normal((1_000, k, m))
+    benchmark.extra_info["instants"] = 1_000
+    benchmark(fuse, x, s, method=method, n_threads=1, **options)

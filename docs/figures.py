@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from studies import bearing, fusion, paper, screening, smoothing, weights
+from studies import bearing, fusion, instant, paper, screening, smoothing, trajectory, weights
 from studies.pages import save, write
 
 TABLES: dict[str, dict[str, Callable[[], str]]] = {
@@ -62,6 +62,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "every consistency": fusion.every_consistency,
         "several faults": fusion.several_faults,
         "cost": fusion.cost,
+        "instant": instant.methods,
     },
     "kalman.md": {
         "misprints": fusion.misprints,
@@ -70,6 +71,10 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "fit": fusion.fit_coverage,
         "metrics": fusion.filter_consistency,
         "accuracy": fusion.accuracy,
+    },
+    "trajectory.md": {
+        "faults": trajectory.faults,
+        "biases": trajectory.biases,
     },
     "smoothing.md": {
         "degree coverage": smoothing.degree_coverage,

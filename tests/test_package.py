@@ -14,11 +14,13 @@ from tertia import (
     bearing,
     fusion,
     kalman,
+    location,
     metrics,
     plot,
     screening,
     simulate,
     smoothing,
+    trajectory,
     weights,
 )
 
@@ -26,12 +28,14 @@ MODULES = [
     bearing,
     fusion,
     kalman,
+    location,
     metrics,
     plot,
     screening,
     simulate,
     smoothing,
     tertia,
+    trajectory,
     weights,
 ]
 ALIASES = {
@@ -39,9 +43,14 @@ ALIASES = {
     "Count",
     "FusionMethod",
     "InstantMethod",
+    "Kind",
+    "LocationMethod",
     "LossMethod",
     "Method",
+    "Order",
     "ScenarioName",
+    "Smoother",
+    "Spatial",
     "Store",
     "TestName",
 }

@@ -2,16 +2,28 @@
 
 For measurements that are redundant and sometimes wrong. `tertia.screening` finds the anomalous
 ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.weights` combines
-estimates and tells what not knowing their covariances costs, `tertia.kalman` makes tracks of plots,
-`tertia.smoothing` of positions, from all plots before and after, `tertia.fusion` one track of
-several radars', `tertia.metrics` tells whether errors are as claimed, `tertia.simulate` makes
-records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
-`cli`.
+estimates and tells what not knowing their covariances costs, `tertia.location` makes a position of
+what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
+positions along time, `tertia.trajectory` does both for what stations measured along time,
+`tertia.fusion` makes one track of several radars', `tertia.metrics` tells whether errors are as
+claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the
+command `tertia` needs the extra `cli`.
 """
 
 import warnings
 
-from tertia import bearing, fusion, kalman, metrics, screening, simulate, smoothing, weights
+from tertia import (
+    bearing,
+    fusion,
+    kalman,
+    location,
+    metrics,
+    screening,
+    simulate,
+    smoothing,
+    trajectory,
+    weights,
+)
 from tertia._core import DEBUG_BUILD, VERSION
 from tertia.bearing import BearingEstimate, estimate_bearing
 
@@ -24,10 +36,12 @@ __all__ = [
     "estimate_bearing",
     "fusion",
     "kalman",
+    "location",
     "metrics",
     "screening",
     "simulate",
     "smoothing",
+    "trajectory",
     "weights",
 ]
 

@@ -31,6 +31,8 @@ __all__ = [
     "leave_one_out_mask",
     "leave_one_out_statistics",
     "local_polynomial",
+    "locate",
+    "location_accuracy",
     "simulated_excess",
     "singer_transition",
     "smooth",
@@ -174,9 +176,7 @@ class AngleFilter:
     def __getstate__(self) -> tuple[list[float], float, float]: ...
     def __setstate__(self, state: Any) -> None: ...
 
-def fuse(
-    instants: dict[str, Any], n_threads: int | None
-) -> tuple[list[FloatArray], IntArray]: ...
+def fuse(instants: dict[str, Any], n_threads: int | None) -> tuple[list[FloatArray], IntArray]: ...
 def fuse_series(
     batch: dict[str, Any], n_threads: int | None
 ) -> tuple[list[FloatArray], BoolArray]: ...
@@ -212,6 +212,18 @@ class TrackFusion:
     def __getstate__(self) -> tuple[Any, ...]: ...
     def __setstate__(self, saved: Any) -> None: ...
 
+def locate(
+    stations: FloatArray,
+    values: FloatArray,
+    sigmas: FloatArray,
+    initial: FloatArray | None,
+    method_name: str,
+    redundancy: int,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]]: ...
+def location_accuracy(
+    stations: FloatArray, sigmas: FloatArray, positions: FloatArray, n_threads: int | None
+) -> tuple[FloatArray, FloatArray]: ...
 def local_polynomial(
     y: FloatArray,
     times: FloatArray | None,

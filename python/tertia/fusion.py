@@ -1,5 +1,6 @@
-"""Fusion: one track with an honest covariance from the plots of several radars, or one estimate
-from those of several sensors.
+"""Fusion: one track with an honest covariance from the plots of several radars.
+
+`fuse` makes one estimate of those that several sensors have of any vector at one instant.
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
 (`method="paper"`), the usual rules, and a default that finds out how good each radar really is.
@@ -229,9 +230,10 @@ def fuse(
     >>> from tertia.fusion import fuse
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
     >>> common = [[0.5, 0.2], [0.2, 0.5]]
-    >>> fuse([[359, 20], [2, 21]], S, cross_covariances=[[S[0], common], [common, S[1]]], period=360)
+    >>> x = [[359, 20], [2, 21]]
+    >>> fuse(x, S, cross_covariances=[[S[0], common], [common, S[1]]], period=360)
     Fused([1.78987 ± 0.9, 20.9425 ± 1.14], p-value 0.292)
-    >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
+    >>> fuse(x, S, method="covariance-intersection", period=360)
     Fused([1.93436 ± 1.02, 20.9903 ± 1.66])
     """
     x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
@@ -242,11 +244,13 @@ def fuse(
     if cross_covariances is not None:
         arrays["cross_covariances"] = samples(cross_covariances, "cross_covariances")
         tails.append((sensors, sensors, m, m))
-    arguments: dict[str, object] = dict.fromkeys(["cross_covariances"], None)
-    arguments |= _of_one_batch(arrays, tails)
-    arguments["weights"] = _proportions(weights, method, sensors)
-    arguments["method"] = str(method)
-    arguments["period"] = None if period is None else real(period, "period")
+    arguments: dict[str, object] = {
+        "cross_covariances": None,
+        **_of_one_batch(arrays, tails),
+        "weights": _proportions(weights, method, sensors),
+        "method": str(method),
+        "period": None if period is None else real(period, "period"),
+    }
     found, present = _core.fuse(arguments, threads(n_threads))
     mean, covariance, matrices, statistic, p_value = found
     return Fused(

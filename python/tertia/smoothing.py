@@ -415,7 +415,7 @@ def _instants(
         step = 1.0 if dt is None else real(dt, "dt")
         if not 0 < step < np.inf:
             raise ValueError(f"dt is {step}; it must be a positive number")
-        return np.arange(n, dtype=np.float64) * step
+        return step * np.arange(n, dtype=np.float64)
     if dt is not None:
         raise ValueError("give either times or dt")
     return _shared(finite(times, "times"), (n,), batch, "times", "N")

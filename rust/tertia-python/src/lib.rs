@@ -5,6 +5,7 @@ mod bearing;
 mod fusion;
 mod instant;
 mod kalman;
+mod location;
 mod screening;
 mod smoothing;
 mod weights;
@@ -25,6 +26,8 @@ mod core_module {
         AngleFilter, consistency_bounds, filter_series, singer_transition, smooth_series,
         steady_state,
     };
+    #[pymodule_export]
+    use super::location::{locate, location_accuracy};
     #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,

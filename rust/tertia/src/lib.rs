@@ -1,9 +1,9 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- kalman <-
-//! smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses those to its
-//! left only.
+//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
+//! kalman <- smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses
+//! those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
@@ -21,9 +21,11 @@
 //! | [`weights::Weighing::weights`], `combine`, `weight_bias`, `excess` | O(K m³) | O(K m²) |
 //! | [`weights::Weighing::jacobian`], `weight_covariance` | O(K m⁴) | O(K m²) |
 //! | [`weights::Weighing::simulated_excess`], T draws | O(T K m³) | O(K m²) |
+//! | [`fusion::Fusing`] | O(K m³); with cross covariances O(K³ m³) | O(K m²); O(K² m²) |
 //!
 //! | kernel | cost | extra memory |
 //! |---|---|---|
+//! | [`location::Locator::locate`], M measurements | O(M) a step | O(M) |
 //! | [`kalman::Series::run`] | O(steps) | none |
 //! | [`kalman::smooth`] | O(steps) | 35 numbers a step |
 //! | [`smoothing::Polynomial`], window W | O(N W); O(N) per tap with equal steps | W |
@@ -37,6 +39,7 @@ mod distribution;
 mod error;
 pub mod fusion;
 pub mod kalman;
+pub mod location;
 mod matrix;
 pub mod missing;
 mod moments;

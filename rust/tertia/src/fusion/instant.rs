@@ -391,3 +391,59 @@ where
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TWO: [f64; 8] = [4.0, 1.0, 1.0, 2.0, 1.0, -0.5, -0.5, 3.0];
+    const ESTIMATES: [f64; 4] = [10.0, 20.0, 13.0, 21.0];
+
+    fn fused(weighting: Weighting, cross: Option<&[f64]>) -> Result<([f64; 2], [f64; 4])> {
+        let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
+        let instant = Instant { estimates: &ESTIMATES, covariances: &TWO, cross };
+        let mut out =
+            InstantFusion { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
+        fusing(2, 2, weighting, None).fuse(&instant, &mut out)?;
+        Ok((mean, covariance))
+    }
+
+    fn assert_close(found: &[f64], expected: &[f64]) {
+        for (x, y) in found.iter().zip(expected) {
+            assert!((x - y).abs() <= 1e-13 * y.abs(), "{x} is not {y}");
+        }
+    }
+
+    #[test]
+    fn independent_and_uncorrelated_are_the_same() {
+        let expected = [72.0, -3.0, -3.0, 106.0].map(|s| s / 99.0);
+        for cross in [None, Some(&[0.0; 16][..])] {
+            let (mean, covariance) = fused(Weighting::Matrix, cross).unwrap();
+            assert_close(&mean, &[10.0 + 246.0 / 99.0, 20.0 + 86.0 / 99.0]);
+            assert_close(&covariance, &expected);
+        }
+    }
+
+    /// An error in common adds its covariance, and the weights are those of the rest.
+    #[test]
+    fn what_is_common_is_added() {
+        let common = [0.5, 0.2, 0.2, 0.5];
+        let cross: Vec<f64> = common.repeat(4);
+        let (_, with) = fused(Weighting::Matrix, Some(&cross)).unwrap();
+        let mut rest = TWO;
+        rest.iter_mut().zip(common.repeat(2)).for_each(|(s, c)| *s -= c);
+        let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
+        let instant = Instant { estimates: &ESTIMATES, covariances: &rest, cross: None };
+        let mut out =
+            InstantFusion { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
+        fusing(2, 2, Weighting::Matrix, None).fuse(&instant, &mut out).unwrap();
+        covariance.iter_mut().zip(common).for_each(|(s, c)| *s += c);
+        assert_close(&with, &covariance);
+    }
+
+    #[test]
+    fn impossible_correlations() {
+        let found = fused(Weighting::Equal, Some(&[3.0; 16]));
+        assert_eq!(found, Err(Error::IndefiniteJoint));
+    }
+}

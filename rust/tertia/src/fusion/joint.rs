@@ -3,8 +3,10 @@
 //! One estimate after the other is fused into x̂. With `F = cov(x̂)`, `P = cov(x_k)`,
 //! `C = cov(x̂, x_k)` and the difference `ν = x_k − x̂`,
 //!
-//!     A = F − C,  B = P − C^T,  S = A + B = cov(ν)
-//!     x̂ ← B S^-1 x̂ + A S^-1 x_k,  F ← C + A S^-1 B^T
+//! ```text
+//! A = F − C,  B = P − C^T,  S = A + B = cov(ν)
+//! x̂ ← B S^-1 x̂ + A S^-1 x_k,  F ← C + A S^-1 B^T
+//! ```
 //!
 //! What ν tells of the errors of later estimates is taken from them, `x_j ← x_j − cov(x_j, ν) S^-1 ν`;
 //! then nothing that is left is correlated with ν. Only covariances of differences are inverted,
@@ -36,6 +38,8 @@ where
     with_fused: Vec<Square<D>>,
     /// x_j in terms of the estimates, row after row.
     parts: Vec<Square<D>>,
+    /// Whether the estimate knows a component better than what was fused before it.
+    is_better: Vec<bool>,
     factor: Square<D>,
     inverse: Square<D>,
 }
@@ -52,6 +56,7 @@ where
             blocks: Vec::new(),
             with_fused: Vec::new(),
             parts: Vec::new(),
+            is_better: Vec::new(),
             factor: zeros(order),
             inverse: zeros(order),
         }
@@ -102,6 +107,8 @@ where
     /// as it was given: what is left of it may be rounding.
     fn add(&mut self, k: usize, own: &Square<D>) -> Result<(Square<D>, Square<D>)> {
         let (count, m) = (self.weight.len(), own.nrows());
+        self.is_better.clear();
+        self.is_better.extend((0..m).map(|i| own[(i, i)] < self.fused[(i, i)]));
         let cross = &self.with_fused[k];
         let a = &self.fused - cross;
         let b = &self.blocks[k * count + k] - cross.transpose();
@@ -150,8 +157,18 @@ where
             for (l, told_l) in (later..count).zip(&told) {
                 self.blocks[j * count + l] -= &taken * told_l.transpose();
             }
-            let of_new = gain * &self.blocks[k * count + j];
-            self.with_fused[j] = kept * &self.with_fused[j] + of_new;
+            // from the estimate that is known better, and exactly what both have in common
+            let (of_new, of_old) = (gain * told_j.transpose(), kept * told_j.transpose());
+            let (own, with_fused) = (&self.blocks[k * count + j], &mut self.with_fused[j]);
+            for (i, &is_better) in self.is_better.iter().enumerate() {
+                for l in 0..of_new.ncols() {
+                    with_fused[(i, l)] = if is_better {
+                        own[(i, l)] - of_old[(i, l)]
+                    } else {
+                        with_fused[(i, l)] + of_new[(i, l)]
+                    };
+                }
+            }
         }
     }
 }

@@ -1,0 +1,31 @@
+//! Location: a position at one instant from ranges, azimuths, elevations and range differences of
+//! several stations, some of them wrong.
+//!
+//! Azimuths turn clockwise from north; positions are local east, north and up in metres. With the
+//! whitened residuals `r_i = (z_i − h_i(p)) / σ_i` the estimate minimises `Σ ρ(r_i)`, where ρ is
+//! half the square, or Tukey's biweight from a start that survives faults.
+//!
+//! | part | what |
+//! |---|---|
+//! | `measurement` | predictions and their derivatives |
+//! | `small` | linear systems of two and three unknowns |
+//! | `candidates` | points that as many measurements as there are coordinates agree on |
+//! | `descent` | Gauss–Newton with Levenberg's safeguard |
+//! | `solver` | start, robust steps, other minima, covariance |
+//! | `lenth` | the estimators of Lenth (1981), for azimuths alone |
+
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
+mod candidates;
+mod descent;
+mod lenth;
+mod measurement;
+mod small;
+mod solver;
+
+pub use solver::{Fix, Instant, Locator, Method, Output, Problem, Workspace};
+
+/// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, and the
+/// differences of each station's range and that of the first.
+pub const KINDS: usize = 4;

@@ -1,0 +1,383 @@
+//! Points to start from: where as many measurements as there are coordinates agree.
+//!
+//! An azimuth, or an azimuth and an elevation of one station, are planes. With the range of one
+//! station, or with its difference to the first, other ranges are planes too: the squares of the
+//! coordinates cancel. So a point is where planes meet, or a line of planes and one sphere.
+
+use super::measurement::{Kind, Measurement};
+use super::small::{Matrix, Vector, dot, norm, roots, solve_line};
+use crate::angle::median;
+
+/// Points tried of each sort at most: more are drawn at random, always the same.
+const MOST: usize = 64;
+/// Ranges whose spheres lines are drawn through, at most.
+const SPHERES: usize = 8;
+/// Constants of Knuth's MMIX generator.
+const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
+const INCREMENT: u64 = 1_442_695_040_888_963_407;
+
+/// `normal · p = offset + slope · r0`, with r0 the range of the first station.
+#[derive(Clone, Copy, Debug)]
+struct Plane<const D: usize> {
+    normal: Vector<D>,
+    offset: f64,
+    slope: f64,
+}
+
+impl<const D: usize> Plane<D> {
+    /// Scaled to a normal of length 1.
+    fn new(normal: Vector<D>, offset: f64, slope: f64) -> Option<Self> {
+        let length = norm(&normal);
+        let valid = length > 0.0 && length.is_finite();
+        let scaled = |v: f64| v / length;
+        valid.then(|| Self {
+            normal: normal.map(scaled),
+            offset: offset / length,
+            slope: slope / length,
+        })
+    }
+
+    /// Through a point.
+    fn through(normal: Vector<D>, point: &Vector<D>) -> Option<Self> {
+        Self::new(normal, dot(&normal, point), 0.0)
+    }
+}
+
+/// What one station measured.
+#[derive(Clone, Copy, Debug)]
+struct Sight<const D: usize> {
+    index: usize,
+    station: Vector<D>,
+    range: Option<f64>,
+    /// Sine and cosine.
+    azimuth: Option<(f64, f64)>,
+    elevation: Option<(f64, f64)>,
+    difference: Option<f64>,
+}
+
+/// Buffers.
+#[derive(Debug)]
+pub(super) struct Candidates<const D: usize> {
+    sights: Vec<Sight<D>>,
+    planes: Vec<Plane<D>>,
+    coordinates: Vec<f64>,
+    pub points: Vec<Vector<D>>,
+}
+
+impl<const D: usize> Default for Candidates<D> {
+    fn default() -> Self {
+        Self { sights: Vec::new(), planes: Vec::new(), coordinates: Vec::new(), points: Vec::new() }
+    }
+}
+
+impl<const D: usize> Candidates<D> {
+    /// Takes the measurements, sorted by station.
+    pub fn read(&mut self, measurements: &[Measurement<D>]) {
+        self.sights.clear();
+        self.points.clear();
+        for m in measurements {
+            if self.sights.last().is_none_or(|sight| sight.index != m.index) {
+                self.sights.push(Sight {
+                    index: m.index,
+                    station: m.station,
+                    range: None,
+                    azimuth: None,
+                    elevation: None,
+                    difference: None,
+                });
+            }
+            if let Some(sight) = self.sights.last_mut() {
+                match m.kind {
+                    Kind::Range => sight.range = Some(m.value),
+                    Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
+                    Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
+                    Kind::RangeDifference => sight.difference = Some(m.value),
+                }
+            }
+        }
+    }
+
+    /// The fixes of single stations; true if every station makes one. O(K).
+    pub fn polar(&mut self) -> bool {
+        self.points.clear();
+        for sight in &self.sights {
+            let Some((point, _)) = sight.polar() else { continue };
+            self.points.push(point);
+        }
+        self.points.len() == self.sights.len()
+    }
+
+    /// The median of the stations' own fixes, coordinate by coordinate, where all of three or more
+    /// stations make one. O(K).
+    pub fn middle(&mut self) -> Option<Vector<D>> {
+        if !self.polar() || self.points.len() < 3 {
+            return None;
+        }
+        let Self { points, coordinates, .. } = self;
+        Some(std::array::from_fn(|i| {
+            coordinates.clear();
+            coordinates.extend(points.iter().map(|point| point[i]));
+            median(coordinates)
+        }))
+    }
+
+    /// Points of all sorts.
+    pub fn all(&mut self, extent: f64) {
+        self.polar();
+        self.planes.clear();
+        for sight in &self.sights {
+            self.planes.extend(sight.planes().into_iter().flatten());
+        }
+        let angles = self.planes.len();
+        self.meet(D, MOST, |planes, points| {
+            if let Some((point, _)) = meeting(planes) {
+                points.push(point);
+            }
+        });
+        self.spheres(angles);
+        self.hyperbolas(angles);
+        if self.points.is_empty() {
+            self.around(extent);
+        }
+        self.points.retain(|point| point.iter().all(|v| v.is_finite()));
+    }
+
+    /// Calls `make` with subsets of the planes.
+    fn meet(
+        &mut self,
+        size: usize,
+        most: usize,
+        mut make: impl FnMut(&[Plane<D>], &mut Vec<Vector<D>>),
+    ) {
+        let Self { planes, points, .. } = self;
+        for_each_subset(planes.len(), size, most, |indices| {
+            let mut subset = [Plane { normal: [0.0; D], offset: 0.0, slope: 0.0 }; D];
+            for (plane, &i) in subset.iter_mut().zip(indices) {
+                *plane = planes[i];
+            }
+            make(&subset[..size], points);
+        });
+    }
+
+    /// Lines of planes through the sphere of each range.
+    fn spheres(&mut self, angles: usize) {
+        let ranges = self.sights.iter().filter(|sight| sight.range.is_some()).count();
+        // a few spheres are enough
+        let every = ranges.div_ceil(SPHERES).max(1);
+        let most = MOST / ranges.clamp(1, SPHERES);
+        let mut number = 0;
+        for at in 0..self.sights.len() {
+            let sight = self.sights[at];
+            let Some(range) = sight.range else { continue };
+            number += 1;
+            if number % every != 0 {
+                continue;
+            }
+            self.planes.truncate(angles);
+            for other in &self.sights {
+                self.planes.extend(other.relative_to(&sight, range).into_iter().flatten());
+            }
+            self.meet(D - 1, most, |planes, points| {
+                let Some((u, v)) = line(planes) else { return };
+                let from: Vector<D> = std::array::from_fn(|i| u[i] - sight.station[i]);
+                let c = dot(&from, &from) - range * range;
+                for t in roots(dot(&v, &v), dot(&from, &v), c) {
+                    points.push(std::array::from_fn(|i| u[i] + v[i] * t));
+                }
+            });
+        }
+        self.planes.truncate(angles);
+    }
+
+    /// Planes that depend on the range of the first station, which is the origin.
+    fn hyperbolas(&mut self, angles: usize) {
+        for sight in &self.sights {
+            let Some(d) = sight.difference else { continue };
+            let s = &sight.station;
+            self.planes.extend(Plane::new(*s, 0.5 * (dot(s, s) - d * d), -d));
+        }
+        if self.planes.len() == angles {
+            return;
+        }
+        self.meet(D, MOST, |planes, points| {
+            let Some((u, v)) = meeting(planes) else { return };
+            if planes.iter().all(|plane| plane.slope == 0.0) {
+                return;
+            }
+            for t in roots(dot(&v, &v) - 1.0, dot(&u, &v), dot(&u, &u)) {
+                if t > 0.0 {
+                    points.push(std::array::from_fn(|i| u[i] + v[i] * t));
+                }
+            }
+        });
+    }
+
+    /// Points all around the stations, where nothing better is known.
+    fn around(&mut self, extent: f64) {
+        const FEW: usize = 8;
+        for sight in self.sights.iter().take(FEW) {
+            for distance in [0.3, 1.0, 3.0] {
+                let distance = sight.range.unwrap_or(distance * extent);
+                for code in 0..3_usize.pow(D as u32) {
+                    let mut direction = [0.0; D];
+                    let mut rest = code;
+                    for v in &mut direction {
+                        *v = (rest % 3) as f64 - 1.0;
+                        rest /= 3;
+                    }
+                    let length = norm(&direction);
+                    if length > 0.0 {
+                        let step = distance / length;
+                        let point = std::array::from_fn(|i| sight.station[i] + step * direction[i]);
+                        self.points.push(point);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<const D: usize> Sight<D> {
+    /// The point that a station's range, azimuth and (in space) elevation give.
+    fn polar(&self) -> Option<(Vector<D>, f64)> {
+        let (range, (sine, cosine)) = (self.range?, self.azimuth?);
+        let mut point = self.station;
+        let (up, level) = if D == 3 { self.elevation? } else { (0.0, 1.0) };
+        point[0] += range * level * sine;
+        point[1] += range * level * cosine;
+        if D == 3 {
+            point[2] += range * up;
+        }
+        Some((point, range))
+    }
+
+    /// The planes of the azimuth, and of the elevation with the azimuth or the range.
+    fn planes(&self) -> [Option<Plane<D>>; 2] {
+        let azimuth = self.azimuth.and_then(|(sine, cosine)| {
+            let mut normal = [0.0; D];
+            normal[0] = cosine;
+            normal[1] = -sine;
+            Plane::through(normal, &self.station)
+        });
+        let Some((up, level)) = self.elevation.filter(|_| D == 3) else { return [azimuth, None] };
+        let mut normal = [0.0; D];
+        let elevation = match (self.azimuth, self.range) {
+            (Some((sine, cosine)), _) => {
+                normal[0] = up * sine;
+                normal[1] = up * cosine;
+                normal[D - 1] = -level;
+                Plane::through(normal, &self.station)
+            }
+            (None, Some(range)) => {
+                normal[D - 1] = 1.0;
+                Plane::new(normal, self.station[D - 1] + range * up, 0.0)
+            }
+            (None, None) => None,
+        };
+        [azimuth, elevation]
+    }
+
+    /// Planes of this station's range and range difference, if the range of `other` is known.
+    fn relative_to(&self, other: &Self, range: f64) -> [Option<Plane<D>>; 2] {
+        let (s, o) = (&self.station, &other.station);
+        let spheres = self.range.filter(|_| self.index != other.index).and_then(|own| {
+            let normal = std::array::from_fn(|i| 2.0 * (o[i] - s[i]));
+            let squares = own * own - range * range + dot(o, o) - dot(s, s);
+            Plane::new(normal, squares, 0.0)
+        });
+        let difference = self
+            .difference
+            .filter(|_| other.index == 0)
+            .and_then(|d| Plane::new(*s, 0.5 * (dot(s, s) - d * d) - d * range, 0.0));
+        [spheres, difference]
+    }
+}
+
+/// The point `u + v r0` where D planes meet.
+fn meeting<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)> {
+    let mut n: Matrix<D> = [[0.0; D]; D];
+    let (mut a, mut b) = ([0.0; D], [0.0; D]);
+    for (i, plane) in planes.iter().enumerate() {
+        (n[i], a[i], b[i]) = (plane.normal, plane.offset, plane.slope);
+    }
+    solve_line(n, a, b)
+}
+
+/// The line `u + v t` where D − 1 planes meet.
+fn line<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)> {
+    let mut all = [Plane { normal: [0.0; D], offset: 0.0, slope: 0.0 }; D];
+    all[..D - 1].copy_from_slice(planes);
+    let a = planes[0].normal;
+    let mut along = [0.0; D];
+    if D == 2 {
+        along[0] = -a[1];
+        along[1] = a[0];
+    } else {
+        let b = planes[D - 2].normal;
+        for i in 0..D {
+            let (j, k) = ((i + 1) % D, (i + 2) % D);
+            along[i] = a[j] * b[k] - a[k] * b[j];
+        }
+    }
+    all[D - 1] = Plane::new(along, 0.0, 0.0)?;
+    all[D - 1].slope = 1.0;
+    meeting(&all)
+}
+
+/// Visits all subsets of so many of `n`, or `most` random ones.
+fn for_each_subset(n: usize, size: usize, most: usize, mut visit: impl FnMut(&[usize])) {
+    if n < size {
+        return;
+    }
+    let count = (0..size).fold(1, |count: usize, i| count.saturating_mul(n - i) / (i + 1));
+    let mut indices = [0, 1, 2];
+    if count <= most {
+        loop {
+            visit(&indices[..size]);
+            let Some(i) = (0..size).rev().find(|&i| indices[i] < n - size + i) else { return };
+            indices[i] += 1;
+            for k in i + 1..size {
+                indices[k] = indices[k - 1] + 1;
+            }
+        }
+    }
+    let mut state = INCREMENT;
+    let mut draw = || {
+        state = state.wrapping_mul(MULTIPLIER).wrapping_add(INCREMENT);
+        ((state >> 33) as usize) % n
+    };
+    let mut visited = 0;
+    while visited < most {
+        for index in &mut indices[..size] {
+            *index = draw();
+        }
+        let distinct = (1..size).all(|i| !indices[..i].contains(&indices[i]));
+        if distinct {
+            visit(&indices[..size]);
+            visited += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_subset_once() {
+        for (n, size, count) in [(4, 2, 6), (5, 3, 10), (3, 3, 1), (6, 1, 6), (2, 3, 0)] {
+            let mut seen = Vec::new();
+            for_each_subset(n, size, MOST, |indices| seen.push(indices.to_vec()));
+            assert_eq!(seen.len(), count);
+            seen.dedup();
+            assert_eq!(seen.len(), count);
+            assert!(seen.iter().flatten().all(|&i| i < n));
+        }
+        let mut visited = 0;
+        for_each_subset(100, 3, MOST, |indices| {
+            visited += 1;
+            assert!(indices[0] != indices[1] && indices[1] != indices[2]);
+        });
+        assert_eq!(visited, MOST);
+    }
+}

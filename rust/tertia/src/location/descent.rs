@@ -1,0 +1,183 @@
+//! Gauss–Newton on weighted, whitened residuals, with Levenberg's safeguard.
+
+use super::measurement::{Measurement, Row};
+use super::small::{Factor, Matrix, Vector, norm, quadratic};
+
+/// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
+pub(super) const HUBER: f64 = 1.345;
+pub(super) const TUKEY: f64 = 4.685;
+/// Damping where a step fails for the first time, what it grows by, and the largest.
+const FIRST_DAMPING: f64 = 1e-3;
+const GROWTH: f64 = 10.0;
+const LARGEST_DAMPING: f64 = 1e12;
+/// An increase of the cost that may be rounding.
+const ROUNDING: f64 = 1e-12;
+/// Farther than so many extents of the problem nothing converges any more.
+const FAR: f64 = 1e6;
+
+/// What a residual costs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Loss {
+    /// `u²/2`
+    Square,
+    /// `u²/2` up to c, linear beyond.
+    Huber(f64),
+    /// `c²/6 (1 − (1 − (u/c)²)³)` up to c, constant beyond.
+    Tukey(f64),
+}
+
+impl Loss {
+    /// Weight `ψ(u)/u`, cost `ρ(u)` and `ψ'(u)`.
+    #[inline]
+    pub fn at(self, u: f64) -> (f64, f64, f64) {
+        match self {
+            Self::Square => (1.0, 0.5 * u * u, 1.0),
+            Self::Huber(c) if u.abs() <= c => (1.0, 0.5 * u * u, 1.0),
+            // as if it were its own weight: steps are shorter, and never fail
+            Self::Huber(c) => (c / u.abs(), c * (u.abs() - 0.5 * c), c / u.abs()),
+            Self::Tukey(c) => {
+                let q = (u / c).powi(2);
+                let rest = if q < 1.0 { 1.0 - q } else { 0.0 };
+                let cost = c * c / 6.0 * (1.0 - rest * rest * rest);
+                (rest * rest, cost, rest * (1.0 - 5.0 * q))
+            }
+        }
+    }
+}
+
+/// `J^T W J`, `J^T W r` and the cost at a position.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Normal<const D: usize> {
+    pub matrix: Matrix<D>,
+    /// The same with ψ' in place of the weights.
+    curvature: Matrix<D>,
+    pub vector: Vector<D>,
+    pub cost: f64,
+}
+
+/// How a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// At a minimum.
+    Converged,
+    /// After all its steps.
+    Moving,
+    /// Where the measurements do not tell in which direction to go.
+    Singular,
+    /// Far away.
+    Diverged,
+}
+
+/// The measurements of an instant and the size of their geometry.
+pub(super) struct Problem<'a, const D: usize> {
+    pub measurements: &'a [Measurement<D>],
+    pub extent: f64,
+}
+
+impl<const D: usize> Problem<'_, D> {
+    /// The normal equations. O(M).
+    pub fn normal(&self, p: &Vector<D>, loss: Loss, scale: f64) -> Normal<D> {
+        let zero = [[0.0; D]; D];
+        let mut normal = Normal { matrix: zero, curvature: zero, vector: [0.0; D], cost: 0.0 };
+        let reciprocal = 1.0 / scale;
+        for measurement in self.measurements {
+            let Row { residual, gradient } = measurement.row(p);
+            let u = residual * reciprocal;
+            let (weight, cost, curvature) = loss.at(u);
+            normal.cost += cost;
+            if weight == 0.0 {
+                continue;
+            }
+            let gradient = gradient.map(|v| v * reciprocal);
+            for i in 0..D {
+                normal.vector[i] += weight * u * gradient[i];
+                for j in 0..=i {
+                    let product = gradient[i] * gradient[j];
+                    normal.matrix[i][j] += weight * product;
+                    normal.curvature[i][j] += curvature * product;
+                }
+            }
+        }
+        for i in 0..D {
+            for j in 0..i {
+                normal.matrix[j][i] = normal.matrix[i][j];
+                normal.curvature[j][i] = normal.curvature[i][j];
+            }
+        }
+        normal
+    }
+
+    /// The cost alone. O(M).
+    pub fn cost(&self, p: &Vector<D>, loss: Loss, scale: f64) -> f64 {
+        let reciprocal = 1.0 / scale;
+        let cost = |m: &Measurement<D>| loss.at(m.row(p).residual * reciprocal).1;
+        self.measurements.iter().map(cost).sum()
+    }
+
+    /// Goes downhill until a step is shorter than `tolerance` standard deviations.
+    ///
+    /// A step is Newton's with ψ', then that with weights, then shorter ones of that.
+    pub fn descend(
+        &self,
+        p: &mut Vector<D>,
+        loss: Loss,
+        scale: f64,
+        steps: usize,
+        tolerance: f64,
+    ) -> (End, Normal<D>) {
+        let mut normal = self.normal(p, loss, scale);
+        let newton = matches!(loss, Loss::Tukey(_));
+        let mut damping = 0.0;
+        for _ in 0..steps {
+            let first = if newton { Factor::try_new(&normal.curvature, 0.0) } else { None };
+            let taken = first.and_then(|factor| self.step(p, &factor, &normal, loss, scale).ok());
+            let (trial, next, size) = match taken {
+                Some(taken) => taken,
+                None => loop {
+                    if let Some(factor) = Factor::try_new(&normal.matrix, damping) {
+                        match self.step(p, &factor, &normal, loss, scale) {
+                            Ok(taken) => break taken,
+                            // what is left is rounding
+                            Err(size) if size <= tolerance * tolerance => {
+                                return (End::Converged, normal);
+                            }
+                            Err(_) => {}
+                        }
+                    }
+                    damping = if damping == 0.0 { FIRST_DAMPING } else { damping * GROWTH };
+                    if damping > LARGEST_DAMPING {
+                        let regular = Factor::try_new(&normal.matrix, 0.0).is_some();
+                        return (if regular { End::Converged } else { End::Singular }, normal);
+                    }
+                },
+            };
+            (*p, normal) = (trial, next);
+            damping = if damping <= FIRST_DAMPING { 0.0 } else { damping / GROWTH };
+            if norm(p) > FAR * self.extent {
+                return (End::Diverged, normal);
+            }
+            if size <= tolerance * tolerance {
+                return (End::Converged, normal);
+            }
+        }
+        (End::Moving, normal)
+    }
+
+    /// A step that does not go uphill: where it leads, the normal equations there, and its square
+    /// in standard deviations. Otherwise that square alone.
+    fn step(
+        &self,
+        p: &Vector<D>,
+        factor: &Factor<D>,
+        normal: &Normal<D>,
+        loss: Loss,
+        scale: f64,
+    ) -> Result<(Vector<D>, Normal<D>, f64), f64> {
+        let step = factor.solve(&normal.vector);
+        let size = quadratic(&normal.matrix, &step);
+        let trial = std::array::from_fn(|i| p[i] + step[i]);
+        let next = self.normal(&trial, loss, scale);
+        let down = next.cost <= normal.cost * (1.0 + ROUNDING) + f64::MIN_POSITIVE;
+        if down { Ok((trial, next, size)) } else { Err(size) }
+    }
+}

@@ -1,0 +1,178 @@
+//! One measurement of a station: what a position predicts, and how that changes with it.
+
+use super::small::{Vector, dot, norm};
+
+/// Beyond this tangent the library's arctangent takes over.
+const SMALL_TANGENT: f64 = 0.1;
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Range,
+    Azimuth,
+    Elevation,
+    /// A station's range less that of the first station, which is the origin.
+    RangeDifference,
+}
+
+impl Kind {
+    pub const ALL: [Self; super::KINDS] =
+        [Self::Range, Self::Azimuth, Self::Elevation, Self::RangeDifference];
+
+    pub fn is_angle(self) -> bool {
+        matches!(self, Self::Azimuth | Self::Elevation)
+    }
+}
+
+/// A measured number, its station (relative to the first one) and its standard deviation.
+#[derive(Clone, Debug)]
+pub(super) struct Measurement<const D: usize> {
+    pub kind: Kind,
+    /// Index of the station.
+    pub index: usize,
+    pub station: Vector<D>,
+    pub value: f64,
+    /// 1/σ
+    pub precision: f64,
+    pub sine: f64,
+    pub cosine: f64,
+}
+
+/// A whitened residual, measured less predicted, and the derivatives of the whitened prediction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row<const D: usize> {
+    pub residual: f64,
+    pub gradient: Vector<D>,
+}
+
+impl<const D: usize> Measurement<D> {
+    pub fn new(kind: Kind, index: usize, station: Vector<D>, value: f64, sigma: f64) -> Self {
+        let (sine, cosine) = if kind.is_angle() { value.sin_cos() } else { (0.0, 0.0) };
+        Self { kind, index, station, value, precision: 1.0 / sigma, sine, cosine }
+    }
+
+    /// Residual and gradient at a position relative to the first station.
+    #[inline(always)]
+    pub fn row(&self, p: &Vector<D>) -> Row<D> {
+        let mut d = *p;
+        for i in 0..D {
+            d[i] -= self.station[i];
+        }
+        match self.kind {
+            Kind::Range => self.range(&d),
+            Kind::Azimuth => self.azimuth(&d),
+            Kind::Elevation => self.elevation(&d),
+            Kind::RangeDifference => self.range_difference(&d, p),
+        }
+    }
+
+    #[inline]
+    fn range(&self, d: &Vector<D>) -> Row<D> {
+        let range = norm(d);
+        let scale = self.precision / range;
+        Row { residual: (self.value - range) * self.precision, gradient: d.map(|v| v * scale) }
+    }
+
+    #[inline]
+    fn range_difference(&self, d: &Vector<D>, p: &Vector<D>) -> Row<D> {
+        let (range, first) = (norm(d), norm(p));
+        // (r² − r0²) / (r + r0) cancels less than r − r0 where the target is far away
+        let station = &self.station;
+        let difference = (dot(station, station) - 2.0 * dot(station, p)) / (range + first);
+        let mut gradient = [0.0; D];
+        for i in 0..D {
+            gradient[i] = (d[i] / range - p[i] / first) * self.precision;
+        }
+        Row { residual: (self.value - difference) * self.precision, gradient }
+    }
+
+    /// The residual by way of sine and cosine of the difference, so that it is wrapped.
+    #[inline]
+    fn azimuth(&self, d: &Vector<D>) -> Row<D> {
+        let [east, north] = [d[0], d[1]];
+        let squared = east * east + north * north;
+        let sine = east * self.cosine - north * self.sine;
+        let cosine = east * self.sine + north * self.cosine;
+        let scale = self.precision / squared;
+        let mut gradient = [0.0; D];
+        gradient[0] = north * scale;
+        gradient[1] = -east * scale;
+        Row { residual: -angle(sine, cosine) * self.precision, gradient }
+    }
+
+    #[inline]
+    fn elevation(&self, d: &Vector<D>) -> Row<D> {
+        let [east, north, up] = [d[0], d[1], d[D - 1]];
+        let horizontal = (east * east + north * north).sqrt();
+        let squared = horizontal * horizontal + up * up;
+        let sine = up * self.cosine - horizontal * self.sine;
+        let cosine = up * self.sine + horizontal * self.cosine;
+        let scale = self.precision / squared;
+        let tilt = -up / horizontal * scale;
+        let mut gradient = [0.0; D];
+        gradient[0] = east * tilt;
+        gradient[1] = north * tilt;
+        gradient[D - 1] = horizontal * scale;
+        Row { residual: -angle(sine, cosine) * self.precision, gradient }
+    }
+
+    /// Whether the direction to a position is lost: it is at the station, or straight above.
+    pub fn is_blind(&self, p: &Vector<D>, near: f64) -> bool {
+        let mut squared = 0.0;
+        let axes = if self.kind.is_angle() { 2 } else { D };
+        for i in 0..axes {
+            squared += (p[i] - self.station[i]).powi(2);
+        }
+        let first = self.kind == Kind::RangeDifference && norm(p) <= near;
+        first || squared.sqrt() <= near
+    }
+}
+
+/// `atan2(sine, cosine)`, by its series near zero: four times as fast as the library's.
+#[inline]
+fn angle(sine: f64, cosine: f64) -> f64 {
+    if sine.abs() <= SMALL_TANGENT * cosine {
+        let t = sine / cosine;
+        let s = t * t;
+        let mut sum = 0.0;
+        for k in (1..9_u8).rev() {
+            sum = s * (1.0 / f64::from(2 * k + 1) - sum);
+        }
+        return t - t * sum;
+    }
+    sine.atan2(cosine)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_series_is_the_arctangent() {
+        for i in -100_i32..=100 {
+            let t = f64::from(i) * 1e-3;
+            let (sine, cosine) = t.atan().sin_cos();
+            assert!((angle(sine, cosine) - sine.atan2(cosine)).abs() <= 3e-17, "{t}");
+        }
+        assert_eq!(angle(0.0, -1.0), std::f64::consts::PI);
+    }
+
+    #[test]
+    fn gradients_are_differences() {
+        let p = [300.0, -200.0, 150.0];
+        let station = [40.0, 70.0, -20.0];
+        for kind in Kind::ALL {
+            let measurement = Measurement::new(kind, 1, station, 0.5, 0.1);
+            let row = measurement.row(&p);
+            for i in 0..3 {
+                let shifted = |by: f64| {
+                    let mut q = p;
+                    q[i] += by;
+                    measurement.row(&q).residual
+                };
+                let slope = (shifted(-1e-3) - shifted(1e-3)) / 2e-3;
+                assert!((slope - row.gradient[i]).abs() < 1e-7 * (1.0 + slope.abs()), "{kind:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! Linear systems of two and three unknowns, on the stack.
+
+/// Share of a diagonal element that the components before must leave in a regular matrix: their
+/// directions differ by 1e-6 or more.
+const REGULAR: f64 = 1e-12;
+
+/// Smallest pivot of rows of length 1 that are not parallel.
+const PARALLEL: f64 = 1e-9;
+
+pub(super) type Matrix<const D: usize> = [[f64; D]; D];
+pub(super) type Vector<const D: usize> = [f64; D];
+
+pub(super) fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..D {
+        sum += a[i] * b[i];
+    }
+    sum
+}
+
+pub(super) fn norm<const D: usize>(a: &Vector<D>) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// `x^T A x`
+pub(super) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..D {
+        sum += x[i] * dot(&a[i], x);
+    }
+    sum
+}
+
+/// The Cholesky factor of a symmetric matrix with a unit diagonal, after scaling.
+pub(super) struct Factor<const D: usize> {
+    lower: Matrix<D>,
+    scale: Vector<D>,
+}
+
+impl<const D: usize> Factor<D> {
+    /// Factorises `A + damping diag A`; `None` where it is singular to working precision.
+    pub fn try_new(a: &Matrix<D>, damping: f64) -> Option<Self> {
+        let mut scale = [0.0; D];
+        for i in 0..D {
+            if a[i][i] <= 0.0 || !a[i][i].is_finite() {
+                return None;
+            }
+            scale[i] = 1.0 / a[i][i].sqrt();
+        }
+        let mut lower = [[0.0; D]; D];
+        for i in 0..D {
+            for j in 0..i {
+                let mut sum = a[i][j] * scale[i] * scale[j];
+                for k in 0..j {
+                    sum -= lower[i][k] * lower[j][k];
+                }
+                lower[i][j] = sum / lower[j][j];
+            }
+            let mut pivot = 1.0 + damping;
+            for k in 0..i {
+                pivot -= lower[i][k] * lower[i][k];
+            }
+            if pivot.is_nan() || pivot <= REGULAR {
+                return None;
+            }
+            lower[i][i] = pivot.sqrt();
+        }
+        Some(Self { lower, scale })
+    }
+
+    /// `A^-1 b`
+    pub fn solve(&self, b: &Vector<D>) -> Vector<D> {
+        let mut x = [0.0; D];
+        for i in 0..D {
+            let mut sum = b[i] * self.scale[i];
+            for k in 0..i {
+                sum -= self.lower[i][k] * x[k];
+            }
+            x[i] = sum / self.lower[i][i];
+        }
+        for i in (0..D).rev() {
+            let mut sum = x[i];
+            for k in i + 1..D {
+                sum -= self.lower[k][i] * x[k];
+            }
+            x[i] = sum / self.lower[i][i];
+        }
+        for i in 0..D {
+            x[i] *= self.scale[i];
+        }
+        x
+    }
+
+    /// `A^-1`, symmetric to the last bit.
+    pub fn inverse(&self) -> Matrix<D> {
+        let mut inverse = [[0.0; D]; D];
+        for j in 0..D {
+            let mut unit = [0.0; D];
+            unit[j] = 1.0;
+            let column = self.solve(&unit);
+            for i in 0..=j {
+                inverse[i][j] = column[i];
+                inverse[j][i] = column[i];
+            }
+        }
+        inverse
+    }
+}
+
+/// Solves `N p = a + b t` for a regular N by elimination with pivots: `p = u + v t`.
+pub(super) fn solve_line<const D: usize>(
+    mut n: Matrix<D>,
+    mut a: Vector<D>,
+    mut b: Vector<D>,
+) -> Option<(Vector<D>, Vector<D>)> {
+    for column in 0..D {
+        let mut pivot = column;
+        for row in column + 1..D {
+            if n[row][column].abs() > n[pivot][column].abs() {
+                pivot = row;
+            }
+        }
+        if n[pivot][column].is_nan() || n[pivot][column].abs() <= PARALLEL {
+            return None;
+        }
+        n.swap(column, pivot);
+        a.swap(column, pivot);
+        b.swap(column, pivot);
+        for row in column + 1..D {
+            let factor = n[row][column] / n[column][column];
+            for k in column..D {
+                n[row][k] -= factor * n[column][k];
+            }
+            a[row] -= factor * a[column];
+            b[row] -= factor * b[column];
+        }
+    }
+    for i in (0..D).rev() {
+        for k in i + 1..D {
+            a[i] -= n[i][k] * a[k];
+            b[i] -= n[i][k] * b[k];
+        }
+        a[i] /= n[i][i];
+        b[i] /= n[i][i];
+    }
+    Some((a, b))
+}
+
+/// Real roots of `a t² + 2 b t + c`; where there are none, the place nearest to zero, twice.
+pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
+    let discriminant = b * b - a * c;
+    if discriminant.is_nan() || discriminant <= 0.0 {
+        return [-b / a; 2];
+    }
+    let q = -(b + discriminant.sqrt().copysign(b));
+    [q / a, c / q]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_times_the_matrix_is_the_identity() {
+        let a = [[4e6, 1e3, 2.0], [1e3, 2.0, 1e-3], [2.0, 1e-3, 3e-6]];
+        let inverse = Factor::try_new(&a, 0.0).unwrap().inverse();
+        for i in 0..3 {
+            for j in 0..3 {
+                let product: f64 = (0..3).map(|k| inverse[i][k] * a[k][j]).sum();
+                let scale = (a[j][j] / a[i][i]).sqrt();
+                assert!((product - f64::from(u8::from(i == j))).abs() <= 1e-14 * scale);
+            }
+        }
+        assert!(Factor::try_new(&[[1.0, 2.0], [2.0, 4.0]], 0.0).is_none());
+        assert!(Factor::try_new(&[[1.0, f64::NAN], [f64::NAN, 4.0]], 0.0).is_none());
+    }
+
+    #[test]
+    fn a_line_of_solutions() {
+        let (u, v) = solve_line([[0.0, 1.0], [0.6, 0.8]], [2.0, 1.0], [0.0, 3.0]).unwrap();
+        assert!((u[0] + 1.0).abs() < 1e-15 && (u[1] - 2.0).abs() < 1e-15);
+        assert!((v[0] - 5.0).abs() < 1e-15 && v[1].abs() < 1e-15);
+        assert!(solve_line([[0.0, 1.0], [0.0, -1.0]], [1.0; 2], [0.0; 2]).is_none());
+    }
+
+    #[test]
+    fn roots_do_not_cancel() {
+        let [x, y] = roots(1.0, -1e9, 1.0);
+        assert!((x - 2e9).abs() < 1.0 && (y * 2e9 - 1.0).abs() < 1e-12);
+        assert_eq!(roots(1.0, 1.0, 5.0), [-1.0, -1.0]);
+    }
+}

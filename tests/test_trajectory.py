@@ -1,0 +1,491 @@
+"""Trajectories against truth, the source's table, and what the measurements cannot tell."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+from tolerances import CHANCE
+
+from tertia.location import Station
+from tertia.trajectory import Trajectory, reconstruct
+
+PLACES = np.array([[1.0, 1000.0, 2.0], [2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0]])
+SIGMA_R, SIGMA_A = 10.0, np.deg2rad(0.3)
+SIGMAS = {"range": SIGMA_R, "azimuth": SIGMA_A, "elevation": SIGMA_A}
+KINDS = tuple(SIGMAS)
+INSTANTS = np.arange(60.0)
+JERK = 1e-3
+RUNS = 60
+BIASES = {
+    "range": np.array([20.0, -15.0, 5.0]),
+    "azimuth": np.deg2rad([0.3, -0.5, 0.1]),
+    "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
+}
+# the source's figure 2: the instants, and what the only station measured
+SOURCE_I = np.arange(47, 57)
+SOURCE_STATION = np.array([1.0, 1000.0, 2.0])
+SOURCE_SIGMA = 50.0
+IDEAL_R = [
+    1174.0134, 1149.3656, 1131.257, 1121.334, 1120.7431,
+    1131.1618, 1155.9935, 1201.6753, 1278.9189, 1403.3963,
+]  # fmt: skip
+REAL_R = [
+    1188.856, 1141.1088, 1114.3564, 1335.2803, 778.8312,
+    1379.6484, 1160.9711, 1162.57, 1236.0229, 1444.4121,
+]  # fmt: skip
+BOTH_ORDERS = pytest.mark.parametrize("order", ["spatial-first", "temporal-first"])
+BOTH_SMOOTHERS = pytest.mark.parametrize("smoother", ["rts", "local-polynomial"])
+BOTH_SPATIAL = pytest.mark.parametrize("spatial", ["robust", "least-squares"])
+
+
+def network(places=PLACES, range_sigma=SIGMA_R):
+    """Return stations; places are (K, D) or, for moving ones, (N, K, D)."""
+    return [
+        Station(
+            places[..., k, :],
+            range_sigma=range_sigma,
+            azimuth_sigma=SIGMA_A,
+            elevation_sigma=SIGMA_A,
+        )
+        for k in np.arange(places.shape[-2])
+    ]
+
+
+def restless(rng, times=INSTANTS, jerk=JERK):
+    """Return positions, velocities and accelerations of a target with white jerk."""
+    t = times[1] - times[0]
+    transition = np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]])
+    noise = jerk * np.array(
+        [
+            [t**5 / 20, t**4 / 8, t**3 / 6],
+            [t**4 / 8, t**3 / 3, t**2 / 2],
+            [t**3 / 6, t**2 / 2, t],
+        ]
+    )
+    root = np.linalg.cholesky(noise)
+    states = np.zeros((len(times), 3, 3))
+    states[0] = [[600, 1000, 600], [15, 8, 2], [0, 0.3, 0]]
+    for i in np.arange(1, len(times)):
+        states[i] = transition @ states[i - 1] + root @ rng.standard_normal((3, 3))
+    return states[:, 0], states[:, 1], states[:, 2]
+
+
+def turn(times, rate=0.02, speed=15.0):
+    """Return a smooth turn: positions, velocities and accelerations."""
+    phase = rate * times
+    radius = speed / rate
+    east = radius * np.sin(phase), speed * np.cos(phase), -speed * rate * np.sin(phase)
+    north = -radius * np.cos(phase), speed * np.sin(phase), speed * rate * np.cos(phase)
+    up = 300 + 2 * times, 2 + 0 * times, 0 * times
+    states = [np.column_stack(axes) for axes in zip(east, north, up, strict=True)]
+    states[0] += [300, 1500 + radius, 0]
+    return tuple(states)
+
+
+def ideal(position, places=PLACES):
+    offset = position[:, np.newaxis] - places
+    return {
+        "range": np.linalg.norm(offset, axis=-1),
+        "azimuth": np.arctan2(offset[..., 0], offset[..., 1]),
+        "elevation": np.arctan2(offset[..., 2], np.hypot(offset[..., 0], offset[..., 1])),
+    }
+
+
+def measure(position, rng, places=PLACES, biases=None, range_sigma=SIGMA_R):
+    sigmas = {**SIGMAS, "range": range_sigma}
+    return {
+        kind: values
+        + sigmas[kind] * rng.standard_normal(values.shape)
+        + (0.0 if biases is None else biases[kind])
+        for kind, values in ideal(position, places).items()
+    }
+
+
+def nees(track, truth):
+    """Return the mean normalised squared error of positions, velocities and accelerations."""
+    d = track.position.shape[-1]
+    told = []
+    for i, (estimate, true) in enumerate(
+        zip((track.position, track.velocity, track.acceleration), truth, strict=True)
+    ):
+        at = slice(i * d, (i + 1) * d)
+        error = estimate - true
+        solved = np.linalg.solve(track.covariance[:, at, at], error[..., np.newaxis])[..., 0]
+        told.append(np.mean(np.sum(error * solved, axis=-1)) / d)
+    return np.array(told)
+
+
+def rmse(track, truth):
+    return np.sqrt(np.mean(np.sum((track.position - truth[0]) ** 2, axis=-1)))
+
+
+def check(track, truth, measured):
+    """Check what holds for every trajectory."""
+    n, d = truth[0].shape
+    assert track.covariance.shape == (n, 3 * d, 3 * d)
+    np.testing.assert_allclose(track.covariance, np.swapaxes(track.covariance, -1, -2), rtol=1e-9)
+    for kind in KINDS:
+        residual, outlier = getattr(track.residuals, kind), getattr(track.outliers, kind)
+        if kind not in measured:
+            assert residual is None
+            assert outlier is None
+            continue
+        assert residual.shape == outlier.shape == measured[kind].shape
+        missing = np.isnan(measured[kind]) | np.isnan(track.position[:, :1])
+        np.testing.assert_array_equal(np.isnan(residual), missing)
+        assert track.statistics[kind].shape == (measured[kind].shape[1], 3)
+    assert track.residuals.range_difference is None
+
+
+@BOTH_SPATIAL
+def test_the_covariance_is_honest(spatial):
+    stations = network()
+    told = []
+    for run in np.arange(RUNS):
+        rng = np.random.default_rng([1, run])
+        truth = restless(rng)
+        measured = measure(truth[0], rng)
+        told.append(
+            nees(reconstruct(stations, INSTANTS, **measured, spatial=spatial, jerk=JERK), truth)
+        )
+    mean, error = np.mean(told, axis=0), np.std(told, axis=0) / np.sqrt(RUNS)
+    assert np.all(np.abs(mean - 1) < stats.norm.isf(CHANCE / 6) * error)
+    assert np.all(error < 0.05)
+
+
+@BOTH_SPATIAL
+def test_biases_and_the_trajectory_are_as_close_as_they_say(spatial):
+    stations = network()
+    errors, told = [], []
+    for run in np.arange(RUNS):
+        rng = np.random.default_rng([2, run])
+        truth = restless(rng)
+        measured = measure(truth[0], rng, biases=BIASES)
+        track = reconstruct(
+            stations, INSTANTS, **measured, biases=KINDS, spatial=spatial, jerk=JERK
+        )
+        errors.append(
+            np.concatenate(
+                [
+                    (getattr(track.bias, kind) - BIASES[kind]) / getattr(track.bias_sigma, kind)
+                    for kind in KINDS
+                ]
+            )
+        )
+        told.append(nees(track, truth)[0])
+    squares = np.mean(np.square(errors), axis=0)
+    bounds = stats.chi2.ppf([CHANCE / 18, 1 - CHANCE / 18], RUNS) / RUNS
+    assert np.all((bounds[0] < squares) & (squares < bounds[1]))
+    limit = stats.norm.isf(CHANCE / 18) / np.sqrt(RUNS)
+    assert np.all(np.abs(np.mean(errors, axis=0)) < limit)
+    assert abs(np.mean(told) - 1) < stats.norm.isf(CHANCE / 2) * np.std(told) / np.sqrt(RUNS)
+
+
+def test_biases_that_are_not_removed_are_seen():
+    rng = np.random.default_rng(3)
+    truth = restless(rng)
+    measured = measure(truth[0], rng, biases=BIASES)
+    plain = reconstruct(network(), INSTANTS, **measured)
+    better = reconstruct(network(), INSTANTS, **measured, biases=KINDS)
+    assert plain.bias is None
+    assert nees(plain, truth)[0] > 3
+    assert rmse(better, truth) < rmse(plain, truth)
+    assert np.ptp(plain.statistics["range"][:, 1]) > 5 * np.ptp(better.statistics["range"][:, 1])
+    np.testing.assert_array_equal(better.times, INSTANTS)
+    assert better.bias.range_difference is None
+
+
+def test_faults_do_not_hide_biases():
+    rng = np.random.default_rng(4)
+    truth = restless(rng)
+    measured = measure(truth[0], rng, biases=BIASES)
+    measured["range"][20:26, 1] += 200
+    track = reconstruct(network(), INSTANTS, **measured, biases=("range",))
+    assert track.outliers.range[20:26, 1].all()
+    assert track.bias.azimuth is None
+
+
+@pytest.mark.parametrize("biases", [("azimuth",), KINDS])
+def test_one_station_does_not_tell_its_biases(biases):
+    rng = np.random.default_rng(5)
+    measured = measure(turn(INSTANTS)[0], rng, PLACES[:1])
+    named = ", ".join(f"{kind} of station 0" for kind in biases)
+    with pytest.raises(ValueError, match=f"^biases of {named} are not observable"):
+        reconstruct(network(PLACES[:1]), INSTANTS, **measured, biases=biases)
+
+
+@pytest.mark.parametrize("n", [60, 1000])
+def test_a_target_that_stands_still_does_not_tell_all_biases(n):
+    # errors of the positions move the geometry, from which nothing may follow
+    rng = np.random.default_rng(6)
+    still = np.broadcast_to([600.0, 1000.0, 300.0], (n, 3))
+    with pytest.raises(ValueError, match="are not observable"):
+        reconstruct(network(), np.arange(n), **measure(still, rng), biases=KINDS)
+    one = reconstruct(network(), np.arange(n), **measure(still, rng), biases=("range",))
+    assert np.all(np.abs(one.bias.range) < 4 * one.bias_sigma.range)
+
+
+def test_biases_of_stations_that_measured_nothing_are_unknown():
+    rng = np.random.default_rng(7)
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], rng)
+    measured["elevation"][:, 2] = np.nan
+    track = reconstruct(network(), INSTANTS, **measured, biases=("elevation",))
+    np.testing.assert_array_equal(np.isnan(track.bias.elevation), [False, False, True])
+    np.testing.assert_array_equal(np.isinf(track.bias_sigma.elevation), [False, False, True])
+    check(track, truth, measured)
+
+
+def test_temporal_first_is_honest_on_long_tracks():
+    times = np.arange(300.0)
+    told = []
+    for run in np.arange(20):
+        rng = np.random.default_rng([8, run])
+        truth = restless(rng, times, 1e-4)
+        measured = measure(truth[0], rng)
+        told.append(nees(reconstruct(network(), times, **measured, order="temporal-first"), truth))
+    mean, error = np.mean(told, axis=0), np.std(told, axis=0) / np.sqrt(20)
+    assert abs(mean[0] - 1) < stats.norm.isf(CHANCE / 2) * error[0]
+    # ranges and angles are not driven by white jerk: of derivatives it is an upper bound
+    assert np.all(mean[1:] < 1.1)
+    assert np.all(mean[1:] > 0.3)
+
+
+@BOTH_ORDERS
+@BOTH_SMOOTHERS
+@pytest.mark.parametrize("moving", [False, True])
+def test_without_noise_everything_comes_back(order, smoother, moving):
+    times = np.arange(0.0, 30.0, 0.25)
+    truth = turn(times)
+    places = PLACES
+    if moving:
+        paths = [
+            [5 * np.sin(0.1 * times), 0 * times, 0 * times],
+            [-4 * times, 3 * times, 0 * times],
+        ]
+        paths.append([0 * times, -2 * times + 0.05 * times**2, 0.5 * times])
+        places = PLACES + np.moveaxis(np.array(paths), -1, 0)
+    measured = ideal(truth[0], places)
+    sharp = [
+        Station(places[..., k, :], range_sigma=1e-2, azimuth_sigma=1e-5, elevation_sigma=1e-5)
+        for k in np.arange(3)
+    ]
+    track = reconstruct(
+        sharp, times, **measured, order=order, smoother=smoother, degree=3, window=7
+    )
+    np.testing.assert_allclose(track.position, truth[0], atol=1e-2)
+    inside = slice(10, -10)
+    np.testing.assert_allclose(track.velocity[inside], truth[1][inside], atol=1e-2)
+    np.testing.assert_allclose(track.acceleration[inside], truth[2][inside], atol=2e-2)
+    check(track, truth, measured)
+    assert isinstance(track, Trajectory)
+
+
+@BOTH_ORDERS
+@BOTH_SMOOTHERS
+def test_smoothing_is_better_than_single_instants(order, smoother):
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(9))
+    track = reconstruct(network(), INSTANTS, **measured, order=order, smoother=smoother)
+    single = reconstruct(network(), INSTANTS, **measured).fixes
+    error = np.sqrt(np.mean(np.sum((single.position - truth[0]) ** 2, axis=-1)))
+    assert rmse(track, truth) < 0.6 * error
+    check(track, truth, measured)
+
+
+def test_a_run_of_faults_is_removed_in_space():
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(10))
+    faulty = {kind: values.copy() for kind, values in measured.items()}
+    faulty["range"][28:32, 0] += 8 * SIGMA_R
+    track = reconstruct(network(), INSTANTS, **faulty)
+    marked = np.argwhere(track.outliers.range)
+    np.testing.assert_array_equal(marked, [[28, 0], [29, 0], [30, 0], [31, 0]])
+    near = slice(21, 39)
+    plain = reconstruct(network(), INSTANTS, **faulty, spatial="least-squares")
+    error, worse = (
+        np.sqrt(np.mean(np.sum((one.position - truth[0])[near] ** 2, axis=-1)))
+        for one in (track, plain)
+    )
+    assert error < 0.5 * worse
+    assert repr(track).startswith("Trajectory(60 of 60 instants in 3 axes, 4 measurements left out")
+
+
+def test_stations_that_take_turns_are_filled():
+    times = np.arange(0.0, 60.0, 0.5)
+    truth = turn(times)
+    measured = measure(truth[0], np.random.default_rng(11))
+    for values in measured.values():
+        for k in np.arange(3):
+            values[np.arange(120) % 3 != k, k] = np.nan
+    track = reconstruct(network(), times, **measured, order="temporal-first")
+    assert not np.isnan(track.position).any()
+    assert rmse(track, truth) < 4
+    assert np.all(track.fixes.degrees_of_freedom[2:-2] == 6)
+    # before its first measurement a station is not continued
+    assert track.fixes.degrees_of_freedom[0] == 0
+    check(track, truth, measured)
+
+
+def test_the_ranges_of_the_source_follow_from_its_track():
+    np.testing.assert_array_equal(
+        np.round(ideal(source_track(), SOURCE_STATION[np.newaxis])["range"][:, 0], 4), IDEAL_R
+    )
+
+
+def source_track():
+    j = SOURCE_I - 49.0
+    north = 0.1 * j**4 + 1.6 * j**2 + 100.4 * j + 791.2
+    return np.column_stack([np.full(10, 1000.0), north, 10.0 * SOURCE_I])
+
+
+def test_the_faults_of_the_source_are_found_by_more_stations():
+    truth = source_track()
+    places = np.vstack([SOURCE_STATION, [[2000, 300, 5], [400, 2600, 0], [-500, 200, 20]]])
+    measured = measure(truth, np.random.default_rng(12), places, range_sigma=SOURCE_SIGMA)
+    measured["range"][:, 0] = REAL_R
+    stations = network(places, SOURCE_SIGMA)
+    track = reconstruct(stations, SOURCE_I, **measured)
+    residual = np.abs(track.residuals.range[:, 0])
+    assert set(np.argsort(residual)[-3:]) == {3, 4, 5}
+    assert np.all(residual[3:6] > 3.5)
+    assert np.all(np.delete(residual, [3, 4, 5]) < 3)
+    assert set(np.flatnonzero(track.outliers.range[:, 0])) <= {3, 4, 5}
+    assert track.outliers.range[4:6, 0].all()
+    error = track.position - truth
+    solved = np.linalg.solve(track.covariance[:, :3, :3], error[..., np.newaxis])[..., 0]
+    assert np.all(np.sum(error * solved, axis=-1) < stats.chi2.isf(CHANCE / 10, 3))
+
+
+@BOTH_ORDERS
+@BOTH_SMOOTHERS
+def test_one_instant_alone(order, smoother):
+    measured = measure(turn(INSTANTS[:1])[0], np.random.default_rng(13))
+    track = reconstruct(network(), [0.0], **measured, order=order, smoother=smoother)
+    np.testing.assert_allclose(track.position, track.fixes.position, rtol=1e-9)
+    np.testing.assert_allclose(track.sigma, track.fixes.sigma, rtol=1e-9)
+    assert np.isnan(track.velocity).all()
+    assert np.isinf(np.diagonal(track.covariance[0])[3:]).all()
+    check(track, turn(INSTANTS[:1]), measured)
+
+
+def test_one_instant_with_biases():
+    measured = measure(turn(INSTANTS[:1])[0], np.random.default_rng(13))
+    track = reconstruct(network(), [0.0], **measured, biases=("range",))
+    assert np.all(np.isfinite(track.bias_sigma.range))
+    assert np.all(track.sigma > track.fixes.sigma)
+
+
+def test_a_gap_of_hours():
+    times = np.concatenate([INSTANTS, INSTANTS + 4 * 3600])
+    truth = turn(times, rate=1e-4, speed=0.1)
+    track = reconstruct(network(), times, **measure(truth[0], np.random.default_rng(14)))
+    assert np.isfinite(track.position).all()
+    assert rmse(track, truth) < 4
+    assert np.all(np.linalg.eigvalsh(track.covariance[:, :3, :3]) > 0)
+
+
+def test_instants_without_measurements():
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(15))
+    for values in measured.values():
+        values[25:30] = np.nan
+    track = reconstruct(network(), INSTANTS, **measured)
+    assert not np.asarray(track.fixes.located)[25:30].any()
+    assert np.isfinite(track.position).all()
+    assert track.sigma[27, 0] > track.sigma[20, 0]
+    check(track, truth, measured)
+
+
+@BOTH_ORDERS
+def test_measurements_that_are_all_wrong_are_told(order):
+    rng = np.random.default_rng(16)
+    measured = measure(turn(INSTANTS)[0], rng)
+    wrong = {
+        kind: values + 30 * SIGMAS[kind] * rng.standard_normal(values.shape)
+        for kind, values in measured.items()
+    }
+    track = reconstruct(network(), INSTANTS, **wrong, order=order)
+    unnoticed = np.asarray(track.fixes.located) & (np.asarray(track.fixes.p_value) > 1e-3)
+    assert np.mean(unnoticed) < 0.05
+
+
+def test_azimuths_in_the_plane_with_moving_stations():
+    times = np.arange(100.0)
+    truth = np.column_stack([2000 - 10 * times, 3000 + 5 * times])
+    places = np.array([[0.0, 0.0], [3000.0, 0.0], [0.0, 4000.0], [4000.0, 5000.0]])
+    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.5, -0.3])
+    offset = truth[:, np.newaxis] - drift
+    rng = np.random.default_rng(17)
+    bias = np.deg2rad([3.0, -2.0, 1.0, 4.0])
+    azimuth = np.arctan2(offset[..., 0], offset[..., 1]) + bias
+    azimuth += np.deg2rad(1.0) * rng.standard_normal(azimuth.shape)
+    stations = [Station(drift[:, k], azimuth_sigma=np.deg2rad(1.0)) for k in np.arange(4)]
+    # whole turns do not matter
+    azimuth[::3] += 2 * np.pi
+    track = reconstruct(stations, times, azimuth=azimuth, biases=("azimuth",))
+    assert np.all(np.abs(track.bias.azimuth - bias) < 3.5 * track.bias_sigma.azimuth)
+    assert np.all(track.bias_sigma.azimuth < 0.1)
+
+
+def test_range_differences_alone():
+    times = np.arange(60.0)
+    truth = np.column_stack([500 + 10 * times, 800 + 0 * times])
+    places = np.array([[0.0, 0.0], [3000.0, 0.0], [0.0, 4000.0], [4000.0, 5000.0], [-1000, 3000]])
+    distance = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    differences = distance[:, 1:] - distance[:, :1]
+    stations = [Station(place) for place in places]
+    for order in ("spatial-first", "temporal-first"):
+        track = reconstruct(
+            stations, times, range_difference=differences, range_difference_sigma=1.0, order=order
+        )
+        np.testing.assert_allclose(track.position, truth, atol=0.5)
+        np.testing.assert_allclose(track.velocity[5:-5], np.tile([10.0, 0.0], (50, 1)), atol=0.2)
+
+
+def arguments(**changes):
+    measured = measure(turn(INSTANTS)[0], np.random.default_rng(18))
+    return {"stations": network(), "times": INSTANTS, **measured, **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"times": INSTANTS[::-1]}, "times[1] is before the time before it"),
+        ({"times": INSTANTS[:5]}, "range has shape (60, 3); for 5 times and 3 stations"),
+        ({"times": 1.0}, "times has shape ()"),
+        ({"range": np.ones((60, 2))}, "range has shape (60, 2)"),
+        ({"range_difference": np.ones((60, 2))}, "range_difference_sigma is missing"),
+        ({"stations": []}, "stations is empty"),
+        ({"stations": network(PLACES + np.zeros((5, 1, 1)))},
+         "stations have positions of shape (5,)"),
+        ({"stations": [Station(p, range_sigma=1.0) for p in PLACES]}, "azimuth_sigma of station 0"),
+        ({"range": None, "azimuth": None, "elevation": None}, "nothing was measured"),
+        ({"azimuth": np.full((60, 3), np.nan), "elevation": np.full((60, 3), np.nan),
+          "range": np.full((60, 3), np.nan)}, "no instant can be located: there are fewer"),
+        ({"order": "both"}, "order is 'both'; it must be 'spatial-first' or 'temporal-first'"),
+        ({"smoother": "none"}, "smoother is 'none'"),
+        ({"spatial": "mean"}, "spatial is 'mean'"),
+        ({"biases": ("bearing",)}, "biases has 'bearing'"),
+        ({"biases": "range_difference"}, "biases has 'range_difference'"),
+        ({"biases": "elevation", "elevation": None}, "of which nothing was measured"),
+        ({"biases": "range", "order": "temporal-first"}, "biases need order 'spatial-first'"),
+        ({"biases": "range", "smoother": "local-polynomial"}, "biases need order"),
+        ({"range": -np.ones((60, 3))}, "range[0, 0] is -1.0"),
+    ],
+)  # fmt: skip
+def test_errors_tell_what_is_wrong(changes, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        reconstruct(**arguments(**changes))
+
+
+def test_stations_must_be_stations():
+    with pytest.raises(TypeError, match="stations must be a sequence of Station"):
+        reconstruct(**arguments(stations=PLACES))
+
+
+def test_threads_change_nothing():
+    one, four = (reconstruct(**arguments(), n_threads=count) for count in (1, 4))
+    np.testing.assert_array_equal(one.position, four.position)
+    np.testing.assert_array_equal(one.covariance, four.covariance)
