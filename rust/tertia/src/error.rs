@@ -165,6 +165,7 @@ impl Error {
             Self::Indefinite { argument, index } => {
                 Self::Indefinite { argument, index: of_row(index) }
             }
+            Self::Singular { argument, index } => Self::Singular { argument, index: of_row(index) },
             other => other,
         }
     }
