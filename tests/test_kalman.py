@@ -1,6 +1,7 @@
 """The filter and the smoother against plain matrices, exact answers and theory."""
 
 import copy
+import itertools
 import math
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -718,6 +719,72 @@ class TestArrays:
                 back = smooth_series(z[row], r[row], PRINTED, **options)
                 expected = back.mean, back.covariance
                 assert_states((smooth.mean[row], smooth.covariance[row]), expected, 1e-12, 360.0)
+
+    WIDE = (np.zeros(3), np.diag([1e9, 1e9, 1e-5]))
+
+    @pytest.mark.parametrize("rows", [3, 4, 15, 16, 17, 40])
+    @pytest.mark.parametrize("start", [None, GIVEN, WIDE], ids=["unknown", "given", "wide"])
+    @pytest.mark.parametrize("period", [None, 360.0])
+    def test_complete_series_share_their_gains(self, rows, start, period):
+        """And all that comes of it, whatever one of them misses."""
+        z = plots(rows, 60, seed=6)
+        times = np.cumsum(rng(8).uniform(1, 9, 60))
+        noises = R, R * rng(7).uniform(0.5, 2, 60)
+        for r, steps in itertools.product(noises, (None, times)):
+            options = {"initial": start, "period": period, "times": steps}
+            together = filter_series(z, r, EXACT, **options)
+            missing = np.concatenate([z, z[:1]])
+            missing[-1, 30] = NAN
+            others = filter_series(missing, r, EXACT, **options)
+            for row in range(rows):
+                alone = filter_series(z[row], r, EXACT, **options)
+                for result in (together, others):
+                    found = result.mean[row], result.covariance[row]
+                    assert_states(found, (alone.mean, alone.covariance), EXACT_STATE, period)
+                    for name in ("innovation", "innovation_variance"):
+                        np.testing.assert_allclose(
+                            getattr(result, name)[row], getattr(alone, name), rtol=1e-12, atol=1e-10
+                        )
+                    assert result.count[row] == alone.count
+                    likelihood = pytest.approx(alone.log_likelihood, rel=1e-11)
+                    assert result.log_likelihood[row] == likelihood
+            means = filter_series(z, r, EXACT, store="mean", **options)
+            np.testing.assert_array_equal(means.mean, together.mean)
+            last = filter_series(z, r, EXACT, store="final", **options)
+            np.testing.assert_array_equal(last.mean, together.mean[:, -1])
+            np.testing.assert_array_equal(last.upper, together.upper[:, -1])
+            np.testing.assert_array_equal(last.log_likelihood, together.log_likelihood)
+
+    @pytest.mark.parametrize("store", ["all", "mean"])
+    @pytest.mark.parametrize("shape", [(40,), (3, 40), (2, 20, 40)])
+    def test_arrays_of_an_earlier_result(self, shape, store):
+        z, other = plots(*shape, seed=1), plots(*shape, seed=2)
+        z[..., 7] = NAN
+        expected = filter_series(z, R, PRINTED, store=store)
+        out = filter_series(other, 3 * R, EXACT, store=store)
+        found = filter_series(z, R, PRINTED, store=store, out=out)
+        for name in ("mean", "upper", "innovation", "innovation_variance"):
+            assert getattr(found, name) is getattr(out, name)
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        np.testing.assert_array_equal(found.log_likelihood, expected.log_likelihood)
+        np.testing.assert_array_equal(found.covariance, expected.covariance)
+
+    def test_arrays_that_do_not_fit(self):
+        z = plots(3, 40)
+        out = filter_series(z, R, PRINTED)
+        with pytest.raises(
+            ValueError, match=r"out has an array of shape \(3, 40, 3\).*shape \(2, 40\)"
+        ):
+            filter_series(z[:2], R, PRINTED, out=out)
+        with pytest.raises(ValueError, match=r'out has an array of shape .*store="mean"'):
+            filter_series(z, R, PRINTED, store="mean", out=out)
+        with pytest.raises(ValueError, match='out is of no use with store="final"'):
+            filter_series(z, R, PRINTED, store="final", out=out)
+        with pytest.raises(TypeError, match="out is of type ndarray; it must be a FilterResult"):
+            filter_series(z, R, PRINTED, out=np.empty((3, 40, 3)))
+        out.mean.flags.writeable = False
+        with pytest.raises(ValueError, match="out has an array"):
+            filter_series(z, R, PRINTED, out=out)
 
     def test_threads_report_the_first_bad_row(self):
         z = plots(300, 40)

@@ -413,7 +413,7 @@ def lines_of(ax: Axes, label: str) -> list[npt.NDArray[np.float64]]:
 
 def test_fusion_draws_every_plot_about_the_track_and_flags_outliers() -> None:
     z = plots()
-    result = fuse_series(z, R, MODEL, period=360.0)
+    result = fuse_series(z, R, MODEL, method="adaptive", period=360.0)
     top, _, _ = plot.fusion(z, result, period=360.0, measurement_variance=R)
     off = (z - result.mean[:, 0] + 180) % 360 - 180
     low, high = top.get_ylim()
@@ -445,7 +445,7 @@ def test_fusion_draws_every_plot_about_the_track_and_flags_outliers() -> None:
 
 def test_fusion_draws_band_weights_and_noise() -> None:
     z = plots()
-    result = fuse_series(z, R, MODEL, period=360.0)
+    result = fuse_series(z, R, MODEL, method="adaptive", period=360.0)
     top, middle, bottom = plot.fusion(z, result, period=360.0, measurement_variance=R)
     (band_,) = top.collections
     known = np.isfinite(result.sigma[:, 0])

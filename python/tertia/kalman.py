@@ -357,7 +357,7 @@ def _filled(shape: tuple[int, ...], store: Store, out: FilterResult | None) -> l
     if out is None:
         return [np.empty(size) for size in shapes]
     if not isinstance(out, FilterResult):
-        raise TypeError(f"out is {out!r}; it must be a FilterResult")
+        raise TypeError(f"out is of type {type(out).__name__}; it must be a FilterResult")
     if store == "final":
         raise ValueError('out is of no use with store="final", which keeps no steps')
     arrays = [out.mean, out.upper, out.innovation, out.innovation_variance]

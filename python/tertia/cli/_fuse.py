@@ -90,7 +90,7 @@ def fuse(
     sigma_column: Annotated[
         str | None, typer.Option(help="Column of the stated sigma of each plot.")
     ] = None,
-    method: Annotated[FusionMethod, typer.Option(help="How to fuse.")] = "adaptive",
+    method: Annotated[FusionMethod, typer.Option(help="How to fuse.")] = "robust",
     alpha: Annotated[
         float | None,
         typer.Option(help="One over the time in which accelerations fade; by default fitted."),

@@ -94,10 +94,10 @@ def fusion(
     >>> from tertia.fusion import fuse_series
     >>> from tertia.kalman import SingerModel
     >>> model = SingerModel(5.0, 0.05, 0.003)
-    >>> z = simulate.radars(model, 120, sigma=(0.1, 0.5), rng=1).z
+    >>> z = simulate.radars(model, 120, outlier_probability=0.05, outlier_size=20, rng=1).z
     >>> panels = plot.fusion(z, fuse_series(z, 0.01, model), figure=Figure())
     >>> panels[0].get_title()
-    '120 steps of 2 sensors, 27 outliers'
+    '120 steps of 2 sensors, 3 outliers'
     """
     period = None if period is None else real(period, "period")
     plots = _plots(z, result)

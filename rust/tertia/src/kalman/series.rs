@@ -5,7 +5,6 @@ use super::model::{Singer, Transition};
 use super::state::{Innovation, State, residual};
 use super::steps::Steps;
 use crate::error::{Error, Result, require, require_each};
-use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
 /// A covariance that changes by less in a step has converged.
@@ -151,6 +150,12 @@ impl Likelihood {
         }
     }
 
+    /// So many innovations of one variance, from the sum of their squares.
+    fn add_all(&mut self, squares: f64, variance: f64, count: usize) {
+        self.squares += squares / variance + count as f64 * variance.ln();
+        self.count += count;
+    }
+
     fn logarithm(&self) -> f64 {
         log_likelihood(self.squares, self.product.ln(), self.count)
     }
@@ -163,27 +168,11 @@ pub(super) fn log_likelihood(squares: f64, logarithms: f64, count: usize) -> f64
     0.0 - 0.5 * (squares + logarithms + count as f64 * TAU.ln())
 }
 
-struct Fill<'a, 'b> {
-    series: &'a Series<'a>,
-    filter: Filter,
-    out: &'a mut Steps<'b>,
-}
-
-impl WithSimd for Fill<'_, '_> {
-    type Output = Summary;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Summary {
-        let period = self.filter.period();
-        self.series.run(self.filter, |step, state, new| self.out.put(step, state, new, period))
-    }
-}
-
 impl Series<'_> {
     /// Runs `filter` along the series and keeps what `out` has room for. Cost O(steps).
     pub fn fill(&self, filter: Filter, out: &mut Steps<'_>) -> Summary {
-        // not for its vectors: instructions of this machine take three registers
-        Arch::new().dispatch(Fill { series: self, filter, out })
+        let period = filter.period();
+        self.run(filter, |step, state, new| out.put(step, state, new, period))
     }
 
     /// Runs `filter` from before the first plot to after the last, and shows every step's state
@@ -243,15 +232,20 @@ impl Series<'_> {
         likelihood: &mut Likelihood,
         sink: &mut impl FnMut(usize, &State, Innovation),
     ) -> usize {
-        let (mut covariance, mut noise) = ([f64::NAN; 6], filter.noise());
+        let (mut previous, mut noise) = ([f64::NAN; 6], filter.noise());
+        let constant = match (self.variance, self.transition) {
+            (PerStep::Constant(_), PerStep::Constant(transition)) => Some(transition),
+            _ => None,
+        };
         while step < self.z.len() {
             let (z, r) = (self.z[step], self.variance.at(step));
             let predicted = state.predicted(&self.transition.at(step - 1));
-            if predicted.needs_factors(noise) || (!z.is_nan() && predicted.needs_factors(r)) {
+            let missing = z.is_nan();
+            if predicted.needs_factors(noise) || (!missing && predicted.needs_factors(r)) {
                 break;
             }
-            if z.is_nan() {
-                covariance = [f64::NAN; 6];
+            if missing {
+                previous = [f64::NAN; 6];
                 state = predicted;
                 sink(step, &state, Innovation::NONE);
                 step += 1;
@@ -262,26 +256,22 @@ impl Series<'_> {
             sink(step, &updated, innovation);
             (state, noise) = (updated, r);
             step += 1;
-            let gain = match (self.variance, self.transition) {
-                (PerStep::Constant(_), PerStep::Constant(transition))
-                    if is_close(&covariance, &state.covariance) =>
-                {
-                    Converged::new(&predicted, innovation.variance, transition)
-                }
-                _ => {
-                    covariance = state.covariance;
-                    continue;
-                }
-            };
-            step = gain.run(self.z, step, filter.period(), &mut state, likelihood, sink);
+            let Some(transition) = constant else { continue };
+            if is_close(previous, state.covariance) {
+                let gain = Converged::new(&predicted, innovation.variance, transition);
+                step = gain.run(self.z, step, filter.period(), &mut state, likelihood, sink);
+            }
+            previous = state.covariance;
         }
         filter.set(state, noise);
         step
     }
 }
 
-fn is_close(a: &[f64; 6], b: &[f64; 6]) -> bool {
-    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= CONVERGED * b.abs())
+#[inline(always)]
+fn is_close(a: [f64; 6], b: [f64; 6]) -> bool {
+    let close = |i: usize| (a[i] - b[i]).abs() <= CONVERGED * b[i].abs();
+    close(0) && close(1) && close(2) && close(3) && close(4) && close(5)
 }
 
 /// A gain that no longer changes: only the mean is left to compute.
@@ -310,16 +300,17 @@ impl Converged {
         sink: &mut impl FnMut(usize, &State, Innovation),
     ) -> usize {
         let ([f01, f02, f12, f22], [k0, k1, k2]) = (self.transition.f, self.gain);
+        let ([mut x0, mut x1, mut x2], first, mut squares) = (state.mean, step, 0.0);
         while step < z.len() && !z[step].is_nan() {
-            let [x0, x1, x2] = state.mean;
             let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
             let value = residual(z[step], y0, period);
-            state.mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
-            let innovation = Innovation { value, variance: self.variance };
-            likelihood.add(innovation);
-            sink(step, state, innovation);
+            (x0, x1, x2) = (y0 + k0 * value, y1 + k1 * value, y2 + k2 * value);
+            squares += value * value;
+            state.mean = [x0, x1, x2];
+            sink(step, state, Innovation { value, variance: self.variance });
             step += 1;
         }
+        likelihood.add_all(squares, self.variance, step - first);
         step
     }
 }
