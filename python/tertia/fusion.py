@@ -1,6 +1,4 @@
-"""Fusion: one track with an honest covariance from the plots of several radars.
-
-`fuse` makes one estimate of those that several sensors have of any vector at one instant.
+"""Fusion: plots of several radars into one track, estimates of several sensors into one.
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
 (`method="paper"`), the usual rules, and a default that finds out how good each radar really is.
@@ -230,10 +228,10 @@ def fuse(
     >>> from tertia.fusion import fuse
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
     >>> common = [[0.5, 0.2], [0.2, 0.5]]
-    >>> x = [[359, 20], [2, 21]]
-    >>> fuse(x, S, cross_covariances=[[S[0], common], [common, S[1]]], period=360)
+    >>> joint = [[S[0], common], [common, S[1]]]
+    >>> fuse([[359, 20], [2, 21]], S, cross_covariances=joint, period=360)
     Fused([1.78987 ± 0.9, 20.9425 ± 1.14], p-value 0.292)
-    >>> fuse(x, S, method="covariance-intersection", period=360)
+    >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
     Fused([1.93436 ± 1.02, 20.9903 ± 1.66])
     """
     x, s = samples(estimates, "estimates"), samples(covariances, "covariances")

@@ -44,12 +44,16 @@ fn weighting(name: &str, weights: Option<Vec<f64>>) -> PyResult<Weighting> {
 fn fuse_ns(sensors: usize, m: usize, weighting: &Weighting, joint: bool) -> f64 {
     let (k, m) = (sensors as f64, m as f64);
     let product = 20.0 + 2.0 * m.powi(3);
-    match weighting {
-        Weighting::Matrix if joint => 200.0 + k.powi(3) * (product + 2.0 * m.powi(2)),
-        Weighting::Matrix => 200.0 + 2.0 * k * product,
-        Weighting::Intersection => 500.0 + 12.0 * (k * product + k * k * m * m + k.powi(3) / 3.0),
-        _ => 200.0 + 2.0 * k * k * m * m,
-    }
+    // to read the joint covariance
+    let reading = if joint { 0.5 * (k * m).powi(3) + 5.0 * (k * m).powi(2) } else { 0.0 };
+    200.0
+        + reading
+        + match weighting {
+            Weighting::Matrix if joint => 0.5 * k.powi(3) * product,
+            Weighting::Matrix => 2.0 * k * product,
+            Weighting::Intersection => 10.0 * (k * product + k * k * m * m + k.powi(3) / 3.0),
+            _ => 2.0 * k * k * m * m,
+        }
 }
 
 /// Matrices that the kernel keeps for every two sensors.

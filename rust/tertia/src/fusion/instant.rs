@@ -232,18 +232,22 @@ where
         (l, b): (usize, usize),
     ) -> Result<f64> {
         let m = self.order.value();
-        let read = |(j, a): (usize, usize), (l, b): (usize, usize)| {
-            let index = vec![self.present[j], self.present[l], a, b];
-            let value = cross[((index[0] * self.sensors + index[1]) * m + a) * m + b];
+        let index = |(j, a): (usize, usize), (l, b): (usize, usize)| {
+            [self.present[j], self.present[l], a, b]
+        };
+        let read = |place: [usize; 4]| {
+            let value = cross[((place[0] * self.sensors + place[1]) * m + place[2]) * m + place[3]];
             if value.is_finite() {
-                return Ok((value, index));
+                return Ok(value);
             }
-            let requirement = "every element must be a finite number";
+            let (index, requirement) = (place.to_vec(), "every element must be a finite number");
             Err(Error::InvalidElement { argument: CROSS, index, value, requirement })
         };
-        let ((upper, index), (lower, _)) = (read((j, a), (l, b))?, read((l, b), (j, a))?);
+        let place = index((j, a), (l, b));
+        let (upper, lower) = (read(place)?, read(index((l, b), (j, a)))?);
         let scale = self.covariances[j][(a, a)].sqrt() * self.covariances[l][(b, b)].sqrt();
         if (upper - lower).abs() > ASYMMETRY * scale {
+            let index = place.to_vec();
             return Err(Error::NotSymmetric { argument: CROSS, index, upper, lower });
         }
         Ok(upper + 0.5 * (lower - upper))

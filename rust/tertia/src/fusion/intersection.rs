@@ -17,9 +17,10 @@ use crate::weights::Group;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim};
 
-/// What the logarithm of the determinant may still be too large by. Estimates that make less of a
-/// difference get equal shares.
+/// What the logarithm of the determinant may still be too large by.
 const GAP: f64 = 1e-13;
+/// Estimates that make less of a difference get equal shares.
+const TIE: f64 = 1e-12;
 /// Largest error of the gradient then.
 const GRADIENT: f64 = 1e-9;
 /// Seen: 20.
@@ -183,7 +184,7 @@ where
     fn start_multipliers(&mut self) {
         let m = self.sum.nrows() as f64;
         let farthest = self.gradient.iter().map(|g| (m - g).abs()).fold(0.0, f64::max);
-        let least = if farthest > GAP { farthest.min(m) } else { 0.0 };
+        let least = if farthest > TIE { farthest.min(m) } else { 0.0 };
         for (multiplier, gradient) in self.multiplier.iter_mut().zip(&self.gradient) {
             *multiplier = if least > 0.0 { (m - gradient).max(0.0) + least } else { 0.0 };
         }
