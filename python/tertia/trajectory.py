@@ -44,6 +44,8 @@ _SINGULAR = 1e-12
 _STEP = 0.1
 # instants and degree that tell the motion of a station
 _STATION_WINDOW, _STATION_DEGREE = 5, 2
+# of adaptive polynomials
+_MAX_DEGREE = 3
 # share of an unobservable direction from which a bias is named
 _NAMED = 0.1
 
@@ -326,8 +328,11 @@ def _polynomials(
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return values and two derivatives of rows, and their standard errors."""
     states, sigmas = [], []
+    # a short record has few degrees to choose from
+    fewest = int(np.min(np.sum(~np.isnan(y), axis=-1)))
+    top = degree if isinstance(degree, int) else min(_MAX_DEGREE, max(fewest - 1, 0))
     for derivative in (0, 1, 2):
-        if isinstance(degree, int) and derivative > degree:
+        if derivative > top:
             states.append(np.full(y.shape, np.nan))
             sigmas.append(np.full(y.shape, np.inf))
             continue
@@ -338,6 +343,7 @@ def _polynomials(
             times=record.times,
             variances=variances,
             derivative=derivative,
+            max_degree=top,
             n_threads=record.n_threads,
         )
         states.append(fit.value)
