@@ -89,6 +89,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "trajectory.md": {
         "faults": trajectory.faults,
+        "consistency": trajectory.consistency,
         "biases": trajectory.biases,
     },
     "smoothing.md": {

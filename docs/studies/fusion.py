@@ -622,6 +622,7 @@ def fit_coverage() -> str:
         "usual, 600": (usual, 600, 1.0),
         "usual, 200 scans, Pd .7": (usual, 200, 0.7),
         "α = 1/60, σ_a = .01, 200": (SingerModel(5.0, 1 / 60, 0.01, exact=True), 200, 1.0),
+        "αT = 2, σ_a = .03, 200": (SingerModel(5.0, 0.4, 0.03, exact=True), 200, 1.0),
     }
     rows = []
     for i, (name, (model, steps, seen)) in enumerate(cases.items()):
@@ -634,18 +635,21 @@ def fit_coverage() -> str:
             rng=generator(63, i),
         ).z
         fits = [fit_noise(record[0], dt=model.dt) for record in z]
-        true = np.log([model.alpha, model.acceleration_sigma, SIGMA])
-        found = np.log([[f.alpha, f.acceleration_sigma, f.measurement_sigma] for f in fits])
-        claimed = np.array([fit.relative_errors for fit in fits])
-        covered = np.mean(np.abs(found - true) <= 2 * claimed, axis=0)
-        middle = np.exp(np.median(found - true, axis=0))
-        known = np.isfinite(claimed)
+        density = 2 * model.acceleration_sigma**2 / model.alpha
+        true = np.array([model.alpha, model.acceleration_sigma, SIGMA, density])
+        found = np.array(
+            [[f.alpha, f.acceleration_sigma, f.measurement_sigma, f.density] for f in fits]
+        )
+        claimed = np.array([[*fit.relative_errors, fit.density_error] for fit in fits])
         cells = []
-        for c in range(3):
-            error = np.median(claimed[known[:, c], c])
-            cells.append(f"{middle[c]:.2f} ± {error:.0%}; {covered[c]:.0%}")
-        rows.append([name, *cells, f"{np.mean(~known[:, 0]):.0%}"])
-    return markdown(["recording", "alpha", "σ_a", "σ", "alpha not told"], rows)
+        for c in range(4):
+            told = np.isfinite(claimed[:, c])
+            error = np.log(found[told, c] / true[c])
+            covered = np.mean(np.abs(error) <= 2 * claimed[told, c])
+            middle, usual_error = np.exp(np.median(error)), np.median(claimed[told, c])
+            cells.append(f"{middle:.2f} ± {usual_error:.0%}; {covered:.0%}")
+        rows.append([name, *cells, f"{np.mean(np.isinf(claimed[:, 0])):.0%}"])
+    return markdown(["recording", "alpha", "σ_a", "σ", "density", "alpha not told"], rows)
 
 
 def filter_consistency() -> str:

@@ -131,6 +131,28 @@ def faults() -> str:
     return markdown(["", *FAULTS], rows)
 
 
+def consistency() -> str:
+    """Tabulate normalised errors of positions without faults."""
+    truth = track()
+    rows = []
+    for method, (options, _) in METHODS.items():
+        found = [
+            reconstructed(measure(truth, generator(92, run)), **options) for run in range(RUNS)
+        ]
+        normalised = [_normalised(one, truth) for one in found]
+        spread = np.std(normalised) / np.sqrt(RUNS)
+        rows.append([method, f"{np.mean(normalised):.2f} ± {spread:.2f}"])
+    return markdown(["without faults", "NEES per axis"], rows)
+
+
+def _normalised(found: Trajectory, truth: FloatArray) -> float:
+    """Return the mean normalised square of the errors of positions, per axis."""
+    known = ~np.isnan(found.position).any(axis=-1)
+    error = (found.position - truth)[known]
+    solved = np.linalg.solve(found.covariance[known, :3, :3], error[..., np.newaxis])[..., 0]
+    return float(np.mean(np.sum(error * solved, axis=-1)) / 3)
+
+
 def biases() -> str:
     """Tabulate errors with and without estimated biases."""
     truth = track()
@@ -147,10 +169,8 @@ def biases() -> str:
             if name.startswith("biases"):
                 measured = {kind: values + BIASES[kind] for kind, values in measured.items()}
             found = reconstructed(measured, **options)
-            error = found.position - truth
-            solved = np.linalg.solve(found.covariance[:, :3, :3], error[..., np.newaxis])[..., 0]
-            squares.append(np.mean(np.sum(error**2, axis=-1)))
-            normalised.append(np.mean(np.sum(error * solved, axis=-1)) / 3)
+            squares.append(_mean_square(found.position, truth, slice(None)))
+            normalised.append(_normalised(found, truth))
         spread = np.std(normalised) / np.sqrt(RUNS)
         rows.append(
             [name, f"{np.sqrt(np.mean(squares)):.2f}", f"{np.mean(normalised):.2f} ± {spread:.2f}"]

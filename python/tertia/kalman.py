@@ -320,7 +320,7 @@ def filter_series(
 
     Notes
     -----
-    (14) to (20) of the source. Where the prior is more than 1e6 times as wide as the noise, its
+    (14) to (20) of the source. Where the prior is more than 1e4 times as wide as the noise, its
     covariance is kept as factors `U D U'`, which no rounding makes negative. A gain that no longer
     changes is not computed again. Cost O(steps).
 
