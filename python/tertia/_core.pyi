@@ -6,6 +6,7 @@ __all__ = [
     "DEBUG_BUILD",
     "VERSION",
     "AngleFilter",
+    "PlotTracker",
     "TrackFusion",
     "bursts",
     "cochran",
@@ -211,6 +212,24 @@ class TrackFusion:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, list[float]], dict[str, Any]]: ...
     def __getstate__(self) -> tuple[Any, ...]: ...
     def __setstate__(self, saved: Any) -> None: ...
+
+@final
+class PlotTracker:
+    time: float
+    def __new__(cls, radars: list[list[float]], options: dict[str, Any]) -> PlotTracker: ...
+    def track(
+        self,
+        time: FloatArray,
+        range: FloatArray,
+        azimuth: FloatArray,
+        height: FloatArray,
+        radar: IntArray,
+        identity: IntArray,
+        end: float | None,
+    ) -> tuple[tuple[FloatArray, ...], tuple[Any, ...], IntArray]: ...
+    def __getstate__(self) -> bytes: ...
+    @staticmethod
+    def from_state(state: bytes) -> PlotTracker: ...
 
 def locate(
     stations: FloatArray,

@@ -1,18 +1,44 @@
-"""Tracker: scans of radar plots in, tracks out."""
+"""Tracker: scans of radar plots in, tracks out.
+
+Plots are polar, of one radar or of several that turn at their own pace. Targets fly straight or turn;
+which of both is found out from the plots (interacting multiple models). Azimuths are radians,
+clockwise from north; positions are local east and north in metres.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import enum
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, IntArray, finite, positive, real, samples
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, integer, positive, real, samples
 
-__all__ = ["Plots", "Radar"]
+__all__ = [
+    "Fate",
+    "Manoeuvres",
+    "Motion",
+    "Plots",
+    "Radar",
+    "TrackTable",
+    "Tracker",
+    "track",
+]
+
+Motion: TypeAlias = Literal["imm", "singer", "cv", "window"]
 
 # identity of a plot that has none
 NO_IDENTITY = -1
+# share of a scan for which a plot may be late
+_PATIENCE = 0.25
+# manoeuvre frequency and acceleration
+_SINGER = (1 / 60, 3.0)
+# plots in straight flight and after a manoeuvre; the inner, outer and guard gates and the sum of three
+_WINDOW = (20, 3, 2.099644248997, 5.991464547108, 12.429216196844, 20.79)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -149,6 +175,377 @@ class Plots:
             height=self.height[index],
             identity=self.identity[index],
         )
+
+
+class Fate(enum.IntEnum):
+    """Why a plot was not used; `TrackTable.track_of_plot` has it in place of a track."""
+
+    INVALID = -1
+    LATE = -2
+    AT_RADAR = -3
+    OUT_OF_RANGE = -4
+
+    @property
+    def reason(self) -> str:
+        """What is wrong, as a sentence."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    Fate.INVALID: "time, range or azimuth is not a finite number, or the range is not positive",
+    Fate.LATE: "the plot is more than a scan older than those that came before",
+    Fate.AT_RADAR: "the plot is straight above the radar",
+    Fate.OUT_OF_RANGE: "the plot is farther away than the radar sees",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Manoeuvres:
+    """How targets fly, where the motion is "imm"; "cv" uses `straight_sigma` alone.
+
+    Attributes
+    ----------
+    straight_sigma, turn_sigma : float
+        Standard deviation of the acceleration during a scan, in straight flight and in turns, in
+        metres per second squared.
+    turn_rate_sigma : float
+        Standard deviation of the rate at which a turn begins, in radians per second.
+    turn_rate_walk : float
+        By how much it changes in a second: radians per second and root of a second.
+    straight_time, turn_time : float
+        Mean seconds of straight flight and of a turn.
+    """
+
+    straight_sigma: float = 0.1
+    turn_sigma: float = 0.8
+    turn_rate_walk: float = float(np.radians(0.03))
+    turn_rate_sigma: float = float(np.radians(1.2))
+    straight_time: float = 400.0
+    turn_time: float = 35.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is not positive."""
+        for name in self.__slots__:
+            object.__setattr__(self, name, float(positive(real(getattr(self, name), name), name)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackTable:
+    """What is said of tracks, one row for every plot of theirs and for every scan that missed them.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Seconds.
+    track : ndarray of int, shape (N,)
+        Number of the track, from 1 on.
+    radar : ndarray of int, shape (N,)
+        Index of the radar.
+    plot : ndarray of int, shape (N,)
+        Index of the plot among all plots that the tracker was ever given; -1 where it was missed.
+    position, velocity : ndarray of shape (N, 2)
+        East and north, in metres and metres per second.
+    covariance : ndarray of shape (N, 4, 4)
+        Of position and velocity.
+    turning : ndarray of shape (N,)
+        Probability that the target turns.
+    height, climb : ndarray of shape (N,)
+        Metres and metres per second; nan where no height was reported.
+    identity : ndarray of int, shape (N,)
+        What the transponder answers; -1 where it does not.
+    confirmed : ndarray of bool, shape (N,)
+        Whether the track was confirmed by then.
+    track_of_plot : ndarray of int, shape (P,)
+        The track of each plot; a negative `Fate` where it was not used.
+    """
+
+    time: FloatArray
+    track: IntArray
+    radar: IntArray
+    plot: IntArray
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    turning: FloatArray
+    height: FloatArray
+    climb: FloatArray
+    identity: IntArray
+    confirmed: BoolArray
+    track_of_plot: IntArray
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        """Tell the number of tracks and rows."""
+        return f"TrackTable({len(np.unique(self.track))} tracks, {len(self)} rows)"
+
+    @property
+    def manoeuvre(self) -> BoolArray:
+        """Whether the target turns more probably than not, of shape (N,)."""
+        return self.turning > 0.5
+
+    def rows(self, index: Any) -> TrackTable:
+        """Return some of the rows, with all plots.
+
+        Parameters
+        ----------
+        index : slice, ndarray of int or ndarray of bool
+            Which rows.
+
+        Returns
+        -------
+        TrackTable
+        """
+        columns = {name: getattr(self, name) for name in self.__slots__}
+        kept = {name: column[index] for name, column in columns.items() if name != "track_of_plot"}
+        return TrackTable(**kept, track_of_plot=self.track_of_plot)
+
+
+class Tracker:
+    """Tracks of the plots of one or more radars, scan after scan.
+
+    It can be pickled and copied; the copy goes on to the last bit as the original does.
+
+    Parameters
+    ----------
+    radars : sequence of Radar
+        The radars; plots name them by their index.
+    motion : {"imm", "singer", "cv", "window"}
+        How confirmed targets move: straight flight and turns by how likely they are (default);
+        acceleration that fades (1/60 per second, 3 m/s²); straight flight; or least squares over
+        the last 20 plots, 3 after a manoeuvre, as in the source.
+    manoeuvres : Manoeuvres, optional
+        Parameters of "imm" and "cv".
+    initiation : (int, int)
+        Plots that confirm a track, and scans in which they must come.
+    coasting : int
+        Scans without a plot after which a track ends.
+    clutter_density : float, optional
+        False plots per square metre and scan; by default estimated from the plots.
+    speed_max : float
+        No target is faster, in metres per second.
+    gate_probability : float
+        Probability that a target's plot is within its gate.
+    guard_acceleration : float
+        Acceleration that a target may have unnoticed where its gate is empty, in metres per second
+        squared.
+    identity_error : float
+        How often an identity is read wrongly.
+
+    Raises
+    ------
+    ValueError
+        A number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Confirmed tracks take their plots first, by the assignment with the largest likelihood ratio
+    against false plots; then tentative ones; what is left begins tentative tracks. A plot outside
+    the gate that no other track takes is taken within the guard gate, widened by an acceleration
+    since the last plot. A scan of P plots costs O(P log P) with O(1) plots in a gate.
+
+    Source: Glagovskii, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
+    Kirubarajan 2001, section 11.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tracker import Plots, Radar, Tracker
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> tracker = Tracker([radar])
+    >>> for time in range(0, 40, 4):
+    ...     found = tracker.update(Plots([time], [50e3 + 200 * time], [0.5]))
+    >>> found
+    TrackTable(1 tracks, 1 rows)
+    >>> bool(190 < np.hypot(*found.velocity[0]) < 210)
+    True
+    """
+
+    __slots__ = ("_core", "radars")
+
+    def __init__(
+        self,
+        radars: Sequence[Radar],
+        motion: Motion = "imm",
+        *,
+        manoeuvres: Manoeuvres | None = None,
+        initiation: tuple[int, int] = (3, 4),
+        coasting: int = 5,
+        clutter_density: float | None = None,
+        speed_max: float = 350.0,
+        gate_probability: float = 0.998,
+        guard_acceleration: float = 5.0,
+        identity_error: float = 1e-3,
+    ) -> None:
+        self.radars = tuple(radars)
+        for i, radar in enumerate(self.radars):
+            if not isinstance(radar, Radar):
+                raise TypeError(f"radars[{i}] is {radar!r}; it must be a Radar")
+        if not self.radars:
+            raise ValueError("radars is empty; there must be at least one")
+        probability = real(gate_probability, "gate_probability")
+        if not 0.0 < probability < 1.0:
+            raise ValueError(f"gate_probability is {probability}; it must be between 0 and 1")
+        plots, scans = (integer(count, "initiation", 2) for count in initiation)
+        density = np.nan if clutter_density is None else real(clutter_density, "clutter_density")
+        if clutter_density is not None:
+            positive(density, "clutter_density")
+        self._core = _core.PlotTracker(
+            [_numbers(radar) for radar in self.radars],
+            {
+                "motion": motion,
+                "parameters": _parameters(motion, manoeuvres or Manoeuvres()),
+                "guard": -2.0 * np.log1p(-probability),
+                "guard_acceleration": real(guard_acceleration, "guard_acceleration"),
+                "initiation": (plots, scans),
+                "coasting": integer(coasting, "coasting", 1),
+                "speed_max": real(speed_max, "speed_max"),
+                "clutter_density": density,
+                "identity_error": real(identity_error, "identity_error"),
+                "patience": _PATIENCE,
+            },
+        )
+
+    def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
+        """Take the plots of a scan, or of any stretch of time.
+
+        Parameters
+        ----------
+        plots : Plots
+            In any order among themselves, not more than a scan older than those before.
+        time : float, optional
+            Until when plots would have come, in seconds; by default the time of the last plot. With
+            it a scan without plots is seen as such.
+
+        Returns
+        -------
+        TrackTable
+            What became of the confirmed tracks.
+
+        Raises
+        ------
+        ValueError
+            A plot of a radar that does not exist, or a time that is not finite.
+        """
+        found = self._track(plots, time)
+        return found.rows(found.confirmed)
+
+    def _track(self, plots: Plots, time: float | None) -> TrackTable:
+        """Return all rows, tentative tracks included."""
+        if not isinstance(plots, Plots):
+            raise TypeError(f"plots is {plots!r}; it must be Plots")
+        wrong = np.flatnonzero((plots.radar < 0) | (plots.radar >= len(self.radars)))
+        if len(wrong):
+            raise ValueError(
+                f"radar[{wrong[0]}] is {plots.radar[wrong[0]]}; it must be the index of one of the "
+                f"{len(self.radars)} radars"
+            )
+        numbers, integers, fates = self._core.track(
+            plots.time,
+            plots.range,
+            plots.azimuth,
+            plots.height,
+            plots.radar,
+            plots.identity,
+            None if time is None else real(time, "time"),
+        )
+        instants, state, covariance, turning, height, climb = numbers
+        numbers_of_tracks, radar, plot, identity, confirmed = integers
+        return TrackTable(
+            time=instants,
+            track=numbers_of_tracks,
+            radar=radar,
+            plot=plot,
+            position=state[:, :2],
+            velocity=state[:, 2:],
+            covariance=covariance,
+            turning=turning,
+            height=height,
+            climb=climb,
+            identity=identity,
+            confirmed=confirmed,
+            track_of_plot=fates,
+        )
+
+    def __getstate__(self) -> tuple[tuple[Radar, ...], bytes]:
+        """Return all that the tracker knows."""
+        return self.radars, self._core.__getstate__()
+
+    def __setstate__(self, state: tuple[tuple[Radar, ...], bytes]) -> None:
+        """Go on from there."""
+        self.radars, saved = state
+        self._core = _core.PlotTracker.from_state(saved)
+
+    def __repr__(self) -> str:
+        """Tell the number of radars and the time."""
+        return f"Tracker({len(self.radars)} radars, time {self._core.time:.6g} s)"
+
+
+def track(plots: Plots, radars: Sequence[Radar], motion: Motion = "imm", **options: Any) -> TrackTable:
+    """Track a whole recording.
+
+    Parameters
+    ----------
+    plots : Plots
+        In any order.
+    radars : sequence of Radar
+        The radars.
+    motion : {"imm", "singer", "cv", "window"}
+        See `Tracker`.
+    **options
+        As of `Tracker`.
+
+    Returns
+    -------
+    TrackTable
+        All tracks that were confirmed, from their first plot on.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `Tracker`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tracker import Plots, Radar, track
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> time = np.arange(0.0, 100.0, 4.0)
+    >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
+    TrackTable(1 tracks, 25 rows)
+    """
+    found = Tracker(radars, motion, **options)._track(plots, None)
+    return found.rows(np.isin(found.track, found.track[found.confirmed]))
+
+
+def _numbers(radar: Radar) -> list[float]:
+    """Return a radar as the core takes it."""
+    east, north, *up = radar.position.tolist()
+    return [
+        east,
+        north,
+        *(up or [0.0]),
+        radar.range_sigma,
+        radar.azimuth_sigma,
+        radar.period,
+        radar.range_max,
+        radar.detection_probability,
+    ]
+
+
+def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
+    """Return the parameters of a motion as the core takes them."""
+    if motion not in get_args(Motion):
+        raise ValueError(f"motion is {motion!r}; it must be 'imm', 'singer', 'cv' or 'window'")
+    if motion == "imm":
+        return list(astuple(manoeuvres))
+    if motion == "cv":
+        return [manoeuvres.straight_sigma]
+    return list(_SINGER if motion == "singer" else _WINDOW)
 
 
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:

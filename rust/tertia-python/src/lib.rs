@@ -8,6 +8,7 @@ mod kalman;
 mod location;
 mod screening;
 mod smoothing;
+mod tracker;
 mod weights;
 
 use pyo3::prelude::*;
@@ -36,6 +37,8 @@ mod core_module {
     };
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};
+    #[pymodule_export]
+    use super::tracker::PlotTracker;
     #[pymodule_export]
     use super::weights::{
         combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,

@@ -2,6 +2,7 @@
 
 use super::state::State;
 use crate::error::{Result, require};
+use serde::{Deserialize, Serialize};
 
 /// Below this αT the series are used, above it the closed forms.
 const SERIES_BELOW: f64 = 1.0;
@@ -41,7 +42,7 @@ impl Transition {
 /// Acceleration with the correlation `exp(−α |t|)` and a standard deviation σ_a.
 ///
 /// α = 0 is constant acceleration; σ_a = 0 constant rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Singer {
     alpha: f64,
     variance: f64,

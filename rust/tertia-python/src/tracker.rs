@@ -1,0 +1,216 @@
+//! Bindings of `tertia::tracker`.
+
+use crate::arrays::{Samples, array, release, room_for, value_error};
+use numpy::{PyArrayDyn, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use tertia::kalman::Singer;
+use tertia::tracker::{self, Fate, Motion, Noise, Plot, Radar, Row, Settings, WindowRule};
+
+/// Cost of a plot, for the choice of releasing the interpreter's lock.
+const PLOT_NS: f64 = 1000.0;
+
+/// Numbers of a radar: east, north, up, range_sigma, azimuth_sigma, period, range_max,
+/// detection_probability.
+type RadarNumbers = [f64; 8];
+
+/// Motion by name, with its parameters.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Options {
+    motion: String,
+    parameters: Vec<f64>,
+    guard: f64,
+    guard_acceleration: f64,
+    initiation: (usize, usize),
+    coasting: usize,
+    speed_max: f64,
+    clutter_density: f64,
+    identity_error: f64,
+    patience: f64,
+}
+
+type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
+
+/// Columns of a table: time, state, covariance, turning, height, climb; then track, radar, plot,
+/// identity, confirmed; then the fates of the plots.
+type Table<'py> = (
+    (Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>),
+    (Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>, Bound<'py, PyArrayDyn<bool>>),
+    Integers<'py>,
+);
+
+/// Scans of plots in, tracks out.
+#[pyclass(module = "tertia.tracker")]
+pub struct PlotTracker(tracker::Tracker);
+
+#[pymethods]
+impl PlotTracker {
+    #[new]
+    fn new(radars: Vec<RadarNumbers>, options: Options) -> PyResult<Self> {
+        let radars = radars.into_iter().map(radar).collect();
+        let settings = options.settings(radars)?;
+        tracker::Tracker::try_new(settings).map(Self).map_err(value_error)
+    }
+
+    /// Until when everything is done.
+    #[getter]
+    fn time(&self) -> f64 {
+        self.0.time()
+    }
+
+    /// Takes plots, until `end`.
+    #[allow(clippy::too_many_arguments)]
+    fn track<'py>(
+        &mut self,
+        py: Python<'py>,
+        time: Bound<'py, PyAny>,
+        range: Bound<'py, PyAny>,
+        azimuth: Bound<'py, PyAny>,
+        height: Bound<'py, PyAny>,
+        radar: PyReadonlyArray1<'py, i64>,
+        identity: PyReadonlyArray1<'py, i64>,
+        end: Option<f64>,
+    ) -> PyResult<Table<'py>> {
+        let columns =
+            [(&time, "time"), (&range, "range"), (&azimuth, "azimuth"), (&height, "height")];
+        let mut samples = Vec::with_capacity(columns.len());
+        for (column, name) in columns {
+            samples.push(Samples::extract(column, name)?);
+        }
+        let mut rows = Vec::with_capacity(samples.len());
+        for column in &samples {
+            rows.push(column.rows(0)?);
+        }
+        let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
+        let (radar, identity) = (radar.as_slice()?, identity.as_slice()?);
+        let count = radar.len();
+        if values.iter().any(|column| column.len() != count) || identity.len() != count {
+            return Err(PyValueError::new_err("the columns of plots differ in length"));
+        }
+        let mut plots = room_for(count)?;
+        plots.extend((0..count).map(|i| Plot {
+            time: values[0][i],
+            range: values[1][i],
+            azimuth: values[2][i],
+            height: values[3][i],
+            radar: usize::try_from(radar[i]).unwrap_or(usize::MAX),
+            identity: identity[i],
+        }));
+        let (mut fates, mut found) = (Vec::new(), Vec::new());
+        release(py, count as f64 * PLOT_NS, || self.0.track(&plots, end, &mut fates, &mut found))
+            .map_err(value_error)?;
+        table(py, &found, &fates)
+    }
+
+    /// All that the tracker knows.
+    fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.0.to_bytes();
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// The tracker of such a state.
+    #[staticmethod]
+    fn from_state(state: &[u8]) -> PyResult<Self> {
+        tracker::Tracker::from_bytes(state)
+            .map(Self)
+            .ok_or_else(|| PyValueError::new_err("this is not the state of a Tracker"))
+    }
+}
+
+fn radar(numbers: RadarNumbers) -> Radar {
+    let [east, north, up, range_sigma, azimuth_sigma, period, range_max, detection] = numbers;
+    Radar {
+        position: [east, north, up],
+        range_sigma,
+        azimuth_sigma,
+        period,
+        range_max,
+        detection_probability: detection,
+    }
+}
+
+impl Options {
+    fn settings(self, radars: Vec<Radar>) -> PyResult<Settings> {
+        Ok(Settings {
+            radars,
+            motion: motion(&self.motion, &self.parameters)?,
+            guard: self.guard,
+            guard_acceleration: self.guard_acceleration,
+            initiation: self.initiation,
+            coasting: self.coasting,
+            speed_max: self.speed_max,
+            clutter_density: self.clutter_density,
+            identity_error: self.identity_error,
+            patience: self.patience,
+        })
+    }
+}
+
+fn motion(name: &str, parameters: &[f64]) -> PyResult<Motion> {
+    Ok(match (name, parameters) {
+        ("cv", &[sigma]) => Motion::Straight(sigma),
+        ("singer", &[alpha, sigma]) => {
+            Motion::Singer(Singer::try_new(alpha, sigma, true).map_err(value_error)?)
+        }
+        ("imm", &[straight, turn, turn_rate_walk, turn_rate, straight_time, turn_time]) => {
+            Motion::Multiple(Noise {
+                straight,
+                turn,
+                turn_rate_walk,
+                turn_rate,
+                straight_time,
+                turn_time,
+            })
+        }
+        ("window", &[long, short, inner, outer, guard, sum]) => Motion::Window(WindowRule {
+            long: long as usize,
+            short: short as usize,
+            inner,
+            outer,
+            guard,
+            sum,
+        }),
+        _ => return Err(PyValueError::new_err(format!("motion {name:?} is not known"))),
+    })
+}
+
+fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'py>> {
+    let n = rows.len();
+    let mut states = room_for(4 * n)?;
+    let mut covariances = room_for(16 * n)?;
+    for row in rows {
+        states.extend_from_slice(row.estimate.mean.as_slice());
+        covariances.extend_from_slice(row.estimate.covariance.as_slice());
+    }
+    let numbers = |of: fn(&Row) -> f64| array(py, &[n], rows.iter().map(of).collect());
+    let integers = |of: fn(&Row) -> i64| array(py, &[n], rows.iter().map(of).collect());
+    let confirmed = array(py, &[n], rows.iter().map(|row| row.confirmed).collect())?;
+    let fates = fates.iter().map(|&fate| match fate {
+        Fate::Track(number) => number as i64,
+        Fate::Invalid => -1,
+        Fate::Late => -2,
+        Fate::AtRadar => -3,
+        Fate::OutOfRange => -4,
+    });
+    Ok((
+        (
+            numbers(|row| row.time)?,
+            array(py, &[n, 4], states)?,
+            array(py, &[n, 4, 4], covariances)?,
+            numbers(|row| row.turning)?,
+            numbers(|row| row.height)?,
+            numbers(|row| row.climb)?,
+        ),
+        (
+            integers(|row| row.track as i64)?,
+            integers(|row| row.radar as i64)?,
+            integers(|row| row.plot.map_or(-1, |plot| plot as i64))?,
+            integers(|row| row.identity)?,
+            confirmed,
+        ),
+        array(py, &[fates.len()], fates.collect())?,
+    ))
+}

@@ -1,0 +1,226 @@
+//! Scans of plots in, tracks out (Glagovskii, Lavina, Rudelson 2014, and better).
+//!
+//! [`Tracker::track`] takes plots of several radars in the order of time. Of every scan the
+//! confirmed tracks take plots first, by the assignment with the largest likelihood, then those
+//! that are still tentative; every plot that is left begins a tentative track. Radars see a target
+//! at different times, each once in its scan.
+//!
+//! `estimate, motion <- bank, window <- filter; plot, settings, height <- track <- clutter, scan`.
+//! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
+
+mod bank;
+mod clutter;
+mod estimate;
+mod filter;
+mod height;
+mod motion;
+mod plot;
+mod scan;
+mod settings;
+mod track;
+mod window;
+
+pub use estimate::{Estimate, Plane};
+pub use filter::Motion;
+pub use motion::Noise;
+pub use plot::{Fate, Plot, Radar};
+pub use settings::Settings;
+pub use window::WindowRule;
+
+use crate::error::{Error, Result, require};
+use clutter::Clutter;
+use plot::Measured;
+use scan::{Scan, Sky};
+use serde::{Deserialize, Serialize};
+use track::Track;
+
+/// Share of the shortest scan for which plots wait for those that compete with them.
+const WAITING: f64 = 0.125;
+
+/// What is said of a track after a plot, or after a scan without one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// s
+    pub time: f64,
+    /// Number of the track.
+    pub track: u64,
+    /// Index of the radar.
+    pub radar: usize,
+    /// Index of the plot, in the order of all plots ever given; none where it was missed.
+    pub plot: Option<usize>,
+    /// Position and velocity.
+    pub estimate: Estimate<4>,
+    /// Probability that the target turns.
+    pub turning: f64,
+    /// Height and rate of climb; nan where there are none.
+    pub height: f64,
+    /// m/s
+    pub climb: f64,
+    /// What the transponder answers; negative where it does not.
+    pub identity: i64,
+    /// Whether the track is confirmed.
+    pub confirmed: bool,
+}
+
+impl Row {
+    fn of(track: &Track, radar: usize, plot: Option<usize>) -> Self {
+        let vertical = track.vertical.map(|vertical| (vertical.height, vertical.climb));
+        let (height, climb) = vertical.unwrap_or((f64::NAN, f64::NAN));
+        Self {
+            time: track.time,
+            track: track.number,
+            radar,
+            plot,
+            estimate: track.estimate,
+            turning: track.filter.turning(),
+            height,
+            climb,
+            identity: track.identity().unwrap_or(-1),
+            confirmed: track.is_confirmed(),
+        }
+    }
+}
+
+/// All tracks, and what they are made with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tracker {
+    settings: Settings,
+    tracks: Vec<Track>,
+    clutter: Vec<Clutter>,
+    /// Until when everything is done.
+    time: f64,
+    next_number: u64,
+    /// Plots given so far.
+    plots: usize,
+}
+
+impl Tracker {
+    /// A tracker without tracks.
+    ///
+    /// # Errors
+    /// Settings outside their domain.
+    pub fn try_new(settings: Settings) -> Result<Self> {
+        settings.check()?;
+        let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
+        let time = f64::NEG_INFINITY;
+        Ok(Self { settings, tracks: Vec::new(), clutter, time, next_number: 1, plots: 0 })
+    }
+
+    /// All that the tracker knows, to the last bit.
+    ///
+    /// # Panics
+    /// Never: what it knows can be written.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        postcard::to_stdvec(self).expect("vectors grow")
+    }
+
+    /// The tracker that was written; none where these are not such bytes.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        postcard::from_bytes(bytes).ok()
+    }
+
+    /// Number of plots given so far.
+    pub fn plots(&self) -> usize {
+        self.plots
+    }
+
+    /// Until when everything is done, s; negative infinity at first.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Takes plots, in any order among themselves, but after those that came before; `end` is the
+    /// time until which all plots are there, that of the last one where it is none. What became of
+    /// each plot goes to `fates`, what became of tracks to `rows`. Cost O(P log P + tracks).
+    ///
+    /// # Errors
+    /// The index of a radar that does not exist, or an end that is not finite.
+    pub fn track(
+        &mut self,
+        plots: &[Plot],
+        end: Option<f64>,
+        fates: &mut Vec<Fate>,
+        rows: &mut Vec<Row>,
+    ) -> Result<()> {
+        self.check(plots, end)?;
+        fates.clear();
+        let measured = self.measured(plots, fates);
+        let first = self.plots;
+        self.plots += plots.len();
+        let last = measured.last().map_or(self.time, |plot| plot.time);
+        let end = end.unwrap_or(last).max(last);
+        let period = self.settings.radars.iter().map(|r| r.period).fold(f64::INFINITY, f64::min);
+        let mut scan = Scan::default();
+        let mut waiting: Vec<Measured> = Vec::new();
+        let mut rest = &measured[..];
+        let mut until = f64::NEG_INFINITY;
+        while let Some(next) = rest.first().or(waiting.first()) {
+            // with the plots that wait no more than a scan: no target is in it twice
+            until = f64::max(until, next.time) + (1.0 - 2.0 * WAITING) * period;
+            let (now, later) = rest.split_at(rest.partition_point(|plot| plot.time < until));
+            waiting.extend_from_slice(now);
+            rest = later;
+            let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
+            let mut sky = Sky {
+                settings: &self.settings,
+                tracks: &mut self.tracks,
+                clutter: &mut self.clutter,
+                next_number: &mut self.next_number,
+                rows,
+            };
+            scan.process(&mut sky, &mut waiting, hold, |plot, fate| fates[plot - first] = fate);
+            self.finish(hold.min(end), rows);
+        }
+        self.finish(end, rows);
+        Ok(())
+    }
+
+    fn check(&self, plots: &[Plot], end: Option<f64>) -> Result<()> {
+        let radars = self.settings.radars.len();
+        for (i, plot) in plots.iter().enumerate() {
+            if plot.radar >= radars {
+                return Err(Error::InvalidElement {
+                    argument: "radar",
+                    index: vec![i],
+                    value: plot.radar as f64,
+                    requirement: "the index of one of the radars",
+                });
+            }
+        }
+        let end = end.unwrap_or(0.0);
+        require("end", end, end.is_finite(), "a finite number")
+    }
+
+    /// The plots that can be used, by time.
+    fn measured(&self, plots: &[Plot], fates: &mut Vec<Fate>) -> Vec<Measured> {
+        let mut measured = Vec::with_capacity(plots.len());
+        for (i, plot) in plots.iter().enumerate() {
+            let radar = &self.settings.radars[plot.radar];
+            let found = Measured::new(self.plots + i, plot, radar);
+            let late = plot.time < self.time - radar.period;
+            fates.push(match found {
+                Ok(_) if late => Fate::Late,
+                Ok(found) => {
+                    measured.push(found);
+                    Fate::Invalid
+                }
+                Err(fate) => fate,
+            });
+        }
+        measured.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.index.cmp(&b.index)));
+        measured
+    }
+
+    /// Counts what radars missed until `end`, and ends tracks.
+    fn finish(&mut self, end: f64, rows: &mut Vec<Row>) {
+        for track in &mut self.tracks {
+            track.miss(end, &self.settings, |track, radar| {
+                if track.is_confirmed() {
+                    rows.push(Row::of(track, radar, None));
+                }
+            });
+        }
+        self.tracks.retain(|track| track.is_alive(&self.settings));
+        self.time = self.time.max(end);
+    }
+}

@@ -1,0 +1,202 @@
+//! Several models of the motion of one target, mixed by how likely they are (interacting multiple
+//! models; Blom, Bar-Shalom 1988).
+
+use super::estimate::{Estimate, Moments, Plane};
+use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+/// Models of a bank.
+pub(super) const MODELS: usize = 3;
+/// Straight flight.
+pub(super) const STRAIGHT: usize = 0;
+/// A turn at an unknown rate.
+pub(super) const TURN: usize = 1;
+/// What a flight plan says.
+pub(super) const PLAN: usize = 2;
+/// A model below this probability neither gates nor scores.
+const NEGLIGIBLE: f64 = 0.005;
+
+/// Probabilities of the changes from one model (row) to another (column).
+pub(super) type Transition = [[f64; MODELS]; MODELS];
+
+/// The models' estimates and probabilities.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Bank {
+    pub straight: Estimate<4>,
+    pub turn: Estimate<5>,
+    pub plan: Estimate<4>,
+    /// They sum to the probability of the bank.
+    pub probability: [f64; MODELS],
+}
+
+/// Where a model expects the plot.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Component {
+    pub probability: f64,
+    pub position: [f64; 2],
+    pub covariance: Plane,
+}
+
+impl Bank {
+    /// Straight flight so far; a turn would begin at a rate with this variance.
+    pub fn new(straight: Estimate<4>, turning: f64, rate_variance: f64) -> Self {
+        let turn = entered(&straight, rate_variance);
+        Self { straight, turn, plan: straight, probability: [1.0 - turning, turning, 0.0] }
+    }
+
+    pub fn total(&self) -> f64 {
+        self.probability.iter().sum()
+    }
+
+    pub fn scale(&mut self, by: f64) {
+        self.probability.iter_mut().for_each(|p| *p *= by);
+    }
+
+    /// Mixes the estimates, as models may have changed. A turn that begins has a rate of zero with
+    /// the variance `rate_variance`.
+    pub fn mix(&mut self, transition: &Transition, rate_variance: f64) {
+        let before = self.probability;
+        let mut after = [0.0; MODELS];
+        for (j, sum) in after.iter_mut().enumerate() {
+            *sum = (0..MODELS).map(|i| transition[i][j] * before[i]).sum();
+        }
+        let weight = |i: usize, j: usize| transition[i][j] * before[i] / after[j];
+        let old = *self;
+        if after[STRAIGHT] > 0.0 {
+            self.straight = old.mixed_straight(STRAIGHT, |i| weight(i, STRAIGHT));
+        }
+        if after[PLAN] > 0.0 {
+            self.plan = old.mixed_straight(PLAN, |i| weight(i, PLAN));
+        }
+        if after[TURN] > 0.0 {
+            self.turn = old.mixed_turn(|i| weight(i, TURN), rate_variance);
+        }
+        self.probability = after;
+    }
+
+    /// The mixture seen by a model without a rate of turn.
+    #[inline]
+    fn mixed_straight(&self, into: usize, weight: impl Fn(usize) -> f64) -> Estimate<4> {
+        let origin = if into == PLAN && self.probability[PLAN] > 0.0 {
+            self.plan.mean
+        } else {
+            self.straight.mean
+        };
+        let mut moments = Moments::about(origin);
+        if weight(STRAIGHT) > 0.0 {
+            moments.add(weight(STRAIGHT), &self.straight);
+        }
+        if weight(TURN) > 0.0 {
+            moments.add(weight(TURN), &without_rate(&self.turn));
+        }
+        if weight(PLAN) > 0.0 {
+            moments.add(weight(PLAN), &self.plan);
+        }
+        moments.estimate()
+    }
+
+    /// The mixture seen by a turn.
+    #[inline]
+    fn mixed_turn(&self, weight: impl Fn(usize) -> f64, rate_variance: f64) -> Estimate<5> {
+        let mut moments = Moments::about(self.turn.mean);
+        if weight(STRAIGHT) > 0.0 {
+            moments.add(weight(STRAIGHT), &entered(&self.straight, rate_variance));
+        }
+        if weight(TURN) > 0.0 {
+            moments.add(weight(TURN), &self.turn);
+        }
+        if weight(PLAN) > 0.0 {
+            moments.add(weight(PLAN), &entered(&self.plan, rate_variance));
+        }
+        moments.estimate()
+    }
+
+    /// Calls `each` with what every model that counts expects, `total` being all banks' probability.
+    #[inline]
+    pub fn components(&self, mut each: impl FnMut(Component)) {
+        let models = [
+            (self.straight.position(), self.straight.position_covariance()),
+            (self.turn.position(), self.turn.position_covariance()),
+            (self.plan.position(), self.plan.position_covariance()),
+        ];
+        for (probability, (position, covariance)) in self.probability.into_iter().zip(models) {
+            if probability > NEGLIGIBLE {
+                each(Component { probability, position, covariance });
+            }
+        }
+    }
+
+    /// Corrects all models by a plot; the probabilities are multiplied by its densities.
+    #[inline]
+    pub fn correct(&mut self, z: [f64; 2], r: Plane) {
+        let [straight, turn, plan] = &mut self.probability;
+        if *straight > 0.0 {
+            *straight *= self.straight.correct(z, r);
+        }
+        if *turn > 0.0 {
+            *turn *= self.turn.correct(z, r);
+        }
+        if *plan > 0.0 {
+            *plan *= self.plan.correct(z, r);
+        }
+    }
+
+    /// Adds what all models say of position and velocity.
+    #[inline]
+    pub fn add_to(&self, moments: &mut Moments<4>, scale: f64) {
+        let [straight, turn, plan] = self.probability.map(|p| p * scale);
+        if straight > 0.0 {
+            moments.add(straight, &self.straight);
+        }
+        if turn > 0.0 {
+            moments.add(turn, &without_rate(&self.turn));
+        }
+        if plan > 0.0 {
+            moments.add(plan, &self.plan);
+        }
+    }
+
+    /// Makes a turn as likely as what else there is.
+    pub fn expect_turn(&mut self) {
+        let total = self.total();
+        let others = total - self.probability[TURN];
+        if others > 0.5 * total {
+            let shrink = 0.5 * total / others;
+            self.probability[STRAIGHT] *= shrink;
+            self.probability[PLAN] *= shrink;
+            self.probability[TURN] = 0.5 * total;
+        }
+    }
+
+    /// Widens all models, as if the target had accelerated unnoticed.
+    pub fn widen(&mut self, extra: &SMatrix<f64, 4, 4>) {
+        self.straight.covariance += extra;
+        self.plan.covariance += extra;
+        let mut block = self.turn.covariance.fixed_view_mut::<4, 4>(0, 0);
+        block += extra;
+    }
+}
+
+/// A turn that begins from straight flight.
+#[inline]
+pub(super) fn entered(straight: &Estimate<4>, rate_variance: f64) -> Estimate<5> {
+    let mut mean = SVector::zeros();
+    let mut covariance = SMatrix::zeros();
+    for j in 0..4 {
+        mean[j] = straight.mean[j];
+        for i in 0..4 {
+            covariance[(i, j)] = straight.covariance[(i, j)];
+        }
+    }
+    covariance[(4, 4)] = rate_variance;
+    Estimate { mean, covariance }
+}
+
+/// Position and velocity of a turn.
+#[inline]
+pub(super) fn without_rate(turn: &Estimate<5>) -> Estimate<4> {
+    Estimate {
+        mean: turn.mean.fixed_rows::<4>(0).into_owned(),
+        covariance: turn.covariance.fixed_view::<4, 4>(0, 0).into_owned(),
+    }
+}

@@ -1,0 +1,170 @@
+//! A mean and a covariance: what models of motion predict and plots correct.
+
+use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+/// Symmetric 2×2 matrix: east, north, and what they have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plane {
+    /// Variance east.
+    pub xx: f64,
+    /// Covariance.
+    pub xy: f64,
+    /// Variance north.
+    pub yy: f64,
+}
+
+impl Plane {
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self { xx: self.xx + other.xx, xy: self.xy + other.xy, yy: self.yy + other.yy }
+    }
+
+    pub(super) fn determinant(self) -> f64 {
+        self.xx * self.yy - self.xy * self.xy
+    }
+
+    /// The inverse; the caller's matrix is positive definite.
+    pub(super) fn inverse(self) -> Self {
+        let scale = 1.0 / self.determinant();
+        Self { xx: self.yy * scale, xy: -self.xy * scale, yy: self.xx * scale }
+    }
+
+    /// `v' M v`
+    pub(super) fn form(self, v: [f64; 2]) -> f64 {
+        self.xx * v[0] * v[0] + 2.0 * self.xy * v[0] * v[1] + self.yy * v[1] * v[1]
+    }
+}
+
+/// Mean and covariance of N states, of which the first two are the position.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate<const N: usize> {
+    /// Mean.
+    pub mean: SVector<f64, N>,
+    /// Covariance.
+    pub covariance: SMatrix<f64, N, N>,
+}
+
+impl<const N: usize> Estimate<N> {
+    pub(super) fn position(&self) -> [f64; 2] {
+        [self.mean[0], self.mean[1]]
+    }
+
+    pub(super) fn position_covariance(&self) -> Plane {
+        let p = &self.covariance;
+        Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] }
+    }
+
+    /// Corrects by a position with the noise `r`; returns the density of the plot.
+    #[inline]
+    pub(super) fn correct(&mut self, z: [f64; 2], r: Plane) -> f64 {
+        let s = self.position_covariance().plus(r);
+        let inverse = s.inverse();
+        let y = [z[0] - self.mean[0], z[1] - self.mean[1]];
+        let before = self.covariance;
+        for i in 0..N {
+            let (a, b) = (before[(i, 0)], before[(i, 1)]);
+            let gain = [a * inverse.xx + b * inverse.xy, a * inverse.xy + b * inverse.yy];
+            self.mean[i] += gain[0] * y[0] + gain[1] * y[1];
+            for j in i..N {
+                let less = gain[0] * before[(0, j)] + gain[1] * before[(1, j)];
+                self.covariance[(i, j)] -= less;
+                self.covariance[(j, i)] = self.covariance[(i, j)];
+            }
+        }
+        (-0.5 * inverse.form(y)).exp() / (std::f64::consts::TAU * s.determinant().sqrt())
+    }
+
+    /// Adds white noise of acceleration, with so much for each half square of the time.
+    #[inline]
+    pub(super) fn accelerate(&mut self, noise: Plane, t: f64) {
+        let p = &mut self.covariance;
+        let (position, both) = (t * t * t / 3.0, t * t / 2.0);
+        let entries = [(0, 0, noise.xx), (0, 1, noise.xy), (1, 0, noise.xy), (1, 1, noise.yy)];
+        for (i, j, q) in entries {
+            p[(i, j)] += q * position;
+            p[(i, j + 2)] += q * both;
+            p[(i + 2, j)] += q * both;
+            p[(i + 2, j + 2)] += q * t;
+        }
+    }
+}
+
+/// A weighted sum of estimates, and their moments.
+#[derive(Clone, Copy)]
+pub(super) struct Moments<const N: usize> {
+    mean: SVector<f64, N>,
+    /// Σ w (P + x x'), about `origin`, so that nothing cancels
+    square: SMatrix<f64, N, N>,
+    origin: SVector<f64, N>,
+}
+
+impl<const N: usize> Moments<N> {
+    pub fn about(origin: SVector<f64, N>) -> Self {
+        Self { mean: SVector::zeros(), square: SMatrix::zeros(), origin }
+    }
+
+    #[inline]
+    pub fn add(&mut self, weight: f64, estimate: &Estimate<N>) {
+        let d = estimate.mean - self.origin;
+        self.mean += d * weight;
+        for j in 0..N {
+            for i in 0..N {
+                self.square[(i, j)] += weight * (estimate.covariance[(i, j)] + d[i] * d[j]);
+            }
+        }
+    }
+
+    /// The estimate with these moments, of weights that sum to one.
+    #[inline]
+    pub fn estimate(&self) -> Estimate<N> {
+        let mut covariance = self.square;
+        for j in 0..N {
+            for i in 0..N {
+                covariance[(i, j)] -= self.mean[i] * self.mean[j];
+            }
+        }
+        Estimate { mean: self.origin + self.mean, covariance }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix4;
+
+    #[test]
+    fn a_correction_is_that_of_kalman() {
+        let root = Matrix4::new(
+            3.0, 0.1, 0.2, -0.3, 0.0, 2.0, 0.5, 0.1, 0.4, 0.0, 1.0, 0.2, 0.1, 0.3, 0.0, 1.5,
+        );
+        let mut estimate = Estimate {
+            mean: SVector::from([1.0, 2.0, 3.0, 4.0]),
+            covariance: root * root.transpose(),
+        };
+        let before = estimate;
+        let r = Plane { xx: 2.0, xy: 0.5, yy: 1.0 };
+        let density = estimate.correct([1.5, 1.0], r);
+        let information = before.covariance.try_inverse().unwrap();
+        let mut expected = information;
+        let inverse = r.inverse();
+        for (i, j, value) in
+            [(0, 0, inverse.xx), (0, 1, inverse.xy), (1, 0, inverse.xy), (1, 1, inverse.yy)]
+        {
+            expected[(i, j)] += value;
+        }
+        let covariance = expected.try_inverse().unwrap();
+        assert!((estimate.covariance - covariance).amax() < 1e-12);
+        assert!(density > 0.0 && density < 1.0);
+    }
+
+    #[test]
+    fn moments_of_two() {
+        let one = Estimate { mean: SVector::from([1e9]), covariance: SMatrix::from([[1.0]]) };
+        let two = Estimate { mean: SVector::from([1e9 + 2.0]), covariance: SMatrix::from([[1.0]]) };
+        let mut moments = Moments::about(one.mean);
+        moments.add(0.5, &one);
+        moments.add(0.5, &two);
+        let found = moments.estimate();
+        assert_eq!((found.mean[0], found.covariance[(0, 0)]), (1e9 + 1.0, 2.0));
+    }
+}

@@ -1,0 +1,62 @@
+//! Heights along time: they tell targets apart that are above one another.
+
+use serde::{Deserialize, Serialize};
+
+/// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
+const SIGMA: f64 = 15.0;
+/// Standard deviation of the vertical acceleration in white noise, m/s² per root of a hertz.
+const ACCELERATION: f64 = 0.7;
+/// Standard deviation of the first rate of climb, m/s.
+const CLIMB: f64 = 10.0;
+/// Heights that a wrong one may have, m.
+const SPAN: f64 = 12_000.0;
+/// How often a height is wrong.
+const WRONG: f64 = 1e-3;
+
+/// Height and rate of climb.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Vertical {
+    time: f64,
+    pub height: f64,
+    pub climb: f64,
+    variance: [f64; 3],
+}
+
+impl Vertical {
+    pub fn new(time: f64, height: f64) -> Self {
+        Self { time, height, climb: 0.0, variance: [SIGMA * SIGMA, 0.0, CLIMB * CLIMB] }
+    }
+
+    fn at(&self, time: f64) -> Self {
+        let t = time - self.time;
+        let [hh, hc, cc] = self.variance;
+        let q = ACCELERATION * ACCELERATION * t.abs();
+        let variance =
+            [hh + t * (2.0 * hc + t * cc) + q * t * t / 3.0, hc + t * cc + q * t / 2.0, cc + q];
+        Self { time, height: self.height + t * self.climb, climb: self.climb, variance }
+    }
+
+    /// Logarithm of how much likelier the height is for this target than for any.
+    pub fn score(&self, time: f64, height: f64) -> f64 {
+        let now = self.at(time);
+        let s = now.variance[0] + SIGMA * SIGMA;
+        let d = height - now.height;
+        let density = (-0.5 * d * d / s).exp() / (std::f64::consts::TAU * s).sqrt();
+        (WRONG + (1.0 - WRONG) * density * SPAN).ln()
+    }
+
+    /// Corrects by a height, unless it is wrong.
+    pub fn correct(&mut self, time: f64, height: f64) {
+        if self.score(time, height) < 0.5 * WRONG.ln() {
+            return;
+        }
+        *self = self.at(time);
+        let [hh, hc, cc] = self.variance;
+        let gain = [hh / (hh + SIGMA * SIGMA), hc / (hh + SIGMA * SIGMA)];
+        let d = height - self.height;
+        self.height += gain[0] * d;
+        self.climb += gain[1] * d;
+        let left = SIGMA * SIGMA / (hh + SIGMA * SIGMA);
+        self.variance = [hh * left, hc * left, cc - gain[1] * hc];
+    }
+}

@@ -1,0 +1,145 @@
+//! Radars and their plots: from range and azimuth to east and north.
+
+use super::estimate::Plane;
+use crate::error::{Result, require};
+use serde::{Deserialize, Serialize};
+
+/// Below this share of its range a target is straight above the radar.
+const LEAST_GROUND_SHARE: f64 = 1e-3;
+
+/// Where a radar is, and how it measures.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Radar {
+    /// East, north and up, m.
+    pub position: [f64; 3],
+    /// Standard deviation of ranges, m.
+    pub range_sigma: f64,
+    /// That of azimuths, rad.
+    pub azimuth_sigma: f64,
+    /// Time of a scan, s.
+    pub period: f64,
+    /// Farther, nothing is seen; m, may be infinite.
+    pub range_max: f64,
+    /// How often a target is seen in a scan.
+    pub detection_probability: f64,
+}
+
+impl Radar {
+    /// # Errors
+    /// A number outside its domain.
+    pub fn check(&self) -> Result<()> {
+        for place in self.position {
+            require("position", place, place.is_finite(), "a finite number")?;
+        }
+        for (name, value) in [
+            ("range_sigma", self.range_sigma),
+            ("azimuth_sigma", self.azimuth_sigma),
+            ("period", self.period),
+        ] {
+            require(name, value, value > 0.0 && value.is_finite(), "a positive number")?;
+        }
+        require("range_max", self.range_max, self.range_max > 0.0, "a positive number")?;
+        let p = self.detection_probability;
+        require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
+    }
+
+    /// Covariance of the plot of a target at this position.
+    #[inline]
+    pub fn noise_at(&self, position: [f64; 2]) -> Plane {
+        let d = [position[0] - self.position[0], position[1] - self.position[1]];
+        let squared = (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE);
+        let along = self.range_sigma * self.range_sigma;
+        let across = self.azimuth_sigma * self.azimuth_sigma * squared;
+        let (ee, en, nn) = (d[0] * d[0] / squared, d[0] * d[1] / squared, d[1] * d[1] / squared);
+        Plane {
+            xx: along * ee + across * nn,
+            xy: (along - across) * en,
+            yy: along * nn + across * ee,
+        }
+    }
+
+    /// East and north of a plot, without the bias that the error of the azimuth makes: on average
+    /// `cos` is smaller by `exp(−σ²/2)`. None where it is straight above the radar.
+    pub fn position_of(&self, range: f64, azimuth: f64, height: f64) -> Option<[f64; 2]> {
+        let up = if height.is_finite() { height - self.position[2] } else { 0.0 };
+        let squared = range * range - up * up;
+        let least = LEAST_GROUND_SHARE * range;
+        if squared <= least * least {
+            return None;
+        }
+        let (sine, cosine) = azimuth.sin_cos();
+        let ground = squared.sqrt() * (0.5 * self.azimuth_sigma * self.azimuth_sigma).exp();
+        Some([self.position[0] + ground * sine, self.position[1] + ground * cosine])
+    }
+
+    /// Whether a target at this position can be seen.
+    pub fn covers(&self, position: [f64; 2]) -> bool {
+        self.distance(position) <= self.range_max
+    }
+
+    pub(super) fn distance(&self, position: [f64; 2]) -> f64 {
+        (position[0] - self.position[0]).hypot(position[1] - self.position[1])
+    }
+}
+
+/// What a radar saw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plot {
+    /// s
+    pub time: f64,
+    /// m
+    pub range: f64,
+    /// rad, clockwise from north
+    pub azimuth: f64,
+    /// Index of the radar.
+    pub radar: usize,
+    /// m; nan where there is none
+    pub height: f64,
+    /// What the transponder answered; negative where there is none.
+    pub identity: i64,
+}
+
+/// What became of a plot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(i64)]
+pub enum Fate {
+    /// It belongs to this track.
+    Track(u64),
+    /// A number of it is not finite, or its range is not positive.
+    Invalid,
+    /// It is older than what has been processed.
+    Late,
+    /// It is straight above the radar.
+    AtRadar,
+    /// It is farther than the radar sees.
+    OutOfRange,
+}
+
+/// A plot in the plane.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Measured {
+    /// Index among the plots that were given.
+    pub index: usize,
+    pub time: f64,
+    pub radar: usize,
+    pub position: [f64; 2],
+    pub height: f64,
+    pub identity: i64,
+}
+
+impl Measured {
+    /// The plot in the plane, or why it cannot be used.
+    pub fn new(index: usize, plot: &Plot, radar: &Radar) -> std::result::Result<Self, Fate> {
+        let finite = plot.time.is_finite() && plot.range.is_finite() && plot.azimuth.is_finite();
+        if !finite || plot.range <= 0.0 || plot.height.is_infinite() {
+            return Err(Fate::Invalid);
+        }
+        if plot.range > radar.range_max {
+            return Err(Fate::OutOfRange);
+        }
+        let position =
+            radar.position_of(plot.range, plot.azimuth, plot.height).ok_or(Fate::AtRadar)?;
+        let &Plot { time, radar, height, identity, .. } = plot;
+        Ok(Self { index, time, radar, position, height, identity })
+    }
+}

@@ -1,0 +1,53 @@
+//! What a tracker is told.
+
+use super::filter::Motion;
+use super::plot::Radar;
+use crate::error::{Result, require};
+use serde::{Deserialize, Serialize};
+
+/// What a tracker is told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// The radars, which plots name by their index.
+    pub radars: Vec<Radar>,
+    /// How confirmed targets move.
+    pub motion: Motion,
+    /// Distance squared of the guard gate.
+    pub guard: f64,
+    /// Acceleration that a target may have unnoticed, m/s².
+    pub guard_acceleration: f64,
+    /// Plots that confirm a track, and scans in which they must come.
+    pub initiation: (usize, usize),
+    /// Scans without a plot after which a track ends.
+    pub coasting: usize,
+    /// No target is faster, m/s.
+    pub speed_max: f64,
+    /// False plots per square metre and scan; nan: estimated.
+    pub clutter_density: f64,
+    /// How often an identity is read wrongly.
+    pub identity_error: f64,
+    /// Share of a scan for which a plot may be late.
+    pub patience: f64,
+}
+
+impl Settings {
+    /// # Errors
+    /// A number outside its domain.
+    pub fn check(&self) -> Result<()> {
+        require("radars", 0.0, !self.radars.is_empty(), "at least one radar")?;
+        self.radars.iter().try_for_each(Radar::check)?;
+        let positive = |name, value: f64| {
+            require(name, value, value > 0.0 && value.is_finite(), "a positive number")
+        };
+        positive("speed_max", self.speed_max)?;
+        positive("guard", self.guard)?;
+        let a = self.guard_acceleration;
+        require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
+        let (m, n) = self.initiation;
+        require("initiation", m as f64, m >= 2 && m <= n, "2 plots or more, of no fewer scans")?;
+        let b = self.clutter_density;
+        require("clutter_density", b, b.is_nan() || b > 0.0, "a positive number")?;
+        let p = self.identity_error;
+        require("identity_error", p, p > 0.0 && p < 1.0, "between 0 and 1")
+    }
+}

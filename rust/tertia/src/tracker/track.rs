@@ -1,0 +1,315 @@
+//! One track: its filter, its life, and what it answers.
+
+use super::estimate::{Estimate, Plane};
+use super::filter::{Filter, Motion};
+use super::height::Vertical;
+use super::plot::{Measured, Radar};
+use super::settings::Settings;
+use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+/// Standard deviation of the acceleration of a track that is not confirmed yet, m/s².
+const FIRST_ACCELERATION: f64 = 1.0;
+/// Answers in a row after which a track has another identity.
+const CHANGED_AFTER: u8 = 3;
+/// A plot of the same radar comes no sooner than this share of a scan after the last.
+const SOONEST: f64 = 0.5;
+/// How much likelier an identity is for its own target than for any other.
+const IDENTITIES: f64 = 4096.0;
+
+/// How far a track is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) enum Stage {
+    /// So many plots and misses so far.
+    Tentative {
+        hits: usize,
+        misses: usize,
+    },
+    Confirmed,
+}
+
+/// When a radar should see a target next.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Expected {
+    pub radar: usize,
+    pub time: f64,
+    /// Of the last plot.
+    pub seen: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Identity {
+    code: i64,
+    /// Another one, and how often in a row it was answered.
+    other: i64,
+    times: u8,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Track {
+    pub number: u64,
+    pub stage: Stage,
+    /// Of the estimate.
+    pub time: f64,
+    /// Of the last plot.
+    pub seen: f64,
+    pub filter: Filter,
+    /// Position and velocity of the filter.
+    pub estimate: Estimate<4>,
+    pub expected: Vec<Expected>,
+    pub vertical: Option<Vertical>,
+    identity: Option<Identity>,
+}
+
+impl Track {
+    /// A track from one plot: any velocity up to about `speed_max`.
+    pub fn new(number: u64, plot: &Measured, settings: &Settings) -> Self {
+        let radar = &settings.radars[plot.radar];
+        let r = radar.noise_at(plot.position);
+        let v = (0.5 * settings.speed_max).powi(2);
+        let [x, y] = plot.position;
+        let covariance = SMatrix::from([
+            [r.xx, r.xy, 0.0, 0.0],
+            [r.xy, r.yy, 0.0, 0.0],
+            [0.0, 0.0, v, 0.0],
+            [0.0, 0.0, 0.0, v],
+        ]);
+        let estimate = Estimate { mean: SVector::from([x, y, 0.0, 0.0]), covariance };
+        let mut track = Self {
+            number,
+            stage: Stage::Tentative { hits: 0, misses: 0 },
+            time: plot.time,
+            seen: plot.time,
+            filter: Filter::Straight(estimate),
+            estimate,
+            expected: Vec::new(),
+            vertical: None,
+            identity: None,
+        };
+        track.take(plot, settings);
+        track
+    }
+
+    pub fn is_confirmed(&self) -> bool {
+        self.stage == Stage::Confirmed
+    }
+
+    /// What the transponder answers.
+    pub fn identity(&self) -> Option<i64> {
+        self.identity.map(|identity| identity.code)
+    }
+
+    fn motion(&self, settings: &Settings) -> Motion {
+        if self.is_confirmed() { settings.motion } else { Motion::Straight(FIRST_ACCELERATION) }
+    }
+
+    /// Position, and its covariance, at a time not far off.
+    #[inline]
+    pub fn position_at(&self, time: f64) -> ([f64; 2], Plane) {
+        let t = time - self.time;
+        let (x, p) = (&self.estimate.mean, &self.estimate.covariance);
+        let variance = |i: usize| p[(i, i)] + t * (2.0 * p[(i, i + 2)] + t * p[(i + 2, i + 2)]);
+        let covariance = Plane { xx: variance(0), xy: 0.0, yy: variance(1) };
+        ([x[0] + t * x[2], x[1] + t * x[3]], covariance)
+    }
+
+    /// Lets time pass.
+    pub fn predict(&mut self, time: f64, period: f64, settings: &Settings) {
+        if time > self.time {
+            let motion = self.motion(settings);
+            self.filter.predict(&motion, time - self.time, period);
+            self.time = time;
+            self.estimate = self.filter.estimate();
+        }
+    }
+
+    /// When this radar should see the target, if it has seen it.
+    pub fn expected_by(&self, radar: usize) -> Option<&Expected> {
+        self.expected.iter().find(|expected| expected.radar == radar)
+    }
+
+    /// Whether this radar can have made a plot of this target at this time.
+    pub fn is_due(&self, plot: &Measured, radar: &Radar) -> bool {
+        self.expected_by(plot.radar).is_none_or(|e| plot.time - e.seen > SOONEST * radar.period)
+    }
+
+    /// Where the plot would be at the time of the estimate, and its noise, in which the error of
+    /// the velocity is for a plot that came late.
+    fn brought_here(&self, plot: &Measured, radar: &Radar) -> ([f64; 2], Plane) {
+        let t = plot.time - self.time;
+        let x = &self.estimate.mean;
+        let mut r = radar.noise_at(self.estimate.position());
+        if t < 0.0 {
+            let p = &self.estimate.covariance;
+            r.xx += t * t * p[(2, 2)];
+            r.xy += t * t * p[(2, 3)];
+            r.yy += t * t * p[(3, 3)];
+        }
+        ([plot.position[0] - t * x[2], plot.position[1] - t * x[3]], r)
+    }
+
+    /// Logarithm of how much likelier the plot is of this target than any other; none outside the
+    /// gate.
+    #[inline]
+    pub fn score(&self, plot: &Measured, others: f64, settings: &Settings) -> Option<f64> {
+        let radar = &settings.radars[plot.radar];
+        let (z, r) = self.brought_here(plot, radar);
+        let (mut density, mut nearest) = (0.0, f64::INFINITY);
+        self.filter.components(|component| {
+            let s = component.covariance.plus(r);
+            let y = [z[0] - component.position[0], z[1] - component.position[1]];
+            let d = s.inverse().form(y);
+            nearest = f64::min(nearest, d);
+            density += component.probability * (-0.5 * d).exp() / s.determinant().sqrt();
+        });
+        if nearest > settings.guard {
+            return None;
+        }
+        let p = radar.detection_probability;
+        let position = (p * density / ((1.0 - p) * others * std::f64::consts::TAU)).ln();
+        Some(position + self.also(plot, settings))
+    }
+
+    /// Distance squared of a plot, with the target accelerating unnoticed since it was last seen.
+    pub fn guarded_distance(&self, plot: &Measured, settings: &Settings) -> f64 {
+        let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
+        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
+        let wide = (0.5 * settings.guard_acceleration * self.gap(settings).powi(2)).powi(2);
+        let s = self.estimate.position_covariance().plus(r);
+        s.plus(Plane { xx: wide, xy: 0.0, yy: wide }).inverse().form(y)
+    }
+
+    /// Seconds without a plot, five scans at most.
+    fn gap(&self, settings: &Settings) -> f64 {
+        (self.time - self.seen).min(5.0 * self.period(settings))
+    }
+
+    /// What height and identity say.
+    pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
+        let height = match self.vertical {
+            Some(vertical) if plot.height.is_finite() => vertical.score(plot.time, plot.height),
+            _ => 0.0,
+        };
+        let identity = match self.identity {
+            Some(own) if plot.identity >= 0 && plot.identity == own.code => {
+                ((1.0 - settings.identity_error) * IDENTITIES).ln()
+            }
+            Some(_) if plot.identity >= 0 => settings.identity_error.ln(),
+            _ => 0.0,
+        };
+        height + identity
+    }
+
+    /// Corrects by a plot of the guard gate.
+    pub fn take_guarded(&mut self, plot: &Measured, settings: &Settings) {
+        self.filter.widen(settings.guard_acceleration, self.gap(settings));
+        self.estimate = self.filter.estimate();
+        self.correct(plot, settings);
+    }
+
+    /// Corrects by a plot.
+    pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
+        let radar = &settings.radars[plot.radar];
+        self.predict(plot.time, radar.period, settings);
+        let (z, r) = self.brought_here(plot, radar);
+        let motion = self.motion(settings);
+        self.filter.correct(&motion, z, r);
+        self.estimate = self.filter.estimate();
+        self.seen = self.seen.max(plot.time);
+        self.take(plot, settings);
+    }
+
+    /// Height, identity, stage and when the radar should come again.
+    fn take(&mut self, plot: &Measured, settings: &Settings) {
+        if plot.height.is_finite() {
+            match &mut self.vertical {
+                Some(vertical) => vertical.correct(plot.time, plot.height),
+                None => self.vertical = Some(Vertical::new(plot.time, plot.height)),
+            }
+        }
+        if plot.identity >= 0 {
+            self.answer(plot.identity);
+        }
+        let next = plot.time + settings.radars[plot.radar].period;
+        match self.expected.iter_mut().find(|expected| expected.radar == plot.radar) {
+            Some(expected) => (expected.time, expected.seen) = (next, plot.time),
+            None => {
+                self.expected.push(Expected { radar: plot.radar, time: next, seen: plot.time });
+            }
+        }
+        if let Stage::Tentative { hits, .. } = &mut self.stage {
+            *hits += 1;
+            if *hits >= settings.initiation.0 {
+                self.stage = Stage::Confirmed;
+                self.filter = Filter::new(&settings.motion, self.estimate);
+            }
+        }
+    }
+
+    fn answer(&mut self, code: i64) {
+        let new = Identity { code, other: code, times: 0 };
+        let own = self.identity.get_or_insert(new);
+        if code == own.code {
+            own.times = 0;
+            return;
+        }
+        own.times = if code == own.other { own.times + 1 } else { 1 };
+        own.other = code;
+        if own.times >= CHANGED_AFTER {
+            *own = new;
+        }
+    }
+
+    /// Scans of the slowest radar that sees the target.
+    fn period(&self, settings: &Settings) -> f64 {
+        let periods = self.expected.iter().map(|expected| settings.radars[expected.radar].period);
+        periods.fold(0.0, f64::max)
+    }
+
+    /// Counts the scans in which radars should have seen the target before `end`; calls `missed`
+    /// for each.
+    pub fn miss(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
+        for i in 0..self.expected.len() {
+            loop {
+                let Expected { radar, time, .. } = self.expected[i];
+                let station = &settings.radars[radar];
+                if time + settings.patience * station.period >= end || !self.is_alive(settings) {
+                    break;
+                }
+                self.expected[i].time += station.period;
+                self.predict(time, station.period, settings);
+                if station.covers(self.estimate.position()) {
+                    if let Stage::Tentative { misses, .. } = &mut self.stage {
+                        *misses += 1;
+                    }
+                    missed(self, radar);
+                }
+            }
+        }
+    }
+
+    /// Whether the track goes on: plots enough at the beginning, and not too long without one.
+    pub fn is_alive(&self, settings: &Settings) -> bool {
+        let (m, n) = settings.initiation;
+        match self.stage {
+            Stage::Tentative { misses, .. } if misses > n - m => false,
+            _ => {
+                let limit = (settings.coasting as f64 + 0.5) * self.period(settings);
+                self.time - self.seen <= limit
+            }
+        }
+    }
+
+    /// Velocity that is not known yet is not worth a prediction beyond the gate.
+    pub fn reach(&self, time: f64, settings: &Settings) -> f64 {
+        let gap = (time - self.seen).clamp(0.0, 5.0 * self.period(settings));
+        0.5 * settings.guard_acceleration * gap * gap + motion_margin(time - self.time)
+    }
+}
+
+/// How much farther a target may be than the last covariance says.
+fn motion_margin(t: f64) -> f64 {
+    /// Acceleration in the models' noise, m/s².
+    const ACCELERATION: f64 = 3.0;
+    0.5 * ACCELERATION * t * t
+}
