@@ -2,8 +2,8 @@
 //! sometimes wrong.
 //!
 //! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
-//! kalman <- smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses
-//! those to its left only.
+//! kalman <- smoothing <- fusion`, `matrix <- association`, with [`batch`] and [`missing`] for their
+//! callers: a module uses those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
@@ -31,8 +31,15 @@
 //! | [`smoothing::Polynomial`], window W | O(N W); O(N) per tap with equal steps | W |
 //! | [`smoothing::smooth`], D axes | O(N D³) | 9 D² + 9 D numbers an instant |
 //! | [`fusion::Centre`], K radars, a step | O(K²); robust O(K), matrix rules O(K³) | O(K²) |
+//!
+//! | kernel for T tracks, N plots and P pairs of them | cost | extra memory |
+//! |---|---|---|
+//! | [`association::Grid`], to build; a query | O(N); O(1) and what is found | O(N) |
+//! | [`association::gate::pairs`] | O(T + N + P) | O(T + N) |
+//! | [`association::Assigner::assign`] | O(T + N + P log P) where few pairs compete | O(T + N + P) |
 
 mod angle;
+pub mod association;
 pub mod batch;
 pub mod bearing;
 mod distribution;

@@ -1,0 +1,427 @@
+//! Each row one column at most and each column one row: the best such choice, and a quick one.
+//!
+//! Rows are tracks and columns plots, or the other way round. The best choice is found by shortest
+//! augmenting paths (Jonker, Volgenant 1987) among the pairs alone, so it costs little where few
+//! pairs compete, however many rows and columns there are. A path only goes where pairs lead, so
+//! what has nothing to do with each other (a component) is solved by itself, and a lone pair or a
+//! row with several free columns without any search.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+/// That a row and a column may be put together, and what it is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// Index of the row.
+    pub row: u32,
+    /// Index of the column.
+    pub column: u32,
+    /// What it is worth; a pair that is not worth a positive, finite number is left out.
+    pub gain: f64,
+}
+
+impl Pair {
+    fn counts(&self) -> bool {
+        self.gain > 0.0 && self.gain.is_finite()
+    }
+}
+
+/// No row, or no column.
+const NONE: u32 = u32::MAX;
+
+/// The column of each row such that the sum of the gains is largest, with gain 0 for what is left
+/// alone. With equal sums the choice depends on indices alone, not on the order of `pairs`.
+///
+/// # Panics
+/// An index that is not below `rows` or `columns`.
+#[must_use]
+pub fn assign(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
+    Assigner::default().assign(pairs, rows, columns).to_vec()
+}
+
+/// The column of each row by taking the best pair that is left, again and again; with equal gains
+/// that of the first row, then of the first column. Cost O(P log P).
+///
+/// # Panics
+/// An index that is not below `rows` or `columns`.
+#[must_use]
+pub fn nearest(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
+    Assigner::default().nearest(pairs, rows, columns).to_vec()
+}
+
+/// A pair as its row sees it.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    column: u32,
+    /// The gain with the other sign.
+    cost: f64,
+}
+
+/// A column on the way, nearest first in a heap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reached {
+    distance: f64,
+    column: u32,
+}
+
+impl Eq for Reached {}
+
+impl Ord for Reached {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.distance.total_cmp(&self.distance).then(other.column.cmp(&self.column))
+    }
+}
+
+impl PartialOrd for Reached {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// Where a path ends.
+#[derive(Clone, Copy, Debug)]
+enum End {
+    /// At a free column.
+    Column(u32),
+    /// At a row that is left alone.
+    Row(u32),
+}
+
+/// The buffers of [`assign`] and [`nearest`]; used again and again, it allocates nothing more.
+#[derive(Clone, Debug, Default)]
+pub struct Assigner {
+    edges: Vec<Edge>,
+    /// Where the edges of each row begin, and where the last one's end.
+    start: Vec<u32>,
+    result: Vec<Option<u32>>,
+    row_of: Vec<u32>,
+    /// The cost of a row's own pair.
+    cost_of: Vec<f64>,
+    /// What a column asks beyond its cost, never positive; 0 while it is free.
+    price: Vec<f64>,
+    distance: Vec<f64>,
+    /// The row from which a column was reached.
+    from: Vec<u32>,
+    settled: Vec<bool>,
+    reached: Vec<u32>,
+    heap: BinaryHeap<Reached>,
+    order: Vec<u32>,
+}
+
+impl Assigner {
+    /// As the function [`assign`].
+    ///
+    /// # Panics
+    /// An index that is not below `rows` or `columns`.
+    pub fn assign(&mut self, pairs: &[Pair], rows: usize, columns: usize) -> &[Option<u32>] {
+        self.reset(rows, columns);
+        self.read(pairs);
+        for row in 0..rows {
+            self.place(row as u32);
+        }
+        &self.result
+    }
+
+    /// As the function [`nearest`].
+    ///
+    /// # Panics
+    /// An index that is not below `rows` or `columns`.
+    pub fn nearest(&mut self, pairs: &[Pair], rows: usize, columns: usize) -> &[Option<u32>] {
+        self.reset(rows, columns);
+        self.order.clear();
+        self.order.extend((0..pairs.len() as u32).filter(|&i| pairs[i as usize].counts()));
+        self.order.sort_unstable_by(|&a, &b| {
+            let (a, b) = (&pairs[a as usize], &pairs[b as usize]);
+            b.gain.total_cmp(&a.gain).then((a.row, a.column).cmp(&(b.row, b.column)))
+        });
+        for &i in &self.order {
+            let Pair { row, column, .. } = pairs[i as usize];
+            if self.result[row as usize].is_none() && self.row_of[column as usize] == NONE {
+                self.result[row as usize] = Some(column);
+                self.row_of[column as usize] = row;
+            }
+        }
+        &self.result
+    }
+
+    fn reset(&mut self, rows: usize, columns: usize) {
+        refill(&mut self.result, rows, None);
+        refill(&mut self.row_of, columns, NONE);
+    }
+
+    /// Sorts the pairs that count by row and column.
+    fn read(&mut self, pairs: &[Pair]) {
+        let (rows, columns) = (self.result.len(), self.row_of.len());
+        refill(&mut self.start, rows + 1, 0);
+        refill(&mut self.cost_of, rows, 0.0);
+        refill(&mut self.price, columns, 0.0);
+        refill(&mut self.distance, columns, f64::INFINITY);
+        refill(&mut self.from, columns, NONE);
+        refill(&mut self.settled, columns, false);
+        for pair in pairs.iter().filter(|pair| pair.counts()) {
+            assert!((pair.column as usize) < columns, "a column that is not there");
+            self.start[..rows][pair.row as usize] += 1;
+        }
+        let mut end = 0;
+        for start in &mut self.start {
+            end += *start;
+            *start = end;
+        }
+        refill(&mut self.edges, end as usize, Edge { column: 0, cost: 0.0 });
+        for pair in pairs.iter().rev().filter(|pair| pair.counts()) {
+            let start = &mut self.start[pair.row as usize];
+            *start -= 1;
+            self.edges[*start as usize] = Edge { column: pair.column, cost: -pair.gain };
+        }
+        for row in 0..rows {
+            let edges = &mut self.edges[self.start[row] as usize..self.start[row + 1] as usize];
+            if !edges.is_sorted_by_key(|edge| edge.column) {
+                edges.sort_by(|a, b| a.column.cmp(&b.column).then(a.cost.total_cmp(&b.cost)));
+            }
+        }
+    }
+
+    fn edges_of(&self, row: u32) -> std::ops::Range<usize> {
+        self.start[row as usize] as usize..self.start[row as usize + 1] as usize
+    }
+
+    /// Finds room for one more row.
+    fn place(&mut self, row: u32) {
+        // most rows take a column that nobody else wants
+        let mut best = Reached { distance: 0.0, column: NONE };
+        let mut best_cost = 0.0;
+        for edge in &self.edges[self.edges_of(row)] {
+            let distance = edge.cost - self.price[edge.column as usize];
+            if distance < best.distance {
+                (best, best_cost) = (Reached { distance, column: edge.column }, edge.cost);
+            }
+        }
+        if best.column == NONE {
+            return;
+        }
+        if self.row_of[best.column as usize] == NONE {
+            self.result[row as usize] = Some(best.column);
+            self.row_of[best.column as usize] = row;
+            self.cost_of[row as usize] = best_cost;
+            return;
+        }
+        let end = self.search(row);
+        self.augment(row, end);
+    }
+
+    /// The nearest end of a path from a free row (Dijkstra); prices are those after it is taken.
+    fn search(&mut self, first: u32) -> End {
+        let (mut row, mut travelled, mut own) = (first, 0.0, 0.0);
+        let (mut exit, mut exit_row) = (f64::INFINITY, first);
+        let end = loop {
+            // a row that gives up its column and stays alone
+            if travelled - own < exit {
+                (exit, exit_row) = (travelled - own, row);
+            }
+            for at in self.edges_of(row) {
+                let Edge { column, cost } = self.edges[at];
+                let j = column as usize;
+                let distance = travelled + (cost - self.price[j]) - own;
+                if distance < self.distance[j] && distance < exit && !self.settled[j] {
+                    if self.distance[j] == f64::INFINITY {
+                        self.reached.push(column);
+                    }
+                    (self.distance[j], self.from[j]) = (distance, row);
+                    self.heap.push(Reached { distance, column });
+                }
+            }
+            let next = loop {
+                match self.heap.pop() {
+                    Some(next) if next.distance >= exit => break None,
+                    Some(next) if self.settled[next.column as usize] => {}
+                    next => break next,
+                }
+            };
+            let Some(Reached { distance, column }) = next else {
+                travelled = exit;
+                break End::Row(exit_row);
+            };
+            travelled = distance;
+            if self.row_of[column as usize] == NONE {
+                break End::Column(column);
+            }
+            self.settled[column as usize] = true;
+            row = self.row_of[column as usize];
+            own = self.cost_of[row as usize] - self.price[column as usize];
+        };
+        for &column in &self.reached {
+            let j = column as usize;
+            if self.settled[j] {
+                self.price[j] += self.distance[j] - travelled;
+            }
+            (self.distance[j], self.settled[j]) = (f64::INFINITY, false);
+        }
+        self.reached.clear();
+        self.heap.clear();
+        end
+    }
+
+    /// Gives every column on the path to the row before it.
+    fn augment(&mut self, first: u32, end: End) {
+        let mut next = match end {
+            End::Column(column) => Some(column),
+            End::Row(row) => self.result[row as usize].take(),
+        };
+        while let Some(column) = next {
+            let row = self.from[column as usize];
+            self.row_of[column as usize] = row;
+            self.cost_of[row as usize] = self.cost(row, column);
+            next = self.result[row as usize].replace(column);
+            if row == first {
+                break;
+            }
+        }
+    }
+
+    /// The least cost of a pair.
+    fn cost(&self, row: u32, column: u32) -> f64 {
+        let edges = &self.edges[self.edges_of(row)];
+        let first = edges.partition_point(|edge| edge.column < column);
+        let same = edges[first..].iter().take_while(|edge| edge.column == column);
+        same.fold(0.0, |least, edge| edge.cost.min(least))
+    }
+}
+
+/// Makes a buffer this long, all of it this value.
+fn refill<T: Copy>(buffer: &mut Vec<T>, length: usize, value: T) {
+    buffer.clear();
+    buffer.resize(length, value);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::association::random::Random;
+
+    /// The sum of the gains, after checking that nothing is used twice and every choice is a pair.
+    fn total(pairs: &[Pair], result: &[Option<u32>], columns: usize) -> f64 {
+        let mut used = vec![false; columns];
+        let mut total = 0.0;
+        for (row, column) in result.iter().enumerate() {
+            let Some(column) = column else { continue };
+            assert!(!std::mem::replace(&mut used[*column as usize], true));
+            let same = |p: &&Pair| p.row as usize == row && p.column == *column && p.counts();
+            total += pairs.iter().filter(same).map(|p| p.gain).fold(f64::NAN, f64::max);
+        }
+        total
+    }
+
+    /// The largest sum of all choices, tried one after the other.
+    fn brute(pairs: &[Pair], rows: u32, used: &mut [bool], row: u32) -> f64 {
+        if row == rows {
+            return 0.0;
+        }
+        let mut best = brute(pairs, rows, used, row + 1);
+        for pair in pairs.iter().filter(|pair| pair.row == row && pair.counts()) {
+            let j = pair.column as usize;
+            if !used[j] {
+                used[j] = true;
+                best = best.max(pair.gain + brute(pairs, rows, used, row + 1));
+                used[j] = false;
+            }
+        }
+        best
+    }
+
+    fn drawn(random: &mut Random, rows: usize, columns: usize, share: f64) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for row in 0..rows as u32 {
+            for column in 0..columns as u32 {
+                if random.uniform() < share {
+                    // whole numbers make ties
+                    let gain = random.symmetric(6.0) + 2.0;
+                    let gain = if random.uniform() < 0.5 { gain.round() } else { gain };
+                    pairs.push(Pair { row, column, gain });
+                }
+            }
+        }
+        pairs
+    }
+
+    #[test]
+    fn against_brute_force() {
+        let mut random = Random::new(2);
+        let mut assigner = Assigner::default();
+        for (rows, columns) in [(1, 1), (1, 5), (5, 1), (3, 3), (4, 6), (6, 4), (5, 5)] {
+            for share in [0.2, 0.5, 1.0] {
+                for _ in 0..200 {
+                    let pairs = drawn(&mut random, rows, columns, share);
+                    let result = assigner.assign(&pairs, rows, columns).to_vec();
+                    let expected = brute(&pairs, rows as u32, &mut vec![false; columns], 0);
+                    let found = total(&pairs, &result, columns);
+                    assert!((found - expected).abs() < 1e-12, "{pairs:?} {result:?}");
+                    assert_eq!(result, assign(&pairs, rows, columns));
+                    let greedy = assigner.nearest(&pairs, rows, columns).to_vec();
+                    assert!(total(&pairs, &greedy, columns) <= found + 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_order_of_the_pairs_does_not_matter() {
+        let mut random = Random::new(3);
+        for _ in 0..300 {
+            let pairs = drawn(&mut random, 6, 6, 0.6);
+            let mut shuffled = pairs.clone();
+            for i in (1..shuffled.len()).rev() {
+                shuffled.swap(i, (random.uniform() * (i + 1) as f64) as usize);
+            }
+            assert_eq!(assign(&pairs, 6, 6), assign(&shuffled, 6, 6));
+            assert_eq!(nearest(&pairs, 6, 6), nearest(&shuffled, 6, 6));
+        }
+    }
+
+    #[test]
+    fn greed_is_not_best() {
+        let pair = |row, column, gain| Pair { row, column, gain };
+        let pairs = [pair(0, 0, 5.0), pair(0, 1, 4.0), pair(1, 0, 4.0)];
+        assert_eq!(nearest(&pairs, 2, 2), [Some(0), None]);
+        assert_eq!(assign(&pairs, 2, 2), [Some(1), Some(0)]);
+        // a row that gives up its column for one who gains more
+        assert_eq!(assign(&[pair(0, 0, 1.0), pair(1, 0, 3.0)], 2, 1), [None, Some(0)]);
+    }
+
+    #[test]
+    fn what_is_worth_nothing_is_left_out() {
+        for gain in [0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let pairs = [Pair { row: 0, column: 0, gain }];
+            assert_eq!(assign(&pairs, 1, 1), [None]);
+            assert_eq!(nearest(&pairs, 1, 1), [None]);
+        }
+        assert!(assign(&[], 0, 0).is_empty());
+        assert_eq!(assign(&[], 2, 0), [None, None]);
+    }
+
+    #[test]
+    fn equal_pairs_count_once() {
+        let pair = |row, column, gain| Pair { row, column, gain };
+        let pairs = [pair(0, 0, 1.0), pair(0, 0, 3.0), pair(1, 0, 2.0), pair(0, 1, 0.5)];
+        assert_eq!(assign(&pairs, 2, 2), [Some(0), None]);
+    }
+
+    #[test]
+    fn a_chain_that_is_long() {
+        // each row wants its own column a little less than the next one
+        let n = 3000_u32;
+        let mut pairs = Vec::new();
+        for row in 0..n {
+            pairs.push(Pair { row, column: row, gain: 1.0 });
+            pairs.push(Pair { row, column: row + 1, gain: 1.0001 });
+        }
+        pairs.push(Pair { row: n, column: n, gain: 9.0 });
+        let result = assign(&pairs, n as usize + 1, n as usize + 1);
+        assert!((0..=n).all(|row| result[row as usize] == Some(row)));
+    }
+
+    #[test]
+    #[should_panic(expected = "a column that is not there")]
+    fn a_column_must_be_there() {
+        let _ = assign(&[Pair { row: 0, column: 3, gain: 1.0 }], 1, 3);
+    }
+}

@@ -1,0 +1,470 @@
+//! Gates: how far from its prediction a plot may be, and where in the gate it is.
+
+use super::grid::Grid;
+use crate::distribution::chi_square_upper_quantile;
+use crate::error::{Error, Result, require};
+use crate::matrix::read_covariance;
+use nalgebra::SMatrix;
+
+/// Probability of the inner gate: straight and uniform motion goes on.
+pub const INNER: f64 = 0.65;
+/// Probability of the outer gate: beyond the inner one the speed or the course changes.
+pub const OUTER: f64 = 0.95;
+/// Probability of the guard gate: beyond the outer one it is a manoeuvre.
+pub const GUARD: f64 = 0.998;
+
+/// `1 − p` keeps ten digits of the threshold.
+const SMALLEST_PROBABILITY: f64 = 1e-6;
+const LARGEST_DIMENSION: usize = 1000;
+/// Share of a variance that the components before it must leave unexplained.
+const REGULAR: f64 = 1e-13;
+/// More than rounding takes from a half width.
+const MARGIN: f64 = 1.0 + 1e-12;
+
+/// The d² within which a true plot of so many components lies with this probability: the quantile
+/// of the chi-square distribution.
+///
+/// # Errors
+/// A probability or a number of dimensions outside its domain.
+pub fn threshold(probability: f64, dimensions: usize) -> Result<f64> {
+    let holds = (SMALLEST_PROBABILITY..1.0).contains(&probability);
+    require("probability", probability, holds, "between 1e-6 and 1 (exclusive)")?;
+    let holds = (1..=LARGEST_DIMENSION).contains(&dimensions);
+    require("dimensions", dimensions as f64, holds, "between 1 and 1000")?;
+    if dimensions == 2 {
+        return Ok(-2.0 * (-probability).ln_1p());
+    }
+    Ok(chi_square_upper_quantile(1.0 - probability, dimensions))
+}
+
+/// The thresholds of the three named gates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thresholds {
+    /// That of [`INNER`].
+    pub inner: f64,
+    /// That of [`OUTER`].
+    pub outer: f64,
+    /// That of [`GUARD`].
+    pub guard: f64,
+}
+
+impl Thresholds {
+    /// Those for so many dimensions.
+    ///
+    /// # Errors
+    /// As [`threshold`].
+    pub fn new(dimensions: usize) -> Result<Self> {
+        Ok(Self {
+            inner: threshold(INNER, dimensions)?,
+            outer: threshold(OUTER, dimensions)?,
+            guard: threshold(GUARD, dimensions)?,
+        })
+    }
+}
+
+/// Where in the gates a plot is. Ahead and behind are the wedges within 45° of the velocity and of
+/// its opposite, angles being those between the whitened innovation and the whitened velocity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Region {
+    /// In the inner gate.
+    Inner = 0,
+    /// Between the inner and the outer gate, ahead: it is getting faster.
+    Ahead = 1,
+    /// Between the inner and the outer gate, behind: it is getting slower.
+    Behind = 2,
+    /// Between the inner and the outer gate, to the left.
+    Left = 3,
+    /// Between the inner and the outer gate, to the right.
+    Right = 4,
+    /// Between the outer and the guard gate, ahead.
+    GuardAhead = 5,
+    /// Between the outer and the guard gate, behind.
+    GuardBehind = 6,
+    /// Between the outer and the guard gate, to the left.
+    GuardLeft = 7,
+    /// Between the outer and the guard gate, to the right.
+    GuardRight = 8,
+    /// Beyond the guard gate.
+    Outside = 9,
+}
+
+impl Region {
+    /// The region of an innovation in the plane, x east and y north. Without a velocity, everything
+    /// is ahead.
+    #[must_use]
+    pub fn of(
+        innovation: [f64; 2],
+        velocity: [f64; 2],
+        factor: &Factor<2>,
+        thresholds: &Thresholds,
+    ) -> Self {
+        let (e, v) = (factor.whiten(&innovation), factor.whiten(&velocity));
+        let d2 = e[0] * e[0] + e[1] * e[1];
+        if d2 <= thresholds.inner {
+            return Self::Inner;
+        }
+        if d2.is_nan() || d2 > thresholds.guard {
+            return Self::Outside;
+        }
+        // |φ| ≤ 45° or ≥ 135°: whitening keeps the side, and no choice of the root changes φ
+        let along = e[0] * v[0] + e[1] * v[1];
+        let across = v[0] * e[1] - v[1] * e[0];
+        let outer = d2 <= thresholds.outer;
+        match (along.abs() >= across.abs(), along >= 0.0, across > 0.0) {
+            (true, true, _) => {
+                if outer {
+                    Self::Ahead
+                } else {
+                    Self::GuardAhead
+                }
+            }
+            (true, false, _) => {
+                if outer {
+                    Self::Behind
+                } else {
+                    Self::GuardBehind
+                }
+            }
+            (false, _, true) => {
+                if outer {
+                    Self::Left
+                } else {
+                    Self::GuardLeft
+                }
+            }
+            (false, _, false) => {
+                if outer {
+                    Self::Right
+                } else {
+                    Self::GuardRight
+                }
+            }
+        }
+    }
+}
+
+/// The lower triangle L of a covariance `Σ = L Lᵀ`, for distances.
+#[derive(Clone, Copy, Debug)]
+pub struct Factor<const M: usize> {
+    lower: [[f64; M]; M],
+    /// One over the diagonal.
+    reciprocal: [f64; M],
+}
+
+impl<const M: usize> Factor<M> {
+    /// The factor, if the covariance is regular.
+    #[must_use]
+    pub fn try_new(sigma: &[[f64; M]; M]) -> Option<Self> {
+        let (mut lower, mut reciprocal) = (*sigma, [0.0; M]);
+        for j in 0..M {
+            for i in j..M {
+                let known: f64 = (0..j).map(|p| lower[i][p] * lower[j][p]).sum();
+                let rest = sigma[i][j] - known;
+                if i == j {
+                    if rest.is_nan() || rest <= REGULAR * sigma[j][j] {
+                        return None;
+                    }
+                    lower[j][j] = rest.sqrt();
+                    reciprocal[j] = 1.0 / lower[j][j];
+                } else {
+                    lower[i][j] = rest * reciprocal[j];
+                }
+            }
+        }
+        Some(Self { lower, reciprocal })
+    }
+
+    /// `L⁻¹ e`.
+    #[inline]
+    #[must_use]
+    pub fn whiten(&self, e: &[f64; M]) -> [f64; M] {
+        let mut out = *e;
+        for i in 0..M {
+            for p in 0..i {
+                out[i] -= self.lower[i][p] * out[p];
+            }
+            out[i] *= self.reciprocal[i];
+        }
+        out
+    }
+
+    /// `d² = eᵀ Σ⁻¹ e`.
+    #[inline]
+    #[must_use]
+    pub fn distance(&self, e: &[f64; M]) -> f64 {
+        self.whiten(e).iter().map(|v| v * v).sum()
+    }
+
+    /// `ln |Σ|`.
+    #[must_use]
+    pub fn ln_determinant(&self) -> f64 {
+        (0..M).map(|i| 2.0 * self.lower[i][i].ln()).sum()
+    }
+}
+
+/// A plot within the gate of a track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gated {
+    /// Index of the track.
+    pub track: u32,
+    /// Index of the plot.
+    pub plot: u32,
+    /// `d²`.
+    pub distance: f64,
+    /// `ln |Σ|` of the innovation.
+    pub ln_determinant: f64,
+}
+
+/// Predictions of tracks and plots of one scan, M coordinates each, one after the other; the first
+/// two span the plane of the index.
+#[derive(Clone, Copy, Debug)]
+pub struct Scan<'a> {
+    /// Predicted positions of the tracks.
+    pub predicted: &'a [f64],
+    /// Their covariances, those of the innovations where the plots have none of their own.
+    pub covariance: &'a [f64],
+    /// Positions of the plots.
+    pub plots: &'a [f64],
+    /// Covariances of the plots.
+    pub plot_covariance: Option<&'a [f64]>,
+}
+
+/// Every plot within the gate of every track, by track and then by plot. Cost O(T + N) where gates
+/// are small, and O(1) for each pair.
+///
+/// # Errors
+/// A number that is not finite, a matrix that is no covariance or is singular, a threshold that is
+/// not positive.
+pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gated>> {
+    let holds = threshold > 0.0 && threshold.is_finite();
+    require("threshold", threshold, holds, "a positive number")?;
+    let tracks = read_points::<M>("predicted", scan.predicted)?;
+    let plots = read_points::<M>("plots", scan.plots)?;
+    let own = scan.plot_covariance.is_none();
+    let sigmas = read_covariances::<M>("covariance", scan.covariance, own)?;
+    let noises = match scan.plot_covariance {
+        Some(values) => Some(read_covariances::<M>("plot_covariance", values, false)?),
+        None => None,
+    };
+    let mut widest = [0.0_f64; 2];
+    for noise in noises.iter().flatten() {
+        widest = [widest[0].max(noise[0][0]), widest[1].max(noise[1][1])];
+    }
+    let half_widths: Vec<[f64; 2]> = sigmas
+        .iter()
+        .map(|s| [0, 1].map(|i| MARGIN * (threshold * (s[i][i] + widest[i])).sqrt()))
+        .collect();
+    let plane: Vec<[f64; 2]> = plots.iter().map(|p| [p[0], p[1]]).collect();
+    let grid = Grid::new(&plane, cell(&half_widths))?;
+    let (mut out, mut near) = (Vec::new(), Vec::new());
+    for (track, ((position, sigma), half)) in
+        tracks.iter().zip(&sigmas).zip(&half_widths).enumerate()
+    {
+        near.clear();
+        grid.within([position[0], position[1]], *half, &mut |plot| near.push(plot));
+        near.sort_unstable();
+        let common = if own { Factor::try_new(sigma) } else { None };
+        for &plot in &near {
+            let factor = match (&common, &noises) {
+                (Some(factor), _) => *factor,
+                (None, Some(noises)) => Factor::try_new(&sum(sigma, &noises[plot]))
+                    .ok_or(Error::Singular { argument: "covariance", index: vec![track] })?,
+                (None, None) => {
+                    return Err(Error::Singular { argument: "covariance", index: vec![track] });
+                }
+            };
+            let innovation = std::array::from_fn(|i| plots[plot][i] - position[i]);
+            let distance = factor.distance(&innovation);
+            if distance <= threshold {
+                let ln_determinant = factor.ln_determinant();
+                let (track, plot) = (track as u32, plot as u32);
+                out.push(Gated { track, plot, distance, ln_determinant });
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// The width of a cell: that of the usual gate.
+fn cell(half_widths: &[[f64; 2]]) -> f64 {
+    let mut widths: Vec<f64> = half_widths.iter().map(|w| w[0].max(w[1])).collect();
+    if widths.is_empty() {
+        return 1.0;
+    }
+    let middle = widths.len() / 2;
+    2.0 * *widths.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn sum<const M: usize>(a: &[[f64; M]; M], b: &[[f64; M]; M]) -> [[f64; M]; M] {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
+}
+
+fn read_points<const M: usize>(argument: &'static str, values: &[f64]) -> Result<Vec<[f64; M]>> {
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(values.as_chunks().0.to_vec()),
+        Some(at) => Err(Error::InvalidElement {
+            argument,
+            index: vec![at / M, at % M],
+            value: values[at],
+            requirement: "every coordinate must be a finite number",
+        }),
+    }
+}
+
+/// Covariances, which must be regular where they stand alone.
+fn read_covariances<const M: usize>(
+    argument: &'static str,
+    values: &[f64],
+    alone: bool,
+) -> Result<Vec<[[f64; M]; M]>> {
+    let (mut matrix, mut factor) = (SMatrix::<f64, M, M>::zeros(), SMatrix::<f64, M, M>::zeros());
+    let read = |(at, values): (usize, &[f64])| {
+        read_covariance(argument, &[at], values, &mut matrix, &mut factor)?;
+        let sigma = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+        if alone && Factor::try_new(&sigma).is_none() {
+            return Err(Error::Singular { argument, index: vec![at] });
+        }
+        Ok(sigma)
+    };
+    values.chunks_exact(M * M).enumerate().map(read).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::association::random::Random;
+
+    #[test]
+    fn thresholds_of_the_paper() {
+        for (m, expected) in [
+            (1, [0.873457142989, 3.841458820694, 9.549535706083]),
+            (2, [2.099644248997, 5.991464547108, 12.429216196844]),
+            (3, [3.283112463526, 7.814727903251, 14.795517054552]),
+        ] {
+            let Thresholds { inner, outer, guard } = Thresholds::new(m).unwrap();
+            for (found, expected) in [inner, outer, guard].into_iter().zip(expected) {
+                assert!((found / expected - 1.0).abs() < 1e-10, "{found} {expected}");
+            }
+        }
+        for (p, m) in [(0.0, 2), (1.0, 2), (f64::NAN, 2), (0.5, 0), (0.5, 1001)] {
+            assert!(threshold(p, m).is_err());
+        }
+        // two dimensions have a closed form, which is that of the others
+        let general = chi_square_upper_quantile(1.0 - 0.9, 2);
+        assert!((threshold(0.9, 2).unwrap() / general - 1.0).abs() < 1e-13);
+    }
+
+    #[test]
+    fn regions_in_the_open() {
+        let thresholds = Thresholds::new(2).unwrap();
+        let factor = Factor::try_new(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
+        let region = |e: [f64; 2]| Region::of(e, [0.0, 200.0], &factor, &thresholds);
+        assert_eq!(region([0.0, 1.4]), Region::Inner);
+        assert_eq!(region([1.0, 1.8]), Region::Ahead);
+        assert_eq!(region([-1.0, -1.8]), Region::Behind);
+        assert_eq!(region([-1.8, 1.0]), Region::Left);
+        assert_eq!(region([1.8, -1.0]), Region::Right);
+        assert_eq!(region([0.0, 3.0]), Region::GuardAhead);
+        assert_eq!(region([0.0, -3.0]), Region::GuardBehind);
+        assert_eq!(region([-3.0, 0.1]), Region::GuardLeft);
+        assert_eq!(region([3.0, -0.1]), Region::GuardRight);
+        assert_eq!(region([0.0, 3.6]), Region::Outside);
+        assert_eq!(region([f64::NAN, 0.0]), Region::Outside);
+        // the edge of a wedge belongs to it
+        assert_eq!(region([1.5, 1.5]), Region::Ahead);
+        assert_eq!(Region::of([2.0, 0.0], [0.0; 2], &factor, &thresholds), Region::Ahead);
+    }
+
+    #[test]
+    fn singular_is_none() {
+        assert!(Factor::try_new(&[[1.0, 1.0], [1.0, 1.0]]).is_none());
+        assert!(Factor::try_new(&[[0.0]]).is_none());
+        assert!(Factor::try_new(&[[f64::NAN]]).is_none());
+        let factor = Factor::try_new(&[[4.0, 2.0], [2.0, 10.0]]).unwrap();
+        assert!((factor.distance(&[2.0, 4.0]) - 2.0).abs() < 1e-14);
+        assert!((factor.ln_determinant() - 36.0_f64.ln()).abs() < 1e-14);
+    }
+
+    fn matrix<const M: usize>(random: &mut Random) -> [[f64; M]; M] {
+        let root: [[f64; M]; M] =
+            std::array::from_fn(|_| std::array::from_fn(|_| random.symmetric(1.0)));
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                (0..M).map(|p| root[i][p] * root[j][p]).sum::<f64>()
+                    + if i == j { 0.1 } else { 0.0 }
+            })
+        })
+    }
+
+    fn against_all_pairs<const M: usize>(seed: u64, with_noise: bool) {
+        let random = &mut Random::new(seed);
+        let (t, n) = (60, 80);
+        let point = |random: &mut Random| std::array::from_fn::<_, M, _>(|_| random.symmetric(8.0));
+        let tracks: Vec<[f64; M]> = (0..t).map(|_| point(random)).collect();
+        let plots: Vec<[f64; M]> = (0..n).map(|_| point(random)).collect();
+        let sigmas: Vec<[[f64; M]; M]> = (0..t).map(|_| matrix(random)).collect();
+        let noises: Vec<[[f64; M]; M]> = (0..n).map(|_| matrix(random)).collect();
+        let gate = threshold(0.95, M).unwrap();
+        let flat = |matrices: &[[[f64; M]; M]]| {
+            matrices.iter().flatten().flatten().copied().collect::<Vec<f64>>()
+        };
+        let noise = flat(&noises);
+        let scan = Scan {
+            predicted: tracks.as_flattened(),
+            covariance: &flat(&sigmas),
+            plots: plots.as_flattened(),
+            plot_covariance: with_noise.then_some(&noise),
+        };
+        let found = pairs::<M>(&scan, gate).unwrap();
+        let mut expected = Vec::new();
+        for (i, (track, sigma)) in tracks.iter().zip(&sigmas).enumerate() {
+            for (k, plot) in plots.iter().enumerate() {
+                let sigma = if with_noise { sum(sigma, &noises[k]) } else { *sigma };
+                let factor = Factor::try_new(&sigma).unwrap();
+                let distance = factor.distance(&std::array::from_fn(|i| plot[i] - track[i]));
+                if distance <= gate {
+                    let ln_determinant = factor.ln_determinant();
+                    expected.push(Gated {
+                        track: i as u32,
+                        plot: k as u32,
+                        distance,
+                        ln_determinant,
+                    });
+                }
+            }
+        }
+        assert!(expected.len() > 20);
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn pairs_are_those_of_all() {
+        for seed in 0..5 {
+            against_all_pairs::<2>(seed, false);
+            against_all_pairs::<2>(seed, true);
+            against_all_pairs::<3>(seed, false);
+            against_all_pairs::<3>(seed, true);
+        }
+    }
+
+    #[test]
+    fn what_is_refused() {
+        let scan = Scan {
+            predicted: &[0.0, 0.0],
+            covariance: &[1.0, 1.0, 1.0, 1.0],
+            plots: &[0.0, 0.0],
+            plot_covariance: None,
+        };
+        let error = pairs::<2>(&scan, 5.0).unwrap_err();
+        assert_eq!(error, Error::Singular { argument: "covariance", index: vec![0] });
+        assert!(
+            pairs::<2>(&Scan { plot_covariance: Some(&[1.0, 0.0, 0.0, 1.0]), ..scan }, 5.0).is_ok()
+        );
+        let error = pairs::<2>(&Scan { plots: &[0.0, f64::NAN], ..scan }, 5.0).unwrap_err();
+        assert!(error.to_string().starts_with("plots[0, 1] is nan"));
+        for gate in [0.0, f64::NAN, f64::INFINITY] {
+            assert!(pairs::<2>(&scan, gate).is_err());
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! The points near a place.
+//!
+//! Square cells cover the plane; cells whose numbers agree in their last bits share a bucket, as if
+//! the plane were wound around a torus. So neither memory nor time depend on how far points are
+//! apart: one plot at 1e9 m costs nothing. A row of neighbouring cells is one stretch of memory.
+
+use crate::error::{Error, Result, require};
+
+/// Buckets per point, at least: fewer than one point of other cells is looked at in each.
+const BUCKETS_PER_POINT: usize = 2;
+const REQUIREMENT: &str = "every coordinate must be a finite number";
+
+/// A point and its place in the caller's list.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    x: f64,
+    y: f64,
+    index: u32,
+}
+
+/// An index of points in the plane, for one scan.
+#[derive(Clone, Debug, Default)]
+pub struct Grid {
+    entries: Vec<Entry>,
+    /// Where the entries of each bucket begin, and where the last one's end.
+    start: Vec<u32>,
+    /// Buckets along an axis, a power of two, less one.
+    mask: usize,
+    /// Cells a metre.
+    density: f64,
+}
+
+impl Grid {
+    /// The index of `points` with cells of this width: best about twice the usual half width of a
+    /// query. Cost O(N).
+    ///
+    /// # Errors
+    /// A coordinate that is not finite; a width that is not positive; 2³² points or more.
+    pub fn new(points: &[[f64; 2]], cell: f64) -> Result<Self> {
+        let mut grid = Self::default();
+        grid.fill(points, cell)?;
+        Ok(grid)
+    }
+
+    /// Takes other points, in the same memory. After an error the grid is empty.
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub fn fill(&mut self, points: &[[f64; 2]], cell: f64) -> Result<()> {
+        *self = Self {
+            entries: std::mem::take(&mut self.entries),
+            start: std::mem::take(&mut self.start),
+            ..Self::default()
+        };
+        self.entries.clear();
+        self.start.clear();
+        let holds = cell.is_finite() && (1.0 / cell).is_finite() && cell > 0.0;
+        require("cell", cell, holds, "a positive number")?;
+        let few = u32::try_from(points.len()).is_ok();
+        require("points", points.len() as f64, few, "fewer than 2³²")?;
+        for (i, point) in points.iter().enumerate() {
+            if let Some(axis) = point.iter().position(|v| !v.is_finite()) {
+                return Err(Error::InvalidElement {
+                    argument: "points",
+                    index: vec![i, axis],
+                    value: point[axis],
+                    requirement: REQUIREMENT,
+                });
+            }
+        }
+        let side = side(points.len());
+        (self.mask, self.density) = (side - 1, 1.0 / cell);
+        self.sort(points, side * side);
+        Ok(())
+    }
+
+    /// Sorts the points by bucket, by counting.
+    fn sort(&mut self, points: &[[f64; 2]], buckets: usize) {
+        self.start.resize(buckets + 1, 0);
+        for &point in points {
+            let bucket = self.bucket(point);
+            self.start[bucket] += 1;
+        }
+        let mut end = 0;
+        for start in &mut self.start {
+            end += *start;
+            *start = end;
+        }
+        self.entries.resize(points.len(), Entry { x: 0.0, y: 0.0, index: 0 });
+        for (i, &[x, y]) in points.iter().enumerate().rev() {
+            let bucket = self.bucket([x, y]);
+            self.start[bucket] -= 1;
+            self.entries[self.start[bucket] as usize] = Entry { x, y, index: i as u32 };
+        }
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Whether there are no points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Calls `visit` with the index of every point not farther from `centre` than `half_width`
+    /// along each axis, the edges included; in the order of the cells, not of the indices. Nothing
+    /// is near a centre that is not a number.
+    #[inline]
+    pub fn within(&self, centre: [f64; 2], half_width: [f64; 2], visit: &mut impl FnMut(usize)) {
+        if self.is_empty() {
+            return;
+        }
+        let low = [centre[0] - half_width[0], centre[1] - half_width[1]];
+        let high = [centre[0] + half_width[0], centre[1] + half_width[1]];
+        let (columns, rows) = (self.stretch(low[0], high[0]), self.stretch(low[1], high[1]));
+        for row in rows.numbers(self.mask) {
+            let of_row = row * (self.mask + 1);
+            for (first, last) in columns.stretches(self.mask) {
+                let from = self.start[of_row + first] as usize;
+                let to = self.start[of_row + last + 1] as usize;
+                for entry in &self.entries[from..to] {
+                    let inside = entry.x >= low[0]
+                        && entry.x <= high[0]
+                        && entry.y >= low[1]
+                        && entry.y <= high[1];
+                    if inside {
+                        visit(entry.index as usize);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The number of a coordinate's cell. It never decreases, whatever is rounded: casts saturate.
+    #[inline]
+    fn cell(&self, coordinate: f64) -> i64 {
+        (coordinate * self.density).floor() as i64
+    }
+
+    #[inline]
+    fn bucket(&self, [x, y]: [f64; 2]) -> usize {
+        let [column, row] = [x, y].map(|v| self.cell(v) as usize & self.mask);
+        row * (self.mask + 1) + column
+    }
+
+    /// The cells from one coordinate to another, each bucket once.
+    #[inline]
+    fn stretch(&self, low: f64, high: f64) -> Stretch {
+        let (first, last) = (self.cell(low), self.cell(high));
+        let count = last.saturating_sub(first).saturating_add(1);
+        let all = self.mask + 1;
+        let count = usize::try_from(count).map_or(0, |count| count.min(all));
+        Stretch { first: first as usize & self.mask, count }
+    }
+}
+
+/// Neighbouring cells of a row or column that is wound around the torus.
+#[derive(Clone, Copy)]
+struct Stretch {
+    first: usize,
+    count: usize,
+}
+
+impl Stretch {
+    #[inline]
+    fn numbers(self, mask: usize) -> impl Iterator<Item = usize> {
+        (self.first..self.first + self.count).map(move |number| number & mask)
+    }
+
+    /// The first and the last number of one stretch, or of two where the seam is between them.
+    #[inline]
+    fn stretches(self, mask: usize) -> impl Iterator<Item = (usize, usize)> {
+        let end = self.first + self.count;
+        let whole = end <= mask + 1;
+        let head = (self.first, if whole { end.wrapping_sub(1) } else { mask });
+        let tail = (0, end.wrapping_sub(mask + 2));
+        let number = if self.count == 0 { 0 } else { 2 - usize::from(whole) };
+        [head, tail].into_iter().take(number)
+    }
+}
+
+/// Buckets along an axis for so many points.
+fn side(points: usize) -> usize {
+    let buckets = points.saturating_mul(BUCKETS_PER_POINT).max(1);
+    1 << buckets.ilog2().div_ceil(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::association::random::Random;
+
+    fn found(grid: &Grid, centre: [f64; 2], half_width: [f64; 2]) -> Vec<usize> {
+        let mut found = Vec::new();
+        grid.within(centre, half_width, &mut |i| found.push(i));
+        found.sort_unstable();
+        found
+    }
+
+    fn expected(points: &[[f64; 2]], centre: [f64; 2], half_width: [f64; 2]) -> Vec<usize> {
+        let near = |p: &[f64; 2]| {
+            (0..2).all(|i| p[i] >= centre[i] - half_width[i] && p[i] <= centre[i] + half_width[i])
+        };
+        (0..points.len()).filter(|&i| near(&points[i])).collect()
+    }
+
+    #[test]
+    fn every_point_within_once() {
+        let mut random = Random::new(1);
+        for n in [0, 1, 2, 7, 100, 1000] {
+            for extent in [1e-3, 1.0, 5e3, 1e9] {
+                let mut points: Vec<_> =
+                    (0..n).map(|_| [random.symmetric(extent), random.symmetric(extent)]).collect();
+                if n > 5 {
+                    (points[3], points[4], points[5]) = ([1e9, -1e9], [1e300, 0.0], [0.0, -1e300]);
+                }
+                for cell in [1e-2, 1.0, 1e3] {
+                    let grid = Grid::new(&points, cell).unwrap();
+                    assert_eq!(grid.len(), n);
+                    for _ in 0..20 {
+                        let centre = [random.symmetric(extent), random.symmetric(extent)];
+                        for width in [0.0, 0.01 * extent, extent, 3e9, 1e300, f64::INFINITY] {
+                            let half = [width, random.uniform() * width];
+                            let half = half.map(|v| if v.is_nan() { 0.0 } else { v });
+                            let found = found(&grid, centre, half);
+                            assert_eq!(found, expected(&points, centre, half));
+                        }
+                    }
+                    for (i, point) in points.iter().enumerate() {
+                        assert!(found(&grid, *point, [0.0; 2]).contains(&i));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_near_nothing() {
+        let grid = Grid::new(&[[0.0, 0.0], [1.0, 1.0]], 1.0).unwrap();
+        for (centre, half) in [
+            ([f64::NAN, 0.0], [1.0; 2]),
+            ([0.0; 2], [f64::NAN, 1.0]),
+            ([0.0; 2], [-1.0, 1.0]),
+            ([f64::INFINITY, 0.0], [1.0; 2]),
+        ] {
+            assert!(found(&grid, centre, half).is_empty());
+        }
+        assert!(found(&Grid::default(), [0.0; 2], [1.0; 2]).is_empty());
+    }
+
+    #[test]
+    fn what_is_refused_leaves_it_empty() {
+        let mut grid = Grid::new(&[[0.0, 0.0]], 1.0).unwrap();
+        let error = grid.fill(&[[0.0, 1.0], [2.0, f64::NAN]], 1.0).unwrap_err();
+        assert!(error.to_string().starts_with("points[1, 1] is nan"));
+        assert!(grid.is_empty() && found(&grid, [0.0; 2], [1.0; 2]).is_empty());
+        for cell in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-320] {
+            assert!(Grid::new(&[], cell).is_err());
+        }
+        grid.fill(&[[3.0, 4.0]], 2.0).unwrap();
+        assert_eq!(found(&grid, [3.0, 4.0], [0.0; 2]), [0]);
+    }
+}

@@ -1,0 +1,22 @@
+//! Numbers for tests, always the same.
+
+/// Knuth's MMIX generator.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// Between 0 and 1.
+    pub fn uniform(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Between −size and size.
+    pub fn symmetric(&mut self, size: f64) -> f64 {
+        size * (2.0 * self.uniform() - 1.0)
+    }
+}

@@ -1,0 +1,125 @@
+//! What it is worth to give a plot to a track.
+
+use crate::error::{Result, require};
+
+/// How much larger than the covariance that of a false association is, where nothing is said.
+pub const DEFAULT_RATIO: f64 = 100.0;
+const LN_TWO_PI: f64 = 1.837_877_066_409_345_3;
+
+/// `S = ½ (1/Q − 1) d² + m/2 ln Q`: the log-likelihood ratio of 'belongs' against 'does not', where
+/// the covariance of a false association is Q Σ. It ignores ln |Σ|.
+///
+/// # Errors
+/// A ratio that is not above 1.
+pub fn paper(d2: f64, q: f64, m: usize) -> Result<f64> {
+    require_ratio(q)?;
+    // S = ½ (1/Q − 1) d² + m/2 ln Q
+    Ok(0.5 * (1.0 / q - 1.0) * d2 + 0.5 * m as f64 * q.ln())
+}
+
+/// The d² at which [`paper`] is zero: `m Q ln Q / (Q − 1)`.
+///
+/// # Errors
+/// A ratio that is not above 1.
+pub fn paper_zero(q: f64, m: usize) -> Result<f64> {
+    require_ratio(q)?;
+    // of Q − 1, which is exact for Q up to 2
+    Ok(m as f64 * q * (q - 1.0).ln_1p() / (q - 1.0))
+}
+
+fn require_ratio(q: f64) -> Result<()> {
+    require("q", q, q > 1.0 && q.is_finite(), "above 1")
+}
+
+/// `ln N(ΔZ; 0, Σ) = −½ d² − ½ ln |Σ| − m/2 ln 2π`.
+#[inline]
+#[must_use]
+pub fn log_density(d2: f64, ln_determinant: f64, m: usize) -> f64 {
+    -0.5 * (d2 + ln_determinant + m as f64 * LN_TWO_PI)
+}
+
+/// What surrounds a target: how often it is seen, and how many false plots there are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    ln_ratio: f64,
+    ln_missed: f64,
+}
+
+impl Surroundings {
+    /// With the probability that a target is seen in a scan, and the false plots in a scan per unit
+    /// of area (m = 2) or volume (m = 3).
+    ///
+    /// # Errors
+    /// A probability or density outside its domain.
+    pub fn new(detection_probability: f64, clutter_density: f64) -> Result<Self> {
+        let (pd, beta) = (detection_probability, clutter_density);
+        let requirement = "between 0 and 1 (exclusive)";
+        require("detection_probability", pd, pd > 0.0 && pd < 1.0, requirement)?;
+        let holds = beta >= f64::MIN_POSITIVE && beta.is_finite();
+        require("clutter_density", beta, holds, "a positive number")?;
+        Ok(Self { ln_ratio: pd.ln() - beta.ln(), ln_missed: (-pd).ln_1p() })
+    }
+
+    /// `ln(Pd N / β)`: the log-likelihood ratio of a plot of the target against a false one.
+    #[inline]
+    #[must_use]
+    pub fn likelihood(&self, log_density: f64) -> f64 {
+        log_density + self.ln_ratio
+    }
+
+    /// `ln(1 − Pd)`: that of a target that was not seen.
+    #[inline]
+    #[must_use]
+    pub fn missed(&self) -> f64 {
+        self.ln_missed
+    }
+
+    /// What a pair adds to the likelihood of a whole scan: `ln(Pd N / (β (1 − Pd)))`. Without it
+    /// the plot is false and the target was missed.
+    #[inline]
+    #[must_use]
+    pub fn gain(&self, log_density: f64) -> f64 {
+        self.likelihood(log_density) - self.ln_missed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(found: f64, expected: f64) {
+        assert!((found / expected - 1.0).abs() < 1e-11, "{found} {expected}");
+    }
+
+    #[test]
+    fn vectors_of_the_paper() {
+        let d2 = 3.114285714286;
+        for (q, score, zero) in [
+            (4.0, 0.218437218263, 3.696784962986),
+            (10.0, 0.901156521565, 5.116855762209),
+            (100.0, 3.063598757417, 9.303374113107),
+        ] {
+            close(paper(d2, q, 2).unwrap(), score);
+            close(paper_zero(q, 2).unwrap(), zero);
+            assert!(paper(paper_zero(q, 2).unwrap(), q, 2).unwrap().abs() < 1e-14);
+        }
+        close(paper(5.0, 10.0, 3).unwrap(), 1.203877639491);
+        // the ratio at which it is on the guard gate, as printed
+        assert!((paper_zero(493.7461, 2).unwrap() - 12.429216196844).abs() < 1e-6);
+    }
+
+    #[test]
+    fn likelihoods() {
+        close(log_density(0.0, 0.0, 2), -(std::f64::consts::TAU.ln()));
+        let around = Surroundings::new(0.9, 1e-8).unwrap();
+        close(around.likelihood(-13.0), (0.9_f64 / 1e-8).ln() - 13.0);
+        close(around.gain(-13.0), (0.9_f64 / 1e-9).ln() - 13.0);
+        close(around.missed(), 0.1_f64.ln());
+        for (pd, beta) in [(0.0, 1.0), (1.0, 1.0), (0.5, 0.0), (0.5, f64::NAN), (f64::NAN, 1.0)] {
+            assert!(Surroundings::new(pd, beta).is_err());
+        }
+        for q in [1.0, 0.5, f64::INFINITY, f64::NAN] {
+            assert!(paper(1.0, q, 2).is_err() && paper_zero(q, 2).is_err());
+        }
+    }
+}
