@@ -2,7 +2,7 @@
 //! sometimes wrong.
 //!
 //! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
-//! kalman <- smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses
+//! kalman <- smoothing <- fusion <- flightplan`, with [`batch`] and [`missing`] for their callers: a module uses
 //! those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
@@ -31,12 +31,14 @@
 //! | [`smoothing::Polynomial`], window W | O(N W); O(N) per tap with equal steps | W |
 //! | [`smoothing::smooth`], D axes | O(N D³) | 9 D² + 9 D numbers an instant |
 //! | [`fusion::Centre`], K radars, a step | O(K²); robust O(K), matrix rules O(K³) | O(K²) |
+//! | [`flightplan::Route`], N waypoints | O(N) a position, O(1) in a turn that is known | O(N) |
 
 mod angle;
 pub mod batch;
 pub mod bearing;
 mod distribution;
 mod error;
+pub mod flightplan;
 pub mod fusion;
 pub mod kalman;
 pub mod location;
