@@ -2,8 +2,8 @@
 //! sometimes wrong.
 //!
 //! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
-//! kalman <- smoothing <- fusion`, `matrix <- association`, with [`batch`] and [`missing`] for their
-//! callers: a module uses those to its left only.
+//! kalman <- smoothing <- fusion`, `kalman, association, flightplan <- tracker`, with [`batch`] and
+//! [`missing`] for their callers: a module uses those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
@@ -37,6 +37,8 @@
 //! | [`association::Grid`], to build; a query | O(N); O(1) and what is found | O(N) |
 //! | [`association::gate::pairs`] | O(T + N + P) | O(T + N) |
 //! | [`association::Assigner::assign`] | O(T + N + P log P) where few pairs compete | O(T + N + P) |
+//! | [`flightplan::Route`], N waypoints | O(N) a position, O(1) in a turn that is known | O(N) |
+//! | [`tracker::Tracker::track`] | O(T + P log P) where few plots compete | O(T) |
 
 mod angle;
 pub mod association;
@@ -44,6 +46,7 @@ pub mod batch;
 pub mod bearing;
 mod distribution;
 mod error;
+pub mod flightplan;
 pub mod fusion;
 pub mod kalman;
 pub mod location;
@@ -52,6 +55,7 @@ pub mod missing;
 mod moments;
 pub mod screening;
 pub mod smoothing;
+pub mod tracker;
 pub mod weights;
 
 pub use error::{Error, Result};

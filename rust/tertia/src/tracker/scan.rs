@@ -5,8 +5,7 @@ use super::clutter::Clutter;
 use super::plot::{Fate, Measured};
 use super::settings::Settings;
 use super::track::Track;
-use crate::association::assignment::{Assigner, Pair};
-use crate::association::grid::Grid;
+use crate::association::{Assigner, Grid, Pair};
 
 /// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
 const BEAM: f64 = 0.1;

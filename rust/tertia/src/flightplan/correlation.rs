@@ -1,0 +1,212 @@
+//! Which plan a track belongs to: by what it answers, or by where, whither, how fast and when it
+//! flies.
+
+use super::plane::{Vector, between, dot, left, norm, unit};
+use super::route::Route;
+use std::f64::consts::PI;
+
+/// What separates a flight from its plan, standard deviations: metres aside, radians of course, m/s,
+/// seconds, metres of height.
+const OFFSET_SIGMA: f64 = 700.0;
+const COURSE_SIGMA: f64 = 3.0 * PI / 180.0;
+const SPEED_SIGMA: f64 = 12.0;
+const TIME_SIGMA: f64 = 120.0;
+const HEIGHT_SIGMA: f64 = 150.0;
+/// Least score of a plan with the same identity, and of one without.
+const LEAST_SAME: f64 = -25.0;
+const LEAST: f64 = -8.0;
+/// By how much it must be better than the next one, on how many plots.
+const MARGIN: f64 = 3.0;
+const PLOTS: usize = 5;
+/// After so many scores below the least one in succession a link is given up.
+const LOW_SCANS: u32 = 5;
+
+/// A track at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// Seconds.
+    pub time: f64,
+    /// East and north, metres.
+    pub position: [f64; 2],
+    /// m/s.
+    pub velocity: [f64; 2],
+    /// Variances of the position along and across the course, m².
+    pub position_variance: [f64; 2],
+    /// Variance of the course, rad².
+    pub course_variance: f64,
+    /// Variance of the speed, m²/s².
+    pub speed_variance: f64,
+    /// Metres; nan where it is not known.
+    pub height: f64,
+}
+
+impl Sighting {
+    /// A sighting with the covariance of east, north and their rates, row by row, or none.
+    pub fn new(
+        time: f64,
+        position: [f64; 2],
+        velocity: [f64; 2],
+        covariance: Option<&[f64; 16]>,
+        height: f64,
+    ) -> Self {
+        let course = unit(velocity).unwrap_or([0.0, 1.0]);
+        let variance = |first: usize, u: Vector| {
+            covariance.map_or(0.0, |p| {
+                let at = |i: usize, j: usize| p[4 * (first + i) + first + j];
+                let rows = [dot([at(0, 0), at(0, 1)], u), dot([at(1, 0), at(1, 1)], u)];
+                dot(rows, u).max(0.0)
+            })
+        };
+        let speed = norm(velocity);
+        let aside = variance(2, left(course));
+        Self {
+            time,
+            position,
+            velocity,
+            position_variance: [variance(0, course), variance(0, left(course))],
+            course_variance: if speed > 0.0 { aside / (speed * speed) } else { PI * PI },
+            speed_variance: variance(2, course),
+            height,
+        }
+    }
+
+    /// Whether it is there: a track may have gaps.
+    pub fn is_present(&self) -> bool {
+        let numbers = [self.time, self.position[0], self.position[1]];
+        numbers.iter().chain(&self.velocity).all(|x| x.is_finite())
+    }
+}
+
+/// How well a sighting fits a plan, at most 0, on the leg where it fits best:
+/// `L = −½ [e²/(700² + P) + Δψ²/(3°² + σψ²) + ΔV²/(12² + σV²) + Δt²/120² + Δh²/150²]`, the last term
+/// where both have a height. O(legs).
+pub fn score(route: &Route, seen: &Sighting) -> f64 {
+    let speed = norm(seen.velocity);
+    let mut best = f64::NEG_INFINITY;
+    for leg in 0..route.legs() {
+        let near = route.nearest_on(leg, seen.position);
+        let term =
+            |error: f64, sigma: f64, variance: f64| error * error / (sigma * sigma + variance);
+        let mut sum = term(near.offset, OFFSET_SIGMA, seen.position_variance[1]);
+        let course = between(near.course, seen.velocity);
+        sum += term(course, COURSE_SIGMA, seen.course_variance);
+        sum += term(speed - route.speeds()[leg], SPEED_SIGMA, seen.speed_variance);
+        sum += term(seen.time - route.time(near.distance), TIME_SIGMA, 0.0);
+        let height = route.height(near.distance) - seen.height;
+        if !height.is_nan() {
+            sum += term(height, HEIGHT_SIGMA, 0.0);
+        }
+        best = best.max(-0.5 * sum);
+    }
+    best
+}
+
+/// What scores say of a track.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// No plan fits.
+    None = 0,
+    /// More than one fits, or the track is too short to tell.
+    Ambiguous = 1,
+    /// One fits, and no other nearly as well.
+    Accepted = 2,
+    /// One has the same identity, and fits well enough.
+    Linked = 3,
+}
+
+/// The plan of a track, where there is one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Decision {
+    /// Which plan, if accepted or linked.
+    pub plan: Option<usize>,
+    /// Why.
+    pub status: Status,
+}
+
+/// Decides by mean scores of plans over so many plots, and by which of them have the identity of the
+/// track: linked where such a plan has more than −25; accepted where the best one has more than −8
+/// and 3 more than the next one, on 5 plots or more.
+pub fn decide(scores: &[f64], is_same: impl Fn(usize) -> bool, plots: usize) -> Decision {
+    let best_of = |allowed: &dyn Fn(usize) -> bool| {
+        (0..scores.len())
+            .filter(|&i| allowed(i) && !scores[i].is_nan())
+            .max_by(|&a, &b| scores[a].total_cmp(&scores[b]))
+    };
+    if let Some(plan) = best_of(&is_same).filter(|&plan| scores[plan] > LEAST_SAME) {
+        return Decision { plan: Some(plan), status: Status::Linked };
+    }
+    let Some(best) = best_of(&|_| true).filter(|&plan| scores[plan] > LEAST) else {
+        return Decision { plan: None, status: Status::None };
+    };
+    let next = best_of(&|i| i != best).map_or(f64::NEG_INFINITY, |plan| scores[plan]);
+    if plots >= PLOTS && scores[best] - next >= MARGIN {
+        Decision { plan: Some(best), status: Status::Accepted }
+    } else {
+        Decision { plan: None, status: Status::Ambiguous }
+    }
+}
+
+/// Whether the link of a track to its plan still holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Link {
+    low: u32,
+}
+
+impl Link {
+    /// Takes the score of a scan, and whether the track now answers something else than before. False
+    /// where it does, or the score was below −25 for 5 scans in succession.
+    pub fn holds(&mut self, score: f64, has_changed: bool) -> bool {
+        self.low = if score < LEAST_SAME { self.low + 1 } else { 0 };
+        !has_changed && self.low < LOW_SCANS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn route(north: f64) -> Route {
+        let waypoints = [[0.0, north], [1e5, north]];
+        Route::try_new(&waypoints, &[200.0], 0.0, &[9000.0; 2], 0.4, 0.05).unwrap()
+    }
+
+    #[test]
+    fn the_score_by_hand() {
+        let seen = Sighting::new(160.0, [2e4, 1400.0], [224.0, 0.0], None, 9150.0);
+        // 1400/700, 0, 24/12, 60/120, 150/150
+        let expected = -0.5 * (4.0 + 4.0 + 0.25 + 1.0);
+        assert!((score(&route(0.0), &seen) - expected).abs() < 1e-12);
+        let p = [4e4, 0.0, 0.0, 0.0, 0.0, 7e5, 0.0, 0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0, 50.0];
+        let seen = Sighting::new(100.0, [2e4, 1400.0], [200.0, 0.0], Some(&p), f64::NAN);
+        assert_eq!(seen.position_variance, [4e4, 7e5]);
+        assert_eq!((seen.speed_variance, seen.course_variance), (9.0, 50.0 / 4e4));
+        let expected = -0.5 * 1400.0_f64.powi(2) / (700.0_f64.powi(2) + 7e5);
+        assert!((score(&route(0.0), &seen) - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn decisions() {
+        let decided = |scores: &[f64], same: &[usize], plots| {
+            let found = decide(scores, |i| same.contains(&i), plots);
+            (found.plan, found.status)
+        };
+        assert_eq!(decided(&[-1.0, -4.1], &[], 5), (Some(0), Status::Accepted));
+        assert_eq!(decided(&[-1.0, -4.1], &[], 4), (None, Status::Ambiguous));
+        assert_eq!(decided(&[-1.0, -3.9], &[], 5), (None, Status::Ambiguous));
+        assert_eq!(decided(&[-8.1, -30.0], &[], 9), (None, Status::None));
+        assert_eq!(decided(&[-1.0, -24.9], &[1], 1), (Some(1), Status::Linked));
+        assert_eq!(decided(&[-1.0, -25.1], &[1], 5), (Some(0), Status::Accepted));
+        assert_eq!(decided(&[], &[], 5), (None, Status::None));
+        assert_eq!(decided(&[-1.0], &[], 5), (Some(0), Status::Accepted));
+        assert_eq!(decided(&[f64::NAN], &[0], 5), (None, Status::None));
+    }
+
+    #[test]
+    fn links() {
+        let mut link = Link::default();
+        assert!(link.holds(-30.0, false) && link.holds(-1.0, false));
+        assert!((0..4).all(|_| link.holds(-30.0, false)));
+        assert!(!link.holds(-30.0, false));
+        assert!(!Link::default().holds(0.0, true));
+    }
+}

@@ -1,0 +1,261 @@
+//! Whether a track still follows its plan. A plan that is not followed is worse than none, so it is
+//! blocked, and believed again only where the track is on one of its legs for some scans.
+
+use super::plane::{Vector, between, norm};
+use super::route::Route;
+use super::turn::Turn;
+use std::f64::consts::PI;
+
+/// Deviations that count: standard deviations of the distance (metres) and the course (radians).
+const OFFSET_SIGMA: f64 = 350.0;
+const COURSE_SIGMA: f64 = 5.0 * PI / 180.0;
+/// Room in a turn: metres, and a share of its lead.
+const ROOM: f64 = 500.0;
+const ROOM_LEAD: f64 = 0.35;
+/// A deviation counts no more than this, and less this each scan.
+const LARGEST: f64 = 12.0;
+const FORGIVEN: f64 = 4.0;
+/// The level above which the plan is blocked, and that at a new start.
+const BLOCKING: f64 = 14.0;
+const FRESH: f64 = 4.0;
+/// Back on a leg: metres aside, radians off its course, scans in succession.
+const BACK_OFFSET: f64 = 1200.0;
+const BACK_COURSE: f64 = 6.0 * PI / 180.0;
+const BACK_SCANS: u32 = 5;
+
+/// A cumulative sum of deviations of a track from its plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Monitor {
+    leg: usize,
+    level: f64,
+    blocked: bool,
+    held: bool,
+    /// The track may come back on this leg or a later one.
+    least_leg: usize,
+    /// The leg it seems to be back on, and for how many scans.
+    back: Option<(usize, u32)>,
+}
+
+/// What a scan says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// Whether the plan can be believed: it is not blocked, and its end is ahead.
+    pub conforming: bool,
+    /// Whether it was blocked by this scan.
+    pub blocked: bool,
+    /// The leg on which the plan is believed again since this scan.
+    pub rejoined: Option<usize>,
+    /// Whether the track came to the next leg by this scan.
+    pub advanced: bool,
+    /// The leg that it is on.
+    pub leg: usize,
+    /// Coordinate in the turn at the end of that leg, see [`Turn`].
+    pub s: f64,
+    /// Distance from the path, positive to the right.
+    pub offset: f64,
+    /// Whether the turn may be flown now.
+    pub in_zone: bool,
+    /// The cumulative sum B.
+    pub level: f64,
+}
+
+impl Monitor {
+    /// A monitor of a track that is on a leg.
+    pub fn new(leg: usize) -> Self {
+        Self { leg, level: 0.0, blocked: false, held: false, least_leg: leg, back: None }
+    }
+
+    /// The leg that the track is on, or was on when the plan was blocked.
+    pub fn leg(&self) -> usize {
+        self.leg
+    }
+
+    /// The cumulative sum B.
+    pub fn level(&self) -> f64 {
+        self.level
+    }
+
+    /// Whether the plan is blocked.
+    pub fn is_blocked(&self) -> bool {
+        self.blocked
+    }
+
+    /// Blocks the plan until the track is back on this leg or a later one.
+    pub fn block(&mut self, least_leg: usize) {
+        self.blocked = true;
+        self.least_leg = least_leg;
+        self.back = None;
+    }
+
+    /// Blocks the plan until [`Monitor::release`], for an emergency or a plan that is wrong.
+    pub fn hold(&mut self) {
+        self.block(self.leg);
+        self.held = true;
+    }
+
+    /// Lets the plan be believed again where the track comes back to it.
+    pub fn release(&mut self) {
+        self.held = false;
+    }
+
+    /// Takes a scan: position, velocity, variance of the distance from the path (m²), seconds since
+    /// the scan before. Deviations
+    /// `q = max(|e| − tolerance, 0)²/(350² + P) + (course error/5°)²` make
+    /// `B = max(0, B + min(q, 12) − 4)`, and the plan is blocked where B > 14.
+    pub fn update(
+        &mut self,
+        route: &Route,
+        position: [f64; 2],
+        velocity: [f64; 2],
+        variance: f64,
+        period: f64,
+    ) -> Verdict {
+        let (mut advanced, mut blocked, mut rejoined) = (false, false, None);
+        if self.blocked {
+            rejoined = self.come_back(route, position, velocity);
+        } else {
+            while route.is_on_next(self.leg, position, velocity, period) {
+                self.leg += 1;
+                self.level = self.level.min(FRESH);
+                advanced = true;
+            }
+        }
+        let turn = route.turn(self.leg);
+        let (s, offset) = turn.project(position);
+        let in_zone = turn.in_zone(s, norm(velocity), period);
+        if !self.blocked && rejoined.is_none() {
+            let q = deviation(turn, s, offset, velocity, variance, in_zone);
+            self.level = (self.level + q.min(LARGEST) - FORGIVEN).max(0.0);
+            if self.level > BLOCKING {
+                self.block(self.leg);
+                blocked = true;
+            }
+        }
+        let has_ended = self.leg + 1 == route.legs() && s > 0.0;
+        Verdict {
+            conforming: !self.blocked && !has_ended,
+            blocked,
+            rejoined,
+            advanced,
+            leg: self.leg,
+            s,
+            offset,
+            in_zone,
+            level: self.level,
+        }
+    }
+
+    /// The leg on which the track has been long enough, if any.
+    fn come_back(&mut self, route: &Route, p: Vector, velocity: Vector) -> Option<usize> {
+        if self.held {
+            self.back = None;
+            return None;
+        }
+        let is_back = |&leg: &usize| {
+            let (along, aside, length) = route.on_leg(leg, p);
+            let course = between(route.turn(leg).inbound, velocity).abs();
+            aside.abs() < BACK_OFFSET && course < BACK_COURSE && 0.0 < along && along < length
+        };
+        let before = self.back;
+        let leg = before
+            .map(|(leg, _)| leg)
+            .filter(is_back)
+            .or_else(|| (self.least_leg..route.legs()).find(is_back));
+        self.back = leg.map(|leg| match before {
+            Some((same, scans)) if same == leg => (leg, scans + 1),
+            _ => (leg, 1),
+        });
+        let (leg, _) = self.back.filter(|&(_, scans)| scans >= BACK_SCANS)?;
+        *self = Self { level: FRESH, ..Self::new(leg) };
+        Some(leg)
+    }
+}
+
+/// The squared deviation q from the path at a leg's end.
+fn deviation(
+    turn: &Turn,
+    s: f64,
+    offset: f64,
+    velocity: Vector,
+    variance: f64,
+    in_zone: bool,
+) -> f64 {
+    let (room, course) = if in_zone {
+        let share = turn.angle.abs().min(1.0);
+        (ROOM + ROOM_LEAD * turn.lead * share, outside(turn, velocity))
+    } else {
+        (0.0, between(turn.at(s).1, velocity))
+    };
+    let far = (offset.abs() - room).max(0.0);
+    far * far / (OFFSET_SIGMA * OFFSET_SIGMA + variance) + (course / COURSE_SIGMA).powi(2)
+}
+
+/// By how much a course is outside those of the turn.
+fn outside(turn: &Turn, velocity: Vector) -> f64 {
+    let since = between(turn.inbound, velocity);
+    let until = between(velocity, turn.outbound);
+    let is_within = since * turn.angle >= 0.0 && since.abs() <= turn.angle.abs();
+    if is_within { 0.0 } else { since.abs().min(until.abs()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plane::along;
+    use super::*;
+
+    const SPEED: f64 = 200.0;
+    const PERIOD: f64 = 5.0;
+
+    fn route() -> Route {
+        let waypoints = [[0.0, 0.0], [0.0, 6e4], [5e4, 9e4], [5e4, 1.5e5]];
+        Route::try_new(&waypoints, &[SPEED; 3], 0.0, &[], 0.4, 0.05).unwrap()
+    }
+
+    #[test]
+    fn a_track_on_the_path_conforms_to_the_end() {
+        let (route, mut monitor) = (route(), Monitor::new(0));
+        for k in 0..(route.length() / SPEED / PERIOD) as usize {
+            let (p, v) = route.at(k as f64 * PERIOD);
+            let verdict = monitor.update(&route, p, v, 1e4, PERIOD);
+            assert!(verdict.conforming && verdict.level == 0.0, "{k}: {verdict:?}");
+        }
+        assert_eq!(monitor.leg(), 2);
+        let (p, v) = route.at(1e4);
+        assert!(!monitor.update(&route, p, v, 1e4, PERIOD).conforming);
+    }
+
+    #[test]
+    fn a_turn_that_is_not_flown_blocks_and_a_later_leg_unblocks() {
+        let (route, mut monitor) = (route(), Monitor::new(0));
+        let mut blocked_at = None;
+        for k in 0..120 {
+            let p = [0.0, k as f64 * SPEED * PERIOD];
+            let verdict = monitor.update(&route, p, [0.0, SPEED], 1e4, PERIOD);
+            if verdict.blocked {
+                blocked_at = Some(k);
+            }
+        }
+        let late = blocked_at.unwrap() as f64 * SPEED * PERIOD - 6e4;
+        assert!((0.0..15e3).contains(&late), "{late}");
+        for k in 1..=6 {
+            let p = along([5e4, 1e5], k as f64 * SPEED * PERIOD, [0.0, 1.0]);
+            let verdict = monitor.update(&route, p, [0.0, SPEED], 1e4, PERIOD);
+            assert_eq!(verdict.rejoined, (k == 5).then_some(2));
+            assert_eq!(verdict.conforming, k >= 5);
+        }
+    }
+
+    #[test]
+    fn a_held_plan_stays_blocked() {
+        let (route, mut monitor) = (route(), Monitor::new(0));
+        monitor.hold();
+        let scan = |monitor: &mut Monitor, k: usize| {
+            let (p, v) = route.at(k as f64 * PERIOD);
+            monitor.update(&route, p, v, 1e4, PERIOD).conforming
+        };
+        assert!((0..30).all(|k| !scan(&mut monitor, k)));
+        monitor.release();
+        assert!(!(30..34).any(|k| scan(&mut monitor, k)));
+        assert!(scan(&mut monitor, 34));
+    }
+}

@@ -1,0 +1,410 @@
+//! The whole way: straight legs, arcs between them, and when its points are passed.
+
+use super::plane::{Vector, along, between, dot, left, minus, norm};
+use super::turn::Turn;
+use crate::error::{Error, Result, require, require_each};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Farther from the origin, the rounding of positions would count (metres), or times (seconds).
+const FARTHEST: f64 = 1e9;
+/// The next leg counts within this of its course (radians) and of its line (metres).
+const NEXT_COURSE: f64 = 4.0 * PI / 180.0;
+const NEXT_OFFSET: f64 = 1500.0;
+/// Steps to the speeds that meet given times, and their relative change that is none.
+const SPEED_STEPS: usize = 200;
+const SPEED_TOLERANCE: f64 = 1e-13;
+
+/// A flight plan: N waypoints, N − 1 legs, and the speed on each.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Route {
+    turns: Vec<Turn>,
+    lengths: Vec<f64>,
+    /// Path distance at the start of each turn.
+    starts: Vec<f64>,
+    /// Path distance where each waypoint is passed, on the bisector of its turn.
+    marks: Vec<f64>,
+    times: Vec<f64>,
+    speeds: Vec<f64>,
+    heights: Vec<f64>,
+}
+
+/// The point of a route nearest to a position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// Its distance from the first waypoint along the path, metres; negative before it.
+    pub distance: f64,
+    /// Distance of the position from it, positive to the right of the course.
+    pub offset: f64,
+    /// Direction of the path there, of length 1.
+    pub course: [f64; 2],
+    /// The leg that it is on.
+    pub leg: usize,
+}
+
+impl Route {
+    /// The route through waypoints (metres) at so many m/s on each leg, with so much bank (radians)
+    /// and at most this rate of turn (rad/s). `heights` has one height for each waypoint or is
+    /// empty.
+    ///
+    /// A turn has the radius of the speed on the leg before it. Where two turns need more than the
+    /// leg between them, both get their share of it.
+    ///
+    /// # Errors
+    /// Fewer than two waypoints, equal ones in succession, numbers outside their domains.
+    pub fn try_new(
+        waypoints: &[[f64; 2]],
+        speeds: &[f64],
+        start_time: f64,
+        heights: &[f64],
+        bank: f64,
+        turn_rate: f64,
+    ) -> Result<Self> {
+        check_waypoints(waypoints)?;
+        let legs = waypoints.len() - 1;
+        check_count("speeds", speeds.len(), legs)?;
+        let positive = |value: f64| value > 0.0 && value <= FARTHEST;
+        require_each("speeds", speeds, positive, "it must be a positive number, not above 1e9")?;
+        if !heights.is_empty() {
+            check_count("heights", heights.len(), legs + 1)?;
+            require_each("heights", heights, f64::is_finite, "it must be a finite number")?;
+        }
+        let holds = start_time.abs() <= 1e6 * FARTHEST;
+        require("start_time", start_time, holds, "a number of at most 1e15 in size")?;
+        require("bank", bank, bank > 0.0 && bank < FRAC_PI_2, "between 0 and pi/2")?;
+        let holds = turn_rate > 0.0 && turn_rate.is_finite();
+        require("turn_rate", turn_rate, holds, "a positive number")?;
+        let mut route = Self {
+            turns: fly_by(waypoints, speeds, bank, turn_rate),
+            lengths: waypoints.windows(2).map(|w| norm(minus(w[1], w[0]))).collect(),
+            starts: Vec::with_capacity(legs),
+            marks: vec![0.0; legs + 1],
+            times: vec![start_time; legs + 1],
+            speeds: speeds.to_vec(),
+            heights: heights.to_vec(),
+        };
+        route.measure();
+        Ok(route)
+    }
+
+    /// The route that passes each waypoint at its time, at a constant speed from one to the next.
+    /// The speeds change the radii and these the way, so they are found by repeated substitution.
+    ///
+    /// # Errors
+    /// Those of [`Route::try_new`], and times that do not increase.
+    pub fn through(
+        waypoints: &[[f64; 2]],
+        times: &[f64],
+        heights: &[f64],
+        bank: f64,
+        turn_rate: f64,
+    ) -> Result<Self> {
+        check_waypoints(waypoints)?;
+        check_count("times", times.len(), waypoints.len())?;
+        require_each("times", times, f64::is_finite, "it must be a finite number")?;
+        if let Some(at) = times.windows(2).position(|w| w[1] <= w[0]) {
+            let (argument, requirement) = ("times", "it must be later than the one before");
+            let (index, value) = (at + 1, times[at + 1]);
+            return Err(Error::InvalidMeasurement { argument, index, value, requirement });
+        }
+        let mut speeds: Vec<f64> = waypoints
+            .windows(2)
+            .zip(times.windows(2))
+            .map(|(w, t)| norm(minus(w[1], w[0])) / (t[1] - t[0]))
+            .collect();
+        let mut change = f64::INFINITY;
+        for _ in 0..SPEED_STEPS {
+            let route = Self::try_new(waypoints, &speeds, times[0], heights, bank, turn_rate)?;
+            if change < SPEED_TOLERANCE {
+                return Ok(route);
+            }
+            change = 0.0;
+            for (j, speed) in speeds.iter_mut().enumerate() {
+                let needed = (route.marks[j + 1] - route.marks[j]) / (times[j + 1] - times[j]);
+                change = change.max((needed / *speed - 1.0).abs());
+                // halfway: where legs are short, whole steps may swing
+                *speed = 0.5 * (*speed + needed);
+            }
+        }
+        Self::try_new(waypoints, &speeds, times[0], heights, bank, turn_rate)
+    }
+
+    /// Fills path distances and times.
+    fn measure(&mut self) {
+        let (mut distance, mut behind) = (0.0, 0.0);
+        for j in 0..self.legs() {
+            let turn = &self.turns[j];
+            distance += (self.lengths[j] - behind - turn.lead).max(0.0);
+            self.starts.push(distance);
+            self.marks[j + 1] = distance + 0.5 * turn.arc();
+            let flown = self.marks[j + 1] - self.marks[j];
+            self.times[j + 1] = self.times[j] + flown / self.speeds[j];
+            distance += turn.arc();
+            behind = turn.lead;
+        }
+    }
+
+    /// Number of legs.
+    pub fn legs(&self) -> usize {
+        self.turns.len()
+    }
+
+    /// The turn at the end of a leg; that of the last one goes straight on.
+    ///
+    /// # Panics
+    /// If there is no such leg.
+    pub fn turn(&self, leg: usize) -> &Turn {
+        &self.turns[leg]
+    }
+
+    /// Turns, one for each leg.
+    pub fn turns(&self) -> &[Turn] {
+        &self.turns
+    }
+
+    /// Length of the path, arcs included.
+    pub fn length(&self) -> f64 {
+        self.marks[self.legs()]
+    }
+
+    /// Path distances at which the waypoints are passed.
+    pub fn marks(&self) -> &[f64] {
+        &self.marks
+    }
+
+    /// Times at which the waypoints are passed: legs less the shortenings of the turns before, and
+    /// half of that of the waypoint's own.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Speeds, one for each leg.
+    pub fn speeds(&self) -> &[f64] {
+        &self.speeds
+    }
+
+    /// The leg that a path distance is on.
+    pub fn leg_at(&self, distance: f64) -> usize {
+        self.marks[1..self.legs()].partition_point(|&mark| mark <= distance)
+    }
+
+    /// Position and direction at a path distance; straight on before the start and past the end.
+    pub fn path(&self, distance: f64) -> ([f64; 2], [f64; 2]) {
+        let leg = self.leg_at(distance);
+        if leg > 0 && distance < self.starts[leg - 1] + self.turns[leg - 1].arc() {
+            return self.turns[leg - 1].at(distance - self.starts[leg - 1]);
+        }
+        self.turns[leg].at(distance - self.starts[leg])
+    }
+
+    /// The path distance where the plan is at a time.
+    pub fn distance(&self, time: f64) -> f64 {
+        let leg = self.times[1..self.legs()].partition_point(|&t| t <= time);
+        self.marks[leg] + self.speeds[leg] * (time - self.times[leg])
+    }
+
+    /// When the plan is at a path distance.
+    pub fn time(&self, distance: f64) -> f64 {
+        let leg = self.leg_at(distance);
+        self.times[leg] + (distance - self.marks[leg]) / self.speeds[leg]
+    }
+
+    /// Position and velocity at a time.
+    pub fn at(&self, time: f64) -> ([f64; 2], [f64; 2]) {
+        let distance = self.distance(time);
+        let (position, course) = self.path(distance);
+        let speed = self.speeds[self.leg_at(distance)];
+        (position, [speed * course[0], speed * course[1]])
+    }
+
+    /// Height at a path distance, between those of the waypoints; nan where the plan has none.
+    pub fn height(&self, distance: f64) -> f64 {
+        if self.heights.is_empty() {
+            return f64::NAN;
+        }
+        let leg = self.leg_at(distance);
+        let (begin, end) = (self.marks[leg], self.marks[leg + 1]);
+        let share =
+            if end > begin { ((distance - begin) / (end - begin)).clamp(0.0, 1.0) } else { 1.0 };
+        self.heights[leg] + share * (self.heights[leg + 1] - self.heights[leg])
+    }
+
+    /// The point of the path nearest to a position. The first leg goes on backwards and the last one
+    /// forwards.
+    pub fn project(&self, p: [f64; 2]) -> Projection {
+        let mut best = self.nearest_on(0, p);
+        for leg in 1..self.legs() {
+            let other = self.nearest_on(leg, p);
+            if other.offset.abs() < best.offset.abs() {
+                best = other;
+            }
+        }
+        best
+    }
+
+    /// The point nearest to a position between the waypoints of a leg.
+    pub fn nearest_on(&self, leg: usize, p: [f64; 2]) -> Projection {
+        let (turn, last) = (&self.turns[leg], leg + 1 == self.legs());
+        // metres to go to the start of the turn
+        let ahead = -dot(minus(p, turn.start), turn.inbound);
+        let mut distance = self.starts[leg] - if last { ahead } else { ahead.max(0.0) };
+        if leg > 0 {
+            let before = self.starts[leg - 1] + self.turns[leg - 1].arc();
+            distance = distance.max(before);
+        }
+        let mut best = self.seen_from(p, distance, leg);
+        let arcs = [(leg > 0).then(|| (leg - 1, false)), (!last).then_some((leg, true))];
+        for (at, is_before) in arcs.into_iter().flatten() {
+            let arc = &self.turns[at];
+            // the half of the arc that belongs to this leg
+            if arc.arc() > 0.0 && arc.is_before(p) == is_before {
+                let (s, _) = arc.project(p);
+                if s >= 0.0 && s <= arc.arc() {
+                    let other = self.seen_from(p, self.starts[at] + s, leg);
+                    if other.offset.abs() < best.offset.abs() {
+                        best = other;
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    fn seen_from(&self, p: Vector, distance: f64, leg: usize) -> Projection {
+        let (position, course) = self.path(distance);
+        let aside = minus(p, position);
+        let offset = norm(aside).copysign(-dot(aside, left(course)));
+        Projection { distance, offset, course, leg }
+    }
+
+    /// Where a position is with respect to a leg and the turn at its end, wherever else the path may
+    /// go: path distance, and offset, positive to the right.
+    pub fn project_leg(&self, leg: usize, p: [f64; 2]) -> (f64, f64) {
+        let (s, offset) = self.turns[leg].project(p);
+        (self.starts[leg] + s, offset)
+    }
+
+    /// Whether an aircraft on a leg, seen once in a `period`, is on the next one: past the arc,
+    /// within 4° of its course and 1500 m of its line, or past the zone of the turn.
+    pub fn is_on_next(&self, leg: usize, p: [f64; 2], velocity: [f64; 2], period: f64) -> bool {
+        if leg + 1 >= self.legs() {
+            return false;
+        }
+        let turn = &self.turns[leg];
+        let (s, offset) = turn.project(p);
+        let has_turned = between(turn.outbound, velocity).abs() < NEXT_COURSE;
+        (s > turn.arc() && has_turned && offset.abs() < NEXT_OFFSET)
+            || s > turn.zone_end(norm(velocity), period)
+    }
+
+    /// Position along a leg and aside of its line (to the right), and its length.
+    pub(super) fn on_leg(&self, leg: usize, p: Vector) -> (f64, f64, f64) {
+        let (turn, length) = (&self.turns[leg], self.lengths[leg]);
+        let since = minus(p, along(turn.corner, -length, turn.inbound));
+        (dot(since, turn.inbound), -dot(since, left(turn.inbound)), length)
+    }
+}
+
+/// The turns at the ends of the legs, those of neighbours within the leg between them.
+fn fly_by(waypoints: &[Vector], speeds: &[f64], bank: f64, turn_rate: f64) -> Vec<Turn> {
+    let legs = waypoints.len() - 1;
+    let turns: Vec<Turn> = (0..legs)
+        .map(|j| {
+            let (before, corner) = (waypoints[j], waypoints[j + 1]);
+            let after = waypoints.get(j + 2).copied().unwrap_or(corner);
+            Turn::new(before, corner, after, speeds[j], bank, turn_rate)
+        })
+        .collect();
+    let share = |leg: usize| {
+        let needed = turns[leg].lead + leg.checked_sub(1).map_or(0.0, |before| turns[before].lead);
+        let length = norm(minus(waypoints[leg + 1], waypoints[leg]));
+        if needed > length { length / needed } else { 1.0 }
+    };
+    (0..legs)
+        .map(|j| {
+            let part = share(j).min(if j + 1 < legs { share(j + 1) } else { 1.0 });
+            if part < 1.0 { turns[j].with_lead(part * turns[j].lead) } else { turns[j] }
+        })
+        .collect()
+}
+
+fn check_waypoints(waypoints: &[Vector]) -> Result<()> {
+    crate::error::require_count("waypoints", waypoints.len(), 2)?;
+    for (at, w) in waypoints.iter().enumerate() {
+        let refuse = |axis: usize, requirement| {
+            let (argument, index, value) = ("waypoints", vec![at, axis], w[axis]);
+            Err(Error::InvalidElement { argument, index, value, requirement })
+        };
+        if let Some(axis) = w.iter().position(|x| x.is_nan() || x.abs() > FARTHEST) {
+            return refuse(axis, "it must be a number of at most 1e9 in size");
+        }
+        if at > 0 && norm(minus(*w, waypoints[at - 1])) == 0.0 {
+            return refuse(0, "a waypoint must not be where the one before it is");
+        }
+    }
+    Ok(())
+}
+
+fn check_count(argument: &'static str, count: usize, needed: usize) -> Result<()> {
+    let requirement = match argument {
+        "speeds" => "one for each leg",
+        _ => "one for each waypoint",
+    };
+    require(argument, count as f64, count == needed, requirement)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BANK: f64 = 0.4;
+
+    fn route() -> Route {
+        let waypoints =
+            [[0.0, 0.0], [0.0, 6e4], [5e4, 9e4], [5.2e4, 1.2e5], [-1e4, 1.3e5], [-1e4, 3e4]];
+        let speeds = [220.0, 200.0, 210.0, 150.0, 180.0];
+        Route::try_new(&waypoints, &speeds, 100.0, &[], BANK, 0.05).unwrap()
+    }
+
+    #[test]
+    fn the_path_is_continuous_and_projects_on_itself() {
+        let route = route();
+        let (mut before, mut course) = route.path(-1000.0);
+        let step = 50.0;
+        for i in 1..=((route.length() + 2000.0) / step) as usize {
+            let distance = i as f64 * step - 1000.0;
+            let (p, u) = route.path(distance);
+            let moved = norm(minus(p, before));
+            assert!(moved <= step * (1.0 + 1e-9) && moved > 0.99 * step, "{distance}: {moved}");
+            assert!(between(course, u).abs() < step / 1000.0, "{distance}");
+            let found = route.project(p);
+            assert!(found.offset.abs() < 1e-6, "{distance}: {found:?}");
+            // the way crosses itself
+            assert!(
+                (found.distance - distance).abs() < 1e-6
+                    || norm(minus(route.path(found.distance).0, p)) < 1e-6
+            );
+            assert!((route.distance(route.time(distance)) - distance).abs() < 1e-6);
+            (before, course) = (p, u);
+        }
+    }
+
+    #[test]
+    fn times_are_kept() {
+        let waypoints = [[0.0, 0.0], [0.0, 6e4], [3e4, 6.5e4], [3.2e4, 6.9e4], [9e4, 1e5]];
+        let times = [50.0, 320.0, 480.0, 500.0, 820.0];
+        let route = Route::through(&waypoints, &times, &[], BANK, 0.05).unwrap();
+        for (a, b) in route.times().iter().zip(times) {
+            assert!((a - b).abs() < 1e-9 * b, "{a} is not {b}");
+        }
+    }
+
+    #[test]
+    fn neighbours_share_their_leg() {
+        let waypoints = [[0.0, 0.0], [0.0, 3e4], [1e4, 3e4], [1e4, 6e4]];
+        let route = Route::try_new(&waypoints, &[250.0; 3], 0.0, &[], BANK, 0.05).unwrap();
+        assert!((route.turn(0).lead - 5000.0).abs() < 1e-6);
+        assert!((route.turn(1).lead - 5000.0).abs() < 1e-6);
+        let way = 2.5e4 + 2.0 * route.turn(0).arc() + 2.5e4;
+        assert!((route.length() - way).abs() < 1e-6);
+    }
+}
