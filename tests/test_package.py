@@ -41,6 +41,8 @@ MODULES = [
 ALIASES = {
     "Convention",
     "Count",
+    "EncounterName",
+    "FlightScenario",
     "FusionMethod",
     "InstantMethod",
     "Kind",
@@ -49,6 +51,7 @@ ALIASES = {
     "Method",
     "Order",
     "ScenarioName",
+    "SetUpName",
     "Smoother",
     "Spatial",
     "Store",

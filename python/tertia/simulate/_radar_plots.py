@@ -1,0 +1,342 @@
+"""What rotating radars see of traffic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator
+from tertia.simulate._records import _number, _require
+from tertia.simulate._traffic import Traffic
+from tertia.tracker import NO_IDENTITY, Plots, Radar
+
+__all__ = ["RadarPlots", "radar_plots"]
+
+# no aircraft: clutter
+CLUTTER = -1
+# transponders tell heights in hundreds of feet
+_HEIGHT_STEP = 30.48
+# bits of a code that others' replies may change
+_CODE_BITS = 12
+# seconds: the beam and the aircraft are at one azimuth; rounds in which that is found
+_MEETS, _ROUNDS = 1e-6, 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarPlots:
+    """Simulated plots, sorted by time, and what they are of.
+
+    Attributes
+    ----------
+    plots : Plots
+        What the tracker gets.
+    target : ndarray of int, shape (N,)
+        The flight that a plot is of; -1: clutter.
+    outlier : ndarray of bool, shape (N,)
+        Which plots are outliers.
+    duplicate : ndarray of bool, shape (N,)
+        Which plots repeat another of the same scan.
+    phase : ndarray of shape (K,)
+        Time at which the beam of each radar points to the north.
+    """
+
+    plots: Plots
+    target: IntArray
+    outlier: BoolArray
+    duplicate: BoolArray
+    phase: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of plots."""
+        return len(self.target)
+
+    def __repr__(self) -> str:
+        """Tell the number of plots, and how many of them are clutter."""
+        return f"RadarPlots({len(self)}, {int(np.sum(self.target == CLUTTER))} of them clutter)"
+
+    def __getitem__(self, index: slice | IntArray | BoolArray) -> RadarPlots:
+        """Return some of the plots."""
+        return RadarPlots(
+            self.plots[index],
+            self.target[index],
+            self.outlier[index],
+            self.duplicate[index],
+            self.phase,
+        )
+
+    def alone(self, flight: int) -> RadarPlots:
+        """Return the plots of one flight with all clutter from its first plot to its last."""
+        own = self.target == flight
+        span = np.flatnonzero(own)
+        if not len(span):
+            return self[span]
+        chosen = own | (self.target == CLUTTER)
+        chosen[: span[0]] = False
+        chosen[span[-1] + 1 :] = False
+        return self[chosen]
+
+
+def radar_plots(
+    traffic: Traffic,
+    radars: Sequence[Radar],
+    *,
+    clutter: npt.ArrayLike = 0.0,
+    phase: npt.ArrayLike | None = None,
+    bias: npt.ArrayLike = 0.0,
+    outlier_probability: float = 0.0,
+    outlier_size: float = 20.0,
+    duplicate_probability: float = 0.0,
+    height_missing_probability: float = 0.0,
+    identity_missing_probability: float = 0.0,
+    identity_garbled_probability: float = 0.0,
+    rng: np.random.Generator | int | None = None,
+) -> RadarPlots:
+    """Simulate what rotating radars see of traffic.
+
+    A beam turns clockwise, once in the radar's period. An aircraft is seen when the beam passes it,
+    with the radar's probability and within its range; range and azimuth have normal noise. The
+    range is the slant range where the flight has a height, even if the plot lacks it. Clutter is
+    uniform over the area of the radar's range, Poisson in number, and answers nothing.
+
+    Parameters
+    ----------
+    traffic : Traffic
+        The aircraft.
+    radars : sequence of K Radar
+        The radars. Those whose position has no height are at height 0.
+    clutter : array_like of shape () or (K,)
+        Mean number of false plots per scan. Needs a finite `range_max`.
+    phase : array_like of shape () or (K,), optional
+        A time at which the beam points to the north; by default uniform over a scan.
+    bias : array_like of shape (), (2,) or (K, 2)
+        Added to ranges in metres and to azimuths in radians.
+    outlier_probability : float
+        Probability that a plot is an outlier.
+    outlier_size : float
+        Standard deviation of its errors, in units of those of the noise.
+    duplicate_probability : float
+        Probability that a plot comes twice, with another noise.
+    height_missing_probability, identity_missing_probability : float
+        Probability that the reply is missing.
+    identity_garbled_probability : float
+        Probability that some of the lowest 12 bits of an identity are wrong.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    RadarPlots
+        Plots and truth; heights are rounded to 100 ft.
+
+    Raises
+    ------
+    ValueError
+        A parameter outside its domain, shapes that do not fit, or clutter without a range.
+    TypeError
+        A parameter of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import encounter, radar_plots, set_up
+    >>> traffic = encounter("crossing", rng=1)
+    >>> radar_plots(traffic, [set_up("middle").radar], clutter=5, rng=1)
+    RadarPlots(674, 487 of them clutter)
+    """
+    if not isinstance(traffic, Traffic):
+        raise TypeError(f"traffic is {traffic!r}; it must be Traffic")
+    stations = _radars(radars)
+    count, random = len(stations), generator(rng)
+    false = _per_radar(clutter, "clutter", (count,))
+    _require(bool(np.all(false >= 0)), "clutter", false.tolist(), "zero or more")
+    shift = _per_radar(bias, "bias", (count, 2))
+    periods = np.array([radar.period for radar in stations])
+    if phase is None:
+        north = random.uniform(size=count) * periods
+    else:
+        north = _per_radar(phase, "phase", (count,))
+    faults = _Faults(
+        _number(outlier_probability, "outlier_probability", 0.0, 1.0),
+        _number(outlier_size, "outlier_size", 0.0),
+        _number(duplicate_probability, "duplicate_probability", 0.0, 1.0),
+        _number(height_missing_probability, "height_missing_probability", 0.0, 1.0),
+        _number(identity_missing_probability, "identity_missing_probability", 0.0, 1.0),
+        _number(identity_garbled_probability, "identity_garbled_probability", 0.0, 1.0),
+    )
+    parts = [_nothing()]
+    for k, radar in enumerate(stations):
+        flight, time = _meetings(traffic, radar, float(north[k]))
+        parts.append(_seen(traffic, radar, k, shift[k], flight, time, faults, random))
+        parts.append(_clutter(traffic, radar, k, float(false[k]), float(north[k]), random))
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.argsort(columns["time"], kind="stable")
+    columns = {name: column[order] for name, column in columns.items()}
+    truth = {name: columns.pop(name) for name in ("target", "outlier", "duplicate")}
+    return RadarPlots(Plots(**columns), **truth, phase=north)
+
+
+@dataclass(frozen=True, slots=True)
+class _Faults:
+    """Probabilities of what goes wrong, and the size of outliers."""
+
+    outlier: float
+    size: float
+    duplicate: float
+    no_height: float
+    no_identity: float
+    garbled: float
+
+
+def _radars(radars: Sequence[Radar]) -> list[Radar]:
+    chosen = list(radars) if isinstance(radars, Sequence) else [radars]
+    for i, radar in enumerate(chosen):
+        if not isinstance(radar, Radar):
+            raise TypeError(f"radars[{i}] is {radar!r}; it must be a Radar")
+    return chosen
+
+
+def _per_radar(value: npt.ArrayLike, name: str, shape: tuple[int, ...]) -> FloatArray:
+    array = finite(value, name)
+    try:
+        return np.broadcast_to(array, shape).copy()
+    except ValueError:
+        raise ValueError(f"{name} has shape {array.shape}; it must fit {shape}") from None
+
+
+def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, FloatArray]:
+    """Return when the beam passes which flight, scan by scan.
+
+    A scan later the beam is where the aircraft was; the next meeting is found from there.
+    """
+    flight = np.arange(len(traffic))
+    time, end = traffic.start, traffic.end
+    lag = _azimuth(traffic, radar, flight, time) - _beam(radar, north, time)
+    time = time + radar.period * (lag / (2 * np.pi) % 1.0)
+    flights, times = [flight[:0]], [time[:0]]
+    while len(flight):
+        time, meets = _meet(traffic, radar, north, flight, time)
+        inside = meets & (time >= traffic.start[flight]) & (time <= end[flight])
+        flights.append(flight[inside])
+        times.append(time[inside])
+        later = time <= end[flight]
+        flight, time = flight[later], time[later] + radar.period
+    return np.concatenate(flights), np.concatenate(times)
+
+
+def _meet(
+    traffic: Traffic, radar: Radar, north: float, flight: IntArray, guess: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return when beam and aircraft are at one azimuth, and whether that was found.
+
+    The beam is so much faster that a few rounds will do, but right above the radar.
+    """
+    time, late = guess, np.full(len(guess), np.inf)
+    for _ in range(_ROUNDS):
+        ahead = _azimuth(traffic, radar, flight, time) - _beam(radar, north, time)
+        late = radar.period * ((ahead / (2 * np.pi) + 0.5) % 1.0 - 0.5)
+        time = time + late
+        if np.all(np.abs(late) < _MEETS):
+            break
+    meets = np.abs(late) < _MEETS
+    return np.where(meets, time, guess), meets
+
+
+def _azimuth(traffic: Traffic, radar: Radar, flight: IntArray, time: FloatArray) -> FloatArray:
+    inside = np.clip(time, traffic.start[flight], traffic.end[flight])
+    offset = traffic._state(flight, inside)[0] - radar.position[:2]
+    azimuth: FloatArray = np.arctan2(offset[:, 0], offset[:, 1])
+    return azimuth
+
+
+def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
+    return 2 * np.pi / radar.period * (time - north)
+
+
+def _seen(
+    traffic: Traffic,
+    radar: Radar,
+    k: int,
+    bias: FloatArray,
+    flight: IntArray,
+    time: FloatArray,
+    faults: _Faults,
+    random: np.random.Generator,
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the plots of the aircraft that are within the range and detected."""
+    offset = traffic._state(flight, time)[0] - radar.position[:2]
+    height = traffic._height_at(flight, time)
+    place = radar.position[2] if len(radar.position) == 3 else 0.0
+    distance = np.hypot(*offset.T)
+    distance = np.where(np.isnan(height), distance, np.hypot(distance, height - place))
+    seen = random.uniform(size=len(flight)) < radar.detection_probability
+    seen &= distance <= radar.range_max
+    twice = seen & (random.uniform(size=len(flight)) < faults.duplicate)
+    rows = np.concatenate([np.flatnonzero(seen), np.flatnonzero(twice)])
+    n = len(rows)
+    outlier = random.uniform(size=n) < faults.outlier
+    error = random.standard_normal((2, n)) * np.where(outlier, faults.size, 1.0)
+    azimuth = np.arctan2(*offset[rows].T) + bias[1] + radar.azimuth_sigma * error[1]
+    told = np.round(height[rows] / _HEIGHT_STEP) * _HEIGHT_STEP
+    told[random.uniform(size=n) < faults.no_height] = np.nan
+    return {
+        "time": time[rows],
+        "range": np.abs(distance[rows] + bias[0] + radar.range_sigma * error[0]),
+        "azimuth": azimuth % (2 * np.pi),
+        "radar": np.full(n, k),
+        "height": told,
+        "identity": _identity(traffic.identity[flight[rows]], faults, random),
+        "target": flight[rows],
+        "outlier": outlier,
+        "duplicate": np.arange(n) >= np.count_nonzero(seen),
+    }
+
+
+def _identity(identity: IntArray, faults: _Faults, random: np.random.Generator) -> IntArray:
+    """Return what the transponders answer, some of it missing or garbled."""
+    n = len(identity)
+    garbled = random.uniform(size=n) < faults.garbled
+    bits = random.integers(1, 2**_CODE_BITS, n)
+    missing = (identity == NO_IDENTITY) | (random.uniform(size=n) < faults.no_identity)
+    answer = np.where(garbled, identity ^ bits, identity)
+    return np.where(missing, NO_IDENTITY, answer)
+
+
+def _clutter(
+    traffic: Traffic,
+    radar: Radar,
+    k: int,
+    mean: float,
+    north: float,
+    random: np.random.Generator,
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return false plots while there is traffic: the beam has their azimuths at their times."""
+    if mean == 0.0 or not len(traffic):
+        return _nothing()
+    limit = radar.range_max
+    _require(np.isfinite(limit), f"range_max of radar {k}", limit, "finite where there is clutter")
+    first, last = float(np.min(traffic.start)), float(np.max(traffic.end))
+    n = int(random.poisson(mean * (last - first) / radar.period))
+    time = random.uniform(first, last, n)
+    columns = _nothing(n)
+    columns["time"], columns["azimuth"] = time, _beam(radar, north, time) % (2 * np.pi)
+    columns["range"] = limit * np.sqrt(random.uniform(size=n))
+    columns["radar"] = np.full(n, k)
+    return columns
+
+
+def _nothing(n: int = 0) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the columns of plots of which nothing is known."""
+    unknown = np.full(n, np.nan)
+    return {
+        "time": unknown,
+        "range": unknown,
+        "azimuth": unknown,
+        "radar": np.zeros(n, dtype=np.int64),
+        "height": unknown,
+        "identity": np.full(n, NO_IDENTITY),
+        "target": np.full(n, CLUTTER),
+        "outlier": np.zeros(n, dtype=np.bool_),
+        "duplicate": np.zeros(n, dtype=np.bool_),
+    }

@@ -1,0 +1,289 @@
+"""What is flown instead of a plan: each scenario is another route for the same pilot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from tertia._arrays import FloatArray, IntArray
+from tertia.flightplan import FlightPlan
+
+FlightScenario: TypeAlias = Literal[
+    "conforming",
+    "speed",
+    "shortcut",
+    "holding",
+    "vectoring",
+    "hijack",
+    "straight-on",
+    "wrong-turn",
+    "fly-over",
+]
+
+GRAVITY = 9.80665
+
+# how a waypoint is passed: the turn ends on the next leg; it begins at the waypoint and the leg is
+# met later; or the next waypoint is headed for from where the turn ends
+FLY_BY, FLY_OVER, DIRECT = 0, 1, 2
+NEVER = -1
+
+# seconds of straight flight between a turn and a deviation
+_SETTLED = 20.0
+# metres per second; radians; metres; seconds
+_SPEED_CHANGE = (15.0, 30.0)
+_VECTOR_ANGLE = np.radians([30.0, 50.0])
+_VECTOR_OFFSET = (12e3, 20e3)
+_VECTOR_TIME = 60.0
+_HIJACK_ANGLE = np.radians([45.0, 150.0])
+_WRONG_ANGLE = np.radians([30.0, 60.0])
+_HOLDING_TIME = 60.0
+# where there is a choice, a waypoint is headed for that needs a turn below this
+_DIRECT_ANGLE = np.radians(110.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """The waypoints that are flown, the speed behind each, and how each is passed.
+
+    The plan is left where the waypoint `leave` is passed, and is valid again from the waypoint
+    `rejoin` on; NEVER: neither.
+    """
+
+    waypoints: FloatArray
+    speeds: FloatArray
+    heights: FloatArray
+    passing: IntArray
+    leave: int = NEVER
+    rejoin: int = NEVER
+
+
+def heights(plan: FlightPlan) -> FloatArray:
+    """Return the heights of a plan, nan where it has none."""
+    return np.full(len(plan.waypoints), np.nan) if plan.heights is None else plan.heights
+
+
+def build(
+    plan: FlightPlan, scenario: FlightScenario, lasting: float, random: np.random.Generator
+) -> Route:
+    """Return the route of a scenario; a flight that never returns goes on for `lasting` seconds."""
+    return _BUILDERS[scenario](_Planned(plan), lasting, random)
+
+
+class _Planned:
+    """The geometry of a plan: unit vectors along the legs, lengths, and what turns take of them."""
+
+    def __init__(self, plan: FlightPlan) -> None:
+        self.waypoints, self.speeds, self.heights = plan.waypoints, plan.speeds, heights(plan)
+        legs = np.diff(plan.waypoints, axis=0)
+        self.lengths = np.hypot(*legs.T)
+        self.along = legs / self.lengths[:, np.newaxis]
+        pairs = zip(self.along[:-1], self.along[1:], strict=True)
+        self.angles = np.array([signed_angle(a, b) for a, b in pairs])
+        speed = plan.speeds
+        self.radii = np.maximum(speed**2 / (GRAVITY * np.tan(plan.bank)), speed / plan.turn_rate)
+        # metres of a leg before its last waypoint at which its turn begins; none at the end
+        self.leads = np.zeros(len(self.lengths))
+        half = np.minimum(np.abs(self.angles) / 2, np.radians(75.0))
+        self.leads[:-1] = self.radii[:-1] * np.tan(half)
+
+    def __len__(self) -> int:
+        return len(self.waypoints)
+
+    def spot(self, leg: int, random: np.random.Generator) -> tuple[FloatArray, float]:
+        """Return a place on the straight part of a leg, and its share of the leg."""
+        settled = _SETTLED * self.speeds[leg]
+        first = settled + (self.leads[leg - 1] if leg else 0.0)
+        last = self.lengths[leg] - self.leads[leg] - settled
+        if leg == 0:
+            first = (first + last) / 2
+        where = random.uniform(first, last) if first < last else (first + last) / 2
+        share = float(np.clip(where / self.lengths[leg], 0.1, 0.9))
+        return self.waypoints[leg] + share * self.lengths[leg] * self.along[leg], share
+
+    def height(self, leg: int, share: float) -> float:
+        """Return the height on a leg."""
+        return float((1 - share) * self.heights[leg] + share * self.heights[leg + 1])
+
+    def route(
+        self,
+        before: int,
+        places: list[FloatArray],
+        passing: list[int],
+        after: int,
+        height: float,
+        leave: int,
+        rejoin: int = NEVER,
+    ) -> Route:
+        """Return the plan with other places between the waypoints `before` and `after`.
+
+        `leave` and `rejoin` count the waypoints of the new route. All other places have the height
+        of the first.
+        """
+        n = len(places)
+        tail = len(self) - after
+        points = [*self.waypoints[: before + 1], *places, *self.waypoints[after:]]
+        kinds = [FLY_BY] * (before + 1) + passing + [FLY_BY] * tail
+        speeds = [*self.speeds[: before + 1], *[self.speeds[before]] * n, *self.speeds[after:]]
+        levels = [*self.heights[: before + 1], *[height] * n, *self.heights[after:]]
+        return Route(
+            np.array(points),
+            np.array(speeds[: len(points) - 1]),
+            np.array(levels),
+            np.array(kinds),
+            leave,
+            rejoin,
+        )
+
+
+def _conforming(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    passing = np.full(len(plan), FLY_BY)
+    return Route(plan.waypoints, plan.speeds, plan.heights, passing)
+
+
+def _speed(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Fly the route, from some place on faster or slower."""
+    leg = int(random.integers(len(plan) - 1))
+    place, share = plan.spot(leg, random)
+    route = plan.route(leg, [place], [FLY_OVER], leg + 1, plan.height(leg, share), NEVER)
+    change = random.uniform(*_SPEED_CHANGE) * random.choice([-1.0, 1.0])
+    speeds = route.speeds.copy()
+    speeds[leg + 1 :] = np.maximum(speeds[leg + 1 :] + change, 0.7 * speeds[leg + 1 :])
+    return Route(route.waypoints, speeds, route.heights, route.passing)
+
+
+def _shortcut(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Fly from a place on a leg to a waypoint behind the next."""
+    leg = int(random.integers(len(plan) - 2))
+    place, share = plan.spot(leg, random)
+    target = min(_ahead(plan, place, plan.along[leg], leg, leg + 2), len(plan) - 1)
+    height = plan.height(leg, share)
+    return plan.route(leg, [place], [DIRECT], target, height, leg + 1, leg + 2)
+
+
+def _holding(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Fly once or twice round a racetrack at a place on a leg."""
+    leg = int(random.integers(len(plan) - 1))
+    fix, share = plan.spot(leg, random)
+    along, speed = plan.along[leg], plan.speeds[leg]
+    side = random.choice([-1.0, 1.0]) * right(along)
+    width = 2.2 * plan.radii[leg] * side
+    length = (_HOLDING_TIME * speed + 2 * plan.radii[leg]) * along
+    lap = [fix, fix + width, fix + width - length, fix - length]
+    places = [*lap * int(random.integers(1, 3)), fix]
+    passing = [FLY_BY] * (len(places) - 1) + [FLY_OVER]
+    height = plan.height(leg, share)
+    return plan.route(leg, places, passing, leg + 1, height, leg + 1, leg + len(places))
+
+
+def _vectoring(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Fly off to one side, along the leg, and back to a waypoint if one is ahead."""
+    leg = int(random.integers(len(plan) // 2))
+    place, share = plan.spot(leg, random)
+    along = plan.along[leg]
+    side = random.choice([-1.0, 1.0]) * right(along)
+    offset, angle = random.uniform(*_VECTOR_OFFSET), random.uniform(*_VECTOR_ANGLE)
+    off = place + offset * (side + along / np.tan(angle))
+    abeam = off + (_VECTOR_TIME * plan.speeds[leg] + 2 * plan.radii[leg]) * along
+    target = _ahead(plan, abeam, along, leg, leg + 1)
+    if target == len(plan):
+        abeam = off + lasting * plan.speeds[leg] * along
+    places, height = [place, off, abeam], plan.height(leg, share)
+    passing = [DIRECT, FLY_BY, FLY_BY]
+    return plan.route(leg, places, passing, target, height, leg + 1, leg + 4)
+
+
+def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Turn away at a place on a leg, and never come back."""
+    leg = int(random.integers(len(plan) - 1))
+    place, share = plan.spot(leg, random)
+    angle = random.uniform(*_HIJACK_ANGLE) * random.choice([-1.0, 1.0])
+    away = place + lasting * plan.speeds[leg] * rotate(plan.along[leg], angle)
+    return plan.route(
+        leg, [place, away], [DIRECT, FLY_BY], len(plan), plan.height(leg, share), leg + 1
+    )
+
+
+def _straight_on(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Do not fly a turn: the plan is left where it should have begun."""
+    turn = int(random.integers(1, len(plan) - 1))
+    along = plan.along[turn - 1]
+    begin = plan.waypoints[turn] - plan.leads[turn - 1] * along
+    away = begin + lasting * plan.speeds[turn - 1] * along
+    height = float(plan.heights[turn])
+    return plan.route(turn - 1, [begin, away], [FLY_OVER, FLY_BY], len(plan), height, turn)
+
+
+def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Turn to the other side, or by 30 to 60 degrees too much or too little."""
+    turn = int(random.integers(1, len(plan) - 1))
+    angle = plan.angles[turn - 1]
+    error = random.uniform(*_WRONG_ANGLE) * random.choice([-1.0, 1.0])
+    flown = -angle if random.uniform() < 0.5 else angle + error
+    place = plan.waypoints[turn]
+    away = place + lasting * plan.speeds[turn] * rotate(plan.along[turn - 1], flown)
+    height = float(plan.heights[turn])
+    return plan.route(turn - 1, [place, away], [FLY_BY, FLY_BY], len(plan), height, turn)
+
+
+def _fly_over(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
+    """Begin a turn at its waypoint: the plan is left where it should have begun."""
+    turn = int(random.integers(1, len(plan) - 1))
+    place = plan.waypoints[turn]
+    begin = place - plan.leads[turn - 1] * plan.along[turn - 1]
+    return plan.route(
+        turn - 1,
+        [begin, place],
+        [FLY_OVER, FLY_OVER],
+        turn + 1,
+        float(plan.heights[turn]),
+        turn,
+        turn + 1,
+    )
+
+
+_BUILDERS: dict[str, Callable[[_Planned, float, np.random.Generator], Route]] = {
+    "conforming": _conforming,
+    "speed": _speed,
+    "shortcut": _shortcut,
+    "holding": _holding,
+    "vectoring": _vectoring,
+    "hijack": _hijack,
+    "straight-on": _straight_on,
+    "wrong-turn": _wrong_turn,
+    "fly-over": _fly_over,
+}
+# those that are about a turn
+TURNS = frozenset({"shortcut", "straight-on", "wrong-turn", "fly-over"})
+
+
+def _ahead(plan: _Planned, place: FloatArray, along: FloatArray, leg: int, first: int) -> int:
+    """Return the first waypoint from `first` on that is ahead and far enough for a turn.
+
+    Without one, this is the number of waypoints.
+    """
+    for target in range(first, len(plan)):
+        way = plan.waypoints[target] - place
+        far = np.hypot(*way) > 3 * plan.radii[leg]
+        if far and abs(signed_angle(along, way)) < _DIRECT_ANGLE:
+            return target
+    return len(plan)
+
+
+def right(along: FloatArray) -> FloatArray:
+    """Return the vectors to the right of those of unit length."""
+    return np.stack([along[..., 1], -along[..., 0]], axis=-1)
+
+
+def rotate(vector: FloatArray, angle: float) -> FloatArray:
+    """Return a vector turned clockwise."""
+    turned: FloatArray = np.cos(angle) * vector + np.sin(angle) * right(vector)
+    return turned
+
+
+def signed_angle(first: FloatArray, second: FloatArray) -> float:
+    """Return the angle from one vector to another, positive clockwise."""
+    across = first[1] * second[0] - first[0] * second[1]
+    return float(np.arctan2(across, first @ second))

@@ -1,0 +1,238 @@
+"""Radars of three kinds of airspace, and routes that suit them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from tertia._arrays import BoolArray, FloatArray, IntArray, generator, integer
+from tertia.flightplan import FlightPlan
+from tertia.simulate._records import _require
+from tertia.simulate._routes import GRAVITY
+from tertia.tracker import Radar
+
+__all__ = ["SetUp", "SetUpName", "routes", "set_up"]
+
+SetUpName: TypeAlias = Literal["tma", "middle", "en-route"]
+
+# turns of a route, and their angles in radians
+_TURNS = (2, 4)
+_ANGLES = np.radians([20.0, 110.0])
+# scans of straight flight on every leg
+_STRAIGHT = (15.0, 30.0)
+# flight levels of a thousand feet
+_LEVEL = 304.8
+# the bank of a plan's turns
+_BANK = np.radians(25.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetUp:
+    """A radar, and the traffic that it watches.
+
+    Attributes
+    ----------
+    radar : Radar
+        At the origin.
+    distance : (float, float)
+        How near to it routes come, and how far, in metres.
+    speed : (float, float)
+        Lowest and highest ground speed of plans in metres per second.
+    height : (float, float)
+        Lowest and highest flight level of plans in metres.
+    wind : float
+        Highest wind in metres per second: what `flights` takes.
+    """
+
+    radar: Radar
+    distance: tuple[float, float]
+    speed: tuple[float, float]
+    height: tuple[float, float]
+    wind: float
+
+
+def set_up(name: SetUpName) -> SetUp:
+    """Return a radar, and the traffic that it watches.
+
+    Parameters
+    ----------
+    name : str
+        "tma": terminal area, scans of 4 s. "middle": 6 s. "en-route": 10 s.
+
+    Returns
+    -------
+    SetUp
+        Radar, distances, speeds, levels and wind.
+
+    Raises
+    ------
+    ValueError
+        An unknown name.
+
+    Examples
+    --------
+    >>> from tertia.simulate import set_up
+    >>> set_up("tma").radar.period, set_up("en-route").speed
+    (4.0, (200.0, 250.0))
+    """
+    known = tuple(_SET_UPS)
+    _require(isinstance(name, str) and name in known, "name", name, f"one of {', '.join(known)}")
+    return _SET_UPS[name]
+
+
+def _radar(
+    name: str, period: float, metres: float, degrees: float, seen: float, limit: float
+) -> Radar:
+    return Radar(
+        (0.0, 0.0),
+        range_sigma=metres,
+        azimuth_sigma=np.radians(degrees).item(),
+        period=period,
+        range_max=limit,
+        detection_probability=seen,
+        name=name,
+    )
+
+
+# a radar sees farther than its routes reach: flights that leave them stay in view
+_SET_UPS: dict[str, SetUp] = {
+    "tma": SetUp(
+        _radar("tma", 4.0, 50.0, 0.08, 0.95, 150e3),
+        (15e3, 90e3),
+        (110.0, 160.0),
+        (1500.0, 4500.0),
+        15.0,
+    ),
+    "middle": SetUp(
+        _radar("middle", 6.0, 75.0, 0.10, 0.94, 280e3),
+        (30e3, 200e3),
+        (160.0, 200.0),
+        (4000.0, 9000.0),
+        30.0,
+    ),
+    "en-route": SetUp(
+        _radar("en-route", 10.0, 100.0, 0.12, 0.92, 400e3),
+        (60e3, 300e3),
+        (200.0, 250.0),
+        (8500.0, 12_500.0),
+        50.0,
+    ),
+}
+
+
+def routes(
+    set_up: SetUpName | SetUp, n: int, rng: np.random.Generator | int | None = None
+) -> list[FlightPlan]:
+    """Draw plans of random routes around a radar.
+
+    Two to four turns by 20 to 110 degrees to both sides. Every leg has room for the arcs of its
+    turns and for 15 to 30 scans of straight flight. All legs lie within the distances of the
+    set-up. One speed and one level per route; the identity is the number of the plan.
+
+    Parameters
+    ----------
+    set_up : str or SetUp
+        "tma", "middle", "en-route", or one of your own.
+    n : int
+        Number of plans.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    list of n FlightPlan
+        All start at the time 0.
+
+    Raises
+    ------
+    ValueError
+        An unknown set-up, or one whose distances leave no room for routes.
+    TypeError
+        A parameter of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import routes
+    >>> plans = routes("middle", 3, rng=1)
+    >>> [len(plan.waypoints) for plan in plans]
+    [5, 6, 6]
+    """
+    scene = set_up if isinstance(set_up, SetUp) else _named(set_up)
+    n, random = integer(n, "n", 0), generator(rng)
+    plans: list[FlightPlan] = []
+    for _ in range(_TRIES):
+        points, sizes, speed = _draw(scene, _BATCH, random)
+        inside = np.flatnonzero(_inside(scene, points, sizes))[: n - len(plans)]
+        low, high = np.ceil(scene.height[0] / _LEVEL), np.floor(scene.height[1] / _LEVEL)
+        levels = _LEVEL * random.integers(int(low), int(high) + 1, len(inside))
+        for i, level in zip(inside, levels, strict=True):
+            plans.append(
+                FlightPlan(
+                    points[i, : sizes[i]],
+                    float(speed[i]),
+                    heights=float(level),
+                    bank=float(_BANK),
+                    identity=len(plans),
+                )
+            )
+        if len(plans) == n:
+            return plans
+    raise ValueError(
+        f"set_up has distances {scene.distance} m; they leave no room for routes at "
+        f"{scene.speed[0]:g} to {scene.speed[1]:g} m/s"
+    )
+
+
+# candidates drawn at once, and how often
+_BATCH, _TRIES = 2000, 500
+
+
+def _named(name: SetUpName) -> SetUp:
+    return set_up(name)
+
+
+def _draw(
+    scene: SetUp, n: int, random: np.random.Generator
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return candidates: waypoints (n, M, 2), how many of them count, and speeds."""
+    turns = random.integers(_TURNS[0], _TURNS[1] + 1, n)
+    legs = _TURNS[1] + 1
+    speed = random.uniform(*scene.speed, n)
+    angle = random.uniform(*_ANGLES, (n, legs - 1))
+    radius = speed**2 / (GRAVITY * np.tan(_BANK))
+    # metres that a turn takes of the legs before and behind it
+    arc = radius[:, np.newaxis] * np.tan(angle / 2)
+    arc[np.arange(1, legs) > turns[:, np.newaxis]] = 0.0
+    scans = random.uniform(*_STRAIGHT, (n, legs))
+    length = scans * scene.radar.period * speed[:, np.newaxis]
+    length[:, :-1] += arc
+    length[:, 1:] += arc
+    angle *= np.where(random.uniform(size=angle.shape) < 0.5, -1.0, 1.0)
+    course = random.uniform(0.0, 2 * np.pi, (n, 1)) + np.cumsum(
+        np.concatenate([np.zeros((n, 1)), angle], axis=1), axis=1
+    )
+    ways = length[..., np.newaxis] * np.stack([np.sin(course), np.cos(course)], axis=-1)
+    near, far = scene.distance
+    # uniform over the area
+    distance = np.sqrt(random.uniform(near**2, far**2, n))
+    azimuth = random.uniform(0.0, 2 * np.pi, n)
+    start = distance[:, np.newaxis] * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    points = start[:, np.newaxis] + np.concatenate(
+        [np.zeros((n, 1, 2)), np.cumsum(ways, axis=1)], axis=1
+    )
+    return points, turns + 2, speed
+
+
+def _inside(scene: SetUp, points: FloatArray, sizes: IntArray) -> BoolArray:
+    """Return whether all legs keep to the distances of the set-up."""
+    first, way = points[:, :-1], np.diff(points, axis=1)
+    share = -np.sum(first * way, axis=-1) / np.sum(way**2, axis=-1)
+    nearest = first + np.clip(share, 0.0, 1.0)[..., np.newaxis] * way
+    near, far = scene.distance
+    good = np.hypot(*np.moveaxis(nearest, -1, 0)) >= near
+    good &= np.hypot(*np.moveaxis(points[:, 1:], -1, 0)) <= far
+    used = np.arange(points.shape[1] - 1) < sizes[:, np.newaxis] - 1
+    good = good | ~used
+    return np.all(good, axis=1)

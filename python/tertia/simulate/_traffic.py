@@ -1,0 +1,387 @@
+"""Air traffic: where aircraft are along time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, integer
+from tertia.flightplan import FlightPlan
+from tertia.simulate._records import _number, _pair, _require
+
+__all__ = ["EncounterName", "Traffic", "dense_traffic", "encounter"]
+
+EncounterName: TypeAlias = Literal["crossing", "formation", "in-trail"]
+
+# five nautical miles
+_SPACING = 9260.0
+# radians per second: those of an airliner's turn, half to twice of it
+_TURN_RATES = (np.radians(0.75), np.radians(3.0))
+_HEIGHTS = (3000.0, 12_000.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Traffic:
+    """Aircraft along time, each on its own grid of equal steps.
+
+    Sample k of flight i is at the time `start[i] + k * step`. Flights end at different times: the
+    samples behind their end are nan (False in `turning`).
+
+    Attributes
+    ----------
+    start : ndarray of shape (F,)
+        Time of the first sample in seconds.
+    count : ndarray of int, shape (F,)
+        Number of samples, two or more.
+    step : float
+        Seconds from sample to sample.
+    position : ndarray of shape (F, S, 2)
+        East and north in metres.
+    velocity : ndarray of shape (F, S, 2)
+        Over the ground, in metres per second.
+    turn_rate : ndarray of shape (F, S)
+        Of the course over the ground in radians per second, positive clockwise.
+    turning : ndarray of bool, shape (F, S)
+        Whether the aircraft turns: it banks by more than 5 degrees.
+    height : ndarray of shape (F, S)
+        Metres; nan where flights have no heights.
+    identity : ndarray of int, shape (F,)
+        What the transponder answers; -1 where there is none.
+    wind : ndarray of shape (F, 2)
+        Velocity of the air.
+    left, returned : ndarray of shape (F,)
+        Time at which the flight leaves its plan, and that at which it is on it again; nan: never.
+    plans : tuple of FlightPlan
+        The plans; empty where aircraft fly without.
+    """
+
+    start: FloatArray
+    count: IntArray
+    step: float
+    position: FloatArray
+    velocity: FloatArray
+    turn_rate: FloatArray
+    turning: BoolArray
+    height: FloatArray
+    identity: IntArray
+    wind: FloatArray
+    left: FloatArray
+    returned: FloatArray
+    plans: tuple[FlightPlan, ...] = ()
+
+    def __len__(self) -> int:
+        """Return the number of flights."""
+        return len(self.start)
+
+    def __repr__(self) -> str:
+        """Tell the number of flights, and how long they last."""
+        if not len(self):
+            return "Traffic(0 flights)"
+        return f"Traffic({len(self)} flights, {np.min(self.start):g} to {np.max(self.end):g} s)"
+
+    def __getitem__(self, index: slice | IntArray | BoolArray) -> Traffic:
+        """Return some of the flights."""
+        chosen = np.arange(len(self))[index]
+        if chosen.ndim != 1:
+            raise TypeError(f"index is {index!r}; it must be a slice or an array of flights")
+        return Traffic(
+            self.start[chosen],
+            self.count[chosen],
+            self.step,
+            self.position[chosen],
+            self.velocity[chosen],
+            self.turn_rate[chosen],
+            self.turning[chosen],
+            self.height[chosen],
+            self.identity[chosen],
+            self.wind[chosen],
+            self.left[chosen],
+            self.returned[chosen],
+            tuple(self.plans[i] for i in chosen) if self.plans else (),
+        )
+
+    @property
+    def end(self) -> FloatArray:
+        """Time of the last sample of each flight."""
+        return self.start + (self.count - 1) * self.step
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of every sample, shape (F, S); nan behind the end of a flight."""
+        sample = np.arange(self.position.shape[1])
+        return np.where(
+            sample < self.count[:, np.newaxis],
+            self.start[:, np.newaxis] + self.step * sample,
+            np.nan,
+        )
+
+    def at(self, flight: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return position and velocity of flights at any times.
+
+        Between the samples stands the cubic that has their positions and velocities.
+
+        Parameters
+        ----------
+        flight : array_like of int, shape (...)
+            Which flights.
+        time : array_like of shape (...)
+            Seconds.
+
+        Returns
+        -------
+        position, velocity : ndarray of shape (..., 2)
+            nan before the start and behind the end of a flight.
+
+        Raises
+        ------
+        IndexError
+            No such flight.
+        ValueError
+            Shapes that do not fit.
+
+        Examples
+        --------
+        >>> from tertia.simulate import encounter
+        >>> crossing = encounter("crossing", rng=1)
+        >>> position, velocity = crossing.at([0, 1], crossing.start + 300.0)
+        >>> (position[1] - position[0]).round(3)
+        array([0., 0.])
+        """
+        who, when = np.broadcast_arrays(np.asarray(flight), np.asarray(time, dtype=np.float64))
+        inside = ((when >= self.start[who]) & (when <= self.end[who]))[..., np.newaxis]
+        position, velocity = self._state(who, when)
+        return np.where(inside, position, np.nan), np.where(inside, velocity, np.nan)
+
+    def _state(self, flight: IntArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return position and velocity as `at` does, and go on beyond start and end."""
+        k, share = self._place(flight, time)
+        u = share[..., np.newaxis]
+        first, second = self.position[flight, k], self.position[flight, k + 1]
+        begin = self.step * self.velocity[flight, k]
+        end = self.step * self.velocity[flight, k + 1]
+        way = second - first
+        # the cubic by its derivatives at the first sample
+        square, cube = 3 * way - 2 * begin - end, begin + end - 2 * way
+        position = first + u * (begin + u * (square + u * cube))
+        velocity = (begin + u * (2 * square + 3 * u * cube)) / self.step
+        return position, velocity
+
+    def _place(self, flight: IntArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the sample before a time, and the share of the step behind it.
+
+        The share is below 0 before the start of a flight, and above 1 behind its end.
+        """
+        steps = (time - self.start[flight]) / self.step
+        last = self.count[flight] - 2
+        # a time that is nan has any sample: its share is nan
+        k = np.clip(np.nan_to_num(steps, posinf=0.0, neginf=0.0).astype(np.int64), 0, last)
+        return k, steps - k
+
+    def _height_at(self, flight: IntArray, time: FloatArray) -> FloatArray:
+        """Return heights between the samples."""
+        k, share = self._place(flight, time)
+        low: FloatArray = self.height[flight, k]
+        return low + share * (self.height[flight, k + 1] - low)
+
+
+def dense_traffic(
+    n: int,
+    *,
+    area: tuple[float, float] = (400e3, 400e3),
+    speed: tuple[float, float] = (100.0, 250.0),
+    turning_share: float = 0.2,
+    duration: float = 300.0,
+    step: float = 2.0,
+    rng: np.random.Generator | int | None = None,
+) -> Traffic:
+    """Simulate many aircraft quickly: straight flights, and some with one turn.
+
+    In the middle of the time their places are uniform over a rectangle about the origin. Courses
+    are uniform over the circle, speeds and levels (3 to 12 km) uniform. A turn has a constant rate
+    of .75 to 3 degrees per second, changes the course by 20 to 110 degrees, and begins at any time.
+
+    Parameters
+    ----------
+    n : int
+        Number of aircraft.
+    area : (float, float)
+        Extent to the east and to the north in metres.
+    speed : (float, float)
+        Lowest and highest speed in metres per second.
+    turning_share : float
+        Probability that an aircraft turns.
+    duration : float
+        Seconds.
+    step : float
+        Seconds from sample to sample.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    Traffic
+        All flights start at the time 0. The identity is the number of the aircraft.
+
+    Raises
+    ------
+    ValueError
+        A parameter outside its domain.
+    TypeError
+        A parameter of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import dense_traffic
+    >>> dense_traffic(1000, rng=1)
+    Traffic(1000 flights, 0 to 300 s)
+    """
+    n, random = integer(n, "n", 0), generator(rng)
+    extent = np.array([_number(v, "area", 0.0) for v in _pair(area, "area")])
+    low, high = (_number(v, "speed", 1.0) for v in _pair(speed, "speed"))
+    _require(low <= high, "speed", speed, "a pair (lowest, highest)")
+    share = _number(turning_share, "turning_share", 0.0, 1.0)
+    time = _grid(duration, step)
+    velocity = random.uniform(low, high, n) * np.exp(2j * np.pi * random.uniform(size=n))
+    rate = random.uniform(*_TURN_RATES, n) * np.where(random.uniform(size=n) < 0.5, -1.0, 1.0)
+    length = np.radians(random.uniform(20.0, 110.0, n)) / np.abs(rate)
+    turns = random.uniform(size=n) < share
+    begin = np.where(turns, random.uniform(0.0, time[-1], n), np.inf)
+    middle = (random.uniform(-0.5, 0.5, (n, 2)) * extent) @ [1.0, 1.0j]
+    height = random.uniform(*_HEIGHTS, n)
+    return _smooth_flights(middle, velocity, rate, begin, begin + length, height, time)
+
+
+def encounter(
+    name: EncounterName,
+    *,
+    n: int = 2,
+    speed: float = 200.0,
+    spacing: float = _SPACING,
+    angle: float = np.radians(15.0).item(),
+    middle: npt.ArrayLike = (0.0, 100e3),
+    course: float = np.radians(90.0).item(),
+    height: float = 10_000.0,
+    duration: float = 600.0,
+    step: float = 2.0,
+    rng: np.random.Generator | int | None = None,
+) -> Traffic:
+    """Simulate straight flights that are hard to tell apart.
+
+    Parameters
+    ----------
+    name : str
+        "crossing": all are at the same place in the middle of the time; the course of each is
+        turned by `angle` against that of the one before.
+        "formation": abreast, `spacing` apart.
+        "in-trail": one behind the other, `spacing` apart.
+    n : int
+        Number of aircraft.
+    speed : float
+        Metres per second.
+    spacing : float
+        Metres between neighbours; the default is five nautical miles.
+    angle : float
+        Radians between the courses of neighbours in a crossing.
+    middle : array_like of shape (2,)
+        Where their centre is in the middle of the time: east and north in metres.
+    course : float
+        The mean of their courses in radians, clockwise from north.
+    height : float
+        Metres, that of all of them.
+    duration : float
+        Seconds.
+    step : float
+        Seconds from sample to sample.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed: the aircraft are numbered in a random order.
+
+    Returns
+    -------
+    Traffic
+        All flights start at the time 0. The identity is the number of the aircraft.
+
+    Raises
+    ------
+    ValueError
+        An unknown name, or a parameter outside its domain.
+    TypeError
+        A parameter of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import encounter
+    >>> formation = encounter("formation", n=3, rng=1)
+    >>> formation
+    Traffic(3 flights, 0 to 600 s)
+    """
+    names = get_args(EncounterName)
+    _require(isinstance(name, str) and name in names, "name", name, f"one of {', '.join(names)}")
+    n, random = integer(n, "n", 0), generator(rng)
+    centre = finite(middle, "middle")
+    _require(centre.shape == (2,), "middle", centre.shape, "of shape (2,)")
+    place = random.permutation(n) - (n - 1) / 2
+    direction = _number(course, "course") + np.zeros(n)
+    if name == "crossing":
+        direction += _number(angle, "angle") * place
+    along = 1j * np.exp(-1j * direction)
+    side = {"crossing": 0.0, "formation": -1.0j, "in-trail": -1.0}[name]
+    spots = centre @ [1.0, 1.0j] + _number(spacing, "spacing", 0.0) * side * place * along
+    never = np.full(n, np.inf)
+    velocity = _number(speed, "speed", 1.0) * along
+    levels = np.full(n, _number(height, "height"))
+    time = _grid(duration, step)
+    return _smooth_flights(spots, velocity, np.zeros(n), never, never, levels, time)
+
+
+def _grid(duration: float, step: float) -> FloatArray:
+    """Return the times of the samples from 0 to at least the duration."""
+    h = _number(step, "step", 1e-3)
+    length = _number(duration, "duration", 1e-3)
+    _require(length / h < 1e7, "duration", duration, "below ten million steps")
+    return h * np.arange(int(np.ceil(length / h - 1e-9)) + 1)
+
+
+def _smooth_flights(
+    middle: npt.NDArray[np.complex128],
+    velocity: npt.NDArray[np.complex128],
+    rate: FloatArray,
+    begin: FloatArray,
+    end: FloatArray,
+    height: FloatArray,
+    time: FloatArray,
+) -> Traffic:
+    """Return flights with one turn each; east and north are real and imaginary parts.
+
+    `velocity` is that before the turn, `middle` the place in the middle of the time. A turn that
+    never begins does so at infinity.
+    """
+    start = np.minimum(begin, time[-1])[:, np.newaxis]
+    length = np.minimum(end, time[-1])[:, np.newaxis] - start
+    # of the course, clockwise: the argument of a velocity falls
+    w = np.where(rate == 0.0, 1.0, rate)[:, np.newaxis]
+    turned = np.clip(time - start, 0.0, length)
+    now = velocity[:, np.newaxis] * np.exp(-1j * w * turned)
+    # where it is, from its place at the beginning of the turn
+    way = (velocity[:, np.newaxis] - now) / (1j * w) + now * (time - start - turned)
+    half = (len(time) - 1) // 2
+    place = middle[:, np.newaxis] + way - way[:, half : half + 1]
+    turning = (turned > 0.0) & (turned < length)
+    n = len(middle)
+    never = np.full(n, np.nan)
+    return Traffic(
+        np.zeros(n),
+        np.full(n, len(time)),
+        float(time[1] - time[0]),
+        np.stack([place.real, place.imag], axis=-1),
+        np.stack([now.real, now.imag], axis=-1),
+        np.where(turning, w, 0.0),
+        turning,
+        np.repeat(height[:, np.newaxis], len(time), axis=1),
+        np.arange(n),
+        np.zeros((n, 2)),
+        never,
+        never.copy(),
+    )
