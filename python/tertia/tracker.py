@@ -18,6 +18,8 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, integer, positive, real, samples
 
+from tertia.flightplan import FlightPlan
+
 __all__ = [
     "Fate",
     "Manoeuvres",
@@ -29,7 +31,8 @@ __all__ = [
     "track",
 ]
 
-Motion: TypeAlias = Literal["imm", "singer", "cv", "window"]
+_State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], bytes]"
+Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window"]
 
 # identity of a plot that has none
 NO_IDENTITY = -1
@@ -253,8 +256,12 @@ class TrackTable:
         Metres and metres per second; nan where no height was reported.
     identity : ndarray of int, shape (N,)
         What the transponder answers; -1 where it does not.
+    plan : ndarray of int, shape (N,)
+        Index of the flight plan of the target; -1 where it has none.
     confirmed : ndarray of bool, shape (N,)
         Whether the track was confirmed by then.
+    conforming : ndarray of bool, shape (N,)
+        Whether the target follows its plan; False where the plan is blocked.
     track_of_plot : ndarray of int, shape (P,)
         The track of each plot; a negative `Fate` where it was not used.
     """
@@ -270,7 +277,9 @@ class TrackTable:
     height: FloatArray
     climb: FloatArray
     identity: IntArray
+    plan: IntArray
     confirmed: BoolArray
+    conforming: BoolArray
     track_of_plot: IntArray
 
     def __len__(self) -> int:
@@ -312,12 +321,19 @@ class Tracker:
     ----------
     radars : sequence of Radar
         The radars; plots name them by their index.
-    motion : {"imm", "singer", "cv", "window"}
-        How confirmed targets move: straight flight and turns by how likely they are (default);
-        acceleration that fades (1/60 per second, 3 m/s²); straight flight; or least squares over
+    motion : {"imm-plan", "imm", "singer", "cv", "window"}
+        How confirmed targets move: straight flight, turns and what flight plans say, by how likely
+        they are (default); the same without plans; acceleration that fades (1/60 per second, 3 m/s²); straight flight; or least squares over
         the last 20 plots, 3 after a manoeuvre, as in the source.
+    plans : sequence of FlightPlan
+        Where targets have said they will fly. A track finds its plan by its identity, or by where
+        and when it flies.
+    plan_prior : float
+        Probability that a planned turn is flown, before any was seen; 0: plans have no say.
+    wind_sigma : float
+        Standard deviation of the wind, in metres per second.
     manoeuvres : Manoeuvres, optional
-        Parameters of "imm" and "cv".
+        Parameters of "imm-plan", "imm" and "cv".
     initiation : (int, int)
         Plots that confirm a track, and scans in which they must come.
     coasting : int
@@ -365,13 +381,16 @@ class Tracker:
     True
     """
 
-    __slots__ = ("_core", "radars")
+    __slots__ = ("_core", "plans", "radars")
 
     def __init__(
         self,
         radars: Sequence[Radar],
-        motion: Motion = "imm",
+        motion: Motion = "imm-plan",
         *,
+        plans: Sequence[FlightPlan] = (),
+        plan_prior: float = 0.8,
+        wind_sigma: float = 20.0,
         manoeuvres: Manoeuvres | None = None,
         initiation: tuple[int, int] = (3, 4),
         coasting: int = 5,
@@ -382,6 +401,12 @@ class Tracker:
         identity_error: float = 1e-3,
     ) -> None:
         self.radars = tuple(radars)
+        self.plans = tuple(plans)
+        for i, plan in enumerate(self.plans):
+            if not isinstance(plan, FlightPlan):
+                raise TypeError(f"plans[{i}] is {plan!r}; it must be a FlightPlan")
+        if self.plans and motion != "imm-plan":
+            raise ValueError(f"motion {motion!r} takes no plans; they are for 'imm-plan'")
         for i, radar in enumerate(self.radars):
             if not isinstance(radar, Radar):
                 raise TypeError(f"radars[{i}] is {radar!r}; it must be a Radar")
@@ -397,7 +422,7 @@ class Tracker:
         self._core = _core.PlotTracker(
             [_numbers(radar) for radar in self.radars],
             {
-                "motion": motion,
+                "motion": "imm" if motion == "imm-plan" else motion,
                 "parameters": _parameters(motion, manoeuvres or Manoeuvres()),
                 "guard": -2.0 * np.log1p(-probability),
                 "guard_acceleration": real(guard_acceleration, "guard_acceleration"),
@@ -407,6 +432,9 @@ class Tracker:
                 "clutter_density": density,
                 "identity_error": real(identity_error, "identity_error"),
                 "patience": _PATIENCE,
+                "plans": [_plan(plan) for plan in self.plans],
+                "plan_prior": real(plan_prior, "plan_prior"),
+                "wind_sigma": real(wind_sigma, "wind_sigma"),
             },
         )
 
@@ -444,7 +472,7 @@ class Tracker:
                 f"radar[{wrong[0]}] is {plots.radar[wrong[0]]}; it must be the index of one of the "
                 f"{len(self.radars)} radars"
             )
-        numbers, integers, fates = self._core.track(
+        numbers, integers, flags, fates = self._core.track(
             plots.time,
             plots.range,
             plots.azimuth,
@@ -454,10 +482,11 @@ class Tracker:
             None if time is None else real(time, "time"),
         )
         instants, state, covariance, turning, height, climb = numbers
-        numbers_of_tracks, radar, plot, identity, confirmed = integers
+        tracks, radar, plot, identity, plan = integers
+        confirmed, conforming = flags
         return TrackTable(
             time=instants,
-            track=numbers_of_tracks,
+            track=tracks,
             radar=radar,
             plot=plot,
             position=state[:, :2],
@@ -467,17 +496,37 @@ class Tracker:
             height=height,
             climb=climb,
             identity=identity,
+            plan=plan,
             confirmed=confirmed,
+            conforming=conforming,
             track_of_plot=fates,
         )
 
-    def __getstate__(self) -> tuple[tuple[Radar, ...], bytes]:
-        """Return all that the tracker knows."""
-        return self.radars, self._core.__getstate__()
+    def ahead(self, seconds: float) -> tuple[IntArray, FloatArray]:
+        """Predict where the confirmed tracks will be.
 
-    def __setstate__(self, state: tuple[tuple[Radar, ...], bytes]) -> None:
+        Parameters
+        ----------
+        seconds : float
+            From now on, that is, from the time of the last update.
+
+        Returns
+        -------
+        track : ndarray of int, shape (T,)
+            Numbers of the tracks.
+        position : ndarray of shape (T, 2)
+            East and north in metres: along the plan where it is believed, straight on otherwise.
+        """
+        tracks, positions = self._core.ahead(real(seconds, "seconds"))
+        return tracks, positions
+
+    def __getstate__(self) -> _State:
+        """Return all that the tracker knows."""
+        return self.radars, self.plans, self._core.__getstate__()
+
+    def __setstate__(self, state: _State) -> None:
         """Go on from there."""
-        self.radars, saved = state
+        self.radars, self.plans, saved = state
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:
@@ -485,7 +534,9 @@ class Tracker:
         return f"Tracker({len(self.radars)} radars, time {self._core.time:.6g} s)"
 
 
-def track(plots: Plots, radars: Sequence[Radar], motion: Motion = "imm", **options: Any) -> TrackTable:
+def track(
+    plots: Plots, radars: Sequence[Radar], motion: Motion = "imm-plan", **options: Any
+) -> TrackTable:
     """Track a whole recording.
 
     Parameters
@@ -494,7 +545,7 @@ def track(plots: Plots, radars: Sequence[Radar], motion: Motion = "imm", **optio
         In any order.
     radars : sequence of Radar
         The radars.
-    motion : {"imm", "singer", "cv", "window"}
+    motion : {"imm-plan", "imm", "singer", "cv", "window"}
         See `Tracker`.
     **options
         As of `Tracker`.
@@ -537,11 +588,19 @@ def _numbers(radar: Radar) -> list[float]:
     ]
 
 
+def _plan(plan: FlightPlan) -> tuple[Any, ...]:
+    """Return a flight plan as the core takes it."""
+    heights = np.empty(0) if plan.heights is None else np.ascontiguousarray(plan.heights)
+    numbers = [plan.start_time, plan.bank, plan.turn_rate]
+    identity = NO_IDENTITY if plan.identity is None else plan.identity
+    return plan.waypoints, plan.speeds, heights, numbers, identity
+
+
 def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
     """Return the parameters of a motion as the core takes them."""
     if motion not in get_args(Motion):
-        raise ValueError(f"motion is {motion!r}; it must be 'imm', 'singer', 'cv' or 'window'")
-    if motion == "imm":
+        raise ValueError(f"motion is {motion!r}; it must be one of {get_args(Motion)}")
+    if motion in {"imm", "imm-plan"}:
         return list(astuple(manoeuvres))
     if motion == "cv":
         return [manoeuvres.straight_sigma]

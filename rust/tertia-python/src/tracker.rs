@@ -1,12 +1,13 @@
 //! Bindings of `tertia::tracker`.
 
 use crate::arrays::{Samples, array, release, room_for, value_error};
-use numpy::{PyArrayDyn, PyReadonlyArray1};
+use numpy::{PyArrayDyn, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use tertia::flightplan::Route;
 use tertia::kalman::Singer;
-use tertia::tracker::{self, Fate, Motion, Noise, Plot, Radar, Row, Settings, WindowRule};
+use tertia::tracker::{self, Fate, Motion, Noise, Plan, Plot, Radar, Row, Settings, WindowRule};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
@@ -18,7 +19,7 @@ type RadarNumbers = [f64; 8];
 /// Motion by name, with its parameters.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub struct Options {
+pub struct Options<'py> {
     motion: String,
     parameters: Vec<f64>,
     guard: f64,
@@ -29,16 +30,31 @@ pub struct Options {
     clutter_density: f64,
     identity_error: f64,
     patience: f64,
+    plan_prior: f64,
+    wind_sigma: f64,
+    plans: Vec<PlanNumbers<'py>>,
 }
 
+/// A plan: waypoints (N, 2), speeds (N − 1), heights (N or none), then start_time, bank, turn_rate;
+/// identity.
+type PlanNumbers<'py> = (
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    [f64; 3],
+    i64,
+);
+
 type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 
 /// Columns of a table: time, state, covariance, turning, height, climb; then track, radar, plot,
-/// identity, confirmed; then the fates of the plots.
+/// identity, plan; then confirmed, conforming; then the fates of the plots.
 type Table<'py> = (
     (Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>),
-    (Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>, Bound<'py, PyArrayDyn<bool>>),
+    (Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>),
+    (Flags<'py>, Flags<'py>),
     Integers<'py>,
 );
 
@@ -49,7 +65,7 @@ pub struct PlotTracker(tracker::Tracker);
 #[pymethods]
 impl PlotTracker {
     #[new]
-    fn new(radars: Vec<RadarNumbers>, options: Options) -> PyResult<Self> {
+    fn new(radars: Vec<RadarNumbers>, options: Options<'_>) -> PyResult<Self> {
         let radars = radars.into_iter().map(radar).collect();
         let settings = options.settings(radars)?;
         tracker::Tracker::try_new(settings).map(Self).map_err(value_error)
@@ -105,6 +121,14 @@ impl PlotTracker {
         table(py, &found, &fates)
     }
 
+    /// Numbers of the confirmed tracks, and where they will be so many seconds from now.
+    fn ahead<'py>(&self, py: Python<'py>, seconds: f64) -> PyResult<(Integers<'py>, Numbers<'py>)> {
+        let found = self.0.ahead(seconds);
+        let positions = found.iter().flat_map(|(_, position)| *position).collect();
+        let tracks = found.iter().map(|(track, _)| *track as i64).collect();
+        Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
+    }
+
     /// All that the tracker knows.
     fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.0.to_bytes();
@@ -132,7 +156,7 @@ fn radar(numbers: RadarNumbers) -> Radar {
     }
 }
 
-impl Options {
+impl Options<'_> {
     fn settings(self, radars: Vec<Radar>) -> PyResult<Settings> {
         Ok(Settings {
             radars,
@@ -145,8 +169,25 @@ impl Options {
             clutter_density: self.clutter_density,
             identity_error: self.identity_error,
             patience: self.patience,
+            plans: self.plans.iter().map(plan).collect::<PyResult<_>>()?,
+            plan_prior: self.plan_prior,
+            wind_sigma: self.wind_sigma,
         })
     }
+}
+
+fn plan(numbers: &PlanNumbers<'_>) -> PyResult<Plan> {
+    let (waypoints, speeds, heights, [start_time, bank, turn_rate], identity) = numbers;
+    let waypoints: Vec<[f64; 2]> =
+        waypoints.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect();
+    let (speeds, heights) = (speeds.as_slice()?, heights.as_slice()?);
+    let route = Route::try_new(&waypoints, speeds, *start_time, heights, *bank, *turn_rate);
+    Ok(Plan {
+        route: route.map_err(value_error)?,
+        bank: *bank,
+        turn_rate: *turn_rate,
+        identity: *identity,
+    })
 }
 
 fn motion(name: &str, parameters: &[f64]) -> PyResult<Motion> {
@@ -187,7 +228,7 @@ fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'
     }
     let numbers = |of: fn(&Row) -> f64| array(py, &[n], rows.iter().map(of).collect());
     let integers = |of: fn(&Row) -> i64| array(py, &[n], rows.iter().map(of).collect());
-    let confirmed = array(py, &[n], rows.iter().map(|row| row.confirmed).collect())?;
+    let flags = |of: fn(&Row) -> bool| array(py, &[n], rows.iter().map(of).collect());
     let fates = fates.iter().map(|&fate| match fate {
         Fate::Track(number) => number as i64,
         Fate::Invalid => -1,
@@ -209,8 +250,9 @@ fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'
             integers(|row| row.radar as i64)?,
             integers(|row| row.plot.map_or(-1, |plot| plot as i64))?,
             integers(|row| row.identity)?,
-            confirmed,
+            integers(|row| row.plan.map_or(-1, |plan| plan as i64))?,
         ),
+        (flags(|row| row.confirmed)?, flags(|row| row.conforming)?),
         array(py, &[fates.len()], fates.collect())?,
     ))
 }

@@ -14,6 +14,7 @@ mod estimate;
 mod filter;
 mod height;
 mod motion;
+mod plan;
 mod plot;
 mod scan;
 mod settings;
@@ -24,7 +25,7 @@ pub use estimate::{Estimate, Plane};
 pub use filter::Motion;
 pub use motion::Noise;
 pub use plot::{Fate, Plot, Radar};
-pub use settings::Settings;
+pub use settings::{Plan, Settings};
 pub use window::WindowRule;
 
 use crate::error::{Error, Result, require};
@@ -60,6 +61,10 @@ pub struct Row {
     pub identity: i64,
     /// Whether the track is confirmed.
     pub confirmed: bool,
+    /// Index of its plan.
+    pub plan: Option<usize>,
+    /// Whether it follows that.
+    pub conforming: bool,
 }
 
 impl Row {
@@ -77,6 +82,8 @@ impl Row {
             climb,
             identity: track.identity().unwrap_or(-1),
             confirmed: track.is_confirmed(),
+            plan: track.filter.guide().map(|guide| guide.plan),
+            conforming: track.filter.guide().is_some_and(|guide| guide.conforming),
         }
     }
 }
@@ -117,6 +124,20 @@ impl Tracker {
     /// The tracker that was written; none where these are not such bytes.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         postcard::from_bytes(bytes).ok()
+    }
+
+    /// Where all confirmed tracks will be so many seconds after `time`: along their plans where these
+    /// are believed, straight on otherwise. Numbers of tracks, and positions.
+    pub fn ahead(&self, seconds: f64) -> Vec<(u64, [f64; 2])> {
+        let confirmed = self.tracks.iter().filter(|track| track.is_confirmed());
+        confirmed
+            .map(|track| {
+                let t = self.time - track.time + seconds;
+                let guide = track.filter.guide();
+                let planned = guide.and_then(|g| g.ahead(&track.estimate, &self.settings, t));
+                (track.number, planned.unwrap_or_else(|| track.position_at(track.time + t).0))
+            })
+            .collect()
     }
 
     /// Number of plots given so far.

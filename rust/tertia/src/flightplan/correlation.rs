@@ -3,6 +3,7 @@
 
 use super::plane::{Vector, between, dot, left, norm, unit};
 use super::route::Route;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// What separates a flight from its plan, standard deviations: metres aside, radians of course, m/s,
@@ -147,7 +148,7 @@ pub fn decide(scores: &[f64], is_same: impl Fn(usize) -> bool, plots: usize) -> 
 }
 
 /// Whether the link of a track to its plan still holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     low: u32,
 }

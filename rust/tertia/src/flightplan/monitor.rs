@@ -4,6 +4,7 @@
 use super::plane::{Vector, between, norm};
 use super::route::Route;
 use super::turn::Turn;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Deviations that count: standard deviations of the distance (metres) and the course (radians).
@@ -24,7 +25,7 @@ const BACK_COURSE: f64 = 6.0 * PI / 180.0;
 const BACK_SCANS: u32 = 5;
 
 /// A cumulative sum of deviations of a track from its plan.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Monitor {
     leg: usize,
     level: f64,

@@ -4,6 +4,7 @@
 use super::correlation::Sighting;
 use super::plane::norm;
 use super::route::Route;
+use serde::{Deserialize, Serialize};
 
 /// Seconds over which ground speeds are averaged.
 const MEMORY: f64 = 60.0;
@@ -13,7 +14,7 @@ const DRIFT: f64 = 0.04;
 const DRIFT_TIME: f64 = 60.0;
 
 /// Averages of the ground speed, in those of the plan.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Refinement {
     weight: f64,
     speed: f64,

@@ -3,6 +3,7 @@
 use super::plane::{Vector, along, between, dot, left, minus, norm};
 use super::turn::Turn;
 use crate::error::{Error, Result, require, require_each};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Farther from the origin, the rounding of positions would count (metres), or times (seconds).
@@ -15,7 +16,7 @@ const SPEED_STEPS: usize = 200;
 const SPEED_TOLERANCE: f64 = 1e-13;
 
 /// A flight plan: N waypoints, N − 1 legs, and the speed on each.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Route {
     turns: Vec<Turn>,
     lengths: Vec<f64>,

@@ -1,6 +1,7 @@
 //! One fly-by turn: the arc that is tangent to both legs.
 
 use super::plane::{Vector, along, between, dot, left, minus, norm, turned, unit};
+use serde::{Deserialize, Serialize};
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
@@ -18,7 +19,7 @@ const ZONE_SCANS: f64 = 2.0;
 
 /// A turn from one leg to the next. Its path has a coordinate s: negative before the arc, 0 to
 /// [`Turn::arc`] on it, larger after it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Turn {
     /// The waypoint B.
     pub corner: [f64; 2],

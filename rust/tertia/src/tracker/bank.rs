@@ -113,7 +113,7 @@ impl Bank {
 
     /// Calls `each` with what every model that counts expects, `total` being all banks' probability.
     #[inline]
-    pub fn components(&self, mut each: impl FnMut(Component)) {
+    pub fn components(&self, each: &mut impl FnMut(Component)) {
         let models = [
             (self.straight.position(), self.straight.position_covariance()),
             (self.turn.position(), self.turn.position_covariance()),

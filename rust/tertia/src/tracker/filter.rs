@@ -1,8 +1,10 @@
 //! The filter of a track, by the model of its motion.
 
-use super::bank::{Bank, Component, STRAIGHT, TURN, Transition};
+use super::bank::{Bank, Component, PLAN, STRAIGHT, TURN, Transition};
 use super::estimate::{Estimate, Moments, Plane};
 use super::motion::{self, Noise};
+use super::plan::Guide;
+use super::settings::Settings;
 use super::window::{Window, WindowRule};
 use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
@@ -21,12 +23,19 @@ pub enum Motion {
     Window(WindowRule),
 }
 
+/// Straight flight and turns, and what a flight plan says of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Multiple {
+    pub bank: Bank,
+    pub guide: Option<Guide>,
+}
+
 /// What is known of a target's motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Filter {
     Straight(Estimate<4>),
     Singer(Estimate<6>),
-    Multiple(Box<Bank>),
+    Multiple(Box<Multiple>),
     Window(Window),
 }
 
@@ -38,22 +47,22 @@ impl Filter {
             Motion::Singer(model) => Self::Singer(with_acceleration(&start, model)),
             Motion::Multiple(noise) => {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
-                Self::Multiple(Box::new(Bank::new(start, turning, noise.turn_rate.powi(2))))
+                let bank = Bank::new(start, turning, noise.turn_rate.powi(2));
+                Self::Multiple(Box::new(Multiple { bank, guide: None }))
             }
             Motion::Window(_) => Self::Window(Window::new(start)),
         }
     }
 
     /// Lets so much time pass; `period` is that of the radar's scans.
-    pub fn predict(&mut self, motion: &Motion, t: f64, period: f64) {
+    pub fn predict(&mut self, settings: &Settings, motion: &Motion, t: f64, period: f64) {
         match (self, motion) {
             (Self::Straight(estimate), Motion::Straight(sigma)) => {
                 motion::straight(estimate, t, sigma * sigma * period);
             }
             (Self::Singer(estimate), Motion::Singer(model)) => singer(estimate, model, t),
-            (Self::Multiple(bank), Motion::Multiple(noise)) => {
-                bank.mix(&changes(noise, t), noise.turn_rate.powi(2));
-                predict_bank(bank, noise, t, period);
+            (Self::Multiple(multiple), Motion::Multiple(noise)) => {
+                multiple.predict(settings, noise, t, period);
             }
             (Self::Window(window), Motion::Window(_)) => window.predict(t),
             _ => unreachable!("a filter is made by its motion"),
@@ -67,7 +76,9 @@ impl Filter {
         match self {
             Self::Straight(e) => each(one(e.position(), e.position_covariance())),
             Self::Singer(e) => each(one(e.position(), e.position_covariance())),
-            Self::Multiple(bank) => bank.components(each),
+            Self::Multiple(multiple) => {
+                multiple.banks().for_each(|bank| bank.components(&mut each))
+            }
             Self::Window(window) => {
                 let e = window.estimate();
                 each(one(e.position(), e.position_covariance()));
@@ -84,16 +95,7 @@ impl Filter {
             (Self::Singer(estimate), _) => {
                 estimate.correct(z, r);
             }
-            (Self::Multiple(bank), _) => {
-                let before = bank.probability;
-                bank.correct(z, r);
-                let total = bank.total();
-                if total > 0.0 {
-                    bank.scale(total.recip());
-                } else {
-                    bank.probability = before;
-                }
-            }
+            (Self::Multiple(multiple), _) => multiple.correct(z, r),
             (Self::Window(window), Motion::Window(rule)) => window.correct(rule, z, r),
             _ => unreachable!("a filter is made by its motion"),
         }
@@ -108,11 +110,7 @@ impl Filter {
                 mean: e.mean.fixed_rows::<4>(0).into_owned(),
                 covariance: e.covariance.fixed_view::<4, 4>(0, 0).into_owned(),
             },
-            Self::Multiple(bank) => {
-                let mut moments = Moments::about(bank.straight.mean);
-                bank.add_to(&mut moments, 1.0);
-                moments.estimate()
-            }
+            Self::Multiple(multiple) => multiple.estimate(),
             Self::Window(window) => window.estimate(),
         }
     }
@@ -120,9 +118,38 @@ impl Filter {
     /// Probability that the target turns.
     pub fn turning(&self) -> f64 {
         match self {
-            Self::Multiple(bank) => bank.probability[TURN],
+            Self::Multiple(multiple) => multiple.turning(),
             Self::Window(window) => f64::from(u8::from(window.is_short())),
             Self::Straight(_) | Self::Singer(_) => 0.0,
+        }
+    }
+
+    /// The plan that it follows, or followed.
+    pub fn guide(&self) -> Option<&Guide> {
+        match self {
+            Self::Multiple(multiple) => multiple.guide.as_ref(),
+            _ => None,
+        }
+    }
+
+    /// Gives it a plan to follow, if it can, or takes it away.
+    pub fn set_guide(&mut self, guide: Option<Guide>) {
+        if let Self::Multiple(multiple) = self {
+            if let Some(mut old) = multiple.guide.take() {
+                old.release(&mut multiple.bank);
+            }
+            multiple.guide = guide;
+        }
+    }
+
+    /// Follows the plan after a scan.
+    pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
+        if let Self::Multiple(multiple) = self {
+            let estimate = multiple.estimate();
+            let Multiple { bank, guide } = &mut **multiple;
+            if let Some(guide) = guide {
+                guide.follow(bank, &estimate, settings, time, period);
+            }
         }
     }
 
@@ -143,12 +170,66 @@ impl Filter {
                 let mut block = estimate.covariance.fixed_view_mut::<4, 4>(0, 0);
                 block += extra;
             }
-            Self::Multiple(bank) => {
+            Self::Multiple(multiple) => multiple.banks_mut().for_each(|bank| {
                 bank.widen(&extra);
                 bank.expect_turn();
-            }
+            }),
             Self::Window(window) => window.widen(&extra),
         }
+    }
+}
+
+impl Multiple {
+    /// That of straight flight and free turns, and that in which a planned turn is flown.
+    fn banks(&self) -> impl Iterator<Item = &Bank> {
+        std::iter::once(&self.bank).chain(self.guide.as_ref().and_then(Guide::turning))
+    }
+
+    fn banks_mut(&mut self) -> impl Iterator<Item = &mut Bank> {
+        let second = self.guide.as_mut().and_then(Guide::turning_mut);
+        std::iter::once(&mut self.bank).chain(second)
+    }
+
+    fn predict(&mut self, settings: &Settings, noise: &Noise, t: f64, period: f64) {
+        if self.guide.is_some() {
+            let estimate = self.estimate();
+            let Self { bank, guide } = self;
+            let guide = guide.as_mut().expect("it is there");
+            guide.predict(bank, &estimate, settings, noise, t, period);
+        } else {
+            self.bank.mix(&changes(noise, t), noise.turn_rate.powi(2));
+            predict_bank(&mut self.bank, noise, t, period);
+        }
+    }
+
+    fn correct(&mut self, z: [f64; 2], r: Plane) {
+        let mut total = 0.0;
+        let mut before = [[0.0; 3]; 2];
+        for (bank, before) in self.banks_mut().zip(&mut before) {
+            *before = bank.probability;
+            bank.correct(z, r);
+            total += bank.total();
+        }
+        for (bank, before) in self.banks_mut().zip(before) {
+            if total > 0.0 {
+                bank.scale(total.recip());
+            } else {
+                bank.probability = before;
+            }
+        }
+    }
+
+    fn estimate(&self) -> Estimate<4> {
+        let mut moments = Moments::about(self.bank.straight.mean);
+        self.banks().for_each(|bank| bank.add_to(&mut moments, 1.0));
+        moments.estimate()
+    }
+
+    /// Probability of turns, planned ones included.
+    fn turning(&self) -> f64 {
+        let free: f64 = self.banks().map(|bank| bank.probability[TURN]).sum();
+        let planned = self.guide.as_ref().and_then(Guide::turning);
+        free + planned.map_or(0.0, |bank| bank.probability[PLAN])
     }
 }
 

@@ -3,7 +3,21 @@
 use super::filter::Motion;
 use super::plot::Radar;
 use crate::error::{Result, require};
+use crate::flightplan::Route;
 use serde::{Deserialize, Serialize};
+
+/// A flight plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Its legs, turns and times.
+    pub route: Route,
+    /// Bank of its turns, rad.
+    pub bank: f64,
+    /// Largest rate of its turns, rad/s.
+    pub turn_rate: f64,
+    /// What the transponder answers; negative where it is not known.
+    pub identity: i64,
+}
 
 /// What a tracker is told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,6 +42,12 @@ pub struct Settings {
     pub identity_error: f64,
     /// Share of a scan for which a plot may be late.
     pub patience: f64,
+    /// Flight plans.
+    pub plans: Vec<Plan>,
+    /// Probability that a planned turn is flown, before any; 0: plans are not used.
+    pub plan_prior: f64,
+    /// Standard deviation of the wind, m/s.
+    pub wind_sigma: f64,
 }
 
 impl Settings {
@@ -45,6 +65,10 @@ impl Settings {
         require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
         let (m, n) = self.initiation;
         require("initiation", m as f64, m >= 2 && m <= n, "2 plots or more, of no fewer scans")?;
+        let p = self.plan_prior;
+        require("plan_prior", p, (0.0..1.0).contains(&p), "0 or more, less than 1")?;
+        let w = self.wind_sigma;
+        require("wind_sigma", w, w >= 0.0 && w.is_finite(), "0 or a positive number")?;
         let b = self.clutter_density;
         require("clutter_density", b, b.is_nan() || b > 0.0, "a positive number")?;
         let p = self.identity_error;

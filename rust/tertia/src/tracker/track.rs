@@ -3,8 +3,10 @@
 use super::estimate::{Estimate, Plane};
 use super::filter::{Filter, Motion};
 use super::height::Vertical;
+use super::plan::Guide;
 use super::plot::{Measured, Radar};
-use super::settings::Settings;
+use super::settings::{Plan, Settings};
+use crate::flightplan::{self, Link, Sighting, decide};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +18,10 @@ const CHANGED_AFTER: u8 = 3;
 const SOONEST: f64 = 0.5;
 /// How much likelier an identity is for its own target than for any other.
 const IDENTITIES: f64 = 4096.0;
+
+/// Plots by which the plan of a track is looked for, and after which again.
+const SEARCH_PLOTS: usize = 10;
+const SEARCH_AGAIN: usize = 20;
 
 /// How far a track is believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,6 +65,17 @@ pub(super) struct Track {
     pub expected: Vec<Expected>,
     pub vertical: Option<Vertical>,
     identity: Option<Identity>,
+    search: SearchState,
+    link: Link,
+    /// What it answered when it was linked to its plan.
+    linked_as: Option<i64>,
+}
+
+/// How well plans fit, so far.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct SearchState {
+    plots: usize,
+    scores: Vec<f64>,
 }
 
 impl Track {
@@ -85,6 +102,9 @@ impl Track {
             expected: Vec::new(),
             vertical: None,
             identity: None,
+            search: SearchState::default(),
+            link: Link::default(),
+            linked_as: None,
         };
         track.take(plot, settings);
         track
@@ -117,7 +137,7 @@ impl Track {
     pub fn predict(&mut self, time: f64, period: f64, settings: &Settings) {
         if time > self.time {
             let motion = self.motion(settings);
-            self.filter.predict(&motion, time - self.time, period);
+            self.filter.predict(settings, &motion, time - self.time, period);
             self.time = time;
             self.estimate = self.filter.estimate();
         }
@@ -217,6 +237,76 @@ impl Track {
         self.estimate = self.filter.estimate();
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
+        self.follow(radar.period, settings);
+    }
+
+    /// What the plan says of a scan, and whether there is a plan.
+    fn follow(&mut self, period: f64, settings: &Settings) {
+        if settings.plans.is_empty() || !self.is_confirmed() {
+            return;
+        }
+        match self.filter.guide() {
+            Some(_) => {
+                self.filter.follow(settings, self.time, period);
+                self.estimate = self.filter.estimate();
+                self.check_plan(settings);
+            }
+            None => self.find_plan(settings),
+        }
+    }
+
+    /// The track as plans see it.
+    fn sighting(&self) -> Sighting {
+        let (x, p) = (&self.estimate.mean, &self.estimate.covariance);
+        let covariance: [f64; 16] = std::array::from_fn(|k| p[(k / 4, k % 4)]);
+        let height = self.vertical.map_or(f64::NAN, |vertical| vertical.height);
+        Sighting::new(self.time, [x[0], x[1]], [x[2], x[3]], Some(&covariance), height)
+    }
+
+    /// Looks for the plan of the track, by its identity or by where it flies.
+    fn find_plan(&mut self, settings: &Settings) {
+        self.search.plots += 1;
+        let plots = self.search.plots;
+        if plots > SEARCH_PLOTS {
+            // again after some scans
+            if plots > SEARCH_AGAIN {
+                self.search = SearchState::default();
+            }
+            return;
+        }
+        let seen = self.sighting();
+        let own = self.identity();
+        let named = |plan: &Plan| own.is_some() && plan.identity >= 0;
+        let is_same = |plan: &Plan| named(plan) && own == Some(plan.identity);
+        let scores = &mut self.search.scores;
+        scores.resize(settings.plans.len(), 0.0);
+        for (score, plan) in scores.iter_mut().zip(&settings.plans) {
+            let other = named(plan) && !is_same(plan);
+            *score += if other { f64::NEG_INFINITY } else { flightplan::score(&plan.route, &seen) };
+        }
+        let means: Vec<f64> = scores.iter().map(|sum| sum / plots as f64).collect();
+        let found = decide(&means, |plan| is_same(&settings.plans[plan]), plots);
+        if let Some(plan) = found.plan {
+            let leg = settings.plans[plan].route.project(seen.position).leg;
+            self.filter.set_guide(Some(Guide::new(plan, leg, settings.plan_prior)));
+            self.search = SearchState::default();
+            self.link = Link::default();
+            self.linked_as = own;
+        }
+    }
+
+    /// Gives up a plan that the track does not follow and whose identity it does not answer.
+    fn check_plan(&mut self, settings: &Settings) {
+        let Some(guide) = self.filter.guide() else { return };
+        let score = flightplan::score(&settings.plans[guide.plan].route, &self.sighting());
+        let blocked = guide.monitor.is_blocked();
+        let has_changed = self.identity() != self.linked_as && self.linked_as.is_some();
+        // a blocked plan may be flown again later: it is kept while the identity is
+        let score = if blocked && self.linked_as.is_some() { 0.0 } else { score };
+        if !self.link.holds(score, has_changed) {
+            self.filter.set_guide(None);
+            self.estimate = self.filter.estimate();
+        }
     }
 
     /// Height, identity, stage and when the radar should come again.
@@ -282,6 +372,7 @@ impl Track {
                     if let Stage::Tentative { misses, .. } = &mut self.stage {
                         *misses += 1;
                     }
+                    self.follow(station.period, settings);
                     missed(self, radar);
                 }
             }

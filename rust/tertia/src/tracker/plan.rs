@@ -1,0 +1,351 @@
+//! A flight plan as one more hypothesis of a track's motion: it is believed as far as the plots bear
+//! it out, and blocked where they do not (Glagovskii, Lavina, Rudelson 2014, completed).
+//!
+//! Near a turn of the plan there are two banks of models: in one the turn is flown, in the other it
+//! is not. Their probabilities follow from the plots alone. On straight legs there is a model that
+//! keeps to the leg.
+
+use super::bank::{Bank, PLAN, STRAIGHT, TURN};
+use super::estimate::{Estimate, Moments, Plane};
+use super::filter::changes;
+use super::motion::{self, Noise};
+use super::settings::{Plan, Settings};
+use crate::flightplan::{Monitor, Refinement, Sighting, Turn, capture, lead_ratio, start_hazard};
+use nalgebra::{Matrix2, SMatrix, Vector2};
+use serde::{Deserialize, Serialize};
+
+/// Turns flown and not flown, before any: their weight in turns.
+const BEFOREHAND: f64 = 2.5;
+/// No more turns are remembered, flown and not.
+const REMEMBERED: [f64; 2] = [9.0, 4.0];
+/// Below this probability of a planned turn the plan is blocked.
+const LEAST: f64 = 0.05;
+/// A turn that has this much left is not begun any more, rad.
+const LITTLE: f64 = 4.0 * std::f64::consts::PI / 180.0;
+/// Share of the turns that are begun, while a planned one is ahead, at another rate.
+const OTHER_TURNS: f64 = 0.3;
+/// From a turn at any rate to that of the plan, and back.
+const TO_PLAN: f64 = 0.1;
+const FROM_PLAN: f64 = 0.003;
+/// The end of a planned turn: before it is due, and when it is.
+const ENDS_EARLY: f64 = 0.02;
+const ENDS: f64 = 0.7;
+/// From straight flight to keeping to the leg, and back.
+const TO_LEG: f64 = 0.08;
+const FROM_LEG: f64 = 0.02;
+/// Standard deviation of the velocity across a leg, m/s, and its correlation time, s.
+const ACROSS: f64 = 1.5;
+const ACROSS_TIME: f64 = 40.0;
+/// Acceleration along and across a planned turn beyond what wind and bank make, m/s².
+const ROUGHNESS: f64 = 0.3;
+/// Share of the rate of turn that is not known.
+const RATE_SHARE: f64 = 0.2;
+/// A turn's legs, for a geometry that needs their directions alone, m.
+const LONG: f64 = 1e7;
+
+/// The plan of a track, and how far it is believed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Guide {
+    /// Index of the plan.
+    pub plan: usize,
+    pub monitor: Monitor,
+    pub conforming: bool,
+    refinement: Refinement,
+    /// Turns flown, and turns not flown.
+    turns: [f64; 2],
+    in_zone: bool,
+    /// The models in which the turn is flown, inside its zone.
+    turning: Option<Box<Bank>>,
+    /// Distance to the waypoint at the scan before, in leads.
+    ratio: f64,
+}
+
+impl Guide {
+    /// A track that is on a leg of a plan; `prior` is the probability that its turns are flown.
+    pub fn new(plan: usize, leg: usize, prior: f64) -> Self {
+        Self {
+            plan,
+            monitor: Monitor::new(leg),
+            conforming: true,
+            refinement: Refinement::default(),
+            turns: [BEFOREHAND * prior, BEFOREHAND * (1.0 - prior)],
+            in_zone: false,
+            turning: None,
+            ratio: f64::INFINITY,
+        }
+    }
+
+    /// Probability that the turn of the plan is flown; none outside its zone.
+    pub fn turn_probability(&self) -> Option<f64> {
+        self.turning.as_ref().map(|bank| bank.total())
+    }
+
+    pub fn turning(&self) -> Option<&Bank> {
+        self.turning.as_deref()
+    }
+
+    pub fn turning_mut(&mut self) -> Option<&mut Bank> {
+        self.turning.as_deref_mut()
+    }
+
+    /// Ground speed, as far as it is known by now.
+    pub fn speed(&self, estimate: &Estimate<4>) -> f64 {
+        let (speed, _) = self.refinement.speed();
+        if speed.is_finite() { speed } else { estimate.mean[2].hypot(estimate.mean[3]) }
+    }
+
+    /// Whether the plan has a say.
+    fn is_believed(&self, settings: &Settings) -> bool {
+        self.conforming && settings.plan_prior > 0.0
+    }
+
+    /// Lets time pass for both banks.
+    pub fn predict(
+        &mut self,
+        bank: &mut Bank,
+        estimate: &Estimate<4>,
+        settings: &Settings,
+        noise: &Noise,
+        t: f64,
+        period: f64,
+    ) {
+        let plan = &settings.plans[self.plan];
+        if self.is_believed(settings) && self.in_zone && self.turning.is_none() {
+            self.enter(bank);
+        }
+        let variance = noise.turn_rate.powi(2);
+        let mut transition = changes(noise, t);
+        let keeps = self.is_believed(settings) && !self.in_zone;
+        if keeps {
+            let scans = t / period;
+            let to_leg = -(scans * (-TO_LEG).ln_1p()).exp_m1();
+            let from_leg = -(scans * (-FROM_LEG).ln_1p()).exp_m1();
+            let begins = transition[STRAIGHT][TURN];
+            transition[STRAIGHT] = [1.0 - begins - to_leg, begins, to_leg];
+            transition[PLAN] = [from_leg, begins, 1.0 - from_leg - begins];
+        } else {
+            fold_plan(bank);
+        }
+        bank.mix(&transition, variance);
+        super::filter::predict_bank(bank, noise, t, period);
+        if keeps {
+            let course = plan.route.turn(self.monitor.leg()).inbound;
+            keep_to_leg(&mut bank.plan, course, t, noise.straight.powi(2) * period);
+        }
+        let speed = self.speed(estimate);
+        if let Some(turning) = self.turning.as_deref_mut() {
+            let turn = plan.turn(self.monitor.leg(), speed);
+            let ratio = predict_turning(turning, &turn, settings, noise, self.ratio, t, period);
+            self.ratio = ratio;
+        }
+    }
+
+    /// Begins the second bank.
+    fn enter(&mut self, bank: &mut Bank) {
+        fold_plan(bank);
+        let [flown, not] = self.turns;
+        let prior = flown / (flown + not);
+        let mut turning = *bank;
+        turning.plan = turning.straight;
+        turning.scale(prior);
+        bank.scale(1.0 - prior);
+        self.turning = Some(Box::new(turning));
+        self.ratio = f64::INFINITY;
+    }
+
+    /// Ends what the plan has to say.
+    pub fn release(&mut self, bank: &mut Bank) {
+        self.leave(bank, false);
+        fold_plan(bank);
+    }
+
+    /// Ends the second bank: what it says goes into the first.
+    fn leave(&mut self, bank: &mut Bank, counts: bool) {
+        let Some(turning) = self.turning.take() else { return };
+        if counts {
+            let flown = usize::from(turning.total() <= 0.5);
+            self.turns[flown] = (self.turns[flown] + 1.0).min(REMEMBERED[flown]);
+        }
+        merge(bank, *turning);
+    }
+
+    /// Follows the track along the plan after a scan.
+    pub fn follow(
+        &mut self,
+        bank: &mut Bank,
+        estimate: &Estimate<4>,
+        settings: &Settings,
+        time: f64,
+        period: f64,
+    ) {
+        let route = &settings.plans[self.plan].route;
+        let leg = self.monitor.leg();
+        if self.turning.as_ref().is_some_and(|turning| turning.total() < LEAST) {
+            self.turns[1] = (self.turns[1] + 1.0).min(REMEMBERED[1]);
+            self.leave(bank, false);
+            self.monitor.block((leg + 1).min(route.legs() - 1));
+        }
+        let (position, velocity) = parts(estimate);
+        let covariance: [f64; 16] = std::array::from_fn(|k| estimate.covariance[(k / 4, k % 4)]);
+        let seen = Sighting::new(time, position, velocity, Some(&covariance), f64::NAN);
+        let variance = seen.position_variance[1];
+        let verdict = self.monitor.update(route, position, velocity, variance, period);
+        if verdict.advanced || !verdict.in_zone || !verdict.conforming {
+            self.leave(bank, verdict.conforming);
+        }
+        self.conforming = verdict.conforming;
+        self.in_zone = verdict.in_zone;
+        if self.conforming {
+            self.refinement.update(route, verdict.leg, &seen);
+        }
+    }
+
+    /// Where the target will be, if it follows its plan; none where that is not believed.
+    pub fn ahead(&self, estimate: &Estimate<4>, settings: &Settings, t: f64) -> Option<[f64; 2]> {
+        let believed = self.is_believed(settings);
+        if !believed || self.turn_probability().is_some_and(|p| p < 0.5) {
+            return None;
+        }
+        let route = &settings.plans[self.plan].route;
+        let (distance, _) = route.project_leg(self.monitor.leg(), estimate.position());
+        Some(route.path(distance + t * self.speed(estimate)).0)
+    }
+}
+
+impl Plan {
+    /// The turn at the end of a leg, flown at this speed.
+    pub(super) fn turn(&self, leg: usize, speed: f64) -> Turn {
+        let Turn { corner, inbound, outbound, .. } = *self.route.turn(leg);
+        let before = [corner[0] - LONG * inbound[0], corner[1] - LONG * inbound[1]];
+        let after = [corner[0] + LONG * outbound[0], corner[1] + LONG * outbound[1]];
+        Turn::new(before, corner, after, speed, self.bank, self.turn_rate)
+    }
+}
+
+/// Position and velocity.
+fn parts(estimate: &Estimate<4>) -> ([f64; 2], [f64; 2]) {
+    (estimate.position(), [estimate.mean[2], estimate.mean[3]])
+}
+
+/// Lets time pass where the turn is going to be flown; returns the distance to the waypoint.
+fn predict_turning(
+    bank: &mut Bank,
+    turn: &Turn,
+    settings: &Settings,
+    noise: &Noise,
+    before: f64,
+    t: f64,
+    period: f64,
+) -> f64 {
+    let (position, velocity) = parts(&bank.straight);
+    let speed = velocity[0].hypot(velocity[1]);
+    let ratio = lead_ratio(turn, position, speed, t);
+    let remaining = capture(turn, position, velocity, t).remaining;
+    let starts = start_hazard(before, ratio, remaining);
+    let mut transition = changes(noise, t);
+    let begins = OTHER_TURNS * transition[STRAIGHT][TURN] * (1.0 - starts);
+    transition[STRAIGHT] = [1.0 - starts - begins, begins, starts];
+    let rate = bank.turn.mean[4];
+    let (position, velocity) = (bank.turn.position(), [bank.turn.mean[2], bank.turn.mean[3]]);
+    let left = capture(turn, position, velocity, t).remaining;
+    if rate * turn.angle > 0.0 && left.abs() > LITTLE {
+        transition[TURN][TURN] -= TO_PLAN;
+        transition[TURN][PLAN] = TO_PLAN;
+    }
+    let (position, velocity) = parts(&bank.plan);
+    let left = capture(turn, position, velocity, t).remaining.abs();
+    let due = left * turn.full_radius / velocity[0].hypot(velocity[1]).max(1.0) <= t;
+    let ends = if due { ENDS } else { ENDS_EARLY };
+    transition[PLAN] = [ends, FROM_PLAN, 1.0 - ends - FROM_PLAN];
+    bank.mix(&transition, noise.turn_rate.powi(2));
+    super::filter::predict_bank(bank, noise, t, period);
+    fly_turn(&mut bank.plan, turn, settings.wind_sigma, t, period);
+    ratio
+}
+
+/// The capture arc for as long as it lasts, then straight on.
+fn fly_turn(estimate: &mut Estimate<4>, turn: &Turn, wind_sigma: f64, t: f64, period: f64) {
+    let (position, velocity) = parts(estimate);
+    let arc = capture(turn, position, velocity, t);
+    let rate = arc.turn_rate;
+    let rated = super::bank::entered(estimate, 0.0);
+    let mut turned = Estimate { mean: rated.mean, covariance: rated.covariance };
+    turned.mean[4] = rate;
+    motion::turn(&mut turned, arc.time, 0.0, 0.0);
+    *estimate = super::bank::without_rate(&turned);
+    motion::coast(estimate, t - arc.time);
+    let speed = velocity[0].hypot(velocity[1]);
+    let along = (ROUGHNESS.powi(2) + (wind_sigma * rate).powi(2)) * period;
+    let across = (ROUGHNESS.powi(2) + (RATE_SHARE * speed * rate).powi(2)) * period;
+    // across and along the course in the middle
+    let (_, now) = parts(estimate);
+    let u = Vector2::new(velocity[0] + now[0], velocity[1] + now[1]);
+    let u = u.try_normalize(0.0).unwrap_or(Vector2::x());
+    let noise = Plane {
+        xx: along * u.x * u.x + across * u.y * u.y,
+        xy: (along - across) * u.x * u.y,
+        yy: along * u.y * u.y + across * u.x * u.x,
+    };
+    estimate.accelerate(noise, t);
+}
+
+/// Straight along a leg; across it the velocity returns to zero.
+fn keep_to_leg(estimate: &mut Estimate<4>, course: [f64; 2], t: f64, q: f64) {
+    let u = Vector2::from(course);
+    let (along, across) = (u * u.transpose(), Matrix2::identity() - u * u.transpose());
+    let a = t / ACROSS_TIME;
+    let gone = -(-a).exp_m1();
+    let mut f = SMatrix::<f64, 4, 4>::identity();
+    f.fixed_view_mut::<2, 2>(0, 2).copy_from(&(along * t + across * (ACROSS_TIME * gone)));
+    f.fixed_view_mut::<2, 2>(2, 2).copy_from(&(along + across * (1.0 - gone)));
+    estimate.mean = f * estimate.mean;
+    let predicted = f * estimate.covariance * f.transpose();
+    let s = ACROSS * ACROSS;
+    // 2a − 3 + 4 e^−a − e^−2a, without cancellation for short times
+    let position =
+        if a < 0.05 { 2.0 * a.powi(3) / 3.0 } else { 2.0 * a - 2.0 * gone - gone * gone };
+    let noise = [
+        along * (q * t * t * t / 3.0) + across * (s * ACROSS_TIME * ACROSS_TIME * position),
+        along * (q * t * t / 2.0) + across * (s * ACROSS_TIME * gone * gone),
+        along * (q * t) + across * (s * gone * (2.0 - gone)),
+    ];
+    let mut p = 0.5 * (predicted + predicted.transpose());
+    for (i, j, block) in [(0, 0, 0), (0, 2, 1), (2, 0, 1), (2, 2, 2)] {
+        let mut view = p.fixed_view_mut::<2, 2>(i, j);
+        view += noise[block];
+    }
+    estimate.covariance = p;
+}
+
+/// Puts the plan's model of a bank into straight flight.
+fn fold_plan(bank: &mut Bank) {
+    let [straight, _, plan] = bank.probability;
+    if plan > 0.0 {
+        let mut moments = Moments::about(bank.straight.mean);
+        moments.add(straight / (straight + plan), &bank.straight);
+        moments.add(plan / (straight + plan), &bank.plan);
+        bank.straight = moments.estimate();
+        bank.probability[STRAIGHT] += plan;
+        bank.probability[PLAN] = 0.0;
+    }
+}
+
+/// Puts all of another bank into this one, model by model.
+fn merge(bank: &mut Bank, mut other: Bank) {
+    fold_plan(&mut other);
+    let (mine, theirs) = (bank.probability, other.probability);
+    let total = [mine[STRAIGHT] + theirs[STRAIGHT], mine[TURN] + theirs[TURN]];
+    if theirs[STRAIGHT] > 0.0 {
+        let mut moments = Moments::about(bank.straight.mean);
+        moments.add(mine[STRAIGHT] / total[STRAIGHT], &bank.straight);
+        moments.add(theirs[STRAIGHT] / total[STRAIGHT], &other.straight);
+        bank.straight = moments.estimate();
+    }
+    if theirs[TURN] > 0.0 {
+        let mut moments = Moments::about(bank.turn.mean);
+        moments.add(mine[TURN] / total[TURN], &bank.turn);
+        moments.add(theirs[TURN] / total[TURN], &other.turn);
+        bank.turn = moments.estimate();
+    }
+    bank.probability = [total[STRAIGHT], total[TURN], 0.0];
+}
