@@ -82,7 +82,7 @@ def locate(
     or one per measurement, with kind and value. Measurements of equal times make an instant.
     """
     columns = Columns(time_column, station_column, list(dict.fromkeys(by or [])))
-    check_columns(columns, _positions.SUMMARY)
+    check_columns(columns, _positions.result_columns())
     _tables.check_suffixes(output, plot_file, measurements)
     sites = read_stations(stations)
     start = None if initial is None else _start(initial, sites)
@@ -166,6 +166,9 @@ def _draw(located: list[_Located], sites: Sites, columns: Columns, path: Path) -
 
     def draw_one(at: int, figure: "FigureBase") -> None:
         record, result = located[at].record, located[at].result
+        if record.times.size == 1 and np.all(result.located):
+            _draw_instant(record, result, sites, figure)
+            return
         panels = plot.trajectory(stations, result, times=record.moments.to_numpy(), figure=figure)
         _positions.name_panels(panels, record, columns)
 

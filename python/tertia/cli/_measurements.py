@@ -36,12 +36,13 @@ class Columns:
         return [self.time, self.station, *self.by]
 
 
-def check_columns(columns: Columns, results: Sequence[str]) -> None:
+def check_columns(columns: Columns, results: set[str]) -> None:
     """Fail if one is given for two purposes, or is one of the results, too."""
     require_distinct(columns.needed(), "the column {} is given for two purposes")
-    for name in columns.by:
-        if name in {*results, _KIND, _VALUE}:
-            fail(f"cannot group by {name}: the results have a column of this name", WRONG_USAGE)
+    taken_names = results | {"station"} - {columns.station}
+    for name in columns.needed():
+        if name in taken_names:
+            fail(f"the results have a column {name}, too: rename that of the file", WRONG_USAGE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,19 @@ SUMMARY = ("station", "kind", "measured", "faults", "mean / sigma", "rms / sigma
 _MAX_GROUPS_DRAWN = 4
 
 
+def result_columns() -> set[str]:
+    """Return the columns of the results beside those of time, station and `by`."""
+    space = np.zeros((0, 3, 3))
+    told = {"measured", "degrees_of_freedom", "p_value", "outliers", "left_out", "problem"}
+    return {
+        *told,
+        *SUMMARY[1:],
+        *("value", "residual", "fault"),
+        *coordinates(space[..., 0], space),
+        *covariances(space),
+    }
+
+
 def all_sigmas(record: Record, sites: Sites, *, optional: bool = False) -> dict[Kind, FloatArray]:
     """Return a standard deviation for every measurement, (N, K): its own, or that of its station.
 

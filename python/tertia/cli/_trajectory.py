@@ -44,6 +44,8 @@ EXAMPLES = (
 )
 _BIASED: tuple[Kind, ...] = ("range", "azimuth", "elevation")
 _BIAS = "bias"
+# how their columns begin, and their units
+_VELOCITY, _ACCELERATION = ("velocity_", "m_s"), ("acceleration_", "m_s2")
 _PANELS_HEIGHT = 8.0
 
 
@@ -111,7 +113,7 @@ def trajectory(
     or one per measurement, with kind and value. Measurements of equal times make an instant.
     """
     columns = Columns(time_column, station_column, list(dict.fromkeys(by or [])))
-    check_columns(columns, (*_positions.SUMMARY, _BIAS))
+    check_columns(columns, _result_columns())
     wanted = _kinds(biases)
     options = _Options(order, method, smoother, window, _degree(degree), jerk, wanted)
     _check(options)
@@ -131,6 +133,15 @@ def trajectory(
         _tables.write(pl.concat(tables), measurements)
     if plot_file is not None:
         _draw(found, sites, columns, plot_file)
+
+
+def _result_columns() -> set[str]:
+    space = np.zeros((0, 3, 3))
+    motion = {
+        *_positions.coordinates(space[..., 0], space, *_VELOCITY),
+        *_positions.coordinates(space[..., 0], space, *_ACCELERATION),
+    }
+    return {*_positions.result_columns(), *motion, _BIAS}
 
 
 def _kinds(text: str) -> tuple[Kind, ...]:
@@ -229,8 +240,8 @@ def _rows(one: _Reconstructed, columns: Columns) -> pl.DataFrame:
     told = {
         columns.time: record.moments,
         **_positions.coordinates(result.position, parts[0]),
-        **_positions.coordinates(result.velocity, parts[1], "velocity_", "m_s"),
-        **_positions.coordinates(result.acceleration, parts[2], "acceleration_", "m_s2"),
+        **_positions.coordinates(result.velocity, parts[1], *_VELOCITY),
+        **_positions.coordinates(result.acceleration, parts[2], *_ACCELERATION),
         **_positions.covariances(parts[0]),
         **_positions.instants(record, one.judged, result.fixes),
     }
