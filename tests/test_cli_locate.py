@@ -7,7 +7,7 @@ import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -462,8 +462,8 @@ def test_results_are_whole_or_not_there(
     path = write(wide())
     before = sorted(tmp_path.iterdir())
 
-    def full(_: pl.DataFrame, to: Path) -> None:
-        to.write_text("half", encoding="utf-8")
+    def full(_: pl.DataFrame, file: BinaryIO) -> None:
+        file.write(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setitem(cli._locate._tables._WRITERS, ".csv", full)

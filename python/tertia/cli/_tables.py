@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import polars as pl
@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _write_json(table: pl.DataFrame, path: Path) -> None:
+def _write_json(table: pl.DataFrame, file: BinaryIO) -> None:
     # with a T between date and time, as in CSV
-    table.with_columns(cs.datetime().dt.to_string("iso:strict")).write_json(path)
+    told = table.with_columns(cs.datetime().dt.to_string("iso:strict"))
+    file.write(told.write_json().encode())
 
 
 _MISSING = ("", "-", "na", "nan", "null", "none")
-_WRITERS: dict[str, Callable[[pl.DataFrame, Path], object]] = {
+_WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
     ".csv": pl.DataFrame.write_csv,
     ".json": _write_json,
     ".parquet": pl.DataFrame.write_parquet,
@@ -181,24 +182,25 @@ def _require(column: pl.Series, holds: pl.Series, path: Path, requirement: str) 
 
 def write(table: pl.DataFrame, path: Path) -> None:
     """Write a table in the format that the name of the file tells, and say so."""
-    with _whole(path) as part:
-        _WRITERS[path.suffix.lower()](table, part)
+    with _whole(path) as file:
+        _WRITERS[path.suffix.lower()](table, file)
     typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
 
 
 def save(figure: "Figure", path: Path) -> None:
     """Write a picture."""
-    with _whole(path) as part:
-        figure.savefig(part, dpi=120)
+    with _whole(path) as file:
+        figure.savefig(file, dpi=120, format=path.suffix[1:].lower())
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Give a file beside this one, which takes its place when it is complete, or fail."""
+def _whole(path: Path) -> Iterator[BinaryIO]:
+    """Open a file beside this one, which takes its place when it is complete, or fail."""
     target = path.resolve()
-    part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    part = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        yield part
+        with part.open("wb") as file:
+            yield file
         part.replace(target)
     except OSError as error:
         fail(f"cannot write {path}: {error.strerror or error}")

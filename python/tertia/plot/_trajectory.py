@@ -150,13 +150,15 @@ def _by_station(
         if values is None:
             continue
         # the first station has no range difference
-        pad = [(k - values.shape[1], 0), (0, 0)]
+        first = int(kind == "range_difference")
+        if values.shape[1] != k - first:
+            made = values.shape[1] + first
+            raise ValueError(f"stations has {k} stations, but result was made of {made}")
+        pad = [(first, 0), (0, 0)]
         found[kind] = (
             np.pad(values.T, pad, constant_values=np.nan),
             np.pad(marks.T, pad, constant_values=False),
         )
-    if any(values.shape[0] != k for values, _ in found.values()):
-        raise ValueError(f"there are {k} stations, but result was made of another number")
     return found
 
 
