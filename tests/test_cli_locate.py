@@ -409,6 +409,16 @@ def test_summary(write: Write, stations: Path) -> None:
     assert f"  1 instant not located: {Problem.TOO_FEW.reason}\n" in done.out
 
 
+def test_contradictions_that_no_fault_explains_are_told(write: Write, stations: Path) -> None:
+    arguments = (write(wide()), "--stations", stations, "--method", "least-squares")
+    result = located(method="least-squares")
+    count = np.count_nonzero(np.asarray(result.p_value) < 1e-3)
+    assert count > 3
+    told = f"  {count} instants with a p-value below 0.001 and no fault found"
+    assert told in run(*arguments).out
+    assert "p-value" not in run(*arguments[:3]).out
+
+
 @pytest.mark.parametrize("suffix", ["csv", "json", "parquet"])
 def test_output_has_full_precision(
     suffix: str, write: Write, stations: Path, tmp_path: Path

@@ -398,3 +398,31 @@ def test_help() -> None:
     for word in ("--order", "--smoother", "--biases", "--measurements", "--jerk"):
         assert word in told
     assert "tertia trajectory measurements.csv" in told
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/location.md", "docs/trajectory.md"])
+def test_commands_of_the_pages_run(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
+    commands = re.findall(r"^tertia ((?:locate|trajectory) examples/.*)$", text, re.M)
+    assert commands
+    (tmp_path / "examples").symlink_to(EXAMPLES)
+    monkeypatch.chdir(tmp_path)
+    for command in commands:
+        words = command.split()
+        done = CliRunner().invoke(cli.app, words, catch_exceptions=False)
+        assert (done.exit_code, done.stderr) == (0, "")
+        files = [Path(word) for word in words if re.fullmatch(r"\w+\.(csv|png)", word)]
+        assert all(path.stat().st_size > 1000 for path in files)
+
+
+def test_figures_of_the_page_are_those_of_the_command() -> None:
+    page = (ROOT / "docs" / "trajectory.md").read_text(encoding="utf-8")
+    plain, bias = (
+        {tuple(row[:2]): row[2:] for row in table(run(*EXAMPLE, *options).out)[1:]}
+        for options in ((), ("--biases", "azimuth"))
+    )
+    mean = float(plain["south", "azimuth"][2])
+    assert f"a mean residual of {mean:.1f} standard" in page
+    assert f"a bias of {bias['south', 'azimuth'][4].removesuffix(' deg')} degrees" in page

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 _AXES = ("east", "north", "up")
 SUMMARY = ("station", "kind", "measured", "faults", "mean / sigma", "rms / sigma")
 _MAX_GROUPS_DRAWN = 4
+# p-value below which measurements contradict each other
+_DOUBTFUL = 1e-3
+# share of the instants from which on this is told: ten times what chance makes
+_MANY = 0.01
 
 
 def result_columns() -> set[str]:
@@ -182,6 +186,12 @@ def say_located(record: Record, fixes: Location, position: FloatArray, sigma: Fl
     numbers, counts = np.unique(np.asarray(fixes.problem)[~located], return_counts=True)
     for number, count in zip(numbers, counts, strict=True):
         typer.echo(f"  {counted(int(count), 'instant')} not located: {_reason(int(number))}")
+    doubtful = (np.asarray(fixes.p_value) < _DOUBTFUL) & (np.asarray(fixes.outliers.count) == 0)
+    if np.sum(doubtful) > _MANY * np.sum(located):
+        typer.echo(
+            f"  {counted(int(np.sum(doubtful)), 'instant')} with a p-value below {_DOUBTFUL:g} and "
+            "no fault found: a measurement or a sigma is wrong"
+        )
 
 
 def name_panels(panels: "dict[str, Axes]", record: Record, columns: Columns) -> None:
