@@ -118,6 +118,7 @@ FIGURES = {
     "fusion_track.png": fusion.track_figure,
     "fusion_smoothing.png": fusion.smoothing_figure,
     "smoothing_track.png": smoothing.track_figure,
+    "trajectory.png": trajectory.track_figure,
 }
 
 

@@ -1,12 +1,15 @@
-"""The tables of the page on trajectories."""
+"""The tables and the picture of the page on trajectories."""
 
 import functools
 from typing import Any
 
+import make_stations
 import numpy as np
+from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown
+from tertia import plot
 from tertia.location import Kind, Station
 from tertia.trajectory import Trajectory, reconstruct
 
@@ -176,3 +179,19 @@ def biases() -> str:
             [name, f"{np.sqrt(np.mean(squares)):.2f}", f"{np.mean(normalised):.2f} ± {spread:.2f}"]
         )
     return markdown(["", "RMSE, m", "NEES per axis"], rows)
+
+
+def track_figure() -> Figure:
+    """Draw the trajectory of the example, with an echo and a misaligned station."""
+    stations, found = make_stations.sites(), make_stations.measurements()
+    track = reconstruct(
+        stations,
+        make_stations.times(),
+        range=found["range_m"],
+        azimuth=np.radians(found["azimuth_deg"]),
+        elevation=np.radians(found["elevation_deg"]),
+        biases=("azimuth",),
+    )
+    figure = Figure(figsize=(10, 7.5), layout="constrained")
+    plot.trajectory(stations, track, figure=figure)
+    return figure

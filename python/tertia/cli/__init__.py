@@ -11,12 +11,14 @@ import tertia
 try:
     import typer
 
-    from tertia.cli import _bearing, _fuse
+    from tertia.cli import _bearing, _fuse, _locate, _trajectory
 except ModuleNotFoundError:
     # here and not in `main`, because the commands are declared with these libraries
     sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
 
 __all__ = ["main"]
+
+_COMMANDS = (_bearing, _fuse, _locate, _trajectory)
 
 app = typer.Typer(
     name="tertia",
@@ -43,7 +45,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog=_epilog(*_bearing.EXAMPLES[:2], *_fuse.EXAMPLES[:2]))
+@app.callback(epilog=_epilog(*(command.EXAMPLES[0] for command in _COMMANDS)))
 def _tertia(
     version: Annotated[
         bool,
@@ -55,3 +57,5 @@ def _tertia(
 
 app.command(epilog=_epilog(*_bearing.EXAMPLES))(_bearing.bearing)
 app.command(epilog=_epilog(*_fuse.EXAMPLES))(_fuse.fuse)
+app.command(epilog=_epilog(*_locate.EXAMPLES))(_locate.locate)
+app.command(epilog=_epilog(*_trajectory.EXAMPLES))(_trajectory.trajectory)

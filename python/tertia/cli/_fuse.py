@@ -12,7 +12,7 @@ import polars as pl
 import typer
 
 from tertia import metrics, plot
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import FloatArray
 from tertia.cli import _tables
 from tertia.cli._noise import Given, Noise, settle
 from tertia.cli._options import By, Period, PlotFile
@@ -20,11 +20,11 @@ from tertia.cli._plots import Columns, Group, by_group, read_plots, require_dist
 from tertia.cli._terminal import (
     MAX_ROWS,
     WRONG_USAGE,
-    as_text,
     counted,
     fail,
     note,
     print_table,
+    shown,
     tracked,
 )
 from tertia.fusion import FusionMethod, FusionResult, fuse_series
@@ -189,7 +189,7 @@ def _fuse(fuse_one: "partial[FusionResult]", group: Group, noise: Noise) -> _Fus
 
 def _summary(fused: list[_Fused]) -> pl.DataFrame:
     """Return what is told of each sensor of each group."""
-    return pl.concat([_beside(one.group.keys, _told_of_sensors(one)) for one in fused])
+    return pl.concat([_tables.beside(one.group.keys, _told_of_sensors(one)) for one in fused])
 
 
 def _told_of_sensors(one: _Fused) -> pl.DataFrame:
@@ -210,11 +210,6 @@ def _told_of_sensors(one: _Fused) -> pl.DataFrame:
     return pl.DataFrame(dict(zip(_SUMMARY, values, strict=True)))
 
 
-def _beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with the keys of its group in every row."""
-    return keys.join(table, how="cross") if keys.width else table
-
-
 def _mean(values: FloatArray) -> float:
     known = values[~np.isnan(values)]
     return float(known.mean()) if known.size else math.nan
@@ -227,23 +222,12 @@ def _median(values: FloatArray) -> float:
 
 def _print_summary(fused: list[_Fused], columns: Columns) -> None:
     table = _summary(fused)
-    print_table(table, _cells, text=[*columns.by, "sensor"], limited="rows are shown")
+    print_table(table, shown, text=[*columns.by, "sensor"], limited="rows are shown")
     for one in fused[:MAX_ROWS]:
         group = one.group
         told = f"{counted(group.times.size, 'step')}, median sigma of {columns.angle} "
         sigma = _median(one.result.sigma[:, 0])
         typer.echo(f"{group.name or 'fused'}: {told}{sigma:.3g}")
-
-
-def _cells(row: dict[str, object]) -> dict[str, str]:
-    return {
-        name: as_text(value) if not isinstance(value, float) else _number(value)
-        for name, value in row.items()
-    }
-
-
-def _number(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.3g}"
 
 
 def _track(one: _Fused, sensors: list[str], names: list[str]) -> pl.DataFrame:
@@ -254,21 +238,17 @@ def _track(one: _Fused, sensors: list[str], names: list[str]) -> pl.DataFrame:
         sigma = result.sigma[:, component]
         known = np.isfinite(sigma)
         # with an infinite sigma the mean is no estimate
-        values += [_known(result.mean[:, component], known), _known(sigma, known)]
+        values += [_tables.known(result.mean[:, component], known), _tables.known(sigma, known)]
     for sensor in sensors:
         if sensor in group.sensors:
             k = group.sensors.index(sensor)
             weight, noise = result.weights[k, :, 0], np.sqrt(result.noise_variance[k])
             rejected = pl.Series(result.outlier[k]).set(pl.Series(np.isnan(group.z[k])), None)
-            values += [_known(weight, ~np.isnan(weight)), pl.Series(noise), rejected]
+            values += [_tables.known(weight, ~np.isnan(weight)), pl.Series(noise), rejected]
         else:
             kinds = (pl.Float64, pl.Float64, pl.Boolean)
             values += [pl.repeat(None, group.times.size, dtype=d, eager=True) for d in kinds]
-    return _beside(group.keys, pl.DataFrame(dict(zip(names, values, strict=True))))
-
-
-def _known(values: FloatArray, known: BoolArray) -> pl.Series:
-    return pl.Series(values).set(pl.Series(~known), None)
+    return _tables.beside(group.keys, pl.DataFrame(dict(zip(names, values, strict=True))))
 
 
 def _draw(fused: list[_Fused], path: Path, columns: Columns, period: float | None) -> None:

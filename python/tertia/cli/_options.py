@@ -16,3 +16,28 @@ PlotFile: TypeAlias = Annotated[
     Path | None,
     typer.Option("--plot", metavar="FILE", help="Draw the record (.png, .svg, .pdf, ...)."),
 ]
+
+Measured: TypeAlias = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILES...", help="Measurements: CSV with a header, or .parquet; stacked."
+    ),
+]
+StationFile: TypeAlias = Annotated[
+    Path,
+    typer.Option(
+        "--stations", metavar="FILE", help="Stations: .toml, CSV with a header, .parquet."
+    ),
+]
+TimeColumn: TypeAlias = Annotated[
+    str, typer.Option(help="Column of the time: seconds, or dates with time.")
+]
+StationColumn: TypeAlias = Annotated[str, typer.Option(help="Column of the station's name.")]
+PositionFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write one row per time as .csv, .json or .parquet."),
+]
+MeasurementFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write one row per measurement: its residual, if a fault."),
+]

@@ -60,18 +60,7 @@ def read_plots(files: Sequence[Path], columns: Columns) -> pl.DataFrame:
             [path.stem for path in files], "two files are named {}: give --sensor-column"
         )
     frames = [_read_file(number, path, columns) for number, path in enumerate(files)]
-    for path, frame in zip(files[1:], frames[1:], strict=True):
-        if _kind(frame["time"]) != _kind(frames[0]["time"]):
-            fail(
-                f"{columns.time} of {files[0]} holds {_kind(frames[0]['time'])}, "
-                f"that of {path} {_kind(frame['time'])}"
-            )
-    for name in frames[0].columns[_FIXED:]:
-        if len({frame[name].dtype for frame in frames}) > 1:
-            frames = [frame.with_columns(pl.col(name).cast(pl.String)) for frame in frames]
-    rows = pl.concat(frames, how="vertical_relaxed")
-    if rows.is_empty():
-        fail(f"{' and '.join(map(str, files))} {'is' if len(files) == 1 else 'are'} empty")
+    rows = _tables.stacked(files, frames, columns.time, frames[0].columns[_FIXED:])
     _refuse_seconds(rows, files, columns)
     if rows["angle"].is_nan().all():
         fail(f"there are no plots: {columns.angle} is missing everywhere")
@@ -112,12 +101,6 @@ def _read_file(number: int, path: Path, columns: Columns) -> pl.DataFrame:
         if name is not None and not bad.is_empty():
             fail(f"{_tables.place(path, bad['row'][0])}: {name} is {requirement}")
     return rows
-
-
-def _kind(time: pl.Series) -> str:
-    if not isinstance(time.dtype, pl.Datetime):
-        return "numbers"
-    return "dates" if time.dtype.time_zone is None else "dates with a time zone"
 
 
 def _refuse_seconds(rows: pl.DataFrame, files: Sequence[Path], columns: Columns) -> None:

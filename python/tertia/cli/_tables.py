@@ -1,30 +1,33 @@
 """Tables and pictures in files: reading with clear errors, and writing."""
 
 import math
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import polars as pl
 import polars.selectors as cs
 import typer
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.cli._terminal import WRONG_USAGE, counted, fail
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _write_json(table: pl.DataFrame, path: Path) -> None:
+def _write_json(table: pl.DataFrame, file: BinaryIO) -> None:
     # with a T between date and time, as in CSV
-    table.with_columns(cs.datetime().dt.to_string("iso:strict")).write_json(path)
+    told = table.with_columns(cs.datetime().dt.to_string("iso:strict"))
+    file.write(told.write_json().encode())
 
 
 _MISSING = ("", "-", "na", "nan", "null", "none")
-_WRITERS: dict[str, Callable[[pl.DataFrame, Path], object]] = {
+_WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
     ".csv": pl.DataFrame.write_csv,
     ".json": _write_json,
     ".parquet": pl.DataFrame.write_parquet,
@@ -36,10 +39,13 @@ _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
 _PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
-def check_suffixes(output: Path | None, plot_file: Path | None) -> None:
-    """Fail before the work if a result could not be written after it."""
-    if output is not None:
-        _check_suffix(output, _WRITERS)
+def check_suffixes(output: Path | None, plot_file: Path | None, *others: Path | None) -> None:
+    """Fail before the work if a result, of which each is a file, could not be written after it."""
+    tables = [path for path in (output, *others) if path is not None]
+    for at, path in enumerate(tables):
+        _check_suffix(path, _WRITERS)
+        if path in tables[:at]:
+            fail(f"two results would be written to {path}", WRONG_USAGE)
     if plot_file is not None:
         if find_spec("matplotlib") is None:
             fail("--plot needs the extra plot: pip install 'tertia[plot]'")
@@ -159,6 +165,11 @@ def without_marks(column: pl.Series) -> pl.Series:
     return column.set(column.str.to_lowercase().is_in(_MISSING), None)
 
 
+def is_mark(text: str) -> bool:
+    """Return whether a text says that there is nothing."""
+    return text.strip().lower() in _MISSING
+
+
 def _require(column: pl.Series, holds: pl.Series, path: Path, requirement: str) -> None:
     wrong = (column.is_not_null() & ~holds.fill_null(False)).arg_true()
     if len(wrong):
@@ -171,16 +182,65 @@ def _require(column: pl.Series, holds: pl.Series, path: Path, requirement: str) 
 
 def write(table: pl.DataFrame, path: Path) -> None:
     """Write a table in the format that the name of the file tells, and say so."""
-    try:
-        _WRITERS[path.suffix.lower()](table, path)
-    except (OSError, pl.exceptions.PolarsError) as error:
-        fail(f"cannot write {path}: {error}")
+    with _whole(path) as file:
+        _WRITERS[path.suffix.lower()](table, file)
     typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
 
 
 def save(figure: "Figure", path: Path) -> None:
     """Write a picture."""
+    with _whole(path) as file:
+        figure.savefig(file, dpi=120, format=path.suffix[1:].lower())
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[BinaryIO]:
+    """Open a file beside this one, which takes its place when it is complete, or fail."""
+    target = path.resolve()
+    part = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        figure.savefig(path, dpi=120)
+        with part.open("wb") as file:
+            yield file
+        part.replace(target)
     except OSError as error:
+        fail(f"cannot write {path}: {error.strerror or error}")
+    except pl.exceptions.PolarsError as error:
         fail(f"cannot write {path}: {error}")
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def stacked(
+    files: Sequence[Path], frames: list[pl.DataFrame], time: str, by: Sequence[str]
+) -> pl.DataFrame:
+    """Return the rows of all files, whose column `time` holds the times named so in the files.
+
+    The columns `by` become text where not all files agree on what they are.
+    """
+    for path, frame in zip(files[1:], frames[1:], strict=True):
+        kind, first = _kind(frame["time"]), _kind(frames[0]["time"])
+        if kind != first:
+            fail(f"{time} of {files[0]} holds {first}, that of {path} {kind}")
+    for name in by:
+        if len({frame[name].dtype for frame in frames}) > 1:
+            frames = [frame.with_columns(pl.col(name).cast(pl.String)) for frame in frames]
+    rows = pl.concat(frames, how="vertical_relaxed")
+    if rows.is_empty():
+        fail(f"{' and '.join(map(str, files))} {'is' if len(files) == 1 else 'are'} empty")
+    return rows
+
+
+def _kind(time: pl.Series) -> str:
+    if not isinstance(time.dtype, pl.Datetime):
+        return "numbers"
+    return "dates" if time.dtype.time_zone is None else "dates with a time zone"
+
+
+def beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
+    """Return the table with the keys of its group in every row."""
+    return keys.join(table, how="cross") if keys.width else table
+
+
+def known(values: FloatArray, known: BoolArray) -> pl.Series:
+    """Return numbers, null where they are not known."""
+    return pl.Series(values).set(pl.Series(~known), None)

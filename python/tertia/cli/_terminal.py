@@ -1,5 +1,6 @@
 """What is said on the terminal: errors, progress, tables."""
 
+import math
 from collections.abc import Callable, Collection, Iterable
 from typing import NoReturn, TypeVar
 
@@ -39,6 +40,18 @@ def counted(number: int, noun: str) -> str:
 def as_text(value: object) -> str:
     """Return a cell as text."""
     return "" if value is None else str(value)
+
+
+def shown(row: dict[str, object]) -> dict[str, str]:
+    """Return a row as text, numbers to three digits."""
+    return {
+        name: as_text(value) if not isinstance(value, float) else _number(value)
+        for name, value in row.items()
+    }
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
 
 
 def group_name(columns: Iterable[str], values: Iterable[object]) -> str:

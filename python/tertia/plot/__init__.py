@@ -11,6 +11,7 @@ from tertia.plot._locations import accuracy_map, location
 from tertia.plot._samples import bearing, screening
 from tertia.plot._smoothing import smoothing
 from tertia.plot._tracks import consistency, fusion
+from tertia.plot._trajectory import trajectory
 
 __all__ = [
     "accuracy_map",
@@ -21,4 +22,5 @@ __all__ = [
     "location",
     "screening",
     "smoothing",
+    "trajectory",
 ]

@@ -275,12 +275,24 @@ def _draw_plots(
     )
     ax.axhline(0.0, color=RESULT, linewidth=1)
     # an outlier at the edge is not cut in half
-    inner = 0.97 * edge
+    _draw_deviations(ax, instants, deviations, result.outlier, names, inner=0.97 * edge)
+
+
+def _draw_deviations(
+    ax: "Axes",
+    instants: Times,
+    deviations: FloatArray,
+    outlier: BoolArray,
+    names: list[str],
+    *,
+    inner: float,
+) -> None:
+    """Draw deviations, (K, steps), and flag outliers; those beyond `inner` are drawn there."""
     for k, name in enumerate(names):
         has = np.isfinite(deviations[k])
         shown = np.clip(deviations[k, has], -inner, inner)
         ax.plot(instants[has], shown, linestyle="", label=name, markersize=4, **_look(k)[1])
-    flagged = result.outlier & np.isfinite(deviations)
+    flagged = outlier & np.isfinite(deviations)
     far = np.abs(deviations) > inner
     where = np.broadcast_to(instants, deviations.shape)
     for marker, chosen, label in [

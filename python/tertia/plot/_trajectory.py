@@ -1,0 +1,275 @@
+"""Pictures of positions along time: from above, their height, what contradicts them."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, flag
+from tertia.location import _KINDS, Kind, Location, Outliers, Residuals, Station, _stations
+from tertia.plot._axes import BAND, FLAGGED, KEPT, RESULT, new_figure
+from tertia.plot._combination import _ellipse, _share
+from tertia.plot._locations import _name
+from tertia.plot._tracks import (
+    _MARGIN,
+    Times,
+    _counted,
+    _draw_deviations,
+    _instants,
+    _largest,
+    _shorten_dates,
+)
+from tertia.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import FigureBase
+
+_ELLIPSES = 10
+# share of the single positions at either end that need not be seen
+_TAIL = 0.01
+# standard deviations within which residuals are drawn at least
+_LEAST_EDGE = 3.0
+
+
+def trajectory(
+    stations: Sequence[Station] | npt.ArrayLike,
+    result: Trajectory | Location,
+    *,
+    times: npt.ArrayLike | None = None,
+    probability: float = 0.95,
+    legend: bool = True,
+    figure: "FigureBase | None" = None,
+) -> "dict[str, Axes]":
+    """Draw positions along time from above, their heights, and the residuals of the stations.
+
+    Parameters
+    ----------
+    stations : sequence of K Station, or array_like of shape (..., K, D)
+        The stations, as given to `tertia.trajectory.reconstruct` or `tertia.location.locate`.
+    result : Trajectory or Location
+        What came of them; of `locate` a batch of shape (N,).
+    times : array_like of shape (N,), optional
+        Times of the instants, numbers or datetime64; by default those of a trajectory, or numbers
+        from 0.
+    probability : float
+        With which normal errors put the true position inside an ellipse. About ten are drawn.
+    legend : bool
+        Whether to draw one, below the panels.
+    figure : matplotlib.figure.Figure or SubFigure, optional
+        Where to draw; by default a new figure.
+
+    Returns
+    -------
+    dict of str to matplotlib.axes.Axes
+        "plan", north over east in metres, with the positions that have a faulty measurement
+        crossed; in space "height" with its 2-sigma band; and for each kind that was measured, as
+        "range", the residuals in standard deviations. Faults are crossed there, and those far
+        outside drawn at the edge.
+
+    Raises
+    ------
+    ValueError
+        Not one batch of instants, arguments that do not fit `result`, or a probability that is not
+        between 0 and 1.
+    TypeError
+        An argument of the wrong type.
+    ImportError
+        Matplotlib is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from tertia import plot, simulate
+    >>> from tertia.location import Station
+    >>> from tertia.trajectory import reconstruct
+    >>> places = [[0, 0], [2000, 300], [400, 2600]]
+    >>> radars = [Station(place, range_sigma=10.0, azimuth_sigma=0.005) for place in places]
+    >>> t = np.arange(40.0)
+    >>> record = simulate.stations(radars, np.column_stack([20 * t, 1500 + 5 * t]), rng=1)
+    >>> track = reconstruct(radars, t, **record.measurements)
+    >>> panels = plot.trajectory(radars, track, figure=Figure())
+    >>> list(panels)
+    ['plan', 'range', 'azimuth']
+    >>> panels["plan"].get_title()
+    '40 of 40 instants located, 0 faults'
+    """
+    if not isinstance(result, (Trajectory, Location)):
+        raise TypeError(f"result is {result!r}; it must be a Trajectory or a Location")
+    if result.position.ndim != 2:
+        raise ValueError(
+            f"result has positions of shape {result.position.shape}; (N, D) can be drawn"
+        )
+    n, d = result.position.shape
+    places, _ = _stations(stations)
+    if places.shape[-1] != d or places.ndim > 3 or (places.ndim == 3 and len(places) != n):
+        raise ValueError(f"stations has shape {places.shape} and result {result.position.shape}")
+    given = result.times if times is None and isinstance(result, Trajectory) else times
+    instants = _instants(given, n)
+    radius = math.sqrt(-2 * math.log1p(-_share(probability)))
+    legend = flag(legend, "legend")
+    residuals = _by_station(result.residuals, result.outliers, places.shape[-2])
+    rows = [*(["height"] if d == 3 else []), *residuals]
+    figure = new_figure(11, max(5.0, 2 + 1.5 * len(rows))) if figure is None else figure
+    panels = figure.subplot_mosaic([["plan", name] for name in rows], width_ratios=(5, 4))
+
+    plan = panels["plan"]
+    label = f"{100 * probability:.10g} % ellipse"
+    _draw_plan(plan, places, result, radius, label)
+    _name(plan, stations, places if places.ndim == 2 else places[-1])
+    fixes = result.fixes if isinstance(result, Trajectory) else result
+    faults = sum(int(np.sum(mark)) for _, mark in residuals.values())
+    plan.set(
+        title=f"{np.count_nonzero(fixes.located)} of {_counted(n, 'instant')} located, "
+        f"{_counted(faults, 'fault')}",
+        xlabel="east (m)",
+        ylabel="north (m)",
+    )
+    if d == 3:
+        _draw_height(panels["height"], instants, result)
+    for kind, (values, outlier) in residuals.items():
+        _draw_residuals(panels[kind], instants, values, outlier, _called(stations, len(values)))
+        panels[kind].set_ylabel(f"{kind.replace('_', ' ')} / sigma")
+    _join_times([panels[name] for name in rows], instants, "instant" if given is None else "time")
+    if legend:
+        _draw_legend(figure, list(panels.values()))
+    return panels
+
+
+def _by_station(
+    residuals: Residuals, outliers: Outliers, k: int
+) -> dict[Kind, tuple[FloatArray, BoolArray]]:
+    """Return residuals and marks (K, N) of the kinds that were measured."""
+    found: dict[Kind, tuple[FloatArray, BoolArray]] = {}
+    for kind in _KINDS:
+        values, marks = getattr(residuals, kind), getattr(outliers, kind)
+        if values is None:
+            continue
+        # the first station has no range difference
+        first = int(kind == "range_difference")
+        if values.shape[1] != k - first:
+            made = values.shape[1] + first
+            raise ValueError(f"stations has {k} stations, but result was made of {made}")
+        pad = [(first, 0), (0, 0)]
+        found[kind] = (
+            np.pad(values.T, pad, constant_values=np.nan),
+            np.pad(marks.T, pad, constant_values=False),
+        )
+    return found
+
+
+def _called(stations: Sequence[Station] | npt.ArrayLike, k: int) -> list[str]:
+    """Return the names of the stations, numbers of those that have none."""
+    named = stations if isinstance(stations, Sequence) else [None] * k
+    names = [getattr(one, "name", None) for one in named]
+    return [f"station {at}" if name is None else str(name) for at, name in enumerate(names)]
+
+
+def _draw_plan(
+    ax: "Axes", places: FloatArray, result: Trajectory | Location, radius: float, label: str
+) -> None:
+    for k in range(places.shape[-2]):
+        # the way of a station that moves
+        way = places[..., k, :2].reshape(-1, 2)
+        ax.plot(
+            *way.T,
+            color=RESULT,
+            linewidth=0.5,
+            marker="^",
+            markerfacecolor="none",
+            markevery=[-1],
+            label="_station" if k else "station",
+        )
+    position = result.position[:, :2]
+    ellipses = _ellipses(position, result.covariance[:, :2, :2], radius)
+    ax.plot(*ellipses.T, color=BAND, linewidth=1.5, zorder=2.5, label=label)
+    if isinstance(result, Trajectory):
+        ax.plot(*position.T, color=RESULT, linewidth=1, label="trajectory")
+        fixes = result.fixes.position[:, :2]
+    else:
+        fixes = position
+    # single instants far off do not set the scale
+    ax.update_datalim(_most(fixes))
+    limits = ax.dataLim.frozen()
+    ax.plot(*fixes.T, ".", color=KEPT, markersize=4, zorder=1, label="single instant")
+    ax.dataLim.set(limits)
+    faulty = position[np.asarray(result.outliers.count) > 0]
+    if len(faulty):
+        ax.plot(*faulty.T, "x", color=FLAGGED, markersize=6, zorder=3, label="with a fault")
+    # room for the names of the stations
+    ax.margins(0.12)
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+def _ellipses(position: FloatArray, covariance: FloatArray, radius: float) -> FloatArray:
+    """Return some of the error ellipses, from the first to the last, with gaps between them."""
+    whole = np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(position).all(axis=1)
+    there = np.flatnonzero(whole)
+    some = np.linspace(0, there.size - 1, min(there.size, _ELLIPSES)).round().astype(int)
+    gap = np.full((1, 2), np.nan)
+    lines = [gap]
+    for i in there[some]:
+        ellipse = _ellipse(position[i], covariance[i], radius, f"result.covariance[{i}]")
+        # without its centre
+        lines += [ellipse[2:], gap]
+    return np.vstack(lines)
+
+
+def _most(points: FloatArray) -> FloatArray:
+    """Return bounds of almost all points, of shape (2, ...)."""
+    known = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
+    bounds: FloatArray = np.quantile(known, [_TAIL, 1 - _TAIL], axis=0) if len(known) else known
+    return bounds
+
+
+def _draw_height(ax: "Axes", instants: Times, result: Trajectory | Location) -> None:
+    height, half = result.position[:, 2], 2 * np.sqrt(result.covariance[:, 2, 2])
+    known = np.isfinite(half) & np.isfinite(height)
+    low, high = (np.where(known, height + s * np.where(known, half, 0), np.nan) for s in (-1, 1))
+    ax.fill_between(
+        instants, low, high, facecolor=BAND, edgecolor="none", alpha=0.3, label="± 2 sigma"
+    )
+    fixes = height
+    if isinstance(result, Trajectory):
+        ax.plot(instants, height, color=RESULT, linewidth=1)
+        fixes = result.fixes.position[:, 2]
+    ax.plot(instants, fixes, ".", color=KEPT, markersize=4, zorder=1)
+    seen = np.concatenate([low[known], high[known], _most(fixes)])
+    if seen.size:
+        middle, reach = (seen.max() + seen.min()) / 2, _MARGIN * np.ptp(seen) / 2
+        ax.set_ylim(middle - reach, middle + reach)
+    ax.set_ylabel("up (m)")
+
+
+def _draw_residuals(
+    ax: "Axes", instants: Times, values: FloatArray, outlier: BoolArray, names: list[str]
+) -> None:
+    inner = max(_largest(np.where(outlier, np.nan, values)), _LEAST_EDGE)
+    ax.set_ylim(-_MARGIN * inner, _MARGIN * inner)
+    ax.axhline(0.0, color=RESULT, linewidth=1)
+    _draw_deviations(ax, instants, values, outlier, names, inner=inner)
+
+
+def _join_times(panels: "list[Axes]", instants: Times, label: str) -> None:
+    """Let panels above each other have the same times."""
+    *above, last = panels
+    for ax in above:
+        ax.sharex(last)
+        ax.tick_params(labelbottom=False)
+    last.set_xlabel(label)
+    _shorten_dates(last, instants)
+
+
+def _draw_legend(figure: "FigureBase", panels: "list[Axes]") -> None:
+    """Name everything once."""
+    named: dict[str, Artist] = {}
+    for ax in panels:
+        handles, labels = ax.get_legend_handles_labels()
+        named |= dict(zip(labels, handles, strict=True))
+    figure.legend(
+        list(named.values()), list(named), loc="outside lower center", ncols=6, fontsize="small"
+    )
