@@ -235,6 +235,8 @@ fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'
         Fate::Late => -2,
         Fate::AtRadar => -3,
         Fate::OutOfRange => -4,
+        Fate::Stray => -5,
+        Fate::Duplicate => -6,
     });
     Ok((
         (
