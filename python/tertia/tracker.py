@@ -254,6 +254,10 @@ class TrackTable:
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
         Of position and velocity.
+    innovation : ndarray of shape (N, 2)
+        Plot less prediction; nan where there was no plot.
+    innovation_covariance : ndarray of shape (N, 2, 2)
+        Its covariance.
     turning : ndarray of shape (N,)
         Probability that the target turns.
     height, climb : ndarray of shape (N,)
@@ -277,6 +281,8 @@ class TrackTable:
     position: FloatArray
     velocity: FloatArray
     covariance: FloatArray
+    innovation: FloatArray
+    innovation_covariance: FloatArray
     turning: FloatArray
     height: FloatArray
     climb: FloatArray
@@ -488,7 +494,7 @@ class Tracker:
             plots.identity,
             None if time is None else self._since_the_first_day(np.array([real(time, "time")]))[0],
         )
-        instants, state, covariance, turning, height, climb = numbers
+        instants, state, covariance, innovation, spread, turning, height, climb = numbers
         tracks, radar, plot, identity, plan = integers
         confirmed, conforming = flags
         return TrackTable(
@@ -499,6 +505,8 @@ class Tracker:
             position=state[:, :2],
             velocity=state[:, 2:],
             covariance=covariance,
+            innovation=innovation,
+            innovation_covariance=spread,
             turning=turning,
             height=height,
             climb=climb,

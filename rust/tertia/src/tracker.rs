@@ -51,6 +51,10 @@ pub struct Row {
     pub plot: Option<usize>,
     /// Position and velocity.
     pub estimate: Estimate<4>,
+    /// Plot less prediction, and its covariance; not numbers where the target was missed.
+    pub innovation: [f64; 2],
+    /// Its covariance.
+    pub innovation_covariance: Plane,
     /// Probability that the target turns.
     pub turning: f64,
     /// Height and rate of climb; nan where there are none.
@@ -70,6 +74,9 @@ pub struct Row {
 impl Row {
     fn of(track: &Track, radar: usize, plot: Option<usize>) -> Self {
         let vertical = track.vertical.map(|vertical| (vertical.height, vertical.climb));
+        let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
+        let (innovation, innovation_covariance) =
+            if plot.is_some() { track.innovation } else { none };
         let (height, climb) = vertical.unwrap_or((f64::NAN, f64::NAN));
         Self {
             time: track.time,
@@ -77,6 +84,8 @@ impl Row {
             radar,
             plot,
             estimate: track.estimate,
+            innovation,
+            innovation_covariance,
             turning: track.filter.turning(),
             height,
             climb,

@@ -64,6 +64,8 @@ pub(super) struct Track {
     pub filter: Filter,
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
+    /// Of the last plot, and its covariance.
+    pub innovation: ([f64; 2], Plane),
     pub expected: Vec<Expected>,
     pub vertical: Option<Vertical>,
     identity: Option<Identity>,
@@ -101,6 +103,7 @@ impl Track {
             seen: plot.time,
             filter: Filter::Straight(estimate),
             estimate,
+            innovation: ([0.0; 2], r),
             expected: Vec::new(),
             vertical: None,
             identity: None,
@@ -235,6 +238,8 @@ impl Track {
         self.predict(plot.time, radar.period, settings);
         let (z, r) = self.brought_here(plot, radar);
         let motion = self.motion(settings);
+        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
+        self.innovation = (y, self.estimate.position_covariance().plus(r));
         self.filter.correct(&motion, z, r);
         self.estimate = self.filter.estimate();
         self.seen = self.seen.max(plot.time);
