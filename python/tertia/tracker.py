@@ -403,7 +403,7 @@ class Tracker:
         motion: Motion = "imm-plan",
         *,
         plans: Sequence[FlightPlan] = (),
-        plan_prior: float = 0.8,
+        plan_prior: float = 0.6,
         wind_sigma: float = 20.0,
         manoeuvres: Manoeuvres | None = None,
         initiation: tuple[int, int] = (3, 4),
