@@ -152,7 +152,8 @@ def test_the_wind_carries_the_aircraft_and_the_legs_are_held():
         legs = ~np.convolve(traffic.turning[i, valid(traffic, i)], np.ones(121), "same").astype(
             bool
         )
-        assert np.max(off(here[legs], straight)) < 15
+        # the last sample may lie behind the last waypoint
+        assert np.max(off(here[:-1][legs[:-1]], straight)) < 15
 
 
 def replace_corners(plan):
