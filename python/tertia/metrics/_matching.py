@@ -291,11 +291,10 @@ class _Memory:
         self, track: IntArray, target: IntArray, distance: FloatArray, limit: float
     ) -> BoolArray:
         """Return which of the pairs of a scan are true, and remember them."""
-        pairs, inverse = np.unique(np.stack([track, target], axis=-1), axis=0, return_inverse=True)
-        inverse = inverse.reshape(-1)
-        count = np.bincount(inverse, minlength=len(pairs))
-        mean = np.bincount(inverse, distance, minlength=len(pairs)) / count
-        first, second = pairs[:, 0], pairs[:, 1]
+        key = track * len(self.track_of) + target
+        pairs, inverse = np.unique(key, return_inverse=True)
+        mean = np.bincount(inverse, distance) / np.bincount(inverse)
+        first, second = np.divmod(pairs, len(self.track_of))
         known = (self.target_of[first] == second) & (self.track_of[second] == first)
         taken = np.isin(first, first[known]) | np.isin(second, second[known])
         free = np.flatnonzero(~taken)
