@@ -11,6 +11,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 from studies import (
+    association,
     bearing,
     fusion,
     instant,
@@ -64,6 +65,12 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "faults": location.faults,
         "poor geometry": location.poor_geometry,
         "lenth": location.lenth,
+    },
+    "association.md": {
+        "gates": association.gates,
+        "zeros": association.zeros,
+        "ambiguity": association.ambiguity,
+        "updates": association.updates,
     },
     "fusion.md": {
         "paper weights": fusion.paper_weights,

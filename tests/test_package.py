@@ -11,6 +11,7 @@ import pytest
 import tertia
 from tertia import (
     _core,
+    association,
     bearing,
     fusion,
     kalman,
@@ -25,6 +26,7 @@ from tertia import (
 )
 
 MODULES = [
+    association,
     bearing,
     fusion,
     kalman,
@@ -39,11 +41,13 @@ MODULES = [
     weights,
 ]
 ALIASES = {
+    "Assignment",
     "Convention",
     "Count",
     "EncounterName",
     "FlightScenario",
     "FusionMethod",
+    "Gate",
     "InstantMethod",
     "Kind",
     "LocationMethod",
@@ -51,6 +55,7 @@ ALIASES = {
     "Method",
     "Order",
     "ScenarioName",
+    "Score",
     "SetUpName",
     "Smoother",
     "Spatial",
@@ -116,7 +121,7 @@ def test_every_public_name_exists_and_is_documented(module):
 
 @pytest.mark.parametrize(
     "module",
-    [bearing, fusion, kalman, metrics, screening, simulate, smoothing, weights],
+    [association, bearing, fusion, kalman, metrics, screening, simulate, smoothing, weights],
     ids=lambda module: module.__name__,
 )
 def test_functions_document_what_they_take_return_and_raise(module):

@@ -5,14 +5,16 @@ ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia
 estimates and tells what not knowing their covariances costs, `tertia.location` makes a position of
 what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
 positions along time, `tertia.trajectory` does both for what stations measured along time,
-`tertia.fusion` makes one track of several radars', `tertia.metrics` tells whether errors are as
-claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the
-command `tertia` needs the extra `cli`.
+`tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs to
+which track, `tertia.metrics` tells whether errors are as claimed and how good tracks are,
+`tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the command
+`tertia` needs the extra `cli`.
 """
 
 import warnings
 
 from tertia import (
+    association,
     bearing,
     fusion,
     kalman,
@@ -32,6 +34,7 @@ __version__ = VERSION
 __all__ = [
     "BearingEstimate",
     "__version__",
+    "association",
     "bearing",
     "estimate_bearing",
     "fusion",

@@ -8,6 +8,7 @@ __all__ = [
     "AngleFilter",
     "PlotTracker",
     "TrackFusion",
+    "assign_pairs",
     "bursts",
     "cochran",
     "combine",
@@ -22,6 +23,9 @@ __all__ = [
     "fuse",
     "fuse_series",
     "fused_covariance",
+    "gate_pairs",
+    "gate_regions",
+    "gate_threshold",
     "grubbs",
     "jacobian",
     "jacobian_factors",
@@ -31,9 +35,12 @@ __all__ = [
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "likelihood_score",
     "local_polynomial",
     "locate",
     "location_accuracy",
+    "paper_score",
+    "paper_score_zero",
     "simulated_excess",
     "singer_transition",
     "smooth",
@@ -258,3 +265,26 @@ def local_polynomial(
 def smooth(
     tracks: dict[str, Any], n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...
+def gate_threshold(probability: float, dimensions: int) -> float: ...
+def gate_regions(
+    innovation: FloatArray, covariance: FloatArray, velocity: FloatArray
+) -> IntArray: ...
+def paper_score(d2: FloatArray, q: float, dimensions: int) -> FloatArray: ...
+def paper_score_zero(q: float, dimensions: int) -> float: ...
+def likelihood_score(
+    d2: FloatArray,
+    ln_determinant: FloatArray,
+    dimensions: int,
+    detection_probability: float,
+    clutter_density: float,
+) -> tuple[FloatArray, float]: ...
+def gate_pairs(
+    predicted: FloatArray,
+    covariance: FloatArray,
+    plots: FloatArray,
+    plot_covariance: FloatArray | None,
+    threshold: float,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]: ...
+def assign_pairs(
+    row: IntArray, column: IntArray, gain: FloatArray, rows: int, columns: int, method: str
+) -> IntArray: ...

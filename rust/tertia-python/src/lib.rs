@@ -1,6 +1,7 @@
 //! Python bindings of Tertia: arrays in, GIL released, kernel, arrays out. No arithmetic here.
 
 mod arrays;
+mod association;
 mod bearing;
 mod fusion;
 mod instant;
@@ -16,6 +17,11 @@ use pyo3::prelude::*;
 /// The compiled core of the `tertia` package.
 #[pymodule(name = "_core", gil_used = false)]
 mod core_module {
+    #[pymodule_export]
+    use super::association::{
+        assign_pairs, gate_pairs, gate_regions, gate_threshold, likelihood_score, paper_score,
+        paper_score_zero,
+    };
     #[pymodule_export]
     use super::bearing::estimate_bearing;
     #[pymodule_export]

@@ -1,4 +1,4 @@
-"""Metrics: whether the errors are as large as they are said to be.
+"""Whether the errors are as large as they are said to be.
 
 Normalised squared errors (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) have the mean 1 per
 dimension where the covariances are right; more means that the errors are larger than claimed.

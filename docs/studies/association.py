@@ -1,0 +1,178 @@
+"""The tables of the page on association."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.montecarlo import FloatArray, generator
+from studies.pages import markdown
+from tertia import metrics
+from tertia._arrays import IntArray
+from tertia.association import (
+    Assignment,
+    Region,
+    Score,
+    associate,
+    gate_threshold,
+    paper_score_zero,
+    regions,
+)
+
+PLOTS = 200_000
+SCENES = 20_000
+# metres between scenes, so that nothing of one is in a gate of another
+APART = 1e7
+SIGMA = 100.0
+DETECTION = 0.9
+METHODS: tuple[tuple[Score, Assignment], ...] = (
+    ("paper", "nearest"),
+    ("paper", "global"),
+    ("likelihood", "nearest"),
+    ("likelihood", "global"),
+)
+
+
+def gates() -> str:
+    """Tell the thresholds, and how many true plots are within and in each wedge."""
+    rng = generator(50)
+    covariance = np.array([[9.0, 4.0], [4.0, 6.0]])
+    innovation = rng.multivariate_normal([0.0, 0.0], covariance, PLOTS)
+    found = np.asarray(regions(innovation, covariance, [200.0, 50.0]))
+    inner = np.mean(found == Region.INNER)
+    outer = np.mean(found < Region.GUARD_AHEAD)
+    guard = np.mean(found < Region.OUTSIDE)
+    wedges = {
+        "inner": None,
+        "outer": (Region.AHEAD, Region.GUARD_AHEAD),
+        "guard": (Region.GUARD_AHEAD, Region.OUTSIDE),
+    }
+    rows = []
+    for (name, wedge), share, probability in zip(
+        wedges.items(), (inner, outer, guard), (0.65, 0.95, 0.998), strict=True
+    ):
+        thresholds = [f"{gate_threshold(probability, m):.4f}" for m in (1, 2, 3)]
+        told = ""
+        if wedge is not None:
+            told = ", ".join(f"{np.mean(found == r):.2%}" for r in range(*wedge))
+        rows.append([name, f"{probability:.3f}", *thresholds, f"{share:.4f}", told])
+    head = ["gate", "probability", "d², m = 1", "m = 2", "m = 3", "true plots within (m = 2)"]
+    return markdown([*head, "ahead, behind, left, right"], rows)
+
+
+def zeros() -> str:
+    """Tell where the paper's score changes its sign."""
+    rows = [
+        [f"{q:g}", f"{paper_score_zero(q):.4f}", f"{paper_score_zero(q, 3):.4f}"]
+        for q in (4.0, 10.0, 100.0, 493.7461)
+    ]
+    return markdown(["Q", "zero at d², m = 2", "m = 3"], rows)
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """Pairs of tracks, far from each other, and what was seen of them."""
+
+    predicted: FloatArray
+    covariance: FloatArray
+    plots: FloatArray
+    # the track whose target a plot shows; -1 for a false one
+    source: IntArray
+
+
+def scenes(ratio: float, false_plots: float, *study: int) -> Scenes:
+    """Return tracks side by side, one of them so many times as vague as the other.
+
+    So many false plots are in the guard gate of the vague one on the average.
+    """
+    rng = generator(51, *study)
+    origin = APART * np.stack(np.divmod(np.arange(SCENES), 200), axis=-1)
+    sigma = SIGMA * np.array([1.0, ratio])
+    bearing = rng.uniform(0, 2 * np.pi, SCENES)
+    offset = 1.5 * np.hypot(*sigma) * np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+    predicted = np.stack([origin, origin + offset], axis=1)
+    plots = predicted + sigma[:, np.newaxis] * rng.normal(size=predicted.shape)
+    seen = rng.uniform(size=(SCENES, 2)) < DETECTION
+    half = 5.0 * sigma[1]
+    density = clutter_density(ratio, false_plots)
+    count = rng.poisson(density * (2 * half) ** 2, SCENES)
+    place = np.repeat(predicted.mean(axis=1), count, axis=0)
+    false = place + rng.uniform(-half, half, (int(count.sum()), 2))
+    tracks = np.arange(2 * SCENES).reshape(SCENES, 2)
+    return Scenes(
+        predicted.reshape(-1, 2),
+        np.tile(sigma**2, SCENES)[:, np.newaxis, np.newaxis] * np.eye(2),
+        np.concatenate([plots[seen], false]),
+        np.concatenate([tracks[seen], np.full(len(false), -1)]),
+    )
+
+
+def clutter_density(ratio: float, false_plots: float) -> float:
+    """Return how many false plots per square metre there are."""
+    area = np.pi * gate_threshold("guard") * (ratio * SIGMA) ** 2
+    return float(false_plots / area)
+
+
+def ambiguity() -> str:
+    """Tell how often each method gives a track a wrong plot, or none although it was seen."""
+    rows = []
+    for at, (ratio, false_plots) in enumerate(
+        [(1.0, 0.1), (3.0, 0.1), (10.0, 0.1), (1.0, 1.0), (3.0, 1.0), (10.0, 1.0)]
+    ):
+        drawn = scenes(ratio, false_plots, at)
+        cells = []
+        for score, method in METHODS:
+            result = associate(
+                drawn.predicted,
+                drawn.covariance,
+                drawn.plots,
+                method=method,
+                score=score,
+                clutter_density=clutter_density(ratio, false_plots),
+                detection_probability=DETECTION,
+            )
+            cells.append(f"{errors(result.plot_of_track, drawn):.1%}")
+        rows.append([f"{ratio:g}", f"{false_plots:g}", *cells])
+    head = [f"{score}, {method}" for score, method in METHODS]
+    return markdown(["σ₂/σ₁", "false plots in the gate", *head], rows)
+
+
+def errors(plot_of_track: IntArray, drawn: Scenes) -> float:
+    """Return the share of tracks with a wrong plot, or with none although there was one."""
+    tracks = np.arange(len(plot_of_track))
+    own = np.full(len(tracks), -1)
+    true = np.flatnonzero(drawn.source >= 0)
+    own[drawn.source[true]] = true
+    return float(np.mean(plot_of_track != own))
+
+
+def updates() -> str:
+    """Compare the figures of surveillance with what independent misses make of them."""
+    period, targets, scans = 4.0, 100, 400
+    rows = []
+    for at, probability in enumerate((0.90, 0.95, 0.97, 0.99)):
+        rng = generator(52, at)
+        time = period * np.arange(scans)
+        seen = rng.uniform(size=(targets, scans)) < probability
+        track, scan = np.nonzero(seen)
+        north = 1e4 * np.arange(targets)
+        place = np.column_stack([150.0 * time[scan], north[track]])
+        ends = np.repeat([0.0, time[-1]], targets)
+        found = metrics.surveillance(
+            time[scan] + rng.uniform(-0.1, 0.1, len(scan)) * period,
+            track,
+            place,
+            truth_time=ends + np.repeat([-1.0, 1.0], targets) * 0.1 * period,
+            target=np.tile(np.arange(targets), 2),
+            truth_position=np.column_stack([150.0 * ends, np.tile(north, 2)]),
+            period=period,
+            distance=500.0,
+        )
+        miss = 1.0 - probability
+        # m in a row, m >= 3, between two updates: m miss^m probability^2 a scan
+        long = miss**3 * (3 - 2 * miss)
+        rows.append(
+            [f"{probability:.2f}", f"{found.probability_of_update:.4f}",
+             f"{found.long_gap_ratio:.5f}", f"{long:.5f}"]
+        )  # fmt: skip
+    head = ["probability of detection", "probability of update", "long-gap ratio", "expected"]
+    return markdown(head, rows)

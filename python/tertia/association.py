@@ -1,0 +1,600 @@
+"""Association: which plot of a scan belongs to which track.
+
+Source: Glagovskii, Lavina, Rudelson 2014: gates, regions of a gate and the quality of laying a plot
+to a track, with the usual likelihood in place of the printed score where that is better. Symbols:
+the innovation is a plot less the prediction, S its covariance, `d2 = innovation' S^-1 innovation`,
+m its components, x east and y north.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray, finite, integer, real, scalar_or_array
+from tertia.weights import sample_covariance as unbiased_covariance
+
+__all__ = [
+    "GUARD",
+    "INNER",
+    "OUTER",
+    "Assignment",
+    "Association",
+    "Gate",
+    "Pairs",
+    "Region",
+    "Score",
+    "associate",
+    "gate",
+    "gate_threshold",
+    "likelihood_score",
+    "paper_score",
+    "paper_score_zero",
+    "regions",
+    "sample_covariance",
+]
+
+Gate: TypeAlias = Literal["inner", "outer", "guard"]
+Assignment: TypeAlias = Literal["global", "nearest"]
+Score: TypeAlias = Literal["likelihood", "paper"]
+
+INNER, OUTER, GUARD = 0.65, 0.95, 0.998
+_GATES: dict[str, float] = {"inner": INNER, "outer": OUTER, "guard": GUARD}
+_RATIO = 100.0
+_NONE = -1
+
+
+class Region(enum.IntEnum):
+    """Where in its gates a plot is; ahead and behind are wedges of 45 degrees to each side."""
+
+    INNER = 0
+    AHEAD = 1
+    BEHIND = 2
+    LEFT = 3
+    RIGHT = 4
+    GUARD_AHEAD = 5
+    GUARD_BEHIND = 6
+    GUARD_LEFT = 7
+    GUARD_RIGHT = 8
+    OUTSIDE = 9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """Plots within the gates of tracks, by track and then by plot.
+
+    Attributes
+    ----------
+    track : ndarray of int, shape (P,)
+        Index of the track.
+    plot : ndarray of int, shape (P,)
+        Index of the plot.
+    distance : ndarray of shape (P,)
+        `d2`, the normalised distance squared.
+    log_determinant : ndarray of shape (P,)
+        `ln |S|` of the innovation.
+    """
+
+    track: IntArray
+    plot: IntArray
+    distance: FloatArray
+    log_determinant: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        return len(self.track)
+
+    def __repr__(self) -> str:
+        """Tell the number of pairs."""
+        return f"Pairs({len(self)})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Association:
+    """Which plot each track got.
+
+    Attributes
+    ----------
+    track_of_plot : ndarray of int, shape (N,)
+        Index of each plot's track; -1 where it has none.
+    plot_of_track : ndarray of int, shape (T,)
+        Index of each track's plot; -1 where it has none.
+    score : ndarray of shape (T,)
+        What its plot is worth to each track; nan where it has none.
+    distance : ndarray of shape (T,)
+        `d2`, the normalised distance squared to its plot; nan where it has none.
+    """
+
+    track_of_plot: IntArray
+    plot_of_track: IntArray
+    score: FloatArray
+    distance: FloatArray
+
+    def __repr__(self) -> str:
+        """Tell the number of tracks with a plot."""
+        found = np.count_nonzero(self.plot_of_track >= 0)
+        tracks, plots = len(self.plot_of_track), len(self.track_of_plot)
+        return f"Association({found} of {tracks} tracks, {found} of {plots} plots)"
+
+
+def gate_threshold(probability: float | Gate = "guard", dimensions: int = 2) -> float:
+    """Return the `d2` within which a true plot lies with this probability.
+
+    Parameters
+    ----------
+    probability : float or {"inner", "outer", "guard"}
+        The probability, or a named gate: .65, .95, .998.
+    dimensions : int
+        Components of the innovation.
+
+    Returns
+    -------
+    float
+        The quantile of chi-square.
+
+    Raises
+    ------
+    ValueError
+        A number outside its domain, or a name that is none.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.association import gate_threshold
+    >>> round(gate_threshold("outer"), 4)
+    5.9915
+    """
+    return _core.gate_threshold(_probability(probability), integer(dimensions, "dimensions", 1))
+
+
+def regions(
+    innovation: npt.ArrayLike, covariance: npt.ArrayLike, velocity: npt.ArrayLike
+) -> Region | IntArray:
+    """Return where in the gates of their tracks plots are.
+
+    Parameters
+    ----------
+    innovation : array_like of shape (..., 2)
+        Plots less predictions, x east and y north.
+    covariance : array_like of shape (..., 2, 2)
+        Their covariances.
+    velocity : array_like of shape (..., 2)
+        Velocities of the tracks, not zero.
+
+    Returns
+    -------
+    Region or ndarray of int, shape (...)
+        Inside the inner gate straight and uniform motion goes on. Between the inner and the outer
+        gate a plot ahead or behind tells that the speed changes, one to the side that the course
+        does. Beyond the outer gate, in the guard gate, it is a manoeuvre.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number that is not finite, a velocity of zero.
+    numpy.linalg.LinAlgError
+        A covariance that is not positive definite.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    The angle is that between `S^-1/2 innovation` and `S^-1/2 velocity`, so that each wedge holds a
+    quarter of the true plots. It is the same for every square root of S. Up to 45 degrees is ahead,
+    135 degrees or more behind, both included.
+
+    Examples
+    --------
+    An aircraft that flies north, and plots ahead and to the left of where it was expected:
+
+    >>> from tertia.association import Region, regions
+    >>> regions([[0, 200], [-300, 100]], [[1e4, 0], [0, 1e4]], [0, 220])
+    array([1, 7])
+    >>> regions([0, 200], [[1e4, 0], [0, 1e4]], [0, 220])
+    <Region.AHEAD: 1>
+    """
+    e, v = finite(innovation, "innovation"), finite(velocity, "velocity")
+    s = finite(covariance, "covariance")
+    for array, name in ((e, "innovation"), (v, "velocity")):
+        if array.shape[-1:] != (2,):
+            raise ValueError(f"{name} has shape {array.shape}; it must be (..., 2)")
+    if s.shape[-2:] != (2, 2):
+        raise ValueError(f"covariance has shape {s.shape}; it must be (..., 2, 2)")
+    still = np.argwhere(~np.any(v != 0.0, axis=-1))
+    if len(still):
+        place = "".join(f"[{', '.join(map(str, index))}]" for index in still[:1] if len(index))
+        raise ValueError(f"velocity{place} is zero; it must have a direction")
+    try:
+        batch = np.broadcast_shapes(e.shape[:-1], s.shape[:-2], v.shape[:-1])
+    except ValueError:
+        raise ValueError(
+            f"innovation has shape {e.shape}, covariance {s.shape} and velocity {v.shape}; their "
+            "batches do not fit"
+        ) from None
+    found = _core.gate_regions(
+        np.broadcast_to(e, (*batch, 2)),
+        np.broadcast_to(s, (*batch, 2, 2)),
+        np.broadcast_to(v, (*batch, 2)),
+    )
+    return found if found.ndim else Region(found.item())
+
+
+def sample_covariance(residuals: npt.ArrayLike) -> FloatArray:
+    """Return the covariance of residuals over the history of a track.
+
+    Parameters
+    ----------
+    residuals : array_like of shape (..., n, m)
+        n >= 2 differences of measured and smoothed positions.
+
+    Returns
+    -------
+    ndarray of shape (..., m, m)
+        About their mean, with divisor n as the paper prints it; `tertia.weights.sample_covariance`
+        is unbiased, with divisor n - 1.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two residuals, or a number that is not finite.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.association import sample_covariance
+    >>> sample_covariance([[100, 50], [130, 20], [90, 80], [120, 70]])
+    array([[ 250., -250.],
+           [-250.,  525.]])
+    """
+    x = finite(residuals, "residuals")
+    if x.ndim < 2 or x.shape[-2] < 2 or x.shape[-1] < 1:
+        raise ValueError(f"residuals has shape {x.shape}; it must be (..., n, m) with n >= 2")
+    n = x.shape[-2]
+    return np.asarray(unbiased_covariance(x) * ((n - 1) / n))
+
+
+def paper_score(d2: npt.ArrayLike, q: float = _RATIO, dimensions: int = 2) -> float | FloatArray:
+    """Return the paper's score of a plot.
+
+    Parameters
+    ----------
+    d2 : array_like of shape (...)
+        Normalised distances squared.
+    q : float
+        By how much the covariance of a false association is larger, above 1.
+    dimensions : int
+        Components of the innovation.
+
+    Returns
+    -------
+    float or ndarray of shape (...)
+        `(1/q - 1) d2 / 2 + m/2 ln q`: the log-likelihood ratio of 'belongs' against 'does not'. It
+        ignores the size of the covariance: between tracks that differ in it, `likelihood_score` is
+        better.
+
+    Raises
+    ------
+    ValueError
+        A number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.association import paper_score
+    >>> round(paper_score(3.0), 3)
+    3.12
+    """
+    distance = _squares(d2)
+    ratio, m = real(q, "q"), integer(dimensions, "dimensions", 1)
+    found = _core.paper_score(np.atleast_1d(distance), ratio, m)
+    value: float | FloatArray = scalar_or_array(found.reshape(distance.shape))
+    return value
+
+
+def paper_score_zero(q: float = _RATIO, dimensions: int = 2) -> float:
+    """Return the `d2` at which the paper's score is zero.
+
+    Parameters
+    ----------
+    q : float
+        By how much the covariance of a false association is larger, above 1.
+    dimensions : int
+        Components of the innovation.
+
+    Returns
+    -------
+    float
+        `m q ln q / (q - 1)`.
+
+    Raises
+    ------
+    ValueError
+        A number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.association import paper_score_zero
+    >>> round(paper_score_zero(), 4)
+    9.3034
+    """
+    return _core.paper_score_zero(real(q, "q"), integer(dimensions, "dimensions", 1))
+
+
+def likelihood_score(
+    d2: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    *,
+    clutter_density: float,
+    detection_probability: float = 0.9,
+) -> float | FloatArray:
+    """Return the log-likelihood ratio of a plot: of this target against a false one.
+
+    Parameters
+    ----------
+    d2 : array_like of shape (...)
+        Normalised distances squared.
+    covariance : array_like of shape (..., m, m)
+        Covariances of the innovations.
+    clutter_density : float
+        False plots in a scan per unit of area (m = 2) or volume (m = 3).
+    detection_probability : float
+        How often a target is seen in a scan.
+
+    Returns
+    -------
+    float or ndarray of shape (...)
+        `ln(detection_probability N(innovation; 0, S) / clutter_density)`.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number outside its domain.
+    numpy.linalg.LinAlgError
+        A covariance that is not positive definite.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.association import likelihood_score
+    >>> score = likelihood_score(3.0, [[1e4, 0], [0, 1e4]], clutter_density=1e-9)
+    >>> round(score, 2)
+    8.07
+    """
+    distance, s = _squares(d2), finite(covariance, "covariance")
+    if s.ndim < 2 or s.shape[-1] != s.shape[-2] or s.shape[-1] == 0:
+        raise ValueError(f"covariance has shape {s.shape}; it must be (..., m, m)")
+    root = np.linalg.cholesky(s)
+    volume = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
+    try:
+        distance, volume = np.broadcast_arrays(distance, volume)
+    except ValueError:
+        raise ValueError(
+            f"d2 has shape {distance.shape} and covariance {s.shape}; their batches do not fit"
+        ) from None
+    found, _ = _core.likelihood_score(
+        np.atleast_1d(distance),
+        np.atleast_1d(volume),
+        s.shape[-1],
+        real(detection_probability, "detection_probability"),
+        real(clutter_density, "clutter_density"),
+    )
+    value: float | FloatArray = scalar_or_array(found.reshape(distance.shape))
+    return value
+
+
+def gate(
+    predicted: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    plots: npt.ArrayLike,
+    plot_covariance: npt.ArrayLike | None = None,
+    *,
+    probability: float | Gate = "guard",
+) -> Pairs:
+    """Find the plots within the gates of tracks.
+
+    Parameters
+    ----------
+    predicted : array_like of shape (T, m)
+        Predicted positions, m = 2 or 3; the first two coordinates span the plane.
+    covariance : array_like of shape (T, m, m) or (m, m)
+        Their covariances: those of the innovations, unless `plot_covariance` is given.
+    plots : array_like of shape (N, m)
+        Positions of the plots of one scan.
+    plot_covariance : array_like of shape (N, m, m) or (m, m), optional
+        Covariances of the plots.
+    probability : float or {"inner", "outer", "guard"}
+        How often a true plot lies within its gate.
+
+    Returns
+    -------
+    Pairs
+        Tracks and plots with their distances.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number that is not finite or outside its domain.
+    numpy.linalg.LinAlgError
+        A covariance that is indefinite, or singular where it stands alone.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Plots are looked up in an index of the plane, so the cost is O(T + N) and that of the pairs.
+
+    Examples
+    --------
+    >>> from tertia.association import gate
+    >>> pairs = gate([[0, 0], [5, 5]], [[1, 0], [0, 1]], [[0.5, 0], [5, 7], [9, 9]])
+    >>> pairs.track, pairs.plot, pairs.distance
+    (array([0, 1]), array([0, 1]), array([0.25, 4.  ]))
+    """
+    tracks, scan = _points(predicted, "predicted"), _points(plots, "plots")
+    m = tracks.shape[-1]
+    if scan.shape[-1] != m:
+        raise ValueError(f"plots has shape {scan.shape}; it must be (N, {m}), as predicted")
+    sigmas = _matrices(covariance, "covariance", len(tracks), m)
+    noise = None
+    if plot_covariance is not None:
+        noise = _matrices(plot_covariance, "plot_covariance", len(scan), m)
+    threshold = _core.gate_threshold(_probability(probability), m)
+    return Pairs(*_core.gate_pairs(tracks, sigmas, scan, noise, threshold))
+
+
+def associate(
+    predicted: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    plots: npt.ArrayLike,
+    plot_covariance: npt.ArrayLike | None = None,
+    *,
+    method: Assignment = "global",
+    score: Score = "likelihood",
+    clutter_density: float | None = None,
+    detection_probability: float = 0.9,
+    q: float = _RATIO,
+    probability: float | Gate = "guard",
+) -> Association:
+    """Give each track one plot at most, and each plot one track.
+
+    Parameters
+    ----------
+    predicted : array_like of shape (T, m)
+        Predicted positions, m = 2 or 3; the first two coordinates span the plane.
+    covariance : array_like of shape (T, m, m) or (m, m)
+        Their covariances: those of the innovations, unless `plot_covariance` is given.
+    plots : array_like of shape (N, m)
+        Positions of the plots of one scan.
+    plot_covariance : array_like of shape (N, m, m) or (m, m), optional
+        Covariances of the plots.
+    method : {"global", "nearest"}
+        The largest sum of gains, or the best pair that is left, again and again.
+    score : {"likelihood", "paper"}
+        `likelihood_score`, or `paper_score`.
+    clutter_density : float, optional
+        False plots in a scan per unit of area or volume; needed for the likelihood alone.
+    detection_probability : float
+        How often a target is seen in a scan; for the likelihood alone.
+    q : float
+        For the paper's score alone.
+    probability : float or {"inner", "outer", "guard"}
+        How often a true plot lies within its gate; none outside is taken.
+
+    Returns
+    -------
+    Association
+        The plot of each track, and the track of each plot.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number that is not finite or outside its domain, a clutter density
+        that is missing.
+    numpy.linalg.LinAlgError
+        A covariance that is indefinite, or singular where it stands alone.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    What is gained by a pair is its likelihood score less `ln(1 - detection_probability)`, the
+    logarithm of how much more likely the scan becomes: without the pair the plot is false and the
+    target was missed. A pair that gains nothing is not made. With the paper's score, where the gate
+    alone accepts a plot, it is the score less that at the edge of the gate.
+
+    Examples
+    --------
+    The first track is nearer to both plots, and the second one gets the other:
+
+    >>> from tertia.association import associate
+    >>> result = associate([[0, 0], [3, 0]], [[1, 0], [0, 1]], [[0.9, 0], [0, 0.5]],
+    ...                    clutter_density=1e-3)
+    >>> result
+    Association(2 of 2 tracks, 2 of 2 plots)
+    >>> result.plot_of_track
+    array([1, 0])
+    """
+    if score not in ("likelihood", "paper"):
+        raise ValueError(f"score is {score!r}; it must be 'likelihood' or 'paper'")
+    if method not in ("global", "nearest"):
+        raise ValueError(f"method is {method!r}; it must be 'global' or 'nearest'")
+    tracks, scan = _points(predicted, "predicted"), _points(plots, "plots")
+    pairs = gate(tracks, covariance, scan, plot_covariance, probability=probability)
+    m = tracks.shape[-1]
+    if score == "paper":
+        worth = _core.paper_score(pairs.distance, real(q, "q"), m)
+        edge = np.array([gate_threshold(probability, m)])
+        gain = worth - _core.paper_score(edge, real(q, "q"), m)
+    else:
+        if clutter_density is None:
+            raise ValueError("clutter_density is missing; score='likelihood' needs it")
+        worth, missed = _core.likelihood_score(
+            pairs.distance,
+            pairs.log_determinant,
+            m,
+            real(detection_probability, "detection_probability"),
+            real(clutter_density, "clutter_density"),
+        )
+        gain = worth - missed
+    chosen = _core.assign_pairs(pairs.track, pairs.plot, gain, len(tracks), len(scan), method)
+    return _association(pairs, worth, chosen, len(scan))
+
+
+def _association(pairs: Pairs, worth: FloatArray, chosen: IntArray, plots: int) -> Association:
+    """Return the result, with what the chosen pairs are worth."""
+    track_of_plot = np.full(plots, _NONE, dtype=np.int64)
+    has_plot = np.flatnonzero(chosen >= 0)
+    track_of_plot[chosen[has_plot]] = has_plot
+    score, distance = (np.full(len(chosen), np.nan) for _ in range(2))
+    mine = chosen[pairs.track] == pairs.plot
+    score[pairs.track[mine]] = worth[mine]
+    distance[pairs.track[mine]] = pairs.distance[mine]
+    return Association(track_of_plot, chosen, score, distance)
+
+
+def _probability(probability: float | Gate) -> float:
+    """Return the probability of a gate."""
+    if isinstance(probability, str):
+        if probability not in _GATES:
+            raise ValueError(
+                f"probability is {probability!r}; it must be a number, 'inner', 'outer' or 'guard'"
+            )
+        return _GATES[probability]
+    return real(probability, "probability")
+
+
+def _squares(d2: npt.ArrayLike) -> FloatArray:
+    """Return normalised distances squared."""
+    distance = finite(d2, "d2")
+    if np.any(distance < 0.0):
+        raise ValueError("d2 must not be negative")
+    return distance
+
+
+def _points(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return positions, (N, 2) or (N, 3)."""
+    array = finite(value, name)
+    if array.ndim != 2 or array.shape[-1] not in (2, 3):
+        raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
+    return array
+
+
+def _matrices(value: npt.ArrayLike, name: str, count: int, m: int) -> FloatArray:
+    """Return covariances, (count, m, m)."""
+    array = finite(value, name)
+    if array.shape not in {(count, m, m), (m, m)}:
+        raise ValueError(
+            f"{name} has shape {array.shape}; it must be ({count}, {m}, {m}) or ({m}, {m})"
+        )
+    return np.broadcast_to(array, (count, m, m))

@@ -1,0 +1,128 @@
+"""The distance of two sets of positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray, finite, positive, real
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gospa:
+    """The generalised optimal sub-pattern assignment metric, and its parts.
+
+    Attributes
+    ----------
+    distance : float
+        The metric, in metres: `(localisation + missed + false)^(1/order)`.
+    localisation : float
+        Sum of the distances of estimates to their targets, to the power `order`.
+    missed : float
+        What targets without an estimate cost, in the same unit.
+    false : float
+        What estimates without a target cost, in the same unit.
+    """
+
+    distance: float
+    localisation: float
+    missed: float
+    false: float
+
+    def __repr__(self) -> str:
+        """Tell the metric and its parts."""
+        return (
+            f"Gospa({self.distance:.6g}: localisation {self.localisation:.6g}, "
+            f"missed {self.missed:.6g}, false {self.false:.6g})"
+        )
+
+
+def gospa(
+    estimates: npt.ArrayLike,
+    truth: npt.ArrayLike,
+    cutoff: float,
+    order: float = 2.0,
+    alpha: float = 2.0,
+) -> Gospa:
+    """Return how far a set of estimated positions is from the true ones.
+
+    Parameters
+    ----------
+    estimates : array_like of shape (N, m)
+        Estimated positions at one instant, m = 2 or 3.
+    truth : array_like of shape (M, m)
+        True positions.
+    cutoff : float
+        Metres at which an estimate is as bad as none.
+    order : float
+        Exponent, at least 1: the larger, the more do outliers cost.
+    alpha : float
+        Above 0 and at most 2. With 2 a target or estimate that is left over costs half of
+        `cutoff**order`.
+
+    Returns
+    -------
+    Gospa
+        The metric and its parts.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number that is not finite or outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Rahmathullah, Garcia-Fernandez, Svensson 2017, definition 1: the least sum, over all one-to-one
+    pairings of the smaller set, of `min(d, cutoff)^order`, and `cutoff^order / alpha` for each
+    element by which the larger set is larger. A pair at the cutoff is one missed target and one
+    false estimate, half each. Only for `alpha = 2` do the parts count all of them alike.
+
+    Examples
+    --------
+    One target is seen 3 m off, one is missed, and one estimate is false:
+
+    >>> from tertia import metrics
+    >>> metrics.gospa([[3, 0], [500, 0]], [[0, 0], [0, 90]], cutoff=10)
+    Gospa(10.4403: localisation 9, missed 50, false 50)
+    """
+    found, true = finite(estimates, "estimates"), finite(truth, "truth")
+    for array, name in ((found, "estimates"), (true, "truth")):
+        if array.ndim != 2 or array.shape[-1] not in (2, 3):
+            raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
+    if found.shape[-1] != true.shape[-1]:
+        raise ValueError(f"estimates has shape {found.shape} and truth {true.shape}")
+    limit = float(positive(real(cutoff, "cutoff"), "cutoff"))
+    p, divisor = real(order, "order"), real(alpha, "alpha")
+    if not 1.0 <= p < np.inf:
+        raise ValueError(f"order is {p}; it must be at least 1")
+    if not 0.0 < divisor <= 2.0:
+        raise ValueError(f"alpha is {divisor}; it must be above 0 and at most 2")
+    n, m = len(found), len(true)
+    row, column, distance = pairs_within(found, true, limit)
+    # in units of the cutoff, so that no power overflows
+    cost = (distance / limit) ** p
+    chosen = _core.assign_pairs(row, column, 1.0 - cost, n, m, "global")
+    mine = chosen[row] == column
+    at_cutoff = min(n, m) - np.count_nonzero(mine)
+    localisation = float(np.sum(cost[mine]))
+    missed = at_cutoff / 2 + max(m - n, 0) / divisor
+    false = at_cutoff / 2 + max(n - m, 0) / divisor
+    total = localisation + missed + false
+    unit = limit**p
+    return Gospa(limit * total ** (1 / p), unit * localisation, unit * missed, unit * false)
+
+
+def pairs_within(
+    points: FloatArray, others: FloatArray, limit: float
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the indices of all points and others that are not farther apart, and how far."""
+    m = points.shape[-1]
+    # in units of the limit, so that squares stay in range
+    unit = np.broadcast_to(np.eye(m), (len(points), m, m))
+    row, column, square, _ = _core.gate_pairs(points / limit, unit, others / limit, None, 1.0)
+    return row, column, limit * np.sqrt(square)

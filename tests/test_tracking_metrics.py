@@ -1,0 +1,429 @@
+"""The metrics of tracking by hand, by SciPy, and by brute force."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import optimize
+from scipy.spatial.distance import cdist
+
+from tertia import metrics
+from tertia.metrics import gospa, match_tracks, surveillance, track_errors
+
+NAN, INF = float("nan"), float("inf")
+
+
+def rng(*seed):
+    return np.random.default_rng(seed)
+
+
+class TestTrackErrors:
+    @pytest.mark.parametrize(
+        ("error", "course", "along", "across"),
+        [
+            ([0, 5], 0.0, 5, 0),
+            ([5, 0], 0.0, 0, 5),
+            ([5, 0], 90.0, 5, 0),
+            ([0, 5], 90.0, 0, -5),
+            ([3, 4], 180.0, -4, -3),
+            ([1, 1], 45.0, np.sqrt(2), 0),
+            ([1, -1], 45.0, 0, np.sqrt(2)),
+        ],
+    )
+    def test_by_hand(self, error, course, along, across):
+        found = track_errors(error, np.radians(course))
+        assert found == pytest.approx((along, across), abs=1e-15)
+        assert isinstance(found[0], float)
+
+    def test_turning_keeps_the_length(self):
+        error, course = rng(1).normal(size=(4, 1, 2)), rng(2).uniform(0, 7, (1, 5))
+        along, across = track_errors(error, course)
+        assert along.shape == (4, 5)
+        np.testing.assert_allclose(
+            np.hypot(along, across), np.linalg.norm(error, axis=-1) + 0 * along
+        )
+        assert metrics.rmse(along) ** 2 + metrics.rmse(across) ** 2 == pytest.approx(
+            metrics.rmse(np.linalg.norm(error, axis=-1)) ** 2
+        )
+
+    def test_what_is_not_known_is_nan(self):
+        along, across = track_errors([[NAN, 1], [1, 0]], [0, 0])
+        np.testing.assert_array_equal(np.isnan(along), [True, False])
+        assert across[1] == 1
+
+    def test_errors(self):
+        with pytest.raises(ValueError, match=r"error has shape \(3,\)"):
+            track_errors([1, 2, 3], 0)
+        with pytest.raises(ValueError, match="do not fit together"):
+            track_errors(np.ones((3, 2)), [0, 1])
+        with pytest.raises(TypeError, match="course has dtype"):
+            track_errors([1, 2], "north")
+
+
+def by_definition(x, y, c, p, alpha):
+    """GOSPA, trying every way to pair the smaller set."""
+    if len(x) > len(y):
+        x, y = y, x
+    cut = np.minimum(cdist(x, y), c) if len(x) else np.empty((0, len(y)))
+    best = min(
+        sum(cut[i, j] ** p for i, j in enumerate(order))
+        for order in itertools.permutations(range(len(y)), len(x))
+    )
+    return (best + c**p / alpha * (len(y) - len(x))) ** (1 / p)
+
+
+class TestGospa:
+    @pytest.mark.parametrize(("n", "m"), [(0, 0), (0, 3), (3, 0), (1, 1), (3, 3), (2, 5), (5, 2)])
+    @pytest.mark.parametrize("order", [1, 2, 3.5])
+    @pytest.mark.parametrize("alpha", [0.5, 1, 2])
+    def test_against_the_definition(self, n, m, order, alpha):
+        for seed in range(5):
+            generator = rng(3, n, m, seed)
+            dimensions = 2 + seed % 2
+            x = generator.uniform(0, 20, (n, dimensions))
+            y = generator.uniform(0, 20, (m, dimensions))
+            found = gospa(x, y, 9.0, order, alpha)
+            assert found.distance == pytest.approx(by_definition(x, y, 9.0, order, alpha))
+            parts = found.localisation + found.missed + found.false
+            assert found.distance == pytest.approx(parts ** (1 / order))
+
+    def test_parts_by_hand(self):
+        """As Stone Soup: 3 and 4 metres off, one missed, two false; half of 10² each."""
+        truth = [[0, 0], [100, 0], [200, 0]]
+        found = gospa([[3, 0], [100, 4], [300, 0], [400, 0]], truth, 10)
+        assert found.localisation == pytest.approx(25)
+        assert found.missed == pytest.approx(50)
+        assert found.false == pytest.approx(100)
+        assert found.distance == pytest.approx(np.sqrt(175))
+        assert repr(found) == "Gospa(13.2288: localisation 25, missed 50, false 100)"
+
+    def test_as_many_thousands_against_scipy(self):
+        generator = rng(4)
+        y = generator.uniform(0, 1e5, (1500, 2))
+        x = y[:1400] + generator.normal(0, 400, (1400, 2))
+        found = gospa(x, y, 1000.0)
+        cost = np.minimum(cdist(x, y), 1000.0) ** 2
+        least = cost[optimize.linear_sum_assignment(cost)].sum() + 100 * 1000.0**2 / 2
+        assert found.distance == pytest.approx(np.sqrt(least), rel=1e-12)
+
+    @pytest.mark.parametrize("unit", [1e-100, 1e100])
+    def test_in_any_unit(self, unit):
+        x, y = rng(5).uniform(0, 9, (2, 6, 2))
+        assert gospa(unit * x, unit * y, 4 * unit, 1.5).distance == pytest.approx(
+            unit * gospa(x, y, 4, 1.5).distance
+        )
+
+    def test_is_a_metric(self):
+        generator = rng(6)
+        for _ in range(200):
+            x, y, z = (generator.uniform(0, 10, (generator.integers(0, 5), 2)) for _ in range(3))
+            a, b, c = (gospa(*pair, 4).distance for pair in ((x, y), (y, z), (x, z)))
+            assert c <= a + b + 1e-12
+            assert a == pytest.approx(gospa(y, x, 4).distance)
+        assert gospa(x, x, 4).distance == 0
+
+    @pytest.mark.parametrize(
+        ("arguments", "kind", "message"),
+        [
+            (([1, 2], [[1, 2]], 1), ValueError, r"estimates has shape \(2,\)"),
+            (([[1, 2]], [[1]], 1), ValueError, r"truth has shape \(1, 1\)"),
+            (([[1, 2]], [[1, 2, 3]], 1), ValueError, r"and truth \(1, 3\)"),
+            (([[1, NAN]], [[1, 2]], 1), ValueError, r"estimates\[0, 1\] is nan"),
+            (([[1, 2]], [[1, 2]], 0), ValueError, "cutoff is 0"),
+            (([[1, 2]], [[1, 2]], INF), ValueError, "cutoff is inf"),
+            (([[1, 2]], [[1, 2]], 1, 0.5), ValueError, "order is 0.5"),
+            (([[1, 2]], [[1, 2]], 1, NAN), ValueError, "order is nan"),
+            (([[1, 2]], [[1, 2]], 1, 2, 0), ValueError, "alpha is 0"),
+            (([[1, 2]], [[1, 2]], 1, 2, 2.1), ValueError, "alpha is 2.1"),
+            (([[1, 2]], [[1, 2]], "x"), TypeError, "cutoff is 'x'"),
+        ],
+    )
+    def test_errors(self, arguments, kind, message):
+        with pytest.raises(kind, match=message):
+            gospa(*arguments)
+
+
+def flights(*rows):
+    """Truth of targets, one row each: identifier, then times and positions."""
+    columns = [(t, name, (x, y)) for name, points in rows for t, x, y in points]
+    time, target, position = zip(*columns, strict=True)
+    return {"truth_time": time, "target": target, "truth_position": position}
+
+
+def updates(*rows):
+    """Updates, one row each: time, track, east, north."""
+    time, track, east, north = np.array(rows, dtype=float).T
+    return time, track.astype(int), np.column_stack([east, north])
+
+
+TWO = flights((5, [(0, 0, 0), (10, 1000, 0)]), (2, [(0, 0, 100), (10, 1000, 100)]))
+
+
+class TestMatchTracks:
+    def test_the_nearest_target_between_its_times(self):
+        found = match_tracks(*updates((4, 1, 400, 10), (4, 2, 390, 95)), **TWO, distance=50)
+        np.testing.assert_array_equal(found.targets, [2, 5])
+        np.testing.assert_array_equal(found.target, [1, 0])
+        np.testing.assert_allclose(found.error, [[0, 10], [-10, -5]])
+        np.testing.assert_array_equal(found.switches, [0, 0])
+        assert repr(found) == "Matching(2 of 2 updates, 2 targets)"
+
+    def test_outside_its_time_a_target_is_not_there(self):
+        rows = [(t, 1, 100 * t, 0) for t in (-1e-6, 0, 10, 10 + 1e-6)]
+        found = match_tracks(*updates(*rows), **TWO, distance=50)
+        np.testing.assert_array_equal(found.matched, [False, True, True, False])
+
+    def test_a_track_keeps_its_target(self):
+        """At 5 s it is nearer to the other one, but still within the distance."""
+        rows = [(4, 1, 400, 0), (5, 1, 500, 70), (6, 1, 600, 95)]
+        found = match_tracks(*updates(*rows), **TWO, distance=80)
+        np.testing.assert_array_equal(found.targets[found.target], [5, 5, 2])
+        np.testing.assert_array_equal(found.switches, [0, 0])
+
+    def test_a_switch_is_a_target_under_another_track(self):
+        rows = [(1, 1, 100, 0), (2, 9, 200, 0), (3, 9, 300, 0), (4, 1, 400, 0)]
+        found = match_tracks(*updates(*rows), **TWO, distance=50)
+        np.testing.assert_array_equal(found.switches, [0, 2])
+
+    def test_two_tracks_that_change_places(self):
+        before = [(1, 1, 100, 0), (1, 2, 100, 100)]
+        after = [(2, 1, 200, 100), (2, 2, 200, 0)]
+        found = match_tracks(*updates(*before, *after), **TWO, distance=50)
+        np.testing.assert_array_equal(found.targets[found.target], [5, 2, 2, 5])
+        np.testing.assert_array_equal(found.switches, [1, 1])
+
+    def test_a_second_track_shows_none(self):
+        rows = [(1, 1, 100, 10), (1, 2, 100, -2), (2, 1, 200, 10), (2, 2, 200, -2)]
+        found = match_tracks(*updates(*rows), **TWO, distance=50)
+        np.testing.assert_array_equal(found.target, [-1, 1, -1, 1])
+
+    def test_as_many_as_possible(self):
+        """The first track is nearest to the target that is the only one for the second."""
+        rows = [(1, 1, 100, 45), (1, 2, 100, -70)]
+        found = match_tracks(*updates(*rows), **TWO, distance=80)
+        np.testing.assert_array_equal(found.targets[found.target], [2, 5])
+
+    def test_updates_of_one_scan_at_different_times(self):
+        rows = [(1, 1, 100, 0), (2, 2, 200, 1), (5, 1, 500, 0), (6, 2, 600, 1)]
+        apart = match_tracks(*updates(*rows), **TWO, distance=50)
+        assert apart.matched.all()
+        found = match_tracks(*updates(*rows), **TWO, distance=50, period=4)
+        np.testing.assert_array_equal(found.matched, [True, False, True, False])
+
+    def test_a_track_twice_in_a_scan(self):
+        rows = [(1, 1, 100, 0), (2, 1, 200, 20), (2, 2, 200, 15)]
+        found = match_tracks(*updates(*rows), **TWO, distance=50, period=4)
+        np.testing.assert_array_equal(found.target, [1, 1, -1])
+
+    def test_the_order_does_not_matter(self):
+        generator = rng(7)
+        n = 300
+        rows = (
+            generator.uniform(0, 10, n).round(),
+            generator.integers(0, 9, n),
+            generator.uniform(0, 1000, (n, 2)),
+        )
+        _, kept = np.unique(np.stack(rows[:2]), axis=1, return_index=True)
+        rows = [column[kept] for column in rows]
+        order = generator.permutation(len(kept))
+        truth = flights(
+            *[
+                (name, [(0, *generator.uniform(0, 1000, 2)), (10, *generator.uniform(0, 1000, 2))])
+                for name in range(12)
+            ]
+        )
+        other_order = generator.permutation(24)
+        shuffled = {key: np.asarray(column)[other_order] for key, column in truth.items()}
+        one = match_tracks(*rows, **truth, distance=150)
+        other = match_tracks(*(column[order] for column in rows), **shuffled, distance=150)
+        np.testing.assert_array_equal(one.target[order], other.target)
+        np.testing.assert_array_equal(one.switches, other.switches)
+        assert 20 < one.matched.sum() < len(kept)
+
+    def test_truth_against_numpy(self):
+        """Interpolated truth, by the errors of updates that are near, in space."""
+        generator = rng(8)
+        truth, time, track, place, expected = [], [], [], [], []
+        for name in range(20):
+            t = np.sort(generator.uniform(0, 100, 15))
+            path = np.column_stack([1000.0 * name + 0 * t, np.cumsum(t), np.sin(t)])
+            truth += [(a, name, tuple(b)) for a, b in zip(t, path, strict=True)]
+            when = generator.uniform(t[0], t[-1], 30)
+            at = np.column_stack([np.interp(when, t, column) for column in path.T])
+            error = generator.normal(0, 10, at.shape)
+            time.append(when)
+            track.append(np.full(30, name))
+            place.append(at + error)
+            expected.append(error)
+        generator.shuffle(truth)
+        instants, names, points = zip(*truth, strict=True)
+        columns = {"truth_time": instants, "target": names, "truth_position": points}
+        found = match_tracks(
+            np.concatenate(time),
+            np.concatenate(track),
+            np.concatenate(place),
+            **columns,
+            distance=100,
+            period=10,
+        )
+        assert found.matched.all()
+        np.testing.assert_allclose(found.error, np.concatenate(expected), atol=1e-9)
+
+    def test_no_updates(self):
+        found = match_tracks([], np.empty(0, int), np.empty((0, 2)), **TWO, distance=50)
+        assert found.target.shape == (0,)
+        np.testing.assert_array_equal(found.switches, [0, 0])
+
+    @pytest.mark.parametrize(
+        ("change", "kind", "message"),
+        [
+            ({"time": [[1.0]]}, ValueError, r"time has shape \(1, 1\)"),
+            ({"time": [NAN]}, ValueError, r"time\[0\] is nan"),
+            ({"track": [1, 2]}, ValueError, r"track has shape \(2,\)"),
+            ({"track": [1.0]}, TypeError, "track has dtype float64"),
+            ({"position": [1, 2]}, ValueError, r"position has shape \(2,\)"),
+            ({"position": [[1, 2, 3]]}, ValueError, r"and truth_position \(4, 2\)"),
+            ({"target": [1, 2]}, ValueError, r"target has shape \(2,\)"),
+            ({"target": [5, 5, 5, 5]}, ValueError, r"target 5 has two positions at 0\.0"),
+            ({"truth_position": [[0, INF]] * 4}, ValueError, r"truth_position\[0, 1\] is inf"),
+            ({"distance": 0}, ValueError, "distance is 0"),
+            ({"period": -1}, ValueError, "period is -1"),
+            (
+                {"truth_time": [], "target": np.empty(0, int), "truth_position": np.empty((0, 2))},
+                ValueError,
+                "truth_time is empty",
+            ),
+        ],
+    )
+    def test_errors(self, change, kind, message):
+        right = {"time": [1], "track": [1], "position": [[0, 0]], **TWO, "distance": 50}
+        with pytest.raises(kind, match=message):
+            match_tracks(**{**right, **change})
+
+
+ONE = flights((3, [(0, 0, 0), (100, 10_000, 0)]))
+
+
+def seen(*times, track=1, north=0.0):
+    return [(t, track, 100 * t, north) for t in times]
+
+
+def judged(*rows, truth=ONE, period=4.0, distance=500.0):
+    return surveillance(*updates(*rows), **truth, period=period, distance=distance)
+
+
+class TestSurveillance:
+    def test_everything_is_there(self):
+        found = judged(*seen(*range(0, 101, 4)))
+        assert found.probability_of_update == 1
+        assert found.long_gap_ratio == 0
+        np.testing.assert_array_equal(found.expected_updates, [26])
+        np.testing.assert_array_equal(found.missed_updates, [0])
+        np.testing.assert_array_equal(found.latency, [0])
+        assert (found.false_tracks, found.false_updates, found.missed_targets) == (0, 0, 0)
+        assert found.switches == 0
+        assert found.rmse == pytest.approx(0, abs=1e-9)
+
+    def test_single_misses_by_hand(self):
+        """One and two updates are missed in two gaps of 8 s and 12 s: 23 of 26 are there."""
+        times = [t for t in range(0, 101, 4) if t not in (20, 48, 52)]
+        found = judged(*seen(*times))
+        np.testing.assert_array_equal(found.missed_updates, [3])
+        assert found.probability_of_update == pytest.approx(23 / 26)
+        assert found.long_gap_ratio == 0
+
+    def test_a_long_gap_by_hand(self):
+        """Three are missed in 16 s, which is more than 3.3 periods; one in 8 s."""
+        times = [t for t in range(0, 101, 4) if t not in (20, 48, 52, 56)]
+        found = judged(*seen(*times))
+        assert found.probability_of_update == pytest.approx(22 / 26)
+        assert found.long_gap_ratio == pytest.approx(3 / 26)
+
+    def test_late_by_a_little_is_not_missed(self):
+        times = np.arange(0, 101, 4) + np.resize([0, 0.9, -0.9], 26)
+        found = judged(*seen(*np.clip(times, 0, 100)))
+        assert found.probability_of_update == 1
+        np.testing.assert_array_equal(found.expected_updates, [26])
+
+    def test_the_end_counts_and_the_beginning_is_latency(self):
+        found = judged(*seen(*range(20, 61, 4)))
+        np.testing.assert_array_equal(found.latency, [20])
+        np.testing.assert_array_equal(found.expected_updates, [21])
+        np.testing.assert_array_equal(found.missed_updates, [10])
+        assert found.long_gap_ratio == pytest.approx(10 / 21)
+
+    def test_more_updates_than_needed_are_no_merit(self):
+        every = judged(*seen(*range(0, 101, 1)))
+        assert every.probability_of_update == 1
+        times = [*np.arange(0, 21, 0.5), *range(40, 101, 4)]
+        found = judged(*seen(*times))
+        assert found.missed_updates[0] == 4
+        assert found.expected_updates[0] < 26
+
+    def test_a_target_that_nobody_sees(self):
+        truth = flights(
+            (3, [(0, 0, 0), (100, 10_000, 0)]), (1, [(0, 0, 9e4), (8, 0, 9e4), (20, 0, 9e4)])
+        )
+        found = judged(*seen(*range(0, 101, 4)), truth=truth)
+        np.testing.assert_array_equal(found.expected_updates, [6, 26])
+        np.testing.assert_array_equal(found.missed_updates, [6, 0])
+        assert found.probability_of_update == pytest.approx(26 / 32)
+        assert found.long_gap_ratio == pytest.approx(6 / 32)
+        assert found.missed_targets == 1
+        np.testing.assert_array_equal(found.latency, [NAN, 0])
+        assert "1 of 2 targets missed" in repr(found)
+
+    def test_false_tracks_and_updates(self):
+        """Track 2 is far off, track 3 most of the time, track 4 half of the time."""
+        rows = seen(*range(0, 101, 4))
+        rows += seen(0, 4, 8, track=2, north=5e3)
+        truth = flights((3, [(0, 0, 0), (100, 10_000, 0)]), (4, [(0, 0, 2e4), (100, 0, 2e4)]))
+        rows += [(0, 3, 0, 2e4), (4, 3, 0, 3e4), (8, 3, 0, 3e4)]
+        rows += [(40, 4, 0, 2e4), (44, 4, 0, 3e4)]
+        found = judged(*rows, truth=truth)
+        assert found.false_updates == 6
+        assert found.false_tracks == 2
+        assert found.switches == 1
+
+    def test_switches_and_errors(self):
+        rows = [*seen(*range(0, 49, 4), north=30.0), *seen(*range(52, 101, 4), track=8, north=-40)]
+        found = judged(*rows)
+        assert found.switches == 1
+        count = 13
+        assert found.rmse == pytest.approx(np.sqrt((count * 900 + count * 1600) / (2 * count)))
+        _, across = track_errors(found.matching.error, np.pi / 2)
+        np.testing.assert_allclose(np.sort(np.unique(across.round(6))), [-30, 40])
+
+    def test_by_monte_carlo_it_is_the_probability_of_detection(self):
+        """Where updates are missed independently, the ratio is that of detection."""
+        generator = rng(9)
+        time = np.arange(0, 4000, 4.0)
+        truth = flights(*[(k, [(0, 0, 5e3 * k), (3996, 4e5, 5e3 * k)]) for k in range(20)])
+        rows = []
+        for k in range(20):
+            there = generator.uniform(size=len(time)) < 0.9
+            t = time[there]
+            rows += [(a, k, a * 4e5 / 3996, 5e3 * k) for a in t]
+        found = judged(*rows, truth=truth)
+        total = found.expected_updates.sum()
+        sigma = np.sqrt(0.9 * 0.1 / total)
+        assert abs(found.probability_of_update - 0.9) < 3 * sigma
+        # three or more in a row: 0.9 (3 0.1³ + 4 0.1⁴ 0.9 ...) a scan
+        share = sum(m * 0.1**m * 0.9**2 for m in range(3, 40))
+        assert found.long_gap_ratio == pytest.approx(share, rel=0.35)
+
+    def test_no_updates_at_all(self):
+        found = surveillance(
+            [], np.empty(0, int), np.empty((0, 2)), **ONE, period=4.0, distance=500.0
+        )
+        assert found.probability_of_update == 0
+        assert found.long_gap_ratio == 1
+        assert found.missed_targets == 1
+        assert np.isnan(found.rmse)
+
+    def test_errors(self):
+        for key in ("period", "distance"):
+            with pytest.raises(ValueError, match=f"{key} is 0"):
+                judged(*seen(0, 4), **{key: 0})
+            with pytest.raises(TypeError, match=f"{key} is None"):
+                judged(*seen(0, 4), **{key: None})
