@@ -21,8 +21,10 @@ CLUTTER = -1
 _HEIGHT_STEP = 30.48
 # bits of a code that others' replies may change
 _CODE_BITS = 12
-# seconds: the beam and the aircraft are at one azimuth; rounds in which that is found
-_MEETS, _ROUNDS = 1e-6, 20
+# seconds: a step of Newton's so short that the next is below a microsecond; rounds of it
+_MEETS, _ROUNDS = 1e-2, 20
+# share of the beam's rate that is left between it and an aircraft, at least
+_SLOWEST = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,12 +167,16 @@ def radar_plots(
         _number(identity_missing_probability, "identity_missing_probability", 0.0, 1.0),
         _number(identity_garbled_probability, "identity_garbled_probability", 0.0, 1.0),
     )
-    parts = [_nothing()]
+    parts, numbers = [_nothing()], [np.zeros(0, dtype=np.int64)]
     for k, radar in enumerate(stations):
         flight, time = _meetings(traffic, radar, float(north[k]))
-        parts.append(_seen(traffic, radar, k, shift[k], flight, time, faults, random))
-        parts.append(_clutter(traffic, radar, k, float(false[k]), float(north[k]), random))
+        parts += [
+            _seen(traffic, radar, flight, time, bias=shift[k], faults=faults, random=random),
+            _clutter(traffic, radar, mean=float(false[k]), north=float(north[k]), random=random),
+        ]
+        numbers.append(np.full(len(parts[-2]["time"]) + len(parts[-1]["time"]), k))
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    columns["radar"] = np.concatenate(numbers)
     order = np.argsort(columns["time"], kind="stable")
     columns = {name: column[order] for name, column in columns.items()}
     truth = {name: columns.pop(name) for name in ("target", "outlier", "duplicate")}
@@ -190,7 +196,9 @@ class _Faults:
 
 
 def _radars(radars: Sequence[Radar]) -> list[Radar]:
-    chosen = list(radars) if isinstance(radars, Sequence) else [radars]
+    if not isinstance(radars, Sequence):
+        raise TypeError(f"radars is {radars!r}; it must be a sequence of Radar")
+    chosen = list(radars)
     for i, radar in enumerate(chosen):
         if not isinstance(radar, Radar):
             raise TypeError(f"radars[{i}] is {radar!r}; it must be a Radar")
@@ -200,9 +208,10 @@ def _radars(radars: Sequence[Radar]) -> list[Radar]:
 def _per_radar(value: npt.ArrayLike, name: str, shape: tuple[int, ...]) -> FloatArray:
     array = finite(value, name)
     try:
-        return np.broadcast_to(array, shape).copy()
+        fitted: FloatArray = np.broadcast_to(array, shape).copy()
     except ValueError:
         raise ValueError(f"{name} has shape {array.shape}; it must fit {shape}") from None
+    return fitted
 
 
 def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, FloatArray]:
@@ -210,44 +219,58 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
 
     A scan later the beam is where the aircraft was; the next meeting is found from there.
     """
-    flight = np.arange(len(traffic))
-    time, end = traffic.start, traffic.end
-    lag = _azimuth(traffic, radar, flight, time) - _beam(radar, north, time)
-    time = time + radar.period * (lag / (2 * np.pi) % 1.0)
+    flight, end = np.arange(len(traffic)), traffic.end
+    azimuth, _ = _azimuth(traffic, radar, flight, traffic.start)
+    lag = azimuth - _beam(radar, north, traffic.start)
+    time = traffic.start + radar.period * (lag / (2 * np.pi) % 1.0)
     flights, times = [flight[:0]], [time[:0]]
     while len(flight):
-        time, meets = _meet(traffic, radar, north, flight, time)
+        time, scan, meets = _meet(traffic, radar, north, flight, time)
         inside = meets & (time >= traffic.start[flight]) & (time <= end[flight])
         flights.append(flight[inside])
         times.append(time[inside])
         later = time <= end[flight]
-        flight, time = flight[later], time[later] + radar.period
+        flight, time = flight[later], (time + scan)[later]
     return np.concatenate(flights), np.concatenate(times)
 
 
 def _meet(
     traffic: Traffic, radar: Radar, north: float, flight: IntArray, guess: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Return when beam and aircraft are at one azimuth, and whether that was found.
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return when beam and aircraft are at one azimuth, how long until the next time, and success.
 
-    The beam is so much faster that a few rounds will do, but right above the radar.
+    By Newton's method. Right above the radar, where an aircraft's azimuth may change as quickly as
+    the beam's, there may be no such time: then the guess is returned.
     """
-    time, late = guess, np.full(len(guess), np.inf)
+    time, scan = guess.copy(), np.full(len(guess), radar.period)
+    open_, meets = np.arange(len(guess)), np.zeros(len(guess), dtype=bool)
     for _ in range(_ROUNDS):
-        ahead = _azimuth(traffic, radar, flight, time) - _beam(radar, north, time)
-        late = radar.period * ((ahead / (2 * np.pi) + 0.5) % 1.0 - 0.5)
-        time = time + late
-        if np.all(np.abs(late) < _MEETS):
+        azimuth, rate = _azimuth(traffic, radar, flight[open_], time[open_])
+        lag = (azimuth - _beam(radar, north, time[open_])) / (2 * np.pi)
+        # the aircraft runs away from the beam, or towards it
+        share = np.maximum(1.0 - rate * radar.period / (2 * np.pi), _SLOWEST)
+        late = radar.period / share * ((lag + 0.5) % 1.0 - 0.5)
+        time[open_] += late
+        scan[open_] = radar.period / share
+        found = np.abs(late) < _MEETS
+        meets[open_[found]] = True
+        open_ = open_[~found]
+        if not len(open_):
             break
-    meets = np.abs(late) < _MEETS
-    return np.where(meets, time, guess), meets
+    time[open_], scan[open_] = guess[open_], radar.period
+    return time, scan, meets
 
 
-def _azimuth(traffic: Traffic, radar: Radar, flight: IntArray, time: FloatArray) -> FloatArray:
+def _azimuth(
+    traffic: Traffic, radar: Radar, flight: IntArray, time: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return azimuths and their rates; before the start and behind the end those there."""
     inside = np.clip(time, traffic.start[flight], traffic.end[flight])
-    offset = traffic._state(flight, inside)[0] - radar.position[:2]
-    azimuth: FloatArray = np.arctan2(offset[:, 0], offset[:, 1])
-    return azimuth
+    position, velocity = traffic._state(flight, inside)
+    offset = position - complex(*radar.position[:2])
+    # an aircraft right above the radar has any azimuth
+    slope = velocity / np.where(offset == 0.0, 1.0, offset)
+    return np.angle(1j * offset.conj()), -slope.imag
 
 
 def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
@@ -257,18 +280,18 @@ def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
 def _seen(
     traffic: Traffic,
     radar: Radar,
-    k: int,
-    bias: FloatArray,
     flight: IntArray,
     time: FloatArray,
+    *,
+    bias: FloatArray,
     faults: _Faults,
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
     """Return the plots of the aircraft that are within the range and detected."""
-    offset = traffic._state(flight, time)[0] - radar.position[:2]
+    offset = traffic._state(flight, time)[0] - complex(*radar.position[:2])
     height = traffic._height_at(flight, time)
     place = radar.position[2] if len(radar.position) == 3 else 0.0
-    distance = np.hypot(*offset.T)
+    distance = np.abs(offset)
     distance = np.where(np.isnan(height), distance, np.hypot(distance, height - place))
     seen = random.uniform(size=len(flight)) < radar.detection_probability
     seen &= distance <= radar.range_max
@@ -277,14 +300,13 @@ def _seen(
     n = len(rows)
     outlier = random.uniform(size=n) < faults.outlier
     error = random.standard_normal((2, n)) * np.where(outlier, faults.size, 1.0)
-    azimuth = np.arctan2(*offset[rows].T) + bias[1] + radar.azimuth_sigma * error[1]
+    azimuth = np.angle(1j * offset[rows].conj()) + bias[1] + radar.azimuth_sigma * error[1]
     told = np.round(height[rows] / _HEIGHT_STEP) * _HEIGHT_STEP
     told[random.uniform(size=n) < faults.no_height] = np.nan
     return {
         "time": time[rows],
         "range": np.abs(distance[rows] + bias[0] + radar.range_sigma * error[0]),
         "azimuth": azimuth % (2 * np.pi),
-        "radar": np.full(n, k),
         "height": told,
         "identity": _identity(traffic.identity[flight[rows]], faults, random),
         "target": flight[rows],
@@ -306,7 +328,7 @@ def _identity(identity: IntArray, faults: _Faults, random: np.random.Generator) 
 def _clutter(
     traffic: Traffic,
     radar: Radar,
-    k: int,
+    *,
     mean: float,
     north: float,
     random: np.random.Generator,
@@ -315,14 +337,13 @@ def _clutter(
     if mean == 0.0 or not len(traffic):
         return _nothing()
     limit = radar.range_max
-    _require(np.isfinite(limit), f"range_max of radar {k}", limit, "finite where there is clutter")
+    _require(bool(np.isfinite(limit)), "range_max", limit, "finite where there is clutter")
     first, last = float(np.min(traffic.start)), float(np.max(traffic.end))
     n = int(random.poisson(mean * (last - first) / radar.period))
     time = random.uniform(first, last, n)
     columns = _nothing(n)
     columns["time"], columns["azimuth"] = time, _beam(radar, north, time) % (2 * np.pi)
     columns["range"] = limit * np.sqrt(random.uniform(size=n))
-    columns["radar"] = np.full(n, k)
     return columns
 
 
@@ -333,7 +354,6 @@ def _nothing(n: int = 0) -> dict[str, npt.NDArray[np.generic]]:
         "time": unknown,
         "range": unknown,
         "azimuth": unknown,
-        "radar": np.zeros(n, dtype=np.int64),
         "height": unknown,
         "identity": np.full(n, NO_IDENTITY),
         "target": np.full(n, CLUTTER),

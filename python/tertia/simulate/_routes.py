@@ -109,19 +109,19 @@ class _Planned:
 
     def route(
         self,
-        before: int,
+        between: tuple[int, int],
         places: list[FloatArray],
         passing: list[int],
-        after: int,
+        *,
         height: float,
         leave: int,
         rejoin: int = NEVER,
     ) -> Route:
-        """Return the plan with other places between the waypoints `before` and `after`.
+        """Return the plan with other places between two of its waypoints, all at one height.
 
-        `leave` and `rejoin` count the waypoints of the new route. All other places have the height
-        of the first.
+        `leave` and `rejoin` count the waypoints of the new route.
         """
+        before, after = between
         n = len(places)
         tail = len(self) - after
         points = [*self.waypoints[: before + 1], *places, *self.waypoints[after:]]
@@ -147,7 +147,9 @@ def _speed(plan: _Planned, lasting: float, random: np.random.Generator) -> Route
     """Fly the route, from some place on faster or slower."""
     leg = int(random.integers(len(plan) - 1))
     place, share = plan.spot(leg, random)
-    route = plan.route(leg, [place], [FLY_OVER], leg + 1, plan.height(leg, share), NEVER)
+    route = plan.route(
+        (leg, leg + 1), [place], [FLY_OVER], height=plan.height(leg, share), leave=NEVER
+    )
     change = random.uniform(*_SPEED_CHANGE) * random.choice([-1.0, 1.0])
     speeds = route.speeds.copy()
     speeds[leg + 1 :] = np.maximum(speeds[leg + 1 :] + change, 0.7 * speeds[leg + 1 :])
@@ -160,7 +162,9 @@ def _shortcut(plan: _Planned, lasting: float, random: np.random.Generator) -> Ro
     place, share = plan.spot(leg, random)
     target = min(_ahead(plan, place, plan.along[leg], leg, leg + 2), len(plan) - 1)
     height = plan.height(leg, share)
-    return plan.route(leg, [place], [DIRECT], target, height, leg + 1, leg + 2)
+    return plan.route(
+        (leg, target), [place], [DIRECT], height=height, leave=leg + 1, rejoin=leg + 2
+    )
 
 
 def _holding(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
@@ -175,7 +179,9 @@ def _holding(plan: _Planned, lasting: float, random: np.random.Generator) -> Rou
     places = [*lap * int(random.integers(1, 3)), fix]
     passing = [FLY_BY] * (len(places) - 1) + [FLY_OVER]
     height = plan.height(leg, share)
-    return plan.route(leg, places, passing, leg + 1, height, leg + 1, leg + len(places))
+    return plan.route(
+        (leg, leg + 1), places, passing, height=height, leave=leg + 1, rejoin=leg + len(places)
+    )
 
 
 def _vectoring(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
@@ -192,7 +198,7 @@ def _vectoring(plan: _Planned, lasting: float, random: np.random.Generator) -> R
         abeam = off + lasting * plan.speeds[leg] * along
     places, height = [place, off, abeam], plan.height(leg, share)
     passing = [DIRECT, FLY_BY, FLY_BY]
-    return plan.route(leg, places, passing, target, height, leg + 1, leg + 4)
+    return plan.route((leg, target), places, passing, height=height, leave=leg + 1, rejoin=leg + 4)
 
 
 def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
@@ -202,7 +208,11 @@ def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Rout
     angle = random.uniform(*_HIJACK_ANGLE) * random.choice([-1.0, 1.0])
     away = place + lasting * plan.speeds[leg] * rotate(plan.along[leg], angle)
     return plan.route(
-        leg, [place, away], [DIRECT, FLY_BY], len(plan), plan.height(leg, share), leg + 1
+        (leg, len(plan)),
+        [place, away],
+        [DIRECT, FLY_BY],
+        height=plan.height(leg, share),
+        leave=leg + 1,
     )
 
 
@@ -213,7 +223,9 @@ def _straight_on(plan: _Planned, lasting: float, random: np.random.Generator) ->
     begin = plan.waypoints[turn] - plan.leads[turn - 1] * along
     away = begin + lasting * plan.speeds[turn - 1] * along
     height = float(plan.heights[turn])
-    return plan.route(turn - 1, [begin, away], [FLY_OVER, FLY_BY], len(plan), height, turn)
+    return plan.route(
+        (turn - 1, len(plan)), [begin, away], [FLY_OVER, FLY_BY], height=height, leave=turn
+    )
 
 
 def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
@@ -225,7 +237,9 @@ def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> 
     place = plan.waypoints[turn]
     away = place + lasting * plan.speeds[turn] * rotate(plan.along[turn - 1], flown)
     height = float(plan.heights[turn])
-    return plan.route(turn - 1, [place, away], [FLY_BY, FLY_BY], len(plan), height, turn)
+    return plan.route(
+        (turn - 1, len(plan)), [place, away], [FLY_BY, FLY_BY], height=height, leave=turn
+    )
 
 
 def _fly_over(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
@@ -234,13 +248,12 @@ def _fly_over(plan: _Planned, lasting: float, random: np.random.Generator) -> Ro
     place = plan.waypoints[turn]
     begin = place - plan.leads[turn - 1] * plan.along[turn - 1]
     return plan.route(
-        turn - 1,
+        (turn - 1, turn + 1),
         [begin, place],
         [FLY_OVER, FLY_OVER],
-        turn + 1,
-        float(plan.heights[turn]),
-        turn,
-        turn + 1,
+        height=float(plan.heights[turn]),
+        leave=turn,
+        rejoin=turn + 1,
     )
 
 

@@ -19,7 +19,7 @@ SetUpName: TypeAlias = Literal["tma", "middle", "en-route"]
 
 # turns of a route, and their angles in radians
 _TURNS = (2, 4)
-_ANGLES = np.radians([20.0, 110.0])
+_ANGLES = (np.radians(20.0), np.radians(110.0))
 # scans of straight flight on every leg
 _STRAIGHT = (15.0, 30.0)
 # flight levels of a thousand feet
@@ -83,12 +83,13 @@ def set_up(name: SetUpName) -> SetUp:
 
 
 def _radar(
-    name: str, period: float, metres: float, degrees: float, seen: float, limit: float
+    name: str, period: float, noise: tuple[float, float], seen: float, limit: float
 ) -> Radar:
+    """Return the radar at the origin; its noise in metres and degrees."""
     return Radar(
         (0.0, 0.0),
-        range_sigma=metres,
-        azimuth_sigma=np.radians(degrees).item(),
+        range_sigma=noise[0],
+        azimuth_sigma=np.radians(noise[1]).item(),
         period=period,
         range_max=limit,
         detection_probability=seen,
@@ -99,21 +100,21 @@ def _radar(
 # a radar sees farther than its routes reach: flights that leave them stay in view
 _SET_UPS: dict[str, SetUp] = {
     "tma": SetUp(
-        _radar("tma", 4.0, 50.0, 0.08, 0.95, 150e3),
+        _radar("tma", 4.0, (50.0, 0.08), 0.95, 150e3),
         (15e3, 90e3),
         (110.0, 160.0),
         (1500.0, 4500.0),
         15.0,
     ),
     "middle": SetUp(
-        _radar("middle", 6.0, 75.0, 0.10, 0.94, 280e3),
+        _radar("middle", 6.0, (75.0, 0.10), 0.94, 280e3),
         (30e3, 200e3),
         (160.0, 200.0),
         (4000.0, 9000.0),
         30.0,
     ),
     "en-route": SetUp(
-        _radar("en-route", 10.0, 100.0, 0.12, 0.92, 400e3),
+        _radar("en-route", 10.0, (100.0, 0.12), 0.92, 400e3),
         (60e3, 300e3),
         (200.0, 250.0),
         (8500.0, 12_500.0),
@@ -234,5 +235,5 @@ def _inside(scene: SetUp, points: FloatArray, sizes: IntArray) -> BoolArray:
     good = np.hypot(*np.moveaxis(nearest, -1, 0)) >= near
     good &= np.hypot(*np.moveaxis(points[:, 1:], -1, 0)) <= far
     used = np.arange(points.shape[1] - 1) < sizes[:, np.newaxis] - 1
-    good = good | ~used
-    return np.all(good, axis=1)
+    keeps: BoolArray = np.all(good | ~used, axis=1)
+    return keeps

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, integer
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, integer, samples
 from tertia.flightplan import FlightPlan
 from tertia.simulate._records import _number, _pair, _require
 
@@ -21,6 +21,7 @@ _SPACING = 9260.0
 # radians per second: those of an airliner's turn, half to twice of it
 _TURN_RATES = (np.radians(0.75), np.radians(3.0))
 _HEIGHTS = (3000.0, 12_000.0)
+_NOWHERE = complex(np.nan, np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +142,8 @@ class Traffic:
             No such flight.
         ValueError
             Shapes that do not fit.
+        TypeError
+            Numbers of flights that are no integers.
 
         Examples
         --------
@@ -150,24 +153,46 @@ class Traffic:
         >>> (position[1] - position[0]).round(3)
         array([0., 0.])
         """
-        who, when = np.broadcast_arrays(np.asarray(flight), np.asarray(time, dtype=np.float64))
-        inside = ((when >= self.start[who]) & (when <= self.end[who]))[..., np.newaxis]
-        position, velocity = self._state(who, when)
-        return np.where(inside, position, np.nan), np.where(inside, velocity, np.nan)
+        flights, times = self._flights(flight), samples(time, "time")
+        try:
+            who, when = np.broadcast_arrays(flights, times)
+        except ValueError:
+            raise ValueError(
+                f"time has shape {times.shape}; it must fit flight, {flights.shape}"
+            ) from None
+        inside = (when >= self.start[who]) & (when <= self.end[who])
+        position, velocity = (np.where(inside, x, _NOWHERE) for x in self._state(who, when))
+        return parts(position), parts(velocity)
 
-    def _state(self, flight: IntArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return position and velocity as `at` does, and go on beyond start and end."""
-        k, share = self._place(flight, time)
-        u = share[..., np.newaxis]
-        first, second = self.position[flight, k], self.position[flight, k + 1]
-        begin = self.step * self.velocity[flight, k]
-        end = self.step * self.velocity[flight, k + 1]
-        way = second - first
+    def _state(
+        self, flight: IntArray, time: FloatArray
+    ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+        """Return position and velocity as `at` does, and go on beyond start and end.
+
+        East and north are real and imaginary part.
+        """
+        k, u = self._place(flight, time)
+        k += flight * self.position.shape[1]
+        positions = np.ascontiguousarray(self.position).view(np.complex128).reshape(-1)
+        velocities = np.ascontiguousarray(self.velocity).view(np.complex128).reshape(-1)
+        first, way = positions[k], positions[k + 1]
+        way -= first
+        begin, end = self.step * velocities[k], self.step * velocities[k + 1]
         # the cubic by its derivatives at the first sample
         square, cube = 3 * way - 2 * begin - end, begin + end - 2 * way
         position = first + u * (begin + u * (square + u * cube))
         velocity = (begin + u * (2 * square + 3 * u * cube)) / self.step
         return position, velocity
+
+    def _flights(self, flight: npt.ArrayLike) -> IntArray:
+        """Return numbers of flights, counted from the start."""
+        who = np.asarray(flight)
+        if who.dtype.kind not in "iu":
+            raise TypeError(f"flight has dtype {who.dtype}; it must hold integers")
+        n = len(self)
+        if np.any((who < -n) | (who >= n)):
+            raise IndexError(f"flight must be between {-n} and {n - 1}")
+        return np.where(who < 0, who + n, who).astype(np.int64)
 
     def _place(self, flight: IntArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return the sample before a time, and the share of the step behind it.
@@ -251,7 +276,8 @@ def dense_traffic(
     begin = np.where(turns, random.uniform(0.0, time[-1], n), np.inf)
     middle = (random.uniform(-0.5, 0.5, (n, 2)) * extent) @ [1.0, 1.0j]
     height = random.uniform(*_HEIGHTS, n)
-    return _smooth_flights(middle, velocity, rate, begin, begin + length, height, time)
+    turn = (rate, begin, begin + length)
+    return _smooth_flights(middle, velocity, time, turn=turn, height=height)
 
 
 def encounter(
@@ -333,7 +359,7 @@ def encounter(
     velocity = _number(speed, "speed", 1.0) * along
     levels = np.full(n, _number(height, "height"))
     time = _grid(duration, step)
-    return _smooth_flights(spots, velocity, np.zeros(n), never, never, levels, time)
+    return _smooth_flights(spots, velocity, time, turn=(np.zeros(n), never, never), height=levels)
 
 
 def _grid(duration: float, step: float) -> FloatArray:
@@ -341,23 +367,23 @@ def _grid(duration: float, step: float) -> FloatArray:
     h = _number(step, "step", 1e-3)
     length = _number(duration, "duration", 1e-3)
     _require(length / h < 1e7, "duration", duration, "below ten million steps")
-    return h * np.arange(int(np.ceil(length / h - 1e-9)) + 1)
+    return h * np.arange(np.ceil(length / h - 1e-9) + 1, dtype=np.float64)
 
 
 def _smooth_flights(
     middle: npt.NDArray[np.complex128],
     velocity: npt.NDArray[np.complex128],
-    rate: FloatArray,
-    begin: FloatArray,
-    end: FloatArray,
-    height: FloatArray,
     time: FloatArray,
+    *,
+    turn: tuple[FloatArray, FloatArray, FloatArray],
+    height: FloatArray,
 ) -> Traffic:
     """Return flights with one turn each; east and north are real and imaginary parts.
 
-    `velocity` is that before the turn, `middle` the place in the middle of the time. A turn that
-    never begins does so at infinity.
+    `velocity` is that before the turn, `middle` the place in the middle of the time. A turn has a
+    rate (clockwise), a beginning and an end; one that is not flown begins at infinity.
     """
+    rate, begin, end = turn
     start = np.minimum(begin, time[-1])[:, np.newaxis]
     length = np.minimum(end, time[-1])[:, np.newaxis] - start
     # of the course, clockwise: the argument of a velocity falls
@@ -375,8 +401,8 @@ def _smooth_flights(
         np.zeros(n),
         np.full(n, len(time)),
         float(time[1] - time[0]),
-        np.stack([place.real, place.imag], axis=-1),
-        np.stack([now.real, now.imag], axis=-1),
+        parts(place),
+        parts(now),
         np.where(turning, w, 0.0),
         turning,
         np.repeat(height[:, np.newaxis], len(time), axis=1),
@@ -385,3 +411,8 @@ def _smooth_flights(
         never,
         never.copy(),
     )
+
+
+def parts(array: npt.NDArray[np.complex128]) -> FloatArray:
+    """Return real and imaginary parts on a last axis."""
+    return np.ascontiguousarray(array)[..., np.newaxis].view(np.float64)
