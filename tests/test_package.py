@@ -12,7 +12,9 @@ import tertia
 from tertia import (
     _core,
     bearing,
+    flightplan,
     fusion,
+    io,
     kalman,
     location,
     metrics,
@@ -26,7 +28,9 @@ from tertia import (
 
 MODULES = [
     bearing,
+    flightplan,
     fusion,
+    io,
     kalman,
     location,
     metrics,
@@ -113,7 +117,7 @@ def test_every_public_name_exists_and_is_documented(module):
 
 @pytest.mark.parametrize(
     "module",
-    [bearing, fusion, kalman, metrics, screening, simulate, smoothing, weights],
+    [bearing, flightplan, fusion, io, kalman, metrics, screening, simulate, smoothing, weights],
     ids=lambda module: module.__name__,
 )
 def test_functions_document_what_they_take_return_and_raise(module):

@@ -5,7 +5,8 @@ ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia
 estimates and tells what not knowing their covariances costs, `tertia.location` makes a position of
 what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
 positions along time, `tertia.trajectory` does both for what stations measured along time,
-`tertia.fusion` makes one track of several radars', `tertia.metrics` tells whether errors are as
+`tertia.fusion` makes one track of several radars', `tertia.flightplan` tells what tracks have to
+do with flight plans, `tertia.io` reads these, `tertia.metrics` tells whether errors are as
 claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the
 command `tertia` needs the extra `cli`.
 """
@@ -14,7 +15,9 @@ import warnings
 
 from tertia import (
     bearing,
+    flightplan,
     fusion,
+    io,
     kalman,
     location,
     metrics,
@@ -34,7 +37,9 @@ __all__ = [
     "__version__",
     "bearing",
     "estimate_bearing",
+    "flightplan",
     "fusion",
+    "io",
     "kalman",
     "location",
     "metrics",

@@ -11,7 +11,9 @@ __all__ = [
     "cochran",
     "combine",
     "combine_scalar",
+    "conformance",
     "consistency_bounds",
+    "correlate",
     "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
@@ -33,6 +35,11 @@ __all__ = [
     "local_polynomial",
     "locate",
     "location_accuracy",
+    "passing_times",
+    "plan_geometry",
+    "plan_path",
+    "plan_project",
+    "plan_speeds",
     "simulated_excess",
     "singer_transition",
     "smooth",
@@ -238,3 +245,25 @@ def local_polynomial(
 def smooth(
     tracks: dict[str, Any], n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...
+def plan_speeds(
+    waypoints: FloatArray, times: FloatArray, bank: float, turn_rate: float
+) -> FloatArray: ...
+def plan_geometry(
+    plan: dict[str, Any],
+) -> tuple[float, FloatArray, FloatArray, list[FloatArray], list[FloatArray]]: ...
+def plan_path(plan: dict[str, Any], values: FloatArray, are_times: bool) -> list[FloatArray]: ...
+def plan_project(
+    plan: dict[str, Any], positions: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]: ...
+def correlate(
+    plans: list[dict[str, Any]],
+    tracks: dict[str, Any],
+    identities: list[int],
+    n_threads: int | None,
+) -> tuple[FloatArray, IntArray, IntArray]: ...
+def conformance(
+    plan: dict[str, Any], track: dict[str, Any], period: float
+) -> tuple[IntArray, list[FloatArray], list[BoolArray]]: ...
+def passing_times(
+    plan: dict[str, Any], track: dict[str, Any], legs: list[int]
+) -> list[FloatArray]: ...
