@@ -13,7 +13,9 @@ from tertia import (
     _core,
     association,
     bearing,
+    flightplan,
     fusion,
+    io,
     kalman,
     location,
     metrics,
@@ -28,7 +30,9 @@ from tertia import (
 MODULES = [
     association,
     bearing,
+    flightplan,
     fusion,
+    io,
     kalman,
     location,
     metrics,
@@ -121,7 +125,19 @@ def test_every_public_name_exists_and_is_documented(module):
 
 @pytest.mark.parametrize(
     "module",
-    [association, bearing, fusion, kalman, metrics, screening, simulate, smoothing, weights],
+    [
+        association,
+        bearing,
+        flightplan,
+        fusion,
+        io,
+        kalman,
+        metrics,
+        screening,
+        simulate,
+        smoothing,
+        weights,
+    ],
     ids=lambda module: module.__name__,
 )
 def test_functions_document_what_they_take_return_and_raise(module):

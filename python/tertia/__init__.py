@@ -6,9 +6,10 @@ estimates and tells what not knowing their covariances costs, `tertia.location` 
 what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
 positions along time, `tertia.trajectory` does both for what stations measured along time,
 `tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs to
-which track, `tertia.metrics` tells whether errors are as claimed and how good tracks are,
-`tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the command
-`tertia` needs the extra `cli`.
+which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads these,
+`tertia.metrics` tells whether errors are as claimed and how good tracks are, `tertia.simulate` makes
+records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
+`cli`.
 """
 
 import warnings
@@ -16,7 +17,9 @@ import warnings
 from tertia import (
     association,
     bearing,
+    flightplan,
     fusion,
+    io,
     kalman,
     location,
     metrics,
@@ -37,7 +40,9 @@ __all__ = [
     "association",
     "bearing",
     "estimate_bearing",
+    "flightplan",
     "fusion",
+    "io",
     "kalman",
     "location",
     "metrics",

@@ -13,7 +13,9 @@ __all__ = [
     "cochran",
     "combine",
     "combine_scalar",
+    "conformance",
     "consistency_bounds",
+    "correlate",
     "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
@@ -41,6 +43,11 @@ __all__ = [
     "location_accuracy",
     "paper_score",
     "paper_score_zero",
+    "passing_times",
+    "plan_geometry",
+    "plan_path",
+    "plan_project",
+    "plan_speeds",
     "simulated_excess",
     "singer_transition",
     "smooth",
@@ -288,3 +295,25 @@ def gate_pairs(
 def assign_pairs(
     row: IntArray, column: IntArray, gain: FloatArray, rows: int, columns: int, method: str
 ) -> IntArray: ...
+def plan_speeds(
+    waypoints: FloatArray, times: FloatArray, bank: float, turn_rate: float
+) -> FloatArray: ...
+def plan_geometry(
+    plan: dict[str, Any],
+) -> tuple[float, FloatArray, FloatArray, list[FloatArray], list[FloatArray]]: ...
+def plan_path(plan: dict[str, Any], values: FloatArray, are_times: bool) -> list[FloatArray]: ...
+def plan_project(
+    plan: dict[str, Any], positions: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]: ...
+def correlate(
+    plans: list[dict[str, Any]],
+    tracks: dict[str, Any],
+    identities: list[int],
+    n_threads: int | None,
+) -> tuple[FloatArray, IntArray, IntArray]: ...
+def conformance(
+    plan: dict[str, Any], track: dict[str, Any], period: float
+) -> tuple[IntArray, list[FloatArray], list[BoolArray]]: ...
+def passing_times(
+    plan: dict[str, Any], track: dict[str, Any], legs: list[int]
+) -> list[FloatArray]: ...

@@ -3,6 +3,7 @@
 mod arrays;
 mod association;
 mod bearing;
+mod flightplan;
 mod fusion;
 mod instant;
 mod kalman;
@@ -24,6 +25,10 @@ mod core_module {
     };
     #[pymodule_export]
     use super::bearing::estimate_bearing;
+    #[pymodule_export]
+    use super::flightplan::{
+        conformance, correlate, passing_times, plan_geometry, plan_path, plan_project, plan_speeds,
+    };
     #[pymodule_export]
     use super::fusion::{TrackFusion, fuse_series};
     #[pymodule_export]

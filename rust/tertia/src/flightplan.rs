@@ -22,7 +22,7 @@ mod route;
 mod turn;
 
 pub use capture::{Capture, capture, lead_ratio, start_hazard};
-pub use correlation::{Decision, Link, Sighting, Status, decide, score};
+pub use correlation::{Decision, Link, Sighting, Status, decide, mean_scores, score};
 pub use monitor::{Monitor, Verdict};
 pub use refinement::{Passing, Refinement};
 pub use route::{Projection, Route};

@@ -102,6 +102,20 @@ pub fn score(route: &Route, seen: &Sighting) -> f64 {
     best
 }
 
+/// Fills the mean scores of plans over the sightings that are there, nan for none, and returns their
+/// number.
+///
+/// # Panics
+/// If there is not one score for each route.
+pub fn mean_scores(routes: &[Route], seen: &[Sighting], scores: &mut [f64]) -> usize {
+    let present = || seen.iter().filter(|seen| seen.is_present());
+    let count = present().count();
+    for (route, mean) in routes.iter().zip(scores) {
+        *mean = present().map(|seen| score(route, seen)).sum::<f64>() / count as f64;
+    }
+    count
+}
+
 /// What scores say of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {

@@ -1,0 +1,223 @@
+"""Files: flight plans from CSV, JSON and GeoJSON.
+
+Needs the extra `io` (Polars for CSV, pyproj for geodetic positions). Angles in files are degrees,
+in fields whose names end in `_deg`; everything else is in SI units.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tertia._arrays import FloatArray, real
+from tertia.flightplan import FlightPlan
+
+__all__ = ["read_plans"]
+
+_LOCAL, _GEODETIC = ("east_m", "north_m"), ("longitude_deg", "latitude_deg")
+# fields of a plan, and of its waypoints
+_OF_PLAN = ("name", "identity", "aircraft_type", "bank_deg", "turn_radius_m", "start_time_s")
+_OF_WAYPOINT = ("height_m", "time_s", "speed_m_s")
+_PLURAL = {"height_m": "heights_m", "time_s": "times_s", "speed_m_s": "speeds_m_s"}
+
+
+def read_plans(
+    path: str | Path,
+    *,
+    origin: tuple[float, float] | None = None,
+    banks: Mapping[str, float] | None = None,
+    speed: float | None = None,
+) -> list[FlightPlan]:
+    """Read flight plans from a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file whose name ends in `.csv`, `.json` or `.geojson`.
+    origin : (float, float), optional
+        Latitude and longitude of the origin of the local coordinates in degrees (WGS 84), needed
+        where the file has geodetic positions. Distances and azimuths from there are kept.
+    banks : mapping of str to float, optional
+        Bank angles in radians by aircraft type, for plans that have a type and no bank.
+    speed : float, optional
+        Ground speed in metres per second of plans that have neither speeds nor times.
+
+    Returns
+    -------
+    list of FlightPlan
+        In the order of the file. Waypoints that are where the one before them is are left out.
+
+    Raises
+    ------
+    ValueError
+        A file or field that cannot be understood; the message names the plan.
+    ImportError
+        A library that is not installed.
+    OSError
+        A file that cannot be read.
+
+    Notes
+    -----
+    CSV has a row for each waypoint and the columns `name`; `east_m` and `north_m`, or
+    `longitude_deg` and `latitude_deg`; and any of `height_m`, `time_s`, `speed_m_s` (of the leg
+    that starts there), `identity`, `aircraft_type`, `bank_deg`, `turn_radius_m`, `start_time_s`; of
+    those that belong to the plan its first row counts. Rows with the same name are one plan.
+
+    JSON is a list of objects with the same fields, in which `waypoints` is a list of pairs `[east,
+    north]`, or, with `"geodetic": true`, `[longitude, latitude]`, and `heights_m`, `times_s` and
+    `speeds_m_s` are lists or, where it makes sense, numbers. GeoJSON is a FeatureCollection of
+    LineStrings whose properties are these fields; a third coordinate is the height.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from tertia.io import read_plans
+    >>> text = '[{"name": "A", "waypoints": [[0, 0], [0, 5e4], [4e4, 7e4]], "speeds_m_s": 220}]'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "plans.json")
+    ...     _ = path.write_text(text)
+    ...     read_plans(path)
+    [FlightPlan(A: 3 waypoints, 93.4 km, 424 s)]
+    """
+    path = Path(path)
+    readers = {".csv": _read_csv, ".json": _read_json, ".geojson": _read_json}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise ValueError(f"cannot read {path}: its name must end in {', '.join(readers)}")
+    plans = []
+    for at, fields in enumerate(reader(path)):
+        called = f"plan {fields['name']}" if fields.get("name") else f"plan {at}"
+        try:
+            plans.append(_plan(fields, origin, banks or {}, speed))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}, {called}: {error}") from None
+    return plans
+
+
+def _plan(
+    fields: dict[str, Any],
+    origin: tuple[float, float] | None,
+    banks: Mapping[str, float],
+    speed: float | None,
+) -> FlightPlan:
+    places = np.array([pair[:2] for pair in fields["waypoints"]], dtype=np.float64).reshape(-1, 2)
+    if fields.get("geodetic"):
+        places = _local(places, origin)
+    # the same place twice is one waypoint
+    kept = np.ones(len(places), dtype=bool)
+    kept[1:] = np.any(places[1:] != places[:-1], axis=1)
+    bank, kind = fields.get("bank_deg"), fields.get("aircraft_type")
+    radius = fields.get("turn_radius_m")
+    times, speeds = fields.get("times_s"), fields.get("speeds_m_s")
+    if times is None and speeds is None:
+        speeds = speed
+    if radius is None and bank is None and kind is not None and kind in banks:
+        bank = math.degrees(banks[kind])
+    identity = fields.get("identity")
+    return FlightPlan(
+        places[kept],
+        _chosen(speeds, kept, of_legs=True),
+        times=_chosen(times, kept),
+        start_time=fields.get("start_time_s"),
+        heights=_chosen(fields.get("heights_m"), kept),
+        bank=None if bank is None else math.radians(real(bank, "bank_deg")),
+        turn_radius=radius,
+        identity=None if identity is None else int(identity),
+        name=fields.get("name"),
+    )
+
+
+def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
+    """Return those of the waypoints that are kept, or of the legs that end at them."""
+    if value is None or np.ndim(value) == 0 or len(value) != len(kept) - int(of_legs):
+        return value
+    return np.asarray(value, dtype=np.float64)[kept[1:] if of_legs else kept]
+
+
+def _local(degrees: FloatArray, origin: tuple[float, float] | None) -> FloatArray:
+    """Return east and north of longitudes and latitudes; distance and azimuth are kept."""
+    if origin is None:
+        raise ValueError("its positions are geodetic; origin must be given")
+    try:
+        from pyproj import Geod  # noqa: PLC0415  # only here is pyproj needed
+    except ImportError as error:
+        raise ImportError("geodetic positions need pyproj: pip install 'tertia[io]'") from error
+    count = len(degrees)
+    latitude, longitude = origin
+    azimuth, _, distance = Geod(ellps="WGS84").inv(
+        np.full(count, longitude), np.full(count, latitude), degrees[:, 0], degrees[:, 1]
+    )
+    angle = np.radians(azimuth)
+    return np.column_stack([distance * np.sin(angle), distance * np.cos(angle)])
+
+
+def _read_json(path: Path) -> Iterable[dict[str, Any]]:
+    try:
+        contents = json.loads(path.read_text("utf-8"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"cannot read {path}: {error}") from None
+    if isinstance(contents, dict):
+        if contents.get("type") != "FeatureCollection":
+            raise ValueError(f"{path} is neither a list of plans nor a FeatureCollection")
+        contents = [_of_feature(feature, path) for feature in contents.get("features", [])]
+    for at, fields in enumerate(contents):
+        if not isinstance(fields, dict) or not isinstance(fields.get("waypoints"), list):
+            raise ValueError(f"{path}, plan {at} has no waypoints")
+    return list(contents)
+
+
+def _of_feature(feature: dict[str, Any], path: Path) -> dict[str, Any]:
+    geometry = feature.get("geometry") or {}
+    if geometry.get("type") != "LineString":
+        raise ValueError(f"{path} has a {geometry.get('type')}; plans are LineStrings")
+    points = geometry["coordinates"]
+    fields = {"geodetic": True, "waypoints": points, **(feature.get("properties") or {})}
+    if all(len(point) > 2 for point in points):
+        fields.setdefault("heights_m", [point[2] for point in points])
+    return fields
+
+
+def _read_csv(path: Path) -> Iterable[dict[str, Any]]:
+    try:
+        import polars as pl  # noqa: PLC0415  # only here is Polars needed
+    except ImportError as error:
+        raise ImportError("CSV needs Polars: pip install 'tertia[io]'") from error
+    try:
+        table = pl.read_csv(path, infer_schema=False, glob=False)
+    except pl.exceptions.PolarsError as error:
+        raise ValueError(f"cannot read {path}: {str(error).splitlines()[0]}") from None
+    axes = next((pair for pair in (_LOCAL, _GEODETIC) if set(pair) <= set(table.columns)), None)
+    if axes is None or "name" not in table.columns:
+        raise ValueError(
+            f"{path} has the columns {', '.join(table.columns)}; it must have name, and "
+            f"{' and '.join(_LOCAL)} or {' and '.join(_GEODETIC)}"
+        )
+    text = {"name", "aircraft_type"}
+    known = [column for column in (*_OF_PLAN, *_OF_WAYPOINT, *axes) if column in table.columns]
+    table = table.filter(~pl.all_horizontal(pl.all().is_null()))
+    numbers = [column for column in known if column not in text]
+    try:
+        table = table.with_columns(pl.col(numbers).str.strip_chars().cast(pl.Float64))
+    except pl.exceptions.PolarsError as error:
+        raise ValueError(f"cannot read {path}: {str(error).splitlines()[0]}") from None
+    groups = table.partition_by("name", maintain_order=True)
+    return [_of_rows(group, known, axes) for group in groups]
+
+
+def _of_rows(table: Any, known: list[str], axes: tuple[str, str]) -> dict[str, Any]:
+    fields: dict[str, Any] = {
+        "geodetic": axes == _GEODETIC,
+        "waypoints": table.select(axes).rows(),
+    }
+    for column in known:
+        if column in _OF_PLAN:
+            fields[column] = table[column][0]
+        elif column in _OF_WAYPOINT and table[column].null_count() < table.height:
+            values = table[column].to_numpy()
+            fields[_PLURAL[column]] = values[:-1] if column == "speed_m_s" else values
+    return fields
