@@ -133,8 +133,9 @@ def flights(
             speeds.append(speed)
             distance += speed * step
             off = kept * off + np.sqrt(1 - kept**2) * rng.normal(0, sigma)
-        times = step * np.arange(len(speeds))
-        yield FlightPlan(waypoints, planned), flown, times, np.array(distances), np.array(speeds)
+        ways, rates = np.array([distances, speeds], dtype=np.float64)
+        times = step * np.arange(len(speeds), dtype=np.float64)
+        yield FlightPlan(waypoints, planned), flown, times, ways, rates
 
 
 def tracked(
