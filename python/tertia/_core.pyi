@@ -315,5 +315,5 @@ def conformance(
     plan: dict[str, Any], track: dict[str, Any], period: float
 ) -> tuple[IntArray, list[FloatArray], list[BoolArray]]: ...
 def passing_times(
-    plan: dict[str, Any], track: dict[str, Any], legs: list[int]
+    plan: dict[str, Any], track: dict[str, Any], legs: list[int], drift: float
 ) -> list[FloatArray]: ...

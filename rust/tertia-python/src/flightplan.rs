@@ -290,6 +290,7 @@ pub fn passing_times<'py>(
     plan: Plan<'py>,
     track: Tracks<'py>,
     legs: Vec<i64>,
+    drift: f64,
 ) -> PyResult<[Array<'py>; 4]> {
     let route = plan.route()?;
     let (seen, shape) = track.sightings()?;
@@ -299,7 +300,7 @@ pub fn passing_times<'py>(
     let (n, count) = (seen.len(), route.legs() + 1);
     let (mut times, mut sigmas) = (Vec::with_capacity(n * count), Vec::with_capacity(n * count));
     let (mut speeds, mut speed_sigmas) = (Vec::with_capacity(n), Vec::with_capacity(n));
-    let mut refinement = Refinement::default();
+    let mut refinement = Refinement::new(drift);
     for (seen, &leg) in seen.iter().zip(&legs) {
         if let Ok(leg) = usize::try_from(leg)
             && leg < route.legs()
