@@ -428,6 +428,17 @@ def test_plots_on_both_sides_of_a_far_prediction():
     assert 0.07 < result.sigma[0, 0] < 0.15
 
 
+def test_an_angle_that_is_known_exactly():
+    """The plots of that step tell nothing of it; later ones do."""
+    z = batches(k=2, n=30, seed=6)
+    state = np.zeros((2, 3)), np.tile(np.diag([0, 1e-3, 1e-5]), (2, 1, 1))
+    result = fuse_series(z, 0.01, MODEL, initial=state)
+    expected = fuse_series(z, 0.01, MODEL, method="central", initial=state)
+    np.testing.assert_array_equal(result.mean[0], 0)
+    away = (result.mean - expected.mean)[1:] / expected.sigma[1:]
+    assert np.abs(away).max() < 1
+
+
 def test_shares_of_a_step():
     """Of those that have a plot; of nothing there is none."""
     z = batches(k=3, n=60, seed=5)

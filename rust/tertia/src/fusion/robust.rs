@@ -417,14 +417,18 @@ impl Robust {
         }
     }
 
-    /// Corrects the components by their clusters; without one they are given up.
+    /// Corrects the components by their clusters; without one they are given up. An angle that is
+    /// known exactly needs no correction.
     fn correct(&mut self) {
         for cluster in &self.clusters {
             let Component { filter, motion, .. } = &mut self.components[cluster.component];
+            let prior = filter.state().covariance[0];
+            if prior == 0.0 {
+                continue;
+            }
             let expected: f64 = motion.iter().zip(MANOEUVRES).map(|(p, level)| p * level).sum();
             // all plots together are one, z* = x + ν* with the variance R*, after a prediction of
             // so much more variance
-            let prior = filter.state().covariance[0];
             let inflation = expected.max(cluster.variance / prior / (1.0 - LEAST_GAIN));
             let gain = 1.0 - cluster.variance / (inflation * prior);
             filter.correct(cluster.mean / gain, cluster.variance / gain, inflation);
