@@ -809,6 +809,19 @@ class TestArguments:
         with pytest.raises(ValueError, match=message):
             locate(SQUARE, **options)
 
+    def test_degrees_are_told(self):
+        """Where there is no position; azimuths beyond a turn may be unwrapped."""
+        with pytest.raises(ValueError, match=r"station.*; azimuths are radians, .*\[0\] is 45"):
+            locate(SQUARE, azimuth=[45.0, 315.0, 225.0, 135.0], azimuth_sigma=2.0)
+        with pytest.raises(ValueError, match=r"do not meet.*radians, and azimuth\[0\] is 315"):
+            locate([[0, 0], [1000, 0]], azimuth=[315.0, 315.0], azimuth_sigma=2.0)
+        with pytest.raises(np.linalg.LinAlgError, match=r"radians, and azimuth\[0\] is 90"):
+            locate([[0, 0, 0], [1e3, 0, 0]], azimuth=[90, 90], range=[1, NAN], **sigma(SIGMAS))
+        with pytest.raises(ValueError, match=r"do not meet[^;]*short or too long$"):
+            locate([[0, 0], [1000, 0]], azimuth=[-0.3, 0.3], azimuth_sigma=0.1)
+        with pytest.raises(ValueError, match=r"elevation\[1\] is 45.0; .* pi \(radians\), or nan"):
+            locate(TRIO, elevation=[0.1, 45.0, 0.2], elevation_sigma=0.1)
+
     def test_stations(self):
         with pytest.raises(TypeError, match="one Station"):
             locate(Station([0, 0]), azimuth=[1.0])

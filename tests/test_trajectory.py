@@ -566,3 +566,10 @@ def test_threads_change_nothing():
     one, four = (reconstruct(**arguments(), n_threads=count) for count in (1, 4))
     np.testing.assert_array_equal(one.position, four.position)
     np.testing.assert_array_equal(one.covariance, four.covariance)
+
+
+def test_degrees_are_told():
+    stations = [Station(place, azimuth_sigma=1.0) for place in ([1000.0, 0.0], [0.0, 0.0])]
+    azimuth = np.full((5, 2), 315.0)
+    with pytest.raises(ValueError, match=r"no instant.*radians, and azimuth\[0, 0\] is 315"):
+        reconstruct(stations, np.arange(5.0), azimuth=azimuth)

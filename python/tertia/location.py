@@ -421,7 +421,10 @@ def locate(
         integer(redundancy, "redundancy", 1),
         threads(n_threads),
     )
-    return _location(result, tuple(measured), estimated=_is_unknown(measured))
+    location = _location(result, tuple(measured), estimated=_is_unknown(measured))
+    if isinstance(location.problem, Problem):
+        _raise(location.problem, measured)
+    return location
 
 
 def accuracy_map(
@@ -592,7 +595,7 @@ def _measured(value: npt.ArrayLike, kind: str, k: int) -> FloatArray:
         if kind == "range":
             wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
         elif kind == "elevation":
-            wrong, domain = np.abs(array) > np.pi, "between -pi and pi"
+            wrong, domain = np.abs(array) > np.pi, "between -pi and pi (radians)"
         else:
             wrong, domain = np.isinf(array), "a finite number"
     bad = np.argwhere(wrong)
@@ -699,7 +702,6 @@ def _location(
     problem: Problem | IntArray = problems.astype(np.int64)
     if position.ndim == 1:
         problem = Problem(int(problems))
-        _raise(problem)
 
     def each(array: Any) -> list[Any]:
         return [
@@ -721,8 +723,21 @@ def _location(
     )
 
 
-def _raise(problem: Problem) -> None:
-    if problem == Problem.SINGULAR:
-        raise np.linalg.LinAlgError(problem.reason)
-    if problem:
-        raise ValueError(problem.reason)
+def _raise(problem: Problem, measured: _Measured) -> None:
+    if not problem:
+        return
+    azimuth, _ = measured.get("azimuth", (np.zeros(1), None))
+    reason = problem.reason + _degrees(azimuth)
+    raise np.linalg.LinAlgError(reason) if problem == Problem.SINGULAR else ValueError(reason)
+
+
+def _degrees(azimuth: FloatArray) -> str:
+    """Return what to add to an error where azimuths may be degrees.
+
+    More than a whole turn is no error in itself: azimuths may be unwrapped.
+    """
+    large = np.argwhere(np.abs(azimuth) > 2 * np.pi)
+    if not len(large):
+        return ""
+    place = ", ".join(map(str, large[0]))
+    return f"; azimuths are radians, and azimuth[{place}] is {azimuth[tuple(large[0])]:.6g}"

@@ -26,6 +26,7 @@ from tertia.location import (
     Problem,
     Residuals,
     Station,
+    _degrees,
     _stations,
     _turned,
     locate,
@@ -275,7 +276,8 @@ class _Record:
         if not np.any(fixes.located):
             reasons = np.unique(np.asarray(fixes.problem))
             told = "; ".join(Problem(int(reason)).reason for reason in reasons)
-            raise ValueError(f"no instant can be located: {told}")
+            hint = _degrees(measured["azimuth"]) if "azimuth" in measured else ""
+            raise ValueError(f"no instant can be located: {told}{hint}")
         return fixes
 
     def sigma(self, kind: Kind) -> FloatArray:
