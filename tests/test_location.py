@@ -814,9 +814,9 @@ class TestArguments:
         with pytest.raises(ValueError, match=r"station.*; azimuths are radians, .*\[0\] is 45"):
             locate(SQUARE, azimuth=[45.0, 315.0, 225.0, 135.0], azimuth_sigma=2.0)
         with pytest.raises(ValueError, match=r"do not meet.*radians, and azimuth\[0\] is 315"):
-            locate([[0, 0], [1000, 0]], azimuth=[315.0, 315.0], azimuth_sigma=2.0)
-        with pytest.raises(np.linalg.LinAlgError, match=r"radians, and azimuth\[0\] is 90"):
-            locate([[0, 0, 0], [1e3, 0, 0]], azimuth=[90, 90], range=[1, NAN], **sigma(SIGMAS))
+            locate([[0, 0], [-1000, 0]], azimuth=[315.0, -0.3], azimuth_sigma=2.0)
+        with pytest.raises(np.linalg.LinAlgError, match=r"radians, and azimuth\[1\] is 315"):
+            locate([[0, 0], [1000, 0]], azimuth=[315.0 - 100 * np.pi, 315.0], azimuth_sigma=2.0)
         with pytest.raises(ValueError, match=r"do not meet[^;]*short or too long$"):
             locate([[0, 0], [1000, 0]], azimuth=[-0.3, 0.3], azimuth_sigma=0.1)
         with pytest.raises(ValueError, match=r"elevation\[1\] is 45.0; .* pi \(radians\), or nan"):

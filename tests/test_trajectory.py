@@ -569,7 +569,7 @@ def test_threads_change_nothing():
 
 
 def test_degrees_are_told():
-    stations = [Station(place, azimuth_sigma=1.0) for place in ([1000.0, 0.0], [0.0, 0.0])]
-    azimuth = np.full((5, 2), 315.0)
+    stations = [Station(place, azimuth_sigma=1.0) for place in ([0.0, 0.0], [-1000.0, 0.0])]
+    azimuth = np.tile([315.0, -0.3], (5, 1))
     with pytest.raises(ValueError, match=r"no instant.*radians, and azimuth\[0, 0\] is 315"):
         reconstruct(stations, np.arange(5.0), azimuth=azimuth)
