@@ -1,6 +1,10 @@
 """Geo: against formulas with 50 digits, and against itself."""
 
+import csv
+import os
 import sys
+from datetime import datetime
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -13,6 +17,7 @@ from tertia.trajectory import reconstruct
 
 NAN, INF = float("nan"), float("inf")
 DIGITS = 50
+DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
 FRAME = LocalFrame(-30.7, 135.1, 120.0)
 PLACES = np.array(
     [
@@ -150,6 +155,47 @@ def test_a_trajectory_seen_from_a_ship():
     )
     assert np.sqrt(np.mean(np.sum((track.position - path) ** 2, axis=-1))) < 15
     assert abs(np.mean(frame.to_geodetic(track.position)[2]) - 5000.0) < 15
+
+
+def camera(path):
+    """Place of a camera, seconds, angles and their sigmas in radians, published x, y, z."""
+    lines = path.read_text().splitlines()
+    told = dict(line[5:-1].split(": ", 1) for line in lines if line.startswith("# - {obs_"))
+    place = [float(told[f"obs_{key}"]) for key in ("latitude", "longitude", "elevation")]
+    rows = sorted(
+        csv.DictReader(line for line in lines if not line.startswith("#")),
+        key=lambda row: row["datetime"],
+    )
+    seconds = [datetime.fromisoformat(row["datetime"]).timestamp() for row in rows]
+    angles = [[float(row[key]) for key in ("azimuth", "altitude")] for row in rows]
+    sigmas = [[float(row[f"err_plus_{key}"]) for key in ("azimuth", "altitude")] for row in rows]
+    ecef = [[float(row[f"{axis}_geo"]) for axis in "XYZ"] for row in rows]
+    sigma = np.radians(np.median(sigmas, axis=0))
+    return place, np.array(seconds), np.radians(angles), sigma, np.array(ecef)
+
+
+@pytest.mark.skipif(not (DATA / "dfn_fireball").is_dir(), reason="the recording is not there")
+def test_a_fireball_seen_by_three_cameras():
+    """The published solution is a straight line, from which the sightings are 70 to 260 m off."""
+    cameras = [camera(path) for path in sorted((DATA / "dfn_fireball").glob("*.ecsv"))]
+    times = np.unique(np.concatenate([seconds for _, seconds, *_ in cameras]))
+    azimuth, elevation = np.full((2, times.size, 3), NAN)
+    frame = LocalFrame(-31.2, 135.0)
+    stations, upright = [], []
+    for k, (place, seconds, angles, sigma, _) in enumerate(cameras):
+        sigmas = {"azimuth_sigma": sigma[0], "elevation_sigma": sigma[1]}
+        stations.append(frame.station(*place, **sigmas))
+        upright.append(Station(stations[k].position, **sigmas))
+        azimuth[np.searchsorted(times, seconds), k] = angles[:, 0]
+        elevation[np.searchsorted(times, seconds), k] = angles[:, 1]
+    track = reconstruct(stations, times, azimuth=azimuth, elevation=elevation)
+    for _, seconds, *_, ecef in cameras:
+        at = np.searchsorted(times, seconds)
+        distance = np.linalg.norm(track.position[at] - frame.from_ecef(ecef), axis=-1)
+        assert np.median(distance) < 200
+        assert np.max(distance) < 500
+    wrong = reconstruct(upright, times, azimuth=azimuth, elevation=elevation)
+    assert np.median(np.linalg.norm(wrong.position - track.position, axis=-1)) > 500
 
 
 @pytest.mark.parametrize(
