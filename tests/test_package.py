@@ -13,6 +13,7 @@ from tertia import (
     _core,
     bearing,
     fusion,
+    geo,
     kalman,
     location,
     metrics,
@@ -27,6 +28,7 @@ from tertia import (
 MODULES = [
     bearing,
     fusion,
+    geo,
     kalman,
     location,
     metrics,
@@ -69,7 +71,16 @@ def test_the_version_is_that_of_the_distribution():
 
 def test_importing_needs_numpy_alone():
     loaded = run("import tertia, sys; print(*sys.modules)").split()
-    for name in ("scipy", "matplotlib", "polars", "typer", "rich", "pandas", "numpy.random"):
+    for name in (
+        "scipy",
+        "matplotlib",
+        "polars",
+        "typer",
+        "rich",
+        "pandas",
+        "pyproj",
+        "numpy.random",
+    ):
         assert name not in loaded
 
 

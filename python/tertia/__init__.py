@@ -6,8 +6,8 @@ estimates and tells what not knowing their covariances costs, `tertia.location` 
 what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
 positions along time, `tertia.trajectory` does both for what stations measured along time,
 `tertia.fusion` makes one track of several radars', `tertia.metrics` tells whether errors are as
-claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`; the
-command `tertia` needs the extra `cli`.
+claimed, `tertia.simulate` makes records to try them on. `tertia.plot` needs the extra `plot`,
+`tertia.geo` the extra `geo`, the command `tertia` the extra `cli`.
 """
 
 import warnings
