@@ -8,8 +8,8 @@ positions along time, `tertia.trajectory` does both for what stations measured a
 `tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs to
 which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads these,
 `tertia.metrics` tells whether errors are as claimed and how good tracks are, `tertia.simulate` makes
-records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
-`cli`.
+records to try them on, `tertia.tracker` makes tracks of scans of plots. `tertia.plot` needs the
+extra `plot`, `tertia.geo` the extra `geo`, the command `tertia` the extra `cli`.
 """
 
 import warnings
@@ -26,6 +26,7 @@ from tertia import (
     screening,
     simulate,
     smoothing,
+    tracker,
     trajectory,
     weights,
 )
@@ -49,6 +50,7 @@ __all__ = [
     "screening",
     "simulate",
     "smoothing",
+    "tracker",
     "trajectory",
     "weights",
 ]
