@@ -368,7 +368,7 @@ class FlightPlan:
 
 
 class CorrelationStatus(enum.IntEnum):
-    """Why a track has a plan, or has none."""
+    """Why a track has a plan (accepted by its score, linked by its identity), or has none."""
 
     NONE = 0
     AMBIGUOUS = 1

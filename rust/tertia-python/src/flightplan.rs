@@ -9,9 +9,9 @@ use tertia::batch::for_each_row;
 use tertia::flightplan::{self, Monitor, Projection, Refinement, Route, Sighting, Turn};
 
 /// Cost of a score by leg, plot and plan, for the choice of threads.
-const SCORE_NS: f64 = 60.0;
+const SCORE_NS: f64 = 170.0;
 /// Cost of a position or projection by leg, likewise.
-const LEG_NS: f64 = 30.0;
+const LEG_NS: f64 = 150.0;
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
