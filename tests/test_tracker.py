@@ -173,7 +173,7 @@ def test_two_radars_are_better_than_one():
             plots = Plots(time, distance, azimuth, radar=index.astype(int))
             found = track(plots, radars)
             assert len(np.unique(found.track)) == 1
-            error = found.position - ([10e3, 30e3] + np.outer(found.time, [120.0, 80.0]))
+            error = found.position - np.outer(found.time, [120.0, 80.0]) - [10e3, 30e3]
             settled = found.time > 60
             errors.append(error[settled])
             inverse = np.linalg.inv(found.covariance[settled][:, :2, :2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from studies.pages import markdown
 from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Manoeuvres, Plots, Radar, Tracker, TrackTable, cartesian, track
+from tertia.tracker import Manoeuvres, Motion, Plots, Radar, Tracker, TrackTable, cartesian, track
 
 FLIGHTS = 300
-SET_UPS = ("en-route", "middle", "tma")
+SET_UPS: tuple[simulate.SetUpName, ...] = ("en-route", "middle", "tma")
 # largest wind and standard deviation of the wind, m/s
 WIND = {"en-route": (50.0, 30.0), "middle": (30.0, 20.0), "tma": (15.0, 10.0)}
 MANOEUVRES = {
@@ -23,7 +24,7 @@ MANOEUVRES = {
     "middle": Manoeuvres(straight_sigma=0.05),
     "tma": Manoeuvres(straight_sigma=0.05, turn_rate_walk=float(np.radians(0.25))),
 }
-SCENARIOS = (
+SCENARIOS: tuple[simulate.FlightScenario, ...] = (
     "conforming",
     "speed",
     "shortcut",
@@ -34,6 +35,7 @@ SCENARIOS = (
     "wrong-turn",
     "fly-over",
 )
+MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window")
 # seconds from flight to flight: each is tracked by itself
 APART = 20_000.0
 
@@ -63,7 +65,9 @@ class Errors:
 
 
 @cache
-def recording(set_up: str, scenario: str, flights: int = FLIGHTS) -> Recording:
+def recording(
+    set_up: simulate.SetUpName, scenario: simulate.FlightScenario, flights: int = FLIGHTS
+) -> Recording:
     """Simulate flights of a scenario with the wind on."""
     scene = simulate.set_up(set_up)
     plans = simulate.routes(set_up, flights, rng=generator(110, SET_UPS.index(set_up)))
@@ -101,10 +105,11 @@ def at(traffic: simulate.Traffic, name: str, plots: Plots, target: IntArray) -> 
     place = (plots.time - traffic.start[target]) / traffic.step
     low = np.clip(place.astype(int), 0, traffic.count[target] - 2)
     share = (place - low).reshape(-1, *[1] * (values.ndim - 2))
-    return (1 - share) * values[target, low] + share * values[target, low + 1]
+    between: FloatArray = (1 - share) * values[target, low] + share * values[target, low + 1]
+    return between
 
 
-def errors(record: Recording, motion: str, set_up: str, **options: object) -> Errors:
+def errors(record: Recording, motion: Motion, set_up: simulate.SetUpName, **options: Any) -> Errors:
     """Track a recording, and compare with the truth."""
     found = track(
         record.plots,
@@ -155,7 +160,10 @@ def ratio(one: Errors, other: Errors, name: str, which: BoolArray) -> float:
 
 
 def outcome(
-    set_up: str, scenario: str, prior: float = 0.6, flights: int = FLIGHTS
+    set_up: simulate.SetUpName,
+    scenario: simulate.FlightScenario,
+    prior: float = 0.6,
+    flights: int = FLIGHTS,
 ) -> dict[str, float]:
     """Compare the tracker with plans and the one without on the same plots."""
     record = recording(set_up, scenario, flights)
@@ -215,7 +223,7 @@ def delay(record: Recording, found: Errors) -> float:
             later = np.flatnonzero(flags[k:])
             if len(later):
                 delays.append(time[k + later[0]] - time[k])
-    return float(np.mean(delays))
+    return float(np.mean(delays)) if delays else np.inf
 
 
 def peak(record: Recording, found: Errors, kept: BoolArray) -> float:
@@ -225,7 +233,7 @@ def peak(record: Recording, found: Errors, kept: BoolArray) -> float:
     return float(np.mean([value for value in largest if value > 0]))
 
 
-def two_minutes(set_up: str, flights: int = 60) -> tuple[float, float]:
+def two_minutes(set_up: simulate.SetUpName, flights: int = 60) -> tuple[float, float]:
     """Return errors of predictions over 120 s, along plans and straight on."""
     record = recording(set_up, "conforming", flights)
     tracker = Tracker(
@@ -257,10 +265,11 @@ def conforming() -> str:
         plain = errors(record, "imm", set_up)
         turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
         kinds = {"imm-plan": {"plans": record.plans, "wind_sigma": WIND[set_up][1]}}
-        for motion in ("imm-plan", "imm", "singer", "cv", "window"):
+        for motion in MOTIONS:
             found = errors(record, motion, set_up, **kinds.get(motion, {}))
             kept = ~(plain.lost | found.lost)[record.target]
             straight = kept & ~turning
+            highest = peak(record, plain, kept & turning)
             rows.append(
                 [
                     f"{set_up}, {motion}",
@@ -268,7 +277,7 @@ def conforming() -> str:
                     f"{ratio(found, plain, 'position', kept & turning):.2f}",
                     f"{ratio(found, plain, 'prediction', kept & turning):.2f}",
                     f"{ratio(found, plain, 'position', kept):.2f}",
-                    f"{peak(record, found, kept & turning) / peak(record, plain, kept & turning):.2f}",
+                    f"{peak(record, found, kept & turning) / highest:.2f}",
                     f"{delay(record, found):.0f} s",
                     f"{np.nanmean(found.turning[straight] > 0.5):.1%}",
                     f"{np.nanmean(found.normalised[kept]) / 2:.2f}",

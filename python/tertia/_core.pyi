@@ -234,7 +234,7 @@ class PlotTracker:
     def track(
         self,
         time: FloatArray,
-        range: FloatArray,
+        range: FloatArray,  # noqa: A002  # that is what it is
         azimuth: FloatArray,
         height: FloatArray,
         radar: IntArray,

@@ -168,7 +168,7 @@ class Plots:
         """Tell the number of plots."""
         return f"Plots({len(self)})"
 
-    def __getitem__(self, index: slice | IntArray | npt.NDArray[np.bool_]) -> Plots:
+    def __getitem__(self, index: Any) -> Plots:
         """Return some of the plots."""
         return Plots(
             self.time[index],
@@ -525,7 +525,7 @@ class Tracker:
         known = np.flatnonzero(np.isfinite(time))
         if not len(known):
             return time
-        going_on = time.copy()
+        going_on: FloatArray = time.copy()
         going_on[known] = np.unwrap(time[known], period=period)
         if np.isfinite(self._core.time):
             days = np.round((self._core.time - going_on[known[0]]) / period)
