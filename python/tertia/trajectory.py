@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -40,6 +41,25 @@ _UNOBSERVABLE = 1e-9
 _SPURIOUS = 0.1
 # of a position, in units of what each coordinate alone is known to
 _SINGULAR = 1e-12
+# rounds of looking for measurements that the track contradicts
+_PASSES = 5
+# degrees of freedom with which an instant is located robustly
+_REDUNDANCY = 3
+_TUKEY = 4.685
+# chance that any measurement is left out that is none, and size from which an instant agrees
+_FALSE_ALARM = 0.01
+_DOUBTED = NormalDist().inv_cdf(0.995)
+# share of a measurement that the others must tell
+_REDUNDANT = 0.1
+# errors of the logarithm of the jerk with which its likelihood is a parabola, almost
+_JERK_TOLD = 1.0
+_JERK_STEPS = (-2.0, -1.0, 1.0, 2.0)
+# between a flat prior of the root, which is too careful where no jerk is seen, and one of the
+# logarithm, which is not careful enough where it is
+_JERK_PRIOR = 0.25
+_JERK_MARGIN, _JERK_FALL, _MOST_JERKS = 2.0, 8.0, 80
+# instants that determine a state, and the power of the time with which jerk moves a position
+_STATE, _STATE_POWER = 3, 5
 # of an interval, over which measurements are differenced
 _STEP = 0.1
 # instants and degree that tell the motion of a station
@@ -278,34 +298,181 @@ class _Record:
             for kind, values in measured.items()
         }
 
+    def deviations(self) -> FloatArray:
+        """Return standard deviations, side by side, (N, M); 1 where nothing was measured."""
+        sigmas = np.concatenate([self.sigma(kind) for kind in self.measured], axis=1)
+        return np.where(np.isnan(sigmas), 1.0, sigmas)
+
+    def whitened(self, measured: _Measured, position: FloatArray) -> FloatArray:
+        """Return the residuals over their standard deviations, side by side, (N, M)."""
+        residuals = self.residuals(measured, position).values()
+        return np.concatenate(list(residuals), axis=1) / self.deviations()
+
 
 def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Trajectory:
     """Locate every instant, then smooth the positions."""
-    measured, total = record.measured, None
-    fixes, track = _smoothed_fixes(record, measured, jerk)
+    total = None
+    found = _Smoothed.without_faults(record, record.measured, jerk)
     for _ in range(_ROUNDS if wanted else 0):
-        change = _Biases.estimate(record, measured, wanted, fixes, track)
+        change = _Biases.estimate(record, found, wanted)
         total = change.added_to(total)
-        measured = total.removed_from(record.measured)
-        fixes, track = _smoothed_fixes(record, measured, jerk)
+        found = _Smoothed.without_faults(record, total.removed_from(record.measured), jerk)
         if change.is_small():
             break
-    covariance = track.covariance if total is None else track.covariance + total.effect(track)
+    track = found.track
+    covariance = track.covariance if jerk is not None else found.covariance_with_jerk()
+    if total is not None:
+        covariance = covariance + total.effect(track)
     d = record.places.shape[-1]
     states = tuple(track.mean[:, i * d : (i + 1) * d] for i in (0, 1, 2))
-    return _trajectory(record, states, covariance, fixes, biases=total, track=track)
+    return _trajectory(
+        record, states, covariance, found.fixes, outliers=found.outliers, biases=total, track=track
+    )
 
 
-def _smoothed_fixes(
-    record: _Record, measured: _Measured, jerk: float | None
-) -> tuple[Location, TrackSmooth]:
-    fixes = record.located(measured, record.sigmas)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Smoothed:
+    """Positions of the instants, smoothed, and what the smooth track contradicts."""
+
+    record: _Record
+    measured: _Measured
+    # measurements that the track contradicts, side by side, (N, M)
+    contradicted: BoolArray
+    fixes: Location
+    track: TrackSmooth
+
+    @classmethod
+    def made(
+        cls, record: _Record, measured: _Measured, jerk: float | None, contradicted: BoolArray
+    ) -> _Smoothed:
+        """Locate every instant without what the track contradicts, and smooth."""
+        left = dict(zip(measured, _columns_of(contradicted, measured), strict=True))
+        kept = {kind: np.where(left[kind], np.nan, values) for kind, values in measured.items()}
+        fixes = record.located(kept, record.sigmas)
+        return cls(record, measured, contradicted, fixes, _smooth(record, fixes, jerk))
+
+    @classmethod
+    def without_faults(cls, record: _Record, measured: _Measured, jerk: float | None) -> _Smoothed:
+        """Leave out what the smooth track contradicts, until nothing else is."""
+        count = sum(values.shape[1] for values in measured.values())
+        found = cls.made(record, measured, jerk, np.zeros((len(record.times), count), dtype=bool))
+        for _ in range(_PASSES if record.spatial == "robust" else 0):
+            contradicted = found.contradictions()
+            if np.array_equal(contradicted, found.contradicted):
+                break
+            found = cls.made(record, measured, jerk, contradicted)
+        return found
+
+    @property
+    def outliers(self) -> Outliers:
+        """What was left out in space or is contradicted."""
+        marked = dict(
+            zip(self.measured, _columns_of(self.contradicted, self.measured), strict=True)
+        )
+        space = self.fixes.outliers
+        return Outliers(
+            *(getattr(space, kind) | marked[kind] if kind in marked else None for kind in _KINDS)
+        )
+
+    def contradictions(self) -> BoolArray:
+        """Return which measurements the track contradicts, one more an instant.
+
+        Both the track and the other measurements of the instant have to: motion that the smoother
+        does not know contradicts the track alone.
+        """
+        fixes, track = self.fixes, self.track
+        robust = np.asarray(fixes.degrees_of_freedom) >= _REDUNDANCY
+        near = self.record.whitened(self.measured, fixes.position)
+        weight = np.where(robust[:, np.newaxis], _tukey(near), 1.0)
+        used = np.where(self.contradicted | np.isnan(near), 0.0, weight)
+        of_instant = np.abs(self._deleted(fixes.position, fixes.covariance, used))
+        of_track = np.abs(self._deleted(track.position, track.position_covariance, used))
+        known = ~np.isnan(of_track)
+        if not np.any(known):
+            return self.contradicted
+        limit = -NormalDist().inv_cdf(_FALSE_ALARM / 2 / np.count_nonzero(known))
+        limit *= _scale(of_track[known])
+        with np.errstate(invalid="ignore"):
+            doubtful = (of_track > limit) & (of_instant > _DOUBTED)
+        new = doubtful & ~self.contradicted
+        largest = np.argmax(np.where(new, of_track, 0.0), axis=1)
+        first = np.zeros_like(new)
+        first[np.arange(len(new)), largest] = True
+        return (doubtful & self.contradicted) | (new & first)
+
+    def _deleted(
+        self, position: FloatArray, covariance: FloatArray, used: FloatArray
+    ) -> FloatArray:
+        """Return residuals about what follows without the measurement, over their sigmas, (N, M).
+
+        With the residual r, the weight w and g = J P J' / sigma²: the position without it predicts
+        it with the error r / (1 - w g), of the variance sigma² (1 + g / (1 - w g)).
+        """
+        record = self.record
+        residual = record.whitened(self.measured, position)
+        jacobian = record.jacobian(position) / record.deviations()[..., np.newaxis]
+        with np.errstate(invalid="ignore"):
+            g = np.einsum("nmi,nij,nmj->nm", jacobian, covariance, jacobian)
+            rest = 1.0 - used * g
+            told = np.isfinite(g) & (rest > _REDUNDANT)
+        rest, g = np.where(told, rest, 1.0), np.where(told, g, 0.0)
+        return np.where(told, residual / rest / np.sqrt(1.0 + g / rest), np.nan)
+
+    def covariance_with_jerk(self) -> FloatArray:
+        """Return the covariance of the states with the uncertainty of the fitted jerk in it.
+
+        The mean over intensities by their likelihood, with a prior on their logarithm that rises
+        with the fourth root of the intensity.
+        """
+        best, tracks = self.track, self._with_jerks()
+        if not tracks:
+            return best.covariance
+        known = _is_finite(best.covariance)
+        told = [float(t.log_likelihood) + _JERK_PRIOR * np.log(float(t.jerk)) for t in tracks]
+        share = np.exp(np.subtract(told, max(told)))
+        share /= np.sum(share)
+        covariance = np.zeros_like(best.covariance)
+        for part, track in zip(share, tracks, strict=True):
+            change = np.where(known[:, np.newaxis], track.mean - best.mean, 0.0)
+            covariance += part * (
+                np.where(known[:, np.newaxis, np.newaxis], track.covariance, 0.0)
+                + change[:, :, np.newaxis] * change[:, np.newaxis]
+            )
+        return np.where(known[:, np.newaxis, np.newaxis], covariance, best.covariance)
+
+    def _with_jerks(self) -> list[TrackSmooth]:
+        """Return the tracks with all intensities that are likely; none where it is not told."""
+        best, jerk = self.track, float(self.track.jerk)
+        error = float(best.jerk_error)
+        if jerk > 0 and error < _JERK_TOLD:
+            near = (jerk * np.exp(step * error) for step in _JERK_STEPS)
+            return [best, *(_smooth(self.record, self.fixes, one) for one in near)]
+        fixes, times = self.fixes, self.record.times
+        known = _is_finite(fixes.covariance)
+        span = float(np.ptp(times[known]))
+        if np.unique(times[known]).size <= _STATE or span == 0:
+            return []
+        least = np.min(np.linalg.eigvalsh(fixes.covariance[known]))
+        # below the first one the motion is that of none; the likelihood falls as a power
+        first = np.log(least) - _STATE_POWER * np.log(span) - _JERK_MARGIN
+        tracks: list[TrackSmooth] = []
+        top = -np.inf
+        for log in first + np.arange(_MOST_JERKS):
+            track = _smooth(self.record, fixes, float(np.exp(log)))
+            tracks.append(track)
+            value = float(track.log_likelihood)
+            top = max(top, value)
+            if value < top - _JERK_FALL:
+                break
+        return tracks
+
+
+def _smooth(record: _Record, fixes: Location, jerk: float | None) -> TrackSmooth:
     known = _is_finite(fixes.covariance)
     position = np.where(known[:, np.newaxis], fixes.position, np.nan)
-    track = smooth(
+    return smooth(
         position, fixes.covariance, times=record.times, jerk=jerk, n_threads=record.n_threads
     )
-    return fixes, track
 
 
 def _by_polynomials(record: _Record, window: int, degree: int | Literal["adaptive"]) -> Trajectory:
@@ -522,54 +689,45 @@ class _Biases:
     spread: FloatArray
 
     @classmethod
-    def estimate(
-        cls,
-        record: _Record,
-        measured: _Measured,
-        kinds: tuple[Kind, ...],
-        fixes: Location,
-        track: TrackSmooth,
-    ) -> _Biases:
+    def estimate(cls, record: _Record, found: _Smoothed, kinds: tuple[Kind, ...]) -> _Biases:
         """Estimate them from the residuals about the smooth trajectory."""
-        position = track.position
-        located = np.asarray(fixes.located)[:, np.newaxis] & ~np.isnan(position)[:, :1]
-        weight = np.concatenate(
-            [
-                np.where(
-                    located & ~np.isnan(values) & ~getattr(fixes.outliers, kind),
-                    record.sigma(kind) ** -2.0,
-                    0.0,
-                )
-                for kind, values in measured.items()
-            ],
-            axis=1,
-        )
+        measured, position = found.measured, found.track.position
+        located = np.asarray(found.fixes.located)[:, np.newaxis] & ~np.isnan(position)[:, :1]
+        residual = record.whitened(measured, position)
+        outlier = np.concatenate([getattr(found.outliers, kind) for kind in measured], axis=1)
+        usable = located & ~np.isnan(residual) & ~outlier
+        residual = np.where(usable, residual, 0.0)
+        robust = record.spatial == "robust" and np.any(usable)
+        scale = _scale(np.abs(residual[usable])) if robust else np.inf
+        weight = np.where(usable, _tukey(residual / scale) / record.deviations() ** 2, 0.0)
         known = {kind: _is_seen(record.measured[kind]) for kind in kinds}
         at = _columns(measured, known)
         jacobian = record.jacobian(position)
         solution = _solution(jacobian, weight)
         kept = _kept(jacobian, solution, weight, at)
-        residual = np.concatenate(list(record.residuals(measured, position).values()), axis=1)
-        weighted = weight * np.where(weight > 0, residual, 0.0)
+        # W r
+        weighted = weight * residual * record.deviations()
         # (I - H)' W r: the position has no part in it
-        score = np.einsum("nip,ni->p", kept, weighted)
+        scores = np.einsum("nip,ni->np", kept, weighted)
         information = _information(kept, weight)
         names = [f"{kind} of station {k}" for kind in kinds for k in np.flatnonzero(known[kind])]
-        root = _root(track.position_covariance)
-        spurious = np.zeros_like(information)
-        for shift in np.moveaxis(root, -1, 0):
-            ahead, behind = (
-                _kept(moved, _solution(moved, weight), weight, at)
-                for moved in (record.jacobian(position + shift), record.jacobian(position - shift))
-            )
-            spurious += _information((ahead - behind) / 2, weight)
+        spurious = _spurious(record, found.track, weight, at)
         size = np.sqrt(np.sum(weight, axis=0)[at])
-        covariance = _inverted(information, spurious, size, names)
+        # the derivative of the scores: less than their weights, which fall with the residuals
+        inverse = _inverted(information, spurious, size, names) / _slope(residual[usable] / scale)
+        values = inverse @ np.sum(scores, axis=0)
+        left = residual * record.deviations()
+        left = left - np.einsum("nij,nj->ni", jacobian @ solution, left) - kept @ values
+        scores = np.einsum("nip,ni->np", kept, weight * left)
+        repeats = _repeats(np.sqrt(weight) * left)
+        freedom = np.count_nonzero(usable) - jacobian.shape[-1] * np.count_nonzero(located)
+        repeats *= freedom / max(freedom - len(values), 1)
+        covariance = inverse @ (repeats * scores.T @ scores) @ inverse
         columns = np.moveaxis(solution[:, :, at], -1, 0)
         spread = _inverse(jacobian, weight)
         missing = ~_is_finite(spread)
         columns = np.where(missing[:, np.newaxis], np.nan, columns)
-        return cls(record, kinds, known, covariance @ score, covariance, columns, spread)
+        return cls(record, kinds, known, values, covariance, columns, spread)
 
     def added_to(self, before: _Biases | None) -> _Biases:
         """Return the sum with those of the round before, which were removed."""
@@ -633,6 +791,61 @@ def _information(kept: FloatArray, weight: FloatArray) -> FloatArray:
     return information
 
 
+def _spurious(record: _Record, track: TrackSmooth, weight: FloatArray, at: IntArray) -> FloatArray:
+    """Return the information that errors of the positions alone make."""
+    position = track.position
+    information = np.zeros((len(at), len(at)))
+    for shift in np.moveaxis(_root(track.position_covariance), -1, 0):
+        ahead, behind = (
+            _kept(moved, _solution(moved, weight), weight, at)
+            for moved in (record.jacobian(position + shift), record.jacobian(position - shift))
+        )
+        information += _information((ahead - behind) / 2, weight)
+    return information
+
+
+def _repeats(residual: FloatArray) -> float:
+    """Return how many instants tell as much as one would, if errors were independent, at least 1.
+
+    One plus twice the sum of the autocorrelations, (N, M), as long as pairs of them are positive
+    (Geyer 1992).
+    """
+    whole = np.sum(residual**2)
+    total = 0.0
+    for lag in range(1, len(residual) // 2, 2):
+        pair = sum(
+            np.sum(residual[one:] * residual[: len(residual) - one]) for one in (lag, lag + 1)
+        )
+        if not pair > 0:
+            break
+        total += pair / whole
+    return float(1.0 + 2.0 * total)
+
+
+def _tukey(residual: FloatArray) -> FloatArray:
+    """Return Tukey's weights, 1 where there is no residual."""
+    share = np.minimum(np.abs(np.nan_to_num(residual)) / _TUKEY, 1.0)
+    weight: FloatArray = (1.0 - share**2) ** 2
+    return weight
+
+
+def _slope(residual: FloatArray) -> float:
+    """Return the mean slope of Tukey's scores, u w(u), over their mean weight."""
+    square = np.minimum((residual / _TUKEY) ** 2, 1.0)
+    return float(np.sum((1 - square) * (1 - 5 * square)) / np.sum((1 - square) ** 2))
+
+
+def _scale(size: FloatArray) -> float:
+    """Return by how much residuals are larger than their standard deviations say, at least 1."""
+    return max(1.0, float(np.median(size) / NormalDist().inv_cdf(0.75)))
+
+
+def _columns_of(together: BoolArray, measured: _Measured) -> list[BoolArray]:
+    """Return the columns of each kind."""
+    counts = [values.shape[1] for values in measured.values()]
+    return np.split(together, np.cumsum(counts)[:-1], axis=1)
+
+
 def _root(covariance: FloatArray) -> FloatArray:
     """Return square roots of covariances, 0 where they are not finite."""
     good = _is_finite(covariance)
@@ -673,6 +886,7 @@ def _trajectory(
     covariance: FloatArray,
     fixes: Location,
     *,
+    outliers: Outliers | None = None,
     biases: _Biases | None = None,
     track: TrackSmooth | None = None,
 ) -> Trajectory:
@@ -689,7 +903,7 @@ def _trajectory(
         acceleration,
         covariance,
         fixes,
-        fixes.outliers,
+        fixes.outliers if outliers is None else outliers,
         _by_kind(residuals),
         None if biases is None else _by_kind(biases.split(biases.values, np.nan)),
         None if biases is None else _by_kind(biases.split(biases.sigma, np.inf)),
