@@ -43,6 +43,8 @@ _SPURIOUS = 0.1
 _SINGULAR = 1e-12
 # rounds of looking for measurements that the track contradicts
 _PASSES = 5
+# change of a weight that needs no other round, and a weight that is none
+_UNCHANGED, _FAINT = 0.05, 0.01
 # degrees of freedom with which an instant is located robustly
 _REDUNDANCY = 3
 _TUKEY = 4.685
@@ -332,73 +334,78 @@ def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Tr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Smoothed:
-    """Positions of the instants, smoothed, and what the smooth track contradicts."""
+    """Positions of the instants, smoothed, and what the smooth track makes of the measurements."""
 
     record: _Record
     measured: _Measured
-    # measurements that the track contradicts, side by side, (N, M)
-    contradicted: BoolArray
+    # weights by the track, side by side, (N, M); 0 where it contradicts
+    trust: FloatArray
     fixes: Location
     track: TrackSmooth
 
     @classmethod
     def made(
-        cls, record: _Record, measured: _Measured, jerk: float | None, contradicted: BoolArray
+        cls, record: _Record, measured: _Measured, jerk: float | None, trust: FloatArray
     ) -> _Smoothed:
-        """Locate every instant without what the track contradicts, and smooth."""
-        left = dict(zip(measured, _columns_of(contradicted, measured), strict=True))
-        kept = {kind: np.where(left[kind], np.nan, values) for kind, values in measured.items()}
-        fixes = record.located(kept, record.sigmas)
-        return cls(record, measured, contradicted, fixes, _smooth(record, fixes, jerk))
+        """Locate every instant with these weights, and smooth."""
+        kept, sigmas = {}, {}
+        for (kind, values), weight in zip(measured.items(), _split(trust, measured), strict=True):
+            contradicted = weight == 0
+            kept[kind] = np.where(contradicted, np.nan, values)
+            sigmas[kind] = record.sigma(kind) / np.sqrt(np.where(contradicted, 1.0, weight))
+        fixes = record.located(kept, sigmas)
+        return cls(record, measured, trust, fixes, _smooth(record, fixes, jerk))
 
     @classmethod
     def without_faults(cls, record: _Record, measured: _Measured, jerk: float | None) -> _Smoothed:
         """Leave out what the smooth track contradicts, until nothing else is."""
-        count = sum(values.shape[1] for values in measured.values())
-        found = cls.made(record, measured, jerk, np.zeros((len(record.times), count), dtype=bool))
+        trust = np.ones((len(record.times), sum(v.shape[1] for v in measured.values())))
+        found = cls.made(record, measured, jerk, trust)
         for _ in range(_PASSES if record.spatial == "robust" else 0):
-            contradicted = found.contradictions()
-            if np.array_equal(contradicted, found.contradicted):
+            trust = found.trusted()
+            if np.max(np.abs(trust - found.trust), initial=0.0) < _UNCHANGED:
                 break
-            found = cls.made(record, measured, jerk, contradicted)
+            found = cls.made(record, measured, jerk, trust)
         return found
 
     @property
     def outliers(self) -> Outliers:
-        """What was left out in space or is contradicted."""
-        marked = dict(
-            zip(self.measured, _columns_of(self.contradicted, self.measured), strict=True)
-        )
+        """What was left out in space, or is contradicted."""
+        marked = dict(zip(self.measured, _split(self.trust == 0, self.measured), strict=True))
         space = self.fixes.outliers
         return Outliers(
             *(getattr(space, kind) | marked[kind] if kind in marked else None for kind in _KINDS)
         )
 
-    def contradictions(self) -> BoolArray:
-        """Return which measurements the track contradicts, one more an instant.
+    def trusted(self) -> FloatArray:
+        """Return the weights of the measurements by what the rest of the track says.
 
-        Both the track and the other measurements of the instant have to: motion that the smoother
-        does not know contradicts the track alone.
+        Where an instant is located robustly, one that both the track and the other measurements of
+        the instant contradict is left out, the worst one first: motion that the smoother does not
+        know contradicts the track alone. With fewer degrees of freedom the others cannot tell, and
+        the weights are Tukey's about the track.
         """
         fixes, track = self.fixes, self.track
-        robust = np.asarray(fixes.degrees_of_freedom) >= _REDUNDANCY
         near = self.record.whitened(self.measured, fixes.position)
-        weight = np.where(robust[:, np.newaxis], _tukey(near), 1.0)
-        used = np.where(self.contradicted | np.isnan(near), 0.0, weight)
+        missing = np.isnan(near)
+        robust = np.asarray(fixes.degrees_of_freedom) >= _REDUNDANCY
+        inside = np.where(robust[:, np.newaxis], _tukey(near), 1.0)
+        used = np.where(missing, 0.0, self.trust * inside)
         of_instant = np.abs(self._deleted(fixes.position, fixes.covariance, used))
         of_track = np.abs(self._deleted(track.position, track.position_covariance, used))
-        known = ~np.isnan(of_track)
-        if not np.any(known):
-            return self.contradicted
-        limit = -NormalDist().inv_cdf(_FALSE_ALARM / 2 / np.count_nonzero(known))
-        limit *= _scale(of_track[known])
+        told = of_track[~np.isnan(of_track)]
+        if told.size == 0:
+            return self.trust
+        scale = _scale(told)
+        limit = -NormalDist().inv_cdf(_FALSE_ALARM / 2 / told.size)
         with np.errstate(invalid="ignore"):
-            doubtful = (of_track > limit) & (of_instant > _DOUBTED)
-        new = doubtful & ~self.contradicted
-        largest = np.argmax(np.where(new, of_track, 0.0), axis=1)
-        first = np.zeros_like(new)
-        first[np.arange(len(new)), largest] = True
-        return (doubtful & self.contradicted) | (new & first)
+            doubtful = (of_track > limit * scale) & (of_instant > _DOUBTED)
+        worst = np.max(np.where(doubtful & (self.trust > 0), of_track, 0.0), axis=1, keepdims=True)
+        contradicted = doubtful & ((self.trust == 0) | (of_track == worst))
+        rest = np.count_nonzero(~missing, axis=1) - fixes.position.shape[-1]
+        poor = ((rest > 0) & (rest < _REDUNDANCY))[:, np.newaxis]
+        soft = _tukey(of_track / scale)
+        return np.where(poor, np.where(soft < _FAINT, 0.0, soft), np.where(contradicted, 0.0, 1.0))
 
     def _deleted(
         self, position: FloatArray, covariance: FloatArray, used: FloatArray
@@ -718,11 +725,13 @@ class _Biases:
         values = inverse @ np.sum(scores, axis=0)
         left = residual * record.deviations()
         left = left - np.einsum("nij,nj->ni", jacobian @ solution, left) - kept @ values
-        scores = np.einsum("nip,ni->np", kept, weight * left)
-        repeats = _repeats(np.sqrt(weight) * left)
-        freedom = np.count_nonzero(usable) - jacobian.shape[-1] * np.count_nonzero(located)
-        repeats *= freedom / max(freedom - len(values), 1)
-        covariance = inverse @ (repeats * scores.T @ scores) @ inverse
+        share = 1.0 - np.einsum("nmi,nim->nm", jacobian, solution)
+        variance = np.maximum(record.deviations() ** 2, _variances(left, share, weight))
+        noise = _information(kept, weight**2 * variance)
+        # what each instant adds to each bias
+        part = np.einsum("pq,nip,ni->pn", inverse, kept, weight * left)
+        root = np.sqrt([_repeats(one) for one in part])
+        covariance = inverse @ noise @ inverse * np.outer(root, root)
         columns = np.moveaxis(solution[:, :, at], -1, 0)
         spread = _inverse(jacobian, weight)
         missing = ~_is_finite(spread)
@@ -804,22 +813,29 @@ def _spurious(record: _Record, track: TrackSmooth, weight: FloatArray, at: IntAr
     return information
 
 
-def _repeats(residual: FloatArray) -> float:
+def _variances(residual: FloatArray, share: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the variance of each column's errors, of which residuals have that share, (M,)."""
+    there = weight > 0
+    variances: FloatArray = np.sum(np.where(there, weight * residual**2, 0.0), axis=0) / np.maximum(
+        np.sum(np.where(there, weight * share, 0.0), axis=0), np.finfo(float).tiny
+    )
+    return variances
+
+
+def _repeats(series: FloatArray) -> float:
     """Return how many instants tell as much as one would, if errors were independent, at least 1.
 
-    One plus twice the sum of the autocorrelations, (N, M), as long as pairs of them are positive
-    (Geyer 1992).
+    One plus twice the sum of the autocorrelations, as long as pairs of them are positive (Geyer
+    1992).
     """
-    whole = np.sum(residual**2)
+    whole = float(np.sum(series**2))
     total = 0.0
-    for lag in range(1, len(residual) // 2, 2):
-        pair = sum(
-            np.sum(residual[one:] * residual[: len(residual) - one]) for one in (lag, lag + 1)
-        )
+    for lag in range(1, len(series) // 2, 2):
+        pair = sum(float(series[one:] @ series[:-one]) for one in (lag, lag + 1))
         if not pair > 0:
             break
         total += pair / whole
-    return float(1.0 + 2.0 * total)
+    return 1.0 + 2.0 * total
 
 
 def _tukey(residual: FloatArray) -> FloatArray:
@@ -840,7 +856,7 @@ def _scale(size: FloatArray) -> float:
     return max(1.0, float(np.median(size) / NormalDist().inv_cdf(0.75)))
 
 
-def _columns_of(together: BoolArray, measured: _Measured) -> list[BoolArray]:
+def _split(together: npt.NDArray[Any], measured: _Measured) -> list[npt.NDArray[Any]]:
     """Return the columns of each kind."""
     counts = [values.shape[1] for values in measured.values()]
     return np.split(together, np.cumsum(counts)[:-1], axis=1)
