@@ -45,6 +45,14 @@ _SINGULAR = 1e-12
 _PASSES = 5
 # change of a weight that needs no other round, and a weight that is none
 _UNCHANGED, _FAINT = 0.05, 0.01
+# rounds with the same jerk
+_RELINEARISED = 2
+# of Tukey's estimate: variance times the sum of its weights
+_EFFICIENCY = 0.9151076239875573 / 0.95
+# mean square of Tukey's scores over that of its weights, for normal errors
+_TAPERED = 0.7112
+# size of an autocorrelation, in its standard errors, that is not by chance
+_CORRELATED = NormalDist().inv_cdf(0.95)
 # degrees of freedom with which an instant is located robustly
 _REDUNDANCY = 3
 _TUKEY = 4.685
@@ -314,11 +322,11 @@ class _Record:
 def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Trajectory:
     """Locate every instant, then smooth the positions."""
     total = None
-    found = _Smoothed.without_faults(record, record.measured, jerk)
+    found = _Smoothed.first(record, jerk).without_faults(record.measured, jerk)
     for _ in range(_ROUNDS if wanted else 0):
         change = _Biases.estimate(record, found, wanted)
         total = change.added_to(total)
-        found = _Smoothed.without_faults(record, total.removed_from(record.measured), jerk)
+        found = found.without_faults(total.removed_from(record.measured), jerk)
         if change.is_small():
             break
     track = found.track
@@ -333,6 +341,30 @@ def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Tr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Plots:
+    """What is smoothed: positions with their covariances, (N, D) and (N, D, D)."""
+
+    position: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of_fixes(cls, fixes: Location) -> _Plots:
+        """Return those of the single instants."""
+        known = _is_finite(fixes.covariance)[:, np.newaxis]
+        return cls(np.where(known, fixes.position, np.nan), fixes.covariance)
+
+    def smoothed(self, record: _Record, jerk: float | None) -> TrackSmooth:
+        """Smooth them."""
+        return smooth(
+            self.position,
+            self.covariance,
+            times=record.times,
+            jerk=jerk,
+            n_threads=record.n_threads,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Smoothed:
     """Positions of the instants, smoothed, and what the smooth track makes of the measurements."""
 
@@ -341,6 +373,7 @@ class _Smoothed:
     # weights by the track, side by side, (N, M); 0 where it contradicts
     trust: FloatArray
     fixes: Location
+    plots: _Plots
     track: TrackSmooth
 
     @classmethod
@@ -354,18 +387,60 @@ class _Smoothed:
             kept[kind] = np.where(contradicted, np.nan, values)
             sigmas[kind] = record.sigma(kind) / np.sqrt(np.where(contradicted, 1.0, weight))
         fixes = record.located(kept, sigmas)
-        return cls(record, measured, trust, fixes, _smooth(record, fixes, jerk))
+        plots = _Plots.of_fixes(fixes)
+        found = cls(record, measured, trust, fixes, plots, plots.smoothed(record, jerk))
+        for _ in range(_RELINEARISED):
+            found = found.relinearised(float(found.track.jerk))
+        return found
+
+    def relinearised(self, jerk: float | None) -> _Smoothed:
+        """Linearise about the track in place of each position, whose error is larger."""
+        record, position = self.record, self.track.position
+        residual = record.whitened(self.measured, position)
+        weight = np.where(np.isnan(residual), 0.0, self._used()) / record.deviations() ** 2
+        jacobian = record.jacobian(position)
+        covariance = _inverse(jacobian, weight)
+        good = np.asarray(self.fixes.located) & _is_finite(covariance)
+        solution = _solution(jacobian, weight)
+        left = np.where(weight > 0, residual * record.deviations(), 0.0)
+        moved = position + np.einsum("nij,nj->ni", solution, left)
+        # as of a robust position
+        covariance *= np.where(self._robust(), _EFFICIENCY, 1.0)[:, np.newaxis, np.newaxis]
+        plots = _Plots(
+            np.where(good[:, np.newaxis], moved, self.plots.position),
+            np.where(good[:, np.newaxis, np.newaxis], covariance, self.plots.covariance),
+        )
+        return replace(self, plots=plots, track=plots.smoothed(record, jerk))
+
+    def _robust(self) -> BoolArray:
+        """Whether each instant is located robustly, (N,)."""
+        enough = np.asarray(self.fixes.degrees_of_freedom) >= _REDUNDANCY
+        return enough & (self.record.spatial == "robust")
+
+    def _used(self) -> FloatArray:
+        """Return the weights with which the measurements are in the positions, (N, M)."""
+        near = self.record.whitened(self.measured, self.fixes.position)
+        inside = np.where(self._robust()[:, np.newaxis], _tukey(near), 1.0)
+        return np.where(np.isnan(near), 0.0, self.trust * inside)
 
     @classmethod
-    def without_faults(cls, record: _Record, measured: _Measured, jerk: float | None) -> _Smoothed:
+    def first(cls, record: _Record, jerk: float | None) -> _Smoothed:
+        """Locate and smooth what was measured, all of it."""
+        trust = np.ones((len(record.times), sum(v.shape[1] for v in record.measured.values())))
+        return cls.made(record, record.measured, jerk, trust)
+
+    def without_faults(self, measured: _Measured, jerk: float | None) -> _Smoothed:
         """Leave out what the smooth track contradicts, until nothing else is."""
-        trust = np.ones((len(record.times), sum(v.shape[1] for v in measured.values())))
-        found = cls.made(record, measured, jerk, trust)
-        for _ in range(_PASSES if record.spatial == "robust" else 0):
-            trust = found.trusted()
-            if np.max(np.abs(trust - found.trust), initial=0.0) < _UNCHANGED:
+        found = self
+        robust = self.record.spatial == "robust"
+        for at in range(_PASSES if robust else 1):
+            judged = robust and (at > 0 or measured is self.measured)
+            trust = found.trusted() if judged else found.trust
+            unchanged = np.max(np.abs(trust - found.trust), initial=0.0) < _UNCHANGED
+            if unchanged and measured is found.measured:
                 break
-            found = cls.made(record, measured, jerk, trust)
+            known = float(found.track.jerk)
+            found = self.made(self.record, measured, known, trust).relinearised(jerk)
         return found
 
     @property
@@ -386,11 +461,8 @@ class _Smoothed:
         the weights are Tukey's about the track.
         """
         fixes, track = self.fixes, self.track
-        near = self.record.whitened(self.measured, fixes.position)
-        missing = np.isnan(near)
-        robust = np.asarray(fixes.degrees_of_freedom) >= _REDUNDANCY
-        inside = np.where(robust[:, np.newaxis], _tukey(near), 1.0)
-        used = np.where(missing, 0.0, self.trust * inside)
+        missing = np.isnan(self.record.whitened(self.measured, fixes.position))
+        used = self._used()
         of_instant = np.abs(self._deleted(fixes.position, fixes.covariance, used))
         of_track = np.abs(self._deleted(track.position, track.position_covariance, used))
         told = of_track[~np.isnan(of_track)]
@@ -453,33 +525,25 @@ class _Smoothed:
         error = float(best.jerk_error)
         if jerk > 0 and error < _JERK_TOLD:
             near = (jerk * np.exp(step * error) for step in _JERK_STEPS)
-            return [best, *(_smooth(self.record, self.fixes, one) for one in near)]
-        fixes, times = self.fixes, self.record.times
-        known = _is_finite(fixes.covariance)
+            return [best, *(self.plots.smoothed(self.record, one) for one in near)]
+        plots, times = self.plots, self.record.times
+        known = _is_finite(plots.covariance)
         span = float(np.ptp(times[known]))
         if np.unique(times[known]).size <= _STATE or span == 0:
             return []
-        least = np.min(np.linalg.eigvalsh(fixes.covariance[known]))
+        least = np.min(np.linalg.eigvalsh(plots.covariance[known]))
         # below the first one the motion is that of none; the likelihood falls as a power
         first = np.log(least) - _STATE_POWER * np.log(span) - _JERK_MARGIN
         tracks: list[TrackSmooth] = []
         top = -np.inf
         for log in first + np.arange(_MOST_JERKS):
-            track = _smooth(self.record, fixes, float(np.exp(log)))
+            track = self.plots.smoothed(self.record, float(np.exp(log)))
             tracks.append(track)
             value = float(track.log_likelihood)
             top = max(top, value)
             if value < top - _JERK_FALL:
                 break
         return tracks
-
-
-def _smooth(record: _Record, fixes: Location, jerk: float | None) -> TrackSmooth:
-    known = _is_finite(fixes.covariance)
-    position = np.where(known[:, np.newaxis], fixes.position, np.nan)
-    return smooth(
-        position, fixes.covariance, times=record.times, jerk=jerk, n_threads=record.n_threads
-    )
 
 
 def _by_polynomials(record: _Record, window: int, degree: int | Literal["adaptive"]) -> Trajectory:
@@ -726,7 +790,8 @@ class _Biases:
         left = residual * record.deviations()
         left = left - np.einsum("nij,nj->ni", jacobian @ solution, left) - kept @ values
         share = 1.0 - np.einsum("nmi,nim->nm", jacobian, solution)
-        variance = np.maximum(record.deviations() ** 2, _variances(left, share, weight))
+        least = record.deviations() ** 2 * (_TAPERED if robust else 1.0)
+        variance = np.maximum(least, _variances(left, share, weight**2))
         noise = _information(kept, weight**2 * variance)
         # what each instant adds to each bias
         part = np.einsum("pq,nip,ni->pn", inverse, kept, weight * left)
@@ -826,13 +891,15 @@ def _repeats(series: FloatArray) -> float:
     """Return how many instants tell as much as one would, if errors were independent, at least 1.
 
     One plus twice the sum of the autocorrelations, as long as pairs of them are positive (Geyer
-    1992).
+    1992); the first pair has to be more than chance.
     """
     whole = float(np.sum(series**2))
     total = 0.0
     for lag in range(1, len(series) // 2, 2):
-        pair = sum(float(series[one:] @ series[:-one]) for one in (lag, lag + 1))
-        if not pair > 0:
+        products = [series[one:] * series[:-one] for one in (lag, lag + 1)]
+        pair = sum(float(np.sum(product)) for product in products)
+        chance = np.sqrt(sum(float(np.sum(product**2)) for product in products))
+        if not pair > (_CORRELATED * chance if lag == 1 else 0.0):
             break
         total += pair / whole
     return 1.0 + 2.0 * total
@@ -858,6 +925,8 @@ def _scale(size: FloatArray) -> float:
 
 def _split(together: npt.NDArray[Any], measured: _Measured) -> list[npt.NDArray[Any]]:
     """Return the columns of each kind."""
+    if not measured:
+        return []
     counts = [values.shape[1] for values in measured.values()]
     return np.split(together, np.cumsum(counts)[:-1], axis=1)
 
