@@ -47,15 +47,21 @@ _PASSES = 5
 _UNCHANGED, _FAINT = 0.05, 0.01
 # rounds with the same jerk
 _RELINEARISED = 2
-# of Tukey's estimate: variance times the sum of its weights
-_EFFICIENCY = 0.9151076239875573 / 0.95
-# mean square of Tukey's scores over that of its weights, for normal errors
-_TAPERED = 0.7112
-# size of an autocorrelation, in its standard errors, that is not by chance
-_CORRELATED = NormalDist().inv_cdf(0.95)
+# size of what is not by chance, in its standard errors
+_CHANCE = NormalDist().inv_cdf(0.95)
+# relative standard error of a median size of normal errors, times the root of their number
+_MEDIAN_ERROR = 1.17
 # degrees of freedom with which an instant is located robustly
 _REDUNDANCY = 3
 _TUKEY = 4.685
+# means of Tukey's weight, slope and squared score with normal errors, what is beyond left out
+_Q = _TUKEY**-2
+_MEAN_WEIGHT, _MEAN_SLOPE = 1 - 2 * _Q + 3 * _Q**2, 1 - 6 * _Q + 15 * _Q**2
+_MEAN_SQUARE = 1 - 12 * _Q + 90 * _Q**2 - 420 * _Q**3 + 945 * _Q**4
+# of the estimate: variance times the sum of its weights
+_EFFICIENCY = _MEAN_WEIGHT * _MEAN_SQUARE / _MEAN_SLOPE**2
+# mean squared score over mean squared weight
+_TAPERED = _MEAN_SQUARE / (1 - 4 * _Q + 18 * _Q**2 - 60 * _Q**3 + 105 * _Q**4)
 # chance that any measurement is left out that is none, and size from which an instant agrees
 _FALSE_ALARM = 0.01
 _DOUBTED = NormalDist().inv_cdf(0.995)
@@ -899,7 +905,7 @@ def _repeats(series: FloatArray) -> float:
         products = [series[one:] * series[:-one] for one in (lag, lag + 1)]
         pair = sum(float(np.sum(product)) for product in products)
         chance = np.sqrt(sum(float(np.sum(product**2)) for product in products))
-        if not pair > (_CORRELATED * chance if lag == 1 else 0.0):
+        if not pair > (_CHANCE * chance if lag == 1 else 0.0):
             break
         total += pair / whole
     return 1.0 + 2.0 * total
@@ -919,8 +925,12 @@ def _slope(residual: FloatArray) -> float:
 
 
 def _scale(size: FloatArray) -> float:
-    """Return by how much residuals are larger than their standard deviations say, at least 1."""
-    return max(1.0, float(np.median(size) / NormalDist().inv_cdf(0.75)))
+    """Return by how much residuals are larger than their standard deviations say, at least 1.
+
+    From their median, less what it may be off by chance.
+    """
+    chance = 1.0 + _CHANCE * _MEDIAN_ERROR / np.sqrt(size.size)
+    return max(1.0, float(np.median(size) / NormalDist().inv_cdf(0.75) / chance))
 
 
 def _split(together: npt.NDArray[Any], measured: _Measured) -> list[npt.NDArray[Any]]:
