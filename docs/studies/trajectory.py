@@ -179,8 +179,8 @@ def _normalised(found: Trajectory, derivative: int, truth: FloatArray) -> float:
 
 def bearings(rng: np.random.Generator, gross: float) -> tuple[FloatArray, ...]:
     """Return times, a boat's positions, four drifting direction finders and their azimuths."""
-    times = 2.5 * np.arange(200)
-    truth = np.column_stack(
+    times: FloatArray = 2.5 * np.arange(200.0)
+    truth: FloatArray = np.column_stack(
         [900 * np.sin(times / 200) + 0.5 * times - 100, 800 * np.cos(times / 150)]
     )
     places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])

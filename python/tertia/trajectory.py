@@ -101,9 +101,12 @@ class Trajectory:
         biases is in it. inf where unknown. Between the three it is 0 unless the smoother is "rts"
         and positions come first.
     fixes : Location
-        The positions of the single instants: from measurements as they are, or smoothed ones.
+        The positions of the single instants: from measurements as they are, or smoothed ones. With
+        "rts", robust and positions first, without what the track contradicts; where an instant has
+        one or two degrees of freedom, its standard deviations are divided by the roots of Tukey's
+        weights about the track.
     outliers : Outliers
-        Measurements that were left out in space.
+        Measurements that were left out, because other stations or the track contradict them.
     residuals : Residuals
         Measurements less those of the trajectory, over their standard deviations.
     bias, bias_sigma : Residuals or None
@@ -225,11 +228,20 @@ def reconstruct(
 
     Notes
     -----
+    With "rts" and "robust" a measurement is also left out where the rest of the track contradicts
+    it (1 % for the whole record) and the other measurements of its instant do (1 %). Instants with
+    one or two degrees of freedom have Tukey's weights about the track. Positions are linearised
+    about the track. The uncertainty of the fitted jerk is in the covariance: the mean over
+    intensities q by likelihood, with a prior on log q proportional to q^(1/4).
+
     Biases: at first order biases b add A_t b to the position of an instant, with A_t its
     least-squares solution, and (I - H_t) b to its residuals, with H_t = J_t A_t. What b is follows
-    from the residuals alone: least squares for positions about which nothing is assumed. So the
-    biases are independent of the errors of the positions. Smoothness would tell of the biases, too,
-    but a curve of the target is then taken for one.
+    from the residuals alone, by Tukey's weights about the track, for positions about which nothing
+    is assumed. Smoothness would tell of the biases, too, but a curve of the target is then taken
+    for one. Their covariance is A^-1 B A^-1, with A the slope of the scores, and B their variance
+    by the standard deviations or the residuals, whichever are larger. It grows by autocorrelations
+    of the scores where these are more than chance (Geyer 1992). Errors of positions at different
+    instants are taken as independent.
 
     With times first, velocities are A_t times the rates of the measured series.
 
@@ -798,11 +810,7 @@ class _Biases:
         share = 1.0 - np.einsum("nmi,nim->nm", jacobian, solution)
         least = record.deviations() ** 2 * (_TAPERED if robust else 1.0)
         variance = np.maximum(least, _variances(left, share, weight**2))
-        noise = _information(kept, weight**2 * variance)
-        # what each instant adds to each bias
-        part = np.einsum("pq,nip,ni->pn", inverse, kept, weight * left)
-        root = np.sqrt([_repeats(one) for one in part])
-        covariance = inverse @ noise @ inverse * np.outer(root, root)
+        covariance = _spread(inverse, kept, weight, variance, left)
         columns = np.moveaxis(solution[:, :, at], -1, 0)
         spread = _inverse(jacobian, weight)
         missing = ~_is_finite(spread)
@@ -882,6 +890,24 @@ def _spurious(record: _Record, track: TrackSmooth, weight: FloatArray, at: IntAr
         )
         information += _information((ahead - behind) / 2, weight)
     return information
+
+
+def _spread(
+    inverse: FloatArray,
+    kept: FloatArray,
+    weight: FloatArray,
+    variance: FloatArray,
+    residual: FloatArray,
+) -> FloatArray:
+    """Return the covariance of biases: that of the scores, between their inverse slopes.
+
+    Errors that stay for a while make it larger.
+    """
+    noise = _information(kept, weight**2 * variance)
+    # what each instant adds to each bias
+    parts = np.einsum("pq,nip,ni->pn", inverse, kept, weight * residual)
+    root = np.sqrt([_repeats(part) for part in parts])
+    return np.asarray(inverse @ noise @ inverse * np.outer(root, root))
 
 
 def _variances(residual: FloatArray, share: FloatArray, weight: FloatArray) -> FloatArray:
