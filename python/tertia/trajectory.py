@@ -445,7 +445,7 @@ class _Smoothed:
     def first(cls, record: _Record, jerk: float | None) -> _Smoothed:
         """Locate and smooth what was measured, all of it."""
         trust = np.ones((len(record.times), sum(v.shape[1] for v in record.measured.values())))
-        return cls.made(record, record.measured, jerk, trust)
+        return cls.made(record, record.measured, jerk, trust).relinearised(jerk)
 
     def without_faults(self, measured: _Measured, jerk: float | None) -> _Smoothed:
         """Leave out what the smooth track contradicts, until nothing else is."""
@@ -538,7 +538,10 @@ class _Smoothed:
         return np.where(known[:, np.newaxis, np.newaxis], covariance, best.covariance)
 
     def _with_jerks(self) -> list[TrackSmooth]:
-        """Return the tracks with all intensities that are likely; none where it is not told."""
+        """Return the tracks with all intensities that are likely; none where it is not told.
+
+        Around a fitted one that is well told; else from hardly any on, until they are unlikely.
+        """
         best, jerk = self.track, float(self.track.jerk)
         error = float(best.jerk_error)
         if jerk > 0 and error < _JERK_TOLD:
