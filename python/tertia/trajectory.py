@@ -347,6 +347,7 @@ def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Tr
         found = found.without_faults(total.removed_from(record.measured), jerk)
         if change.is_small():
             break
+    found = found.relinearised(jerk)
     track = found.track
     covariance = track.covariance if jerk is not None else found.covariance_with_jerk()
     if total is not None:
@@ -445,7 +446,7 @@ class _Smoothed:
     def first(cls, record: _Record, jerk: float | None) -> _Smoothed:
         """Locate and smooth what was measured, all of it."""
         trust = np.ones((len(record.times), sum(v.shape[1] for v in record.measured.values())))
-        return cls.made(record, record.measured, jerk, trust).relinearised(jerk)
+        return cls.made(record, record.measured, jerk, trust)
 
     def without_faults(self, measured: _Measured, jerk: float | None) -> _Smoothed:
         """Leave out what the smooth track contradicts, until nothing else is."""
