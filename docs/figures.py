@@ -105,6 +105,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "faults": trajectory.faults,
         "consistency": trajectory.consistency,
         "biases": trajectory.biases,
+        "finders": trajectory.finders,
     },
     "smoothing.md": {
         "degree coverage": smoothing.degree_coverage,
