@@ -1,8 +1,8 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
-//! kalman <- smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses
+//! `error, moments, distribution, angle, matrix, vector <- screening <- bearing <- weights <-
+//! location <- kalman <- smoothing <- fusion`, with [`batch`] and [`missing`] for their callers: a module uses
 //! those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
@@ -45,6 +45,7 @@ pub mod missing;
 mod moments;
 pub mod screening;
 pub mod smoothing;
+mod vector;
 pub mod weights;
 
 pub use error::{Error, Result};
