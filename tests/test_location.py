@@ -167,9 +167,9 @@ class TestRobust:
             jacobian = reference.jacobian(fixes.position[i], places, row, SIGMAS)
             weighted = jacobian.T * reference.tukey_weight(u) @ jacobian
             factor = asymptotic_factor()
-            np.testing.assert_allclose(
-                fixes.covariance[i], factor * np.linalg.inv(weighted), rtol=1e-5
-            )
+            # the reference's jacobian is that of residuals, measured less predicted
+            expected = factor * np.linalg.inv(weighted) + reference.doubt(u, -jacobian)
+            np.testing.assert_allclose(fixes.covariance[i], expected, rtol=1e-5)
             assert fixes.outliers.count[i] == np.sum(np.abs(u) >= reference.TUKEY)
 
     def test_faults_are_found(self):
@@ -253,12 +253,10 @@ class TestErrorBars:
     @pytest.mark.parametrize("method", ["least-squares", "robust"])
     @pytest.mark.parametrize("case", ["azimuths", "ranges", "range differences", "radars"])
     def test_without_faults(self, case, method):
-        """Within the 99 % bounds and what Tukey's weights add with few degrees of freedom."""
         values = self.nees(case, method=method)
         d = CASES[case][1].size
         low, high = stats.chi2.ppf([CHANCE / 2, 1 - CHANCE / 2], d * values.size) / values.size / d
-        slack = 0.02 if method == "robust" else 0.0
-        assert low - slack < values.mean() / d < high + slack
+        assert low < values.mean() / d < high
 
     @pytest.mark.parametrize("faults", [1, 2])
     @pytest.mark.parametrize("case", ["azimuths", "ranges", "range differences", "radars"])
@@ -266,9 +264,10 @@ class TestErrorBars:
         values = self.nees(case, faults=faults)
         assert values.mean() / CASES[case][1].size < 1.3
 
-    def test_small_faults_are_the_worst(self):
-        values = self.nees("radars", faults=1, size=5.0)
-        assert 1.3 < values.mean() / 3 < 1.8
+    @pytest.mark.parametrize("case", ["azimuths", "ranges", "range differences", "radars"])
+    def test_faults_that_are_partly_believed(self, case):
+        values = self.nees(case, faults=1, size=5.0)
+        assert values.mean() / CASES[case][1].size < 1.3
 
     def test_sigma_unknown_by_least_squares(self):
         """An F distribution."""

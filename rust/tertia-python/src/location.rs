@@ -94,6 +94,7 @@ pub fn locate<'py>(
     require_row(&rows, location::KINDS * k, "values")?;
     require_row(&sigmas, location::KINDS * k, "sigmas")?;
     let count = rows.count();
+    let values = Shared::new(&rows, count, "values")?;
     let stations = Shared::new(&stations, count, "stations")?;
     let sigmas = Shared::new(&sigmas, count, "sigmas")?;
     if let Some(initial) = &initial {
@@ -130,7 +131,7 @@ pub fn locate<'py>(
                 .take(fixes.len())
                 .map(|i| Instant {
                     stations: stations.row(i),
-                    values: rows.row(i),
+                    values: values.row(i),
                     sigmas: sigmas.row(i),
                     initial: initial.as_ref().map(|initial| initial.row(i)),
                 })

@@ -6,7 +6,7 @@
 //! the same result alone and in any company.
 
 use super::descent::{FAR, HUBER, Loss, ROUNDING};
-use super::measurement::{Kind, Measurement, SMALL_TANGENT, TERMS};
+use super::measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS};
 use super::small::{self, Matrix, REGULAR};
 use crate::vector::Vector;
 use pulp::{Arch, Simd, WithSimd};
@@ -41,6 +41,8 @@ pub(super) struct Arrival<const D: usize> {
 #[derive(Debug)]
 pub(super) struct Block<const D: usize> {
     measured: Vec<Measured<D>>,
+    /// Residuals and their derivatives at the positions.
+    rows: Vec<(Lane, [Lane; D])>,
     position: [Lane; D],
     matrix: [[Lane; D]; D],
     cost: Lane,
@@ -53,6 +55,7 @@ impl<const D: usize> Default for Block<D> {
         let zeros = [0.0; LANES];
         Self {
             measured: Vec::new(),
+            rows: Vec::new(),
             position: [zeros; D],
             matrix: [[zeros; D]; D],
             cost: zeros,
@@ -106,8 +109,8 @@ impl<const D: usize> Block<D> {
         Arch::new().dispatch(Descent { block: self, loss, huber, tolerance });
     }
 
-    /// The minimum of a lane, if it reached one.
-    pub fn arrival(&self, lane: usize, extent: f64) -> Option<Arrival<D>> {
+    /// The minimum of a lane, and the rows there, if it reached one.
+    pub fn arrival(&self, lane: usize, extent: f64, rows: &mut Vec<Row<D>>) -> Option<Arrival<D>> {
         let position = std::array::from_fn(|i| self.position[i][lane]);
         if self.found[lane] <= 0.0 || small::norm(&position) > FAR * extent {
             return None;
@@ -119,6 +122,11 @@ impl<const D: usize> Block<D> {
                 matrix[j][i] = matrix[i][j];
             }
         }
+        rows.clear();
+        rows.extend(self.rows.iter().map(|(residual, gradient)| Row {
+            residual: residual[lane],
+            gradient: std::array::from_fn(|i| gradient[i][lane]),
+        }));
         Some(Arrival { position, matrix, cost: self.cost[lane] })
     }
 }
@@ -136,6 +144,7 @@ impl<const D: usize> WithSimd for Descent<'_, D> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { block, loss, huber, tolerance } = self;
+        block.rows.resize(block.measured.len(), ([0.0; LANES], [[0.0; LANES]; D]));
         for at in 0..LANES / S::F64_LANES {
             let lanes = Lanes { simd, at };
             let mut p = Vector::load_all(simd, &block.position, at);
@@ -149,6 +158,11 @@ impl<const D: usize> WithSimd for Descent<'_, D> {
             }
             normal.cost.store(&mut block.cost, at);
             found.store(&mut block.found, at);
+            for (m, (residual, gradient)) in block.measured.iter().zip(&mut block.rows) {
+                let (u, slope) = lanes.row(m, &p);
+                u.store(residual, at);
+                Vector::store_all(&slope, gradient, at);
+            }
         }
     }
 }

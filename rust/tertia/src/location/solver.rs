@@ -15,6 +15,8 @@ const STEPS: usize = 100;
 /// Robust steps: Huber's only lead to Tukey's.
 const HUBER_STEPS: usize = 8;
 const HUBER_TOLERANCE: f64 = 0.1;
+/// The same from a start that is trusted.
+const NEAR_HUBER: f64 = 0.5;
 const TUKEY_STEPS: usize = 50;
 const TUKEY_TOLERANCE: f64 = 1e-7;
 const RESCALINGS: usize = 12;
@@ -32,9 +34,12 @@ const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 const SAME_MINIMUM: f64 = 25.0;
 /// Other minima looked for.
 const RIVALS: usize = 3;
-/// Degrees of freedom for each fault with which the best start of the stations' own fixes is
-/// trusted: with fewer, other positions may explain as much.
-const REDUNDANCY_OF_A_FAULT: usize = 4;
+/// Faults with which the median of the stations' own fixes is trusted as a start, and the best of
+/// them; beyond, other positions may explain as much.
+const TRUSTED_FAULTS: [f64; 2] = [1.0, 2.0];
+/// Degrees of freedom from which on every start may lead to a minimum of its own. With fewer, any
+/// few measurements would, and those count that Huber's steps lead to.
+const RIVALRY: usize = 4;
 /// Least sum of the weights beyond what the coordinates use up.
 const LEAST_REST: f64 = 1e-9;
 /// A point is at a station below this share of the extent.
@@ -156,11 +161,20 @@ struct Record<const D: usize> {
     /// A start that is trusted, and the minimum it led to.
     start: Option<Vector<D>>,
     first: Option<Minimum<D>>,
+    /// Residuals and their derivatives there.
+    rows: Vec<Row<D>>,
 }
 
 impl<const D: usize> Default for Record<D> {
     fn default() -> Self {
-        Self { measurements: Vec::new(), places: Vec::new(), extent: 0.0, start: None, first: None }
+        Self {
+            measurements: Vec::new(),
+            places: Vec::new(),
+            extent: 0.0,
+            start: None,
+            first: None,
+            rows: Vec::new(),
+        }
     }
 }
 
@@ -263,14 +277,13 @@ impl Locator {
             }
             let loss = self.loss(first.measurements.len() - D);
             let tolerance = if loss == Loss::Square { TOLERANCE } else { TUKEY_TOLERANCE };
-            block.descend(loss, (HUBER_STEPS, HUBER_TOLERANCE), tolerance);
+            block.descend(loss, (HUBER_STEPS, NEAR_HUBER), tolerance);
             for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
             {
-                record.first = block.arrival(lane, record.extent).map(Minimum::of);
-                if record.first.is_none() {
-                    // it is left to the safeguards
-                    record.start = None;
-                }
+                let arrival = block.arrival(lane, record.extent, &mut record.rows);
+                record.first = arrival.map(Minimum::of);
+                // others are left to the safeguards
+                record.start = record.start.filter(|_| arrival.is_some());
             }
         }
     }
@@ -288,8 +301,9 @@ impl Locator {
         out.residual.fill(f64::NAN);
         out.outlier.fill(false);
         let Workspace { records, candidates, costs, scratch, .. } = workspace;
-        let record = &records[at];
-        let Record { measurements, places, extent, .. } = record;
+        let record = &mut records[at];
+        let unknown = record.is_unknown(instant);
+        let Record { measurements, places, extent, first: arrived, rows, .. } = record;
         let count = measurements.len();
         let degrees_of_freedom = count as i64 - D as i64;
         let failed = |problem| Fix {
@@ -303,11 +317,10 @@ impl Locator {
         if degrees_of_freedom < 0 {
             return failed(Problem::TooFew);
         }
-        let unknown = record.is_unknown(instant);
         let redundancy = count - D;
         let loss = self.loss(redundancy);
         let problem = descent::Problem { measurements, extent: *extent };
-        let search = Search { problem, loss, unknown, first: record.first };
+        let search = Search { problem, loss, unknown, first: *arrived };
         let origin = first::<D>(instant.stations);
         let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
         let found = match self.lenth() {
@@ -321,15 +334,20 @@ impl Locator {
         for (value, (p, o)) in out.position.iter_mut().zip(minimum.position.iter().zip(origin)) {
             *value = p + o;
         }
-        let summary = search.summary(&minimum, self.lenth(), scratch);
+        if arrived.is_none_or(|first| first.position != minimum.position) {
+            rows.clear();
+            rows.extend(measurements.iter().map(|m| m.row(&minimum.position)));
+        }
+        let summary = search.summary(&minimum, self.lenth(), rows);
         for (i, row) in summary.covariance.iter().enumerate() {
             out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
         }
         let mut chi_square = 0.0;
-        for (&residual, &place) in scratch.iter().zip(&*places) {
-            let u = residual / summary.sigma;
+        let [own, robust] = [summary.sigma, minimum.scale].map(f64::recip);
+        for (row, &place) in rows.iter().zip(&*places) {
+            let u = row.residual * own;
             out.residual[place] = u;
-            out.outlier[place] = (residual / minimum.scale).abs() >= summary.fault;
+            out.outlier[place] = (row.residual * robust).abs() >= summary.fault;
             chi_square += u * u;
         }
         Fix {
@@ -381,7 +399,7 @@ impl Locator {
         if inverse.is_none() {
             return f64::INFINITY;
         }
-        let mut spread = Spread::default();
+        let mut spread = Spread::of(measurements);
         for m in measurements {
             spread.add(m, &m.row(&p), true);
         }
@@ -449,22 +467,23 @@ impl<const D: usize> Search<'_, D> {
         if let Some(start) = initial {
             return Ok(self.refine(start, scratch));
         }
-        if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, 1.0)) {
+        let count = self.problem.measurements.len() as f64;
+        let [few, more] = TRUSTED_FAULTS.map(|faults| faults * TUKEY * TUKEY / 6.0);
+        let limits = [0.5 * count + few, 0.5 * (count - D as f64) + more];
+        if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
             return Ok(minimum);
         }
         candidates.read(self.problem.measurements);
         if let Some(start) = candidates.middle().filter(|_| !self.unknown) {
             let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
-            if self.is_trusted(&minimum, 1.0) {
+            if self.is_trusted(&minimum, limits[0]) {
                 return Ok(minimum);
             }
             let best = self.best(&candidates.points, costs, scratch);
             let other = best.map(|at| self.refine(candidates.points[at], scratch));
             let better = |other: &Minimum<D>| other.normal.cost < minimum.normal.cost;
             let minimum = other.filter(better).unwrap_or(minimum);
-            let redundancy = self.problem.measurements.len() - D;
-            let faults = (redundancy / REDUNDANCY_OF_A_FAULT).max(1);
-            if self.is_trusted(&minimum, faults as f64) {
+            if self.is_trusted(&minimum, limits[1]) {
                 return Ok(minimum);
             }
         }
@@ -477,10 +496,8 @@ impl<const D: usize> Search<'_, D> {
         self.rivalled(minimum, points, costs, scratch)
     }
 
-    /// Whether a minimum needs no other starts: no more than so many faults contradict it.
-    fn is_trusted(&self, minimum: &Minimum<D>, faults: f64) -> bool {
-        let count = self.problem.measurements.len() as f64;
-        let limit = 0.5 * count + faults * TUKEY * TUKEY / 6.0;
+    /// Whether a minimum needs no other starts: it costs less than so much.
+    fn is_trusted(&self, minimum: &Minimum<D>, limit: f64) -> bool {
         let hardly = self.loss == Loss::Square || minimum.normal.cost < limit;
         minimum.end == End::Converged && hardly
     }
@@ -551,7 +568,8 @@ impl<const D: usize> Search<'_, D> {
 
     /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
     fn rival(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
-        if self.unknown || self.loss == Loss::Square {
+        let few = self.problem.measurements.len() < D + RIVALRY;
+        if few || self.unknown || self.loss == Loss::Square {
             return self.refine(start, scratch);
         }
         let mut position = start;
@@ -690,31 +708,23 @@ impl<const D: usize> Search<'_, D> {
         Ok(Minimum { position: estimate.position, normal, end, scale })
     }
 
-    /// Covariance, σ and dilution; the residuals go to `residuals`.
-    fn summary(
-        &self,
-        minimum: &Minimum<D>,
-        lenth: Option<Weight>,
-        residuals: &mut Vec<f64>,
-    ) -> Summary<D> {
+    /// Covariance, σ and dilution, from residuals and their derivatives.
+    fn summary(&self, minimum: &Minimum<D>, lenth: Option<Weight>, rows: &[Row<D>]) -> Summary<D> {
         let robust = self.loss != Loss::Square;
         let fault = match lenth {
             Some(Weight::Andrews) => lenth::ZERO,
             None if robust => TUKEY,
             _ => f64::INFINITY,
         };
-        residuals.clear();
         let reciprocal = 1.0 / minimum.scale;
-        let mut spread = Spread::default();
+        let mut spread = Spread::of(self.problem.measurements);
         let (mut sum, mut total) = (0.0, 0.0);
-        for m in self.problem.measurements {
-            let row = m.row(&minimum.position);
+        for (m, row) in self.problem.measurements.iter().zip(rows) {
             let u = row.residual * reciprocal;
             let (weight, ..) = self.loss.at(u);
             sum += weight * u * u;
             total += weight;
-            residuals.push(row.residual);
-            spread.add(m, &row, u.abs() < fault);
+            spread.add(m, row, u.abs() < fault);
         }
         let dilution = spread.dilution();
         if lenth.is_some() {
@@ -739,8 +749,8 @@ impl<const D: usize> Search<'_, D> {
         let factor = of(sigma).variance * sigma * sigma;
         let mut covariance = inverse.map(|row| row.map(|v| v * factor));
         if robust {
-            let rows = self.problem.measurements.iter().map(|m| {
-                let row = m.row(&minimum.position).scaled(reciprocal);
+            let rows = rows.iter().map(|row| {
+                let row = row.scaled(reciprocal);
                 (row, self.loss.at(row.residual).0)
             });
             add(&mut covariance, &doubt(rows, &inverse));
@@ -802,24 +812,21 @@ fn least(costs: &[f64]) -> Option<usize> {
     finite.min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| at)
 }
 
-/// The information of errors of size 1, and in how many units.
+/// The information of errors of size 1, where their unit is the same.
 struct Spread<const D: usize> {
     matrix: Matrix<D>,
-    angles: usize,
-    count: usize,
-}
-
-impl<const D: usize> Default for Spread<D> {
-    fn default() -> Self {
-        Self { matrix: [[0.0; D]; D], angles: 0, count: 0 }
-    }
+    mixed: bool,
 }
 
 impl<const D: usize> Spread<D> {
+    fn of(measurements: &[Measurement<D>]) -> Self {
+        let angles = measurements.iter().filter(|m| m.kind.is_angle()).count();
+        let mixed = angles != 0 && angles != measurements.len();
+        Self { matrix: [[0.0; D]; D], mixed }
+    }
+
     fn add(&mut self, m: &Measurement<D>, row: &Row<D>, counts: bool) {
-        self.count += 1;
-        self.angles += usize::from(m.kind.is_angle());
-        if !counts {
+        if self.mixed || !counts {
             return;
         }
         let square = 1.0 / (m.precision * m.precision);
@@ -832,7 +839,7 @@ impl<const D: usize> Spread<D> {
 
     /// Root of the trace of the covariance; nan where units are mixed.
     fn dilution(&self) -> f64 {
-        if self.angles != 0 && self.angles != self.count {
+        if self.mixed {
             return f64::NAN;
         }
         let Some(factor) = Factor::try_new(&self.matrix, 0.0) else { return f64::INFINITY };
