@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 from tolerances import CHANCE
 
 from tertia.location import Station
@@ -280,6 +281,82 @@ def test_without_noise_everything_comes_back(order, smoother, moving):
     np.testing.assert_allclose(track.acceleration[inside], truth[2][inside], atol=2e-2)
     check(track, truth, measured)
     assert isinstance(track, Trajectory)
+
+
+@BOTH_ORDERS
+@BOTH_SMOOTHERS
+def test_a_rotated_frame_changes_nothing(order, smoother):
+    """The same measurements, all coordinates in another frame."""
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(30))
+    rotation = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).as_matrix()
+    rotated = [
+        Station(
+            rotation @ place,
+            range_sigma=SIGMA_R,
+            azimuth_sigma=SIGMA_A,
+            elevation_sigma=SIGMA_A,
+            axes=rotation.T,
+        )
+        for place in PLACES
+    ]
+    options = {"order": order, "smoother": smoother}
+    if smoother == "local-polynomial":
+        # adaptive degrees are chosen for each coordinate
+        options["degree"] = 2
+    elif order == "spatial-first":
+        options["jerk"] = JERK
+    a = reconstruct(network(), INSTANTS, **measured, **options)
+    b = reconstruct(rotated, INSTANTS, **measured, **options)
+    both = [(a.position, b.position), (a.velocity, b.velocity), (a.acceleration, b.acceleration)]
+    for one, other in both:
+        # polynomials weight each coordinate by its own variance
+        far = 0.1 if (order, smoother) == ("spatial-first", "local-polynomial") else 1e-4
+        np.testing.assert_allclose(one @ rotation.T, other, atol=far * np.abs(one).max(), rtol=0)
+    np.testing.assert_allclose(
+        a.residuals.azimuth, b.residuals.azimuth, atol=2e-3 if far < 0.1 else 1
+    )
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_biases_of_stations_with_axes(moving):
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(31), biases=BIASES)
+    rotation = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).as_matrix()
+    axes = np.broadcast_to(rotation.T, (60, 3, 3)) if moving else rotation.T
+    rotated = [
+        Station(
+            np.broadcast_to(rotation @ place, (60, 3)) if moving else rotation @ place,
+            range_sigma=SIGMA_R,
+            azimuth_sigma=SIGMA_A,
+            elevation_sigma=SIGMA_A,
+            axes=axes,
+        )
+        for place in PLACES
+    ]
+    a = reconstruct(network(), INSTANTS, **measured, jerk=JERK, biases=KINDS)
+    b = reconstruct(rotated, INSTANTS, **measured, jerk=JERK, biases=KINDS)
+    for kind in KINDS:
+        one, other, sigma = (getattr(told, kind) for told in (a.bias, b.bias, a.bias_sigma))
+        np.testing.assert_allclose(one, other, rtol=0, atol=0.02 * sigma.max())
+    np.testing.assert_allclose(a.position @ rotation.T, b.position, rtol=0, atol=0.5)
+
+
+def test_axes_that_change_need_positions_first():
+    axes = np.broadcast_to(np.eye(3), (60, 3, 3))
+    stations = [
+        Station(np.broadcast_to(p, (60, 3)), range_sigma=1, azimuth_sigma=1, axes=axes)
+        for p in PLACES
+    ]
+    measured = ideal(turn(INSTANTS)[0])
+    with pytest.raises(ValueError, match="axes of stations change"):
+        reconstruct(
+            stations,
+            INSTANTS,
+            range=measured["range"],
+            azimuth=measured["azimuth"],
+            order="temporal-first",
+        )
 
 
 @BOTH_ORDERS

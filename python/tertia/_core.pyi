@@ -214,6 +214,7 @@ class TrackFusion:
 
 def locate(
     stations: FloatArray,
+    axes: FloatArray | None,
     values: FloatArray,
     sigmas: FloatArray,
     initial: FloatArray | None,
@@ -222,7 +223,11 @@ def locate(
     n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]]: ...
 def location_accuracy(
-    stations: FloatArray, sigmas: FloatArray, positions: FloatArray, n_threads: int | None
+    stations: FloatArray,
+    axes: FloatArray | None,
+    sigmas: FloatArray,
+    positions: FloatArray,
+    n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray]: ...
 def local_polynomial(
     y: FloatArray,

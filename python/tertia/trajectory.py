@@ -19,7 +19,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, positive, samples
-from tertia.location import Kind, Location, Outliers, Problem, Residuals, Station, _stations, locate
+from tertia.location import (
+    Kind,
+    Location,
+    Outliers,
+    Problem,
+    Residuals,
+    Station,
+    _stations,
+    _turned,
+    locate,
+)
 from tertia.smoothing import TrackSmooth, local_polynomial, smooth
 
 __all__ = ["Order", "Smoother", "Spatial", "Trajectory", "reconstruct"]
@@ -30,6 +40,7 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 _KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference")
 _BIASED = _KINDS[:3]
+_ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
 # each round starts from measurements without the biases of those before
 _ROUNDS = 10
 # change of a bias, in its standard errors, that ends the rounds
@@ -147,6 +158,7 @@ def reconstruct(
     ----------
     stations : sequence of K Station
         Where they are, and how well they measure; positions of shape (D,) or, if they move, (N, D).
+        Axes that change need positions first.
     times : array_like of shape (N,)
         Times of the instants, not decreasing.
     range, azimuth, elevation : array_like of shape (N, K), optional
@@ -219,7 +231,7 @@ def reconstruct(
     """
     _require_choices(order, spatial, smoother)
     instants = _instants(times)
-    places, sigmas = _places(stations, len(instants))
+    places, axes, sigmas = _places(stations, len(instants))
     k = places.shape[-2]
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
@@ -230,9 +242,11 @@ def reconstruct(
         for kind, values in given
         if values is not None
     }
-    record = _Record(places, sigmas, instants, measured, spatial, n_threads)
+    record = _Record(stations, places, axes, sigmas, instants, measured, spatial, n_threads)
     wanted = _wanted(biases, record, order, smoother)
     if order == "temporal-first":
+        if axes is not None and axes.ndim > 3:
+            raise ValueError("axes of stations change along time; order must be 'spatial-first'")
         return _temporal_first(record, smoother, window, degree)
     if smoother == "local-polynomial":
         return _by_polynomials(record, window, degree)
@@ -243,7 +257,10 @@ def reconstruct(
 class _Record:
     """Everything that was measured: (N, K) for each kind, (N, K - 1) for range differences."""
 
+    stations: Sequence[Station]
+    # (K, D) or (N, K, D), and the axes of angles, (K, D, D) or (N, K, D, D)
     places: FloatArray
+    axes: FloatArray | None
     sigmas: dict[Kind, FloatArray]
     times: FloatArray
     measured: _Measured
@@ -254,7 +271,7 @@ class _Record:
         """Locate all instants."""
         options: dict[str, Any] = {str(kind): values for kind, values in measured.items()}
         options |= {f"{kind}_sigma": sigmas[kind] for kind in measured}
-        fixes = locate(self.places, method=self.spatial, n_threads=self.n_threads, **options)
+        fixes = locate(self.stations, method=self.spatial, n_threads=self.n_threads, **options)
         if not np.any(fixes.located):
             reasons = np.unique(np.asarray(fixes.problem))
             told = "; ".join(Problem(int(reason)).reason for reason in reasons)
@@ -268,13 +285,15 @@ class _Record:
     def jacobian(self, position: FloatArray) -> FloatArray:
         """Return derivatives of all measurements, side by side, (N, M, D)."""
         offset = position[:, np.newaxis] - self.places
-        return np.concatenate([_jacobian(kind, offset) for kind in self.measured], axis=1)
+        return np.concatenate(
+            [_jacobian(kind, offset, self.axes) for kind in self.measured], axis=1
+        )
 
     def residuals(self, measured: _Measured, position: FloatArray) -> dict[Kind, FloatArray]:
         """Return measurements less those of a trajectory, angles within half a turn."""
         offset = position[:, np.newaxis] - self.places
         return {
-            kind: _difference(kind, values, _predicted(kind, offset))
+            kind: _difference(kind, values, _predicted(kind, offset, self.axes))
             for kind, values in measured.items()
         }
 
@@ -407,7 +426,7 @@ def _derivatives(
     def solved(derivative: int, bend: dict[Kind, FloatArray] | None) -> FloatArray:
         rates = []
         for kind, (states, _) in series.items():
-            moved = _moved(kind, offset, motion[derivative - 1])
+            moved = _moved(kind, offset, motion[derivative - 1], record.axes)
             rate = states[derivative] + moved
             rates.append(rate if bend is None else rate - bend[kind])
         rate = np.where(used, np.concatenate(rates, axis=1), 0.0)
@@ -416,23 +435,23 @@ def _derivatives(
     velocity = solved(1, None)
     step = _STEP * _interval(record.times)
     path = step * (velocity[:, np.newaxis] - motion[0])
-    bend = {
-        kind: (
-            _difference(kind, _predicted(kind, offset + path), _predicted(kind, offset))
-            - _difference(kind, _predicted(kind, offset), _predicted(kind, offset - path))
+    bend = {}
+    for kind in series:
+        behind, here, ahead = (
+            _predicted(kind, offset + shift, record.axes) for shift in (-path, 0.0, path)
         )
-        / step**2
-        for kind in series
-    }
+        bend[kind] = (_difference(kind, ahead, here) - _difference(kind, here, behind)) / step**2
     return velocity, solved(2, bend)
 
 
-def _moved(kind: Kind, offset: FloatArray, motion: FloatArray) -> FloatArray:
+def _moved(
+    kind: Kind, offset: FloatArray, motion: FloatArray, axes: FloatArray | None
+) -> FloatArray:
     """Return what motion of the stations takes from their measurements."""
     if kind == "range_difference":
-        moved = _moved("range", offset, motion)
+        moved = _moved("range", offset, motion, axes)
         return np.asarray(moved[:, 1:] - moved[:, :1])
-    return np.asarray(np.sum(_jacobian(kind, offset) * motion, axis=-1))
+    return np.asarray(np.sum(_jacobian(kind, offset, axes) * motion, axis=-1))
 
 
 def _station_motion(record: _Record, derivative: int) -> FloatArray:
@@ -707,18 +726,20 @@ def _instants(times: npt.ArrayLike) -> FloatArray:
     return instants
 
 
-def _places(stations: Sequence[Station], n: int) -> tuple[FloatArray, dict[Kind, FloatArray]]:
-    """Return positions, (K, D) or (N, K, D), and standard deviations, (K,)."""
+def _places(
+    stations: Sequence[Station], n: int
+) -> tuple[FloatArray, FloatArray | None, dict[Kind, FloatArray]]:
+    """Return positions, (K, D) or (N, K, D), axes, and standard deviations, (K,)."""
     if not isinstance(stations, Sequence) or not all(isinstance(s, Station) for s in stations):
         raise TypeError("stations must be a sequence of Station")
     if not stations:
         raise ValueError("stations is empty; it must have at least one")
-    places, sigmas = _stations(stations)
+    places, axes, sigmas = _stations(stations)
     if places.ndim > 3 or (places.ndim == 3 and len(places) != n):
         raise ValueError(
             f"stations have positions of shape {places.shape[:-2]}; there are {n} times"
         )
-    return places, {kind: sigmas[kind] for kind in _BIASED}
+    return places, axes, {kind: sigmas[kind] for kind in _BIASED}
 
 
 def _checked(
@@ -772,8 +793,10 @@ def _columns(measured: _Measured, known: dict[Kind, BoolArray]) -> IntArray:
     return np.concatenate([first[kind] + np.flatnonzero(own) for kind, own in known.items()])
 
 
-def _predicted(kind: Kind, offset: FloatArray) -> FloatArray:
+def _predicted(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Return what stations measure of a target that is off by `offset`, of shape (N, K, D)."""
+    if kind in _ANGLES:
+        offset = _turned(offset, axes)
     if kind == "azimuth":
         return np.asarray(np.arctan2(offset[..., 0], offset[..., 1]))
     if kind == "elevation":
@@ -789,8 +812,11 @@ def _difference(kind: Kind, values: FloatArray, predicted: FloatArray) -> FloatA
     return difference - 2 * np.pi * np.round(difference / (2 * np.pi))
 
 
-def _jacobian(kind: Kind, offset: FloatArray) -> FloatArray:
+def _jacobian(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Return derivatives of `_predicted` with respect to the position, (N, K, D)."""
+    if kind in _ANGLES and axes is not None:
+        own = _jacobian(kind, _turned(offset, axes), None)
+        return np.asarray((own[..., np.newaxis, :] @ axes)[..., 0, :])
     if kind == "azimuth":
         flat = np.sum(offset[..., :2] ** 2, axis=-1, keepdims=True)
         turned = np.zeros_like(offset)

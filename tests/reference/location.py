@@ -8,23 +8,27 @@ TUKEY = 4.685
 EVIDENCE, SAFETY = 8.28, 6.0
 
 
-def predict(p, stations):
-    """What a position predicts, (K,) each; azimuths clockwise from north."""
+def predict(p, stations, axes=None):
+    """What a position predicts, (K,) each; azimuths clockwise from north.
+
+    `axes` are each station's east, north and up, rows of (K, D, D), to which angles refer.
+    """
     d = np.asarray(p, dtype=float) - np.asarray(stations, dtype=float)
     ranges = np.sqrt(np.sum(d**2, axis=-1))
+    own = d if axes is None else np.einsum("...kij,...kj->...ki", axes, d)
     predicted = {
         "range": ranges,
-        "azimuth": np.arctan2(d[..., 0], d[..., 1]),
+        "azimuth": np.arctan2(own[..., 0], own[..., 1]),
         "range_difference": ranges[..., 1:] - ranges[..., :1],
     }
     if d.shape[-1] == 3:
-        predicted["elevation"] = np.arctan2(d[..., 2], np.hypot(d[..., 0], d[..., 1]))
+        predicted["elevation"] = np.arctan2(own[..., 2], np.hypot(own[..., 0], own[..., 1]))
     return predicted
 
 
-def residuals(p, stations, measured, sigmas):
+def residuals(p, stations, measured, sigmas, axes=None):
     """Whitened residuals of all measurements that are there, one after the other."""
-    predicted = predict(p, stations)
+    predicted = predict(p, stations, axes)
     rows = []
     for kind in KINDS:
         if kind in measured:
@@ -36,14 +40,14 @@ def residuals(p, stations, measured, sigmas):
     return np.concatenate(rows)
 
 
-def jacobian(p, stations, measured, sigmas):
+def jacobian(p, stations, measured, sigmas, axes=None):
     """Derivatives of the whitened residuals by differences of fourth order."""
     columns = []
     step = 1e-4
     for i in range(len(p)):
         e = np.zeros(len(p))
         e[i] = step
-        near = [residuals(p + f * e, stations, measured, sigmas) for f in (-2, -1, 1, 2)]
+        near = [residuals(p + f * e, stations, measured, sigmas, axes) for f in (-2, -1, 1, 2)]
         columns.append((near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * step))
     return np.stack(columns, axis=-1)
 

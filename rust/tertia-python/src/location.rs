@@ -75,6 +75,7 @@ fn require_row(rows: &Rows<'_>, length: usize, name: &str) -> PyResult<()> {
 pub fn locate<'py>(
     py: Python<'py>,
     stations: &Bound<'py, PyAny>,
+    axes: Option<&Bound<'py, PyAny>>,
     values: &Bound<'py, PyAny>,
     sigmas: &Bound<'py, PyAny>,
     initial: Option<&Bound<'py, PyAny>>,
@@ -88,9 +89,11 @@ pub fn locate<'py>(
             .map(|(value, name)| Samples::extract(value, name));
     let (stations, values, sigmas) = (stations?, values?, sigmas?);
     let initial = initial.map(|value| Samples::extract(value, "initial")).transpose()?;
+    let axes = axes.map(|value| Samples::extract(value, "axes")).transpose()?;
     let (k, d) = size(&stations)?;
     let (stations, rows, sigmas) = (stations.blocks(2)?, values.blocks(2)?, sigmas.blocks(2)?);
     let initial = initial.as_ref().map(|samples| samples.blocks(1)).transpose()?;
+    let axes = axes.as_ref().map(|samples| samples.blocks(3)).transpose()?;
     require_row(&rows, location::KINDS * k, "values")?;
     require_row(&sigmas, location::KINDS * k, "sigmas")?;
     let count = rows.count();
@@ -100,7 +103,11 @@ pub fn locate<'py>(
     if let Some(initial) = &initial {
         require_row(initial, d, "initial")?;
     }
+    if let Some(axes) = &axes {
+        require_row(axes, k * d * d, "axes")?;
+    }
     let initial = initial.as_ref().map(|rows| Shared::new(rows, count, "initial")).transpose()?;
+    let axes = axes.as_ref().map(|rows| Shared::new(rows, count, "axes")).transpose()?;
     let mut position = Output::new(py, &[rows.batch(), &[d]].concat())?;
     let mut covariance = Output::new(py, &[rows.batch(), &[d, d]].concat())?;
     let mut residual = Output::new(py, rows.shape)?;
@@ -131,6 +138,7 @@ pub fn locate<'py>(
                 .take(fixes.len())
                 .map(|i| Instant {
                     stations: stations.row(i),
+                    axes: axes.as_ref().map(|axes| axes.row(i)),
                     values: values.row(i),
                     sigmas: sigmas.row(i),
                     initial: initial.as_ref().map(|initial| initial.row(i)),
@@ -174,6 +182,7 @@ pub fn locate<'py>(
 pub fn location_accuracy<'py>(
     py: Python<'py>,
     stations: &Bound<'py, PyAny>,
+    axes: Option<&Bound<'py, PyAny>>,
     sigmas: &Bound<'py, PyAny>,
     positions: &Bound<'py, PyAny>,
     n_threads: Threads,
@@ -181,13 +190,19 @@ pub fn location_accuracy<'py>(
     let stations = Samples::extract(stations, "stations")?;
     let sigmas = Samples::extract(sigmas, "sigmas")?;
     let positions = Samples::extract(positions, "positions")?;
+    let axes = axes.map(|value| Samples::extract(value, "axes")).transpose()?;
     let (k, d) = size(&stations)?;
+    let axes = axes.as_ref().map(|samples| samples.blocks(3)).transpose()?;
     let (stations, sigmas, rows) = (stations.blocks(2)?, sigmas.blocks(2)?, positions.blocks(1)?);
     require_row(&sigmas, location::KINDS * k, "sigmas")?;
     require_row(&rows, d, "positions")?;
+    if let Some(axes) = &axes {
+        require_row(axes, k * d * d, "axes")?;
+    }
     let count = rows.count();
     let (stations, sigmas) =
         (Shared::new(&stations, 1, "stations")?, Shared::new(&sigmas, 1, "sigmas")?);
+    let axes = axes.as_ref().map(|rows| Shared::new(rows, 1, "axes")).transpose()?;
     let mut covariance = Output::new(py, &[rows.shape, &[d]].concat())?;
     let mut dilution = Output::new(py, rows.batch())?;
     let outputs = chunks(covariance.values()?, d * d, count).zip(dilution.values()?);
@@ -196,9 +211,10 @@ pub fn location_accuracy<'py>(
         let new = || (Workspace::<2>::default(), Workspace::<3>::default());
         for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |spaces, (p, out)| {
             let (s, sigmas) = (stations.row(0), sigmas.row(0));
+            let axes = axes.as_ref().map(|axes| axes.row(0));
             *out.1 = match d {
-                2 => Locator::accuracy(s, sigmas, p, out.0, &mut spaces.0),
-                _ => Locator::accuracy(s, sigmas, p, out.0, &mut spaces.1),
+                2 => Locator::accuracy(s, axes, sigmas, p, out.0, &mut spaces.0),
+                _ => Locator::accuracy(s, axes, sigmas, p, out.0, &mut spaces.1),
             };
             Ok(())
         })

@@ -27,6 +27,7 @@ struct Measured<const D: usize> {
     precision: Lane,
     sine: Lane,
     cosine: Lane,
+    axes: Option<[[Lane; D]; D]>,
 }
 
 /// Where a lane arrived, the normal matrix and the cost there.
@@ -76,6 +77,7 @@ impl<const D: usize> Block<D> {
                 precision: [m.precision; LANES],
                 sine: [m.sine; LANES],
                 cosine: [m.cosine; LANES],
+                axes: m.axes.map(|axes| axes.map(|axis| axis.map(|v| [v; LANES]))),
             });
         }
         self.position = start.map(|v| [v; LANES]);
@@ -83,8 +85,11 @@ impl<const D: usize> Block<D> {
 
     /// Whether an instant measured the same kinds.
     pub fn fits(&self, measurements: &[Measurement<D>]) -> bool {
+        let alike = |(own, m): (&Measured<D>, &Measurement<D>)| {
+            own.kind == m.kind && own.axes.is_some() == m.axes.is_some()
+        };
         self.measured.len() == measurements.len()
-            && self.measured.iter().zip(measurements).all(|(own, m)| own.kind == m.kind)
+            && self.measured.iter().zip(measurements).all(alike)
     }
 
     /// Puts an instant that fits into a lane.
@@ -97,6 +102,13 @@ impl<const D: usize> Block<D> {
             own.precision[lane] = m.precision;
             own.sine[lane] = m.sine;
             own.cosine[lane] = m.cosine;
+            if let (Some(own), Some(axes)) = (&mut own.axes, &m.axes) {
+                for i in 0..D {
+                    for j in 0..D {
+                        own[i][j][lane] = axes[i][j];
+                    }
+                }
+            }
         }
         for i in 0..D {
             self.position[i][lane] = start[i];
@@ -340,6 +352,31 @@ impl<S: Simd> Lanes<S> {
         for i in 0..D {
             d[i] -= self.load(&m.station[i]);
         }
+        let Some(axes) = &m.axes else { return self.row_of(m, p, d) };
+        let mut own = [self.splat(0.0); D];
+        for i in 0..D {
+            for j in 0..D {
+                own[i] += self.load(&axes[i][j]) * d[j];
+            }
+        }
+        let (residual, slope) = self.row_of(m, p, own);
+        let mut gradient = [self.splat(0.0); D];
+        for i in 0..D {
+            for j in 0..D {
+                gradient[j] += self.load(&axes[i][j]) * slope[i];
+            }
+        }
+        (residual, gradient)
+    }
+
+    /// The same of an offset from the station, in its axes.
+    #[inline(always)]
+    fn row_of<const D: usize>(
+        self,
+        m: &Measured<D>,
+        p: &[Vector<S>; D],
+        d: [Vector<S>; D],
+    ) -> (Vector<S>, [Vector<S>; D]) {
         let (value, precision) = (self.load(&m.value), self.load(&m.precision));
         let mut gradient = [self.splat(0.0); D];
         match m.kind {

@@ -5,7 +5,7 @@
 //! coordinates cancel. So a point is where planes meet, or a line of planes and one sphere.
 
 use super::measurement::{Kind, Measurement};
-use super::small::{Matrix, Vector, dot, norm, roots, solve_line};
+use super::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};
 use crate::angle::median;
 
 /// Points tried of each sort at most: more are drawn at random, always the same.
@@ -48,6 +48,8 @@ impl<const D: usize> Plane<D> {
 struct Sight<const D: usize> {
     index: usize,
     station: Vector<D>,
+    /// Those of the angles, if they are not those of the frame.
+    axes: Option<Matrix<D>>,
     range: Option<f64>,
     /// Sine and cosine.
     azimuth: Option<(f64, f64)>,
@@ -80,6 +82,7 @@ impl<const D: usize> Candidates<D> {
                 self.sights.push(Sight {
                     index: m.index,
                     station: m.station,
+                    axes: None,
                     range: None,
                     azimuth: None,
                     elevation: None,
@@ -87,6 +90,7 @@ impl<const D: usize> Candidates<D> {
                 });
             }
             if let Some(sight) = self.sights.last_mut() {
+                sight.axes = sight.axes.or(m.axes);
                 match m.kind {
                     Kind::Range => sight.range = Some(m.value),
                     Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
@@ -241,14 +245,20 @@ impl<const D: usize> Sight<D> {
     /// The point that a station's range, azimuth and (in space) elevation give.
     fn polar(&self) -> Option<(Vector<D>, f64)> {
         let (range, (sine, cosine)) = (self.range?, self.azimuth?);
-        let mut point = self.station;
+        let mut offset = [0.0; D];
         let (up, level) = if D == 3 { self.elevation? } else { (0.0, 1.0) };
-        point[0] += range * level * sine;
-        point[1] += range * level * cosine;
+        offset[0] = range * level * sine;
+        offset[1] = range * level * cosine;
         if D == 3 {
-            point[2] += range * up;
+            offset[2] = range * up;
         }
-        Some((point, range))
+        let offset = self.in_frame(offset);
+        Some((std::array::from_fn(|i| self.station[i] + offset[i]), range))
+    }
+
+    /// A vector in the axes of the station, in those of the frame.
+    fn in_frame(&self, v: Vector<D>) -> Vector<D> {
+        self.axes.map_or(v, |axes| rotated_back(&axes, &v))
     }
 
     /// The planes of the azimuth, and of the elevation with the azimuth or the range.
@@ -257,7 +267,7 @@ impl<const D: usize> Sight<D> {
             let mut normal = [0.0; D];
             normal[0] = cosine;
             normal[1] = -sine;
-            Plane::through(normal, &self.station)
+            Plane::through(self.in_frame(normal), &self.station)
         });
         let Some((up, level)) = self.elevation.filter(|_| D == 3) else { return [azimuth, None] };
         let mut normal = [0.0; D];
@@ -266,11 +276,12 @@ impl<const D: usize> Sight<D> {
                 normal[0] = up * sine;
                 normal[1] = up * cosine;
                 normal[D - 1] = -level;
-                Plane::through(normal, &self.station)
+                Plane::through(self.in_frame(normal), &self.station)
             }
             (None, Some(range)) => {
                 normal[D - 1] = 1.0;
-                Plane::new(normal, self.station[D - 1] + range * up, 0.0)
+                let normal = self.in_frame(normal);
+                Plane::new(normal, dot(&normal, &self.station) + range * up, 0.0)
             }
             (None, None) => None,
         };

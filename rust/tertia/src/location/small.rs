@@ -22,6 +22,16 @@ pub(super) fn norm<const D: usize>(a: &Vector<D>) -> f64 {
     dot(a, a).sqrt()
 }
 
+/// `A x`
+pub(super) fn rotated<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+    std::array::from_fn(|i| dot(&a[i], x))
+}
+
+/// `A^T x`
+pub(super) fn rotated_back<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+    std::array::from_fn(|i| (0..D).map(|k| a[k][i] * x[k]).sum())
+}
+
 /// `x^T A x`
 pub(super) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
     let mut sum = 0.0;

@@ -89,6 +89,9 @@ pub enum Problem {
 pub struct Instant<'a> {
     /// Positions of K stations, K D numbers.
     pub stations: &'a [f64],
+    /// East, north and up of each station, K D² numbers, to which its angles refer; those of the
+    /// frame if there are none.
+    pub axes: Option<&'a [f64]>,
     /// Ranges, azimuths, elevations and range differences, 4 K finite numbers, nan where there is
     /// none.
     pub values: &'a [f64],
@@ -372,10 +375,12 @@ impl Locator {
         }
     }
 
-    /// The covariance that stations would have at a position, `sigmas` as in [`Instant`], nan for
-    /// what they do not measure; infinite where it is not determined. Returns the dilution. O(K).
+    /// The covariance that stations would have at a position, the arguments as in [`Instant`],
+    /// `sigmas` nan for what they do not measure; infinite where it is not determined. Returns the
+    /// dilution. O(K).
     pub fn accuracy<const D: usize>(
         stations: &[f64],
+        axes: Option<&[f64]>,
         sigmas: &[f64],
         position: &[f64],
         covariance: &mut [f64],
@@ -383,7 +388,7 @@ impl Locator {
     ) -> f64 {
         let values = sigmas;
         let record = &mut workspace.records[0];
-        record.read(&Instant { stations, values, sigmas, initial: None });
+        record.read(&Instant { stations, axes, values, sigmas, initial: None });
         let Record { measurements, extent, .. } = &*record;
         let extent = *extent;
         let origin = first::<D>(stations);
@@ -417,6 +422,11 @@ fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
     std::array::from_fn(|i| stations[i])
 }
 
+/// The first D² numbers, row by row.
+fn matrix<const D: usize>(values: &[f64]) -> Matrix<D> {
+    std::array::from_fn(|i| std::array::from_fn(|j| values[i * D + j]))
+}
+
 impl<const D: usize> Record<D> {
     /// Whether the standard deviation is to be estimated.
     fn is_unknown(&self, instant: &Instant<'_>) -> bool {
@@ -441,7 +451,11 @@ impl<const D: usize> Record<D> {
                     continue;
                 }
                 let sigma = if sigma.is_nan() { 1.0 } else { sigma };
-                self.measurements.push(Measurement::new(kind, k, station, value, sigma));
+                let measurement = Measurement::new(kind, k, station, value, sigma);
+                self.measurements.push(match instant.axes {
+                    None => measurement,
+                    Some(axes) => measurement.about(&matrix(&axes[k * D * D..])),
+                });
                 self.places.push(place);
                 if !kind.is_angle() {
                     extent = extent.max(value.abs());
