@@ -300,6 +300,8 @@ impl<S: Simd> Lanes<S> {
     ) -> Normal<S, D> {
         let zero = self.splat(0.0);
         let zeros = [[zero; D]; D];
+        // elsewhere the weights are ψ', or stand for it
+        let curved = matches!(loss, Loss::Tukey(_));
         let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; D], cost: zero };
         for m in measured {
             let (u, gradient) = self.row(m, p);
@@ -308,12 +310,20 @@ impl<S: Simd> Lanes<S> {
             let weighted = weight * u;
             for i in 0..D {
                 normal.vector[i] += weighted * gradient[i];
-                let (a, b) = (weight * gradient[i], curvature * gradient[i]);
+                let a = weight * gradient[i];
                 for j in 0..=i {
                     normal.matrix[i][j] += a * gradient[j];
-                    normal.curvature[i][j] += b * gradient[j];
+                }
+                if curved {
+                    let b = curvature * gradient[i];
+                    for j in 0..=i {
+                        normal.curvature[i][j] += b * gradient[j];
+                    }
                 }
             }
+        }
+        if !curved {
+            normal.curvature = normal.matrix;
         }
         normal
     }
@@ -512,5 +522,72 @@ impl<S: Simd> Lanes<S> {
             }
         }
         (x, regular)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::descent::{self, TUKEY};
+    use super::*;
+
+    /// What three radars measure of a target, somewhat wrong.
+    fn measurements(error: f64, tilted: bool) -> Vec<Measurement<3>> {
+        let target = [1000.0, 1500.0, 500.0];
+        let axes = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]];
+        let mut all = Vec::new();
+        for (k, station) in
+            [[0.0; 3], [2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0]].into_iter().enumerate()
+        {
+            for kind in Kind::ALL {
+                let sigma = if kind.is_angle() { 0.005 } else { 10.0 };
+                let zero = Measurement::new(kind, k, station, 0.0, sigma);
+                let zero = if tilted { zero.about(&axes) } else { zero };
+                // the residual of zero is minus the prediction, in standard deviations
+                let value = -zero.row(&target).residual * sigma;
+                let wrong = error * ((7 * k + kind as usize) as f64).sin();
+                let m = Measurement::new(kind, k, station, value + wrong * sigma, sigma);
+                all.push(if tilted { m.about(&axes) } else { m });
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn lanes_arrive_where_single_steps_do() {
+        let start = [980.0, 1520.0, 470.0];
+        for tilted in [false, true] {
+            let mut block = Block::default();
+            let instants: Vec<_> =
+                (0..LANES).map(|lane| measurements(0.2 * lane as f64, tilted)).collect();
+            block.begin(&instants[0], &start);
+            for (lane, instant) in instants.iter().enumerate() {
+                assert!(block.fits(instant));
+                block.set(lane, instant, &start);
+            }
+            for loss in [Loss::Square, Loss::Tukey(TUKEY)] {
+                for i in 0..3 {
+                    block.position[i] = [start[i]; LANES];
+                }
+                block.descend(loss, (8, 0.5), 1e-9);
+                for (lane, instant) in instants.iter().enumerate() {
+                    let problem = descent::Problem { measurements: instant, extent: 2000.0 };
+                    let mut p = start;
+                    let (_, normal) = problem.descend(&mut p, loss, 1.0, 50, 1e-9);
+                    let mut rows = Vec::new();
+                    let arrival = block.arrival(lane, 2000.0, &mut rows).unwrap();
+                    for i in 0..3 {
+                        assert!((arrival.position[i] - p[i]).abs() < 1e-6, "{loss:?} {lane}");
+                    }
+                    assert!((arrival.cost - normal.cost).abs() <= 1e-9 * (1.0 + normal.cost));
+                    for (row, m) in rows.iter().zip(instant) {
+                        assert!((row.residual - m.row(&p).residual).abs() < 1e-6);
+                    }
+                }
+            }
+        }
+        let mut block = Block::default();
+        block.begin(&measurements(0.0, false), &start);
+        assert!(!block.fits(&measurements(0.0, true)));
+        assert!(!block.fits(&measurements(0.0, false)[1..]));
     }
 }

@@ -173,7 +173,7 @@ impl<const D: usize> Measurement<D> {
         let axes = if self.kind.is_angle() { 2 } else { D };
         let squared: f64 = d[..axes].iter().map(|v| v * v).sum();
         let first = self.kind == Kind::RangeDifference && norm(p) <= near;
-        first || squared.sqrt() <= near
+        first || squared <= near * near
     }
 }
 

@@ -260,8 +260,7 @@ impl Locator {
         for (record, instant) in records.iter_mut().zip(instants) {
             record.read(instant);
             if instant.initial.is_none() && self.lenth().is_none() && !record.is_unknown(instant) {
-                candidates.read(&record.measurements);
-                record.start = candidates.middle();
+                record.start = candidates.middle(&record.measurements);
             }
         }
         for from in 0..records.len() {
@@ -487,8 +486,8 @@ impl<const D: usize> Search<'_, D> {
         if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
             return Ok(minimum);
         }
-        candidates.read(self.problem.measurements);
-        if let Some(start) = candidates.middle().filter(|_| !self.unknown) {
+        let middle = candidates.middle(self.problem.measurements);
+        if let Some(start) = middle.filter(|_| !self.unknown) {
             let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
             if self.is_trusted(&minimum, limits[0]) {
                 return Ok(minimum);
@@ -501,6 +500,7 @@ impl<const D: usize> Search<'_, D> {
                 return Ok(minimum);
             }
         }
+        candidates.read(self.problem.measurements);
         candidates.all(self.problem.extent);
         let points = &mut candidates.points;
         let Some(start) = self.best(points, costs, scratch) else {
