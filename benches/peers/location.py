@@ -4,8 +4,8 @@ Microseconds of CPU time an instant, the least of several rounds on one thread, 
 Tertia. The alternatives are `scipy.optimize.least_squares` in a loop, with an analytic Jacobian,
 and Gauss-Newton with Huber's and Tukey's weights for a whole batch in NumPy, with what Tertia tells
 besides: covariance, whitened residuals, their sum of squares and its probability. They start from
-the median of the stations' own fixes. Results of least squares must agree to 1e-6 sigma, those of Tukey's
-biweight to 1e-4 in all but one in a thousand, before they are timed.
+the median of the stations' own fixes. Results of least squares must agree to 1e-6 sigma, those of
+Tukey's biweight to 1e-4 in all but one in a thousand, before they are timed.
 """
 
 import os
