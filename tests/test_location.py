@@ -168,9 +168,11 @@ class TestRobust:
             jacobian = reference.jacobian(fixes.position[i], places, row, SIGMAS)
             weighted = jacobian.T * reference.tukey_weight(u) @ jacobian
             factor = asymptotic_factor()
-            np.testing.assert_allclose(
-                fixes.covariance[i], factor * np.linalg.inv(weighted), rtol=1e-5
-            )
+            # the reference's jacobian is that of residuals, measured less predicted
+            expected = factor * np.linalg.inv(weighted) + reference.doubt(u, -jacobian)
+            # covariances cancel: they are compared in units of the standard deviations
+            unit = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
+            np.testing.assert_allclose(fixes.covariance[i] / unit, expected / unit, atol=1e-5)
             assert fixes.outliers.count[i] == np.sum(np.abs(u) >= reference.TUKEY)
 
     def test_faults_are_found(self):
@@ -185,6 +187,11 @@ class TestRobust:
         assert fix.outliers.range_difference is None
         assert fix.p_value < 1e-10
         assert np.linalg.norm(fix.position - HIGH) < 30
+
+    def test_flat_costs(self):
+        """Where the cost curves down, steps with weights alone creep for hundreds of steps."""
+        fixes = solve("radars", draw("radars", 20_000, seed=1, faults=1, size=5.0))
+        assert not np.any(fixes.problem == Problem.NOT_CONVERGED)
 
     @pytest.mark.parametrize("size", [1e3, 1e6, 1e9])
     def test_however_large(self, size):
@@ -254,12 +261,10 @@ class TestErrorBars:
     @pytest.mark.parametrize("method", ["least-squares", "robust"])
     @pytest.mark.parametrize("case", ["azimuths", "ranges", "range differences", "radars"])
     def test_without_faults(self, case, method):
-        """Within the 99 % bounds and what Tukey's weights add with few degrees of freedom."""
         values = self.nees(case, method=method)
         d = CASES[case][1].size
         low, high = stats.chi2.ppf([CHANCE / 2, 1 - CHANCE / 2], d * values.size) / values.size / d
-        slack = 0.02 if method == "robust" else 0.0
-        assert low - slack < values.mean() / d < high + slack
+        assert low < values.mean() / d < high
 
     @pytest.mark.parametrize("faults", [1, 2])
     @pytest.mark.parametrize("case", ["azimuths", "ranges", "range differences", "radars"])
@@ -267,9 +272,10 @@ class TestErrorBars:
         values = self.nees(case, faults=faults)
         assert values.mean() / CASES[case][1].size < 1.3
 
-    def test_small_faults_are_the_worst(self):
-        values = self.nees("radars", faults=1, size=5.0)
-        assert 1.3 < values.mean() / 3 < 1.8
+    @pytest.mark.parametrize("case", ["azimuths", "ranges", "range differences", "radars"])
+    def test_faults_that_are_partly_believed(self, case):
+        values = self.nees(case, faults=1, size=5.0)
+        assert values.mean() / CASES[case][1].size < 1.3
 
     def test_sigma_unknown_by_least_squares(self):
         """An F distribution."""
@@ -351,6 +357,25 @@ class TestInvariance:
             np.testing.assert_array_equal(single.position, batch.position[i])
             np.testing.assert_array_equal(single.covariance, batch.covariance[i])
             assert single.chi_square == batch.chi_square[i]
+
+    @pytest.mark.parametrize("faults", [0, 2, 4])
+    @pytest.mark.parametrize("method", ["robust", "least-squares"])
+    def test_company_does_not_matter(self, method, faults):
+        """Instants side by side: alone, in another order, beside gaps and nonsense."""
+        measured = draw("radars", 61, seed=28, faults=faults)
+        measured["azimuth"][::7, 1] = NAN
+        measured["range"][3] = 1e9
+        a = solve("radars", measured, method=method)
+        order = np.random.default_rng(29).permutation(61)
+        b = solve("radars", {k: v[order] for k, v in measured.items()}, method=method)
+        names = ("position", "covariance", "chi_square", "p_value", "problem")
+        for name in names:
+            np.testing.assert_array_equal(getattr(a, name)[order], getattr(b, name))
+        np.testing.assert_array_equal(whitened(a)[order], whitened(b))
+        for i in np.flatnonzero(a.located):
+            single = solve("radars", one(measured, i), method=method)
+            for name in names:
+                np.testing.assert_array_equal(getattr(a, name)[i], getattr(single, name))
 
     @pytest.mark.parametrize("n_threads", [2, 5])
     def test_threads(self, n_threads):

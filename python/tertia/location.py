@@ -365,7 +365,9 @@ def locate(
     eight Huber steps (1.345) and Tukey's (4.685) follow, whichever of both starts is better. Other
     starts are tried, and two minima whose likelihoods differ less than by a factor of 20 are an
     error. Faults have weight 0. The robust covariance is `0.963 (J' W J)^-1`, which with normal
-    errors is 5 % larger than that of least squares. Cost O(M) a step, about ten steps.
+    errors is 5 % larger than that of least squares, and for each measurement that may or may not be
+    a fault, with probability q, `6 q (1 - q) d d'`, where d is what the position moves by when it
+    is left out. Cost O(M) a step, about ten steps.
 
     Examples
     --------

@@ -4,6 +4,8 @@ import numpy as np
 
 KINDS = ("range", "azimuth", "elevation", "range_difference")
 TUKEY = 4.685
+# of the covariance: minus the logarithm of the odds of a fault, and the safety factor
+EVIDENCE, SAFETY = 8.28, 6.0
 
 
 def predict(p, stations, axes=None):
@@ -59,3 +61,29 @@ def tukey_cost(u):
 def tukey_weight(u):
     """The weight of residuals."""
     return np.maximum(0.0, 1.0 - (u / TUKEY) ** 2) ** 2
+
+
+def doubt(u, j):
+    """What measurements that may be faults add to the covariance, by leaving each of them out.
+
+    The position moves by the difference between leaving a measurement out and weight 1, with the
+    others at their weights; the probability of a fault follows from its residual, left out, over
+    the standard deviation of that.
+    """
+    w = tukey_weight(u)
+    total = np.zeros((j.shape[1], j.shape[1]))
+    for i in range(len(u)):
+        others = np.arange(len(u)) != i
+        information = (j[others].T * w[others]) @ j[others]
+        without = np.linalg.inv(information)
+        # one step from the estimate, where the weighted residuals cancel
+        moved = without @ (j[others].T @ (w[others] * u[others]))
+        residual = u[i] - j[i] @ moved
+        variance = 1 + j[i] @ without @ j[i]
+        odds = np.exp(residual**2 / variance / 2 - EVIDENCE)
+        believed = np.linalg.inv(information + np.outer(j[i], j[i])) @ (
+            j.T @ (np.where(others, w, 1.0) * u)
+        )
+        shift = believed - moved
+        total += SAFETY * odds / (1 + odds) ** 2 * np.outer(shift, shift)
+    return total

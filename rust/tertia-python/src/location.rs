@@ -97,6 +97,7 @@ pub fn locate<'py>(
     require_row(&rows, location::KINDS * k, "values")?;
     require_row(&sigmas, location::KINDS * k, "sigmas")?;
     let count = rows.count();
+    let values = Shared::new(&rows, count, "values")?;
     let stations = Shared::new(&stations, count, "stations")?;
     let sigmas = Shared::new(&sigmas, count, "sigmas")?;
     if let Some(initial) = &initial {
@@ -120,29 +121,45 @@ pub fn locate<'py>(
         sigma: 0.0,
     };
     let mut fixes = repeated(failed, count)?;
-    let outputs = chunks(position.values()?, d, count)
-        .zip(chunks(covariance.values()?, d * d, count))
-        .zip(chunks(residual.values()?, rows.len(), count))
-        .zip(chunks(outlier.values()?, rows.len(), count))
-        .zip(&mut fixes);
+    let size = location::BLOCK;
+    let outputs = position
+        .values()?
+        .chunks_mut(d * size)
+        .zip(covariance.values()?.chunks_mut(d * d * size))
+        .zip(residual.values()?.chunks_mut(rows.len() * size))
+        .zip(outlier.values()?.chunks_mut(rows.len() * size))
+        .zip(fixes.chunks_mut(size));
     let cost = LOCATE_NS * (rows.len() * count) as f64;
     let done = release(py, cost, || {
-        let items = rows.iter().enumerate().zip(outputs);
         let new = || (Workspace::<2>::default(), Workspace::<3>::default());
-        for_each_row(items, cost, n_threads, new, |(plane, space), ((i, values), out)| {
-            let ((((position, covariance), residual), outlier), fix) = out;
-            let instant = Instant {
-                stations: stations.row(i),
-                axes: axes.as_ref().map(|axes| axes.row(i)),
-                values,
-                sigmas: sigmas.row(i),
-                initial: initial.as_ref().map(|initial| initial.row(i)),
-            };
-            let mut out = location::Output { position, covariance, residual, outlier };
-            *fix = match d {
-                2 => locator.locate(&instant, &mut out, plane),
-                _ => locator.locate(&instant, &mut out, space),
-            };
+        for_each_row(outputs.enumerate(), cost, n_threads, new, |(plane, space), (block, out)| {
+            let ((((position, covariance), residual), outlier), fixes) = out;
+            let instants: Vec<_> = (block * size..)
+                .take(fixes.len())
+                .map(|i| Instant {
+                    stations: stations.row(i),
+                    axes: axes.as_ref().map(|axes| axes.row(i)),
+                    values: values.row(i),
+                    sigmas: sigmas.row(i),
+                    initial: initial.as_ref().map(|initial| initial.row(i)),
+                })
+                .collect();
+            let mut out: Vec<_> = position
+                .chunks_mut(d)
+                .zip(covariance.chunks_mut(d * d))
+                .zip(residual.chunks_mut(rows.len()))
+                .zip(outlier.chunks_mut(rows.len()))
+                .map(|(((position, covariance), residual), outlier)| location::Output {
+                    position,
+                    covariance,
+                    residual,
+                    outlier,
+                })
+                .collect();
+            match d {
+                2 => locator.locate_all(&instants, &mut out, fixes, plane),
+                _ => locator.locate_all(&instants, &mut out, fixes, space),
+            }
             Ok(())
         })
     });

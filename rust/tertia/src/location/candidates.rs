@@ -75,49 +75,22 @@ impl<const D: usize> Default for Candidates<D> {
 impl<const D: usize> Candidates<D> {
     /// Takes the measurements, sorted by station.
     pub fn read(&mut self, measurements: &[Measurement<D>]) {
+        self.points.clear();
         self.sights.clear();
-        self.points.clear();
-        for m in measurements {
-            if self.sights.last().is_none_or(|sight| sight.index != m.index) {
-                self.sights.push(Sight {
-                    index: m.index,
-                    station: m.station,
-                    axes: None,
-                    range: None,
-                    azimuth: None,
-                    elevation: None,
-                    difference: None,
-                });
-            }
-            if let Some(sight) = self.sights.last_mut() {
-                sight.axes = sight.axes.or(m.axes);
-                match m.kind {
-                    Kind::Range => sight.range = Some(m.value),
-                    Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
-                    Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
-                    Kind::RangeDifference => sight.difference = Some(m.value),
-                }
-            }
-        }
-    }
-
-    /// The fixes of single stations; true if every station makes one. O(K).
-    pub fn polar(&mut self) -> bool {
-        self.points.clear();
-        for sight in &self.sights {
-            let Some((point, _)) = sight.polar() else { continue };
-            self.points.push(point);
-        }
-        self.points.len() == self.sights.len()
+        self.sights.extend(measurements.chunk_by(|a, b| a.index == b.index).map(Sight::of));
     }
 
     /// The median of the stations' own fixes, coordinate by coordinate, where all of three or more
-    /// stations make one. O(K).
-    pub fn middle(&mut self) -> Option<Vector<D>> {
-        if !self.polar() || self.points.len() < 3 {
+    /// stations make one; of measurements sorted by station. O(K).
+    pub fn middle(&mut self, measurements: &[Measurement<D>]) -> Option<Vector<D>> {
+        let Self { points, coordinates, .. } = self;
+        points.clear();
+        for station in measurements.chunk_by(|a, b| a.index == b.index) {
+            points.push(Sight::of(station).polar()?);
+        }
+        if points.len() < 3 {
             return None;
         }
-        let Self { points, coordinates, .. } = self;
         Some(std::array::from_fn(|i| {
             coordinates.clear();
             coordinates.extend(points.iter().map(|point| point[i]));
@@ -127,7 +100,8 @@ impl<const D: usize> Candidates<D> {
 
     /// Points of all sorts.
     pub fn all(&mut self, extent: f64) {
-        self.polar();
+        self.points.clear();
+        self.points.extend(self.sights.iter().filter_map(Sight::polar));
         self.planes.clear();
         for sight in &self.sights {
             self.planes.extend(sight.planes().into_iter().flatten());
@@ -242,8 +216,31 @@ impl<const D: usize> Candidates<D> {
 }
 
 impl<const D: usize> Sight<D> {
+    /// That of a station's measurements.
+    fn of(measurements: &[Measurement<D>]) -> Self {
+        let mut sight = Self {
+            index: measurements[0].index,
+            station: measurements[0].station,
+            axes: None,
+            range: None,
+            azimuth: None,
+            elevation: None,
+            difference: None,
+        };
+        for m in measurements {
+            sight.axes = sight.axes.or(m.axes);
+            match m.kind {
+                Kind::Range => sight.range = Some(m.value),
+                Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
+                Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
+                Kind::RangeDifference => sight.difference = Some(m.value),
+            }
+        }
+        sight
+    }
+
     /// The point that a station's range, azimuth and (in space) elevation give.
-    fn polar(&self) -> Option<(Vector<D>, f64)> {
+    fn polar(&self) -> Option<Vector<D>> {
         let (range, (sine, cosine)) = (self.range?, self.azimuth?);
         let mut offset = [0.0; D];
         let (up, level) = if D == 3 { self.elevation? } else { (0.0, 1.0) };
@@ -253,7 +250,7 @@ impl<const D: usize> Sight<D> {
             offset[2] = range * up;
         }
         let offset = self.in_frame(offset);
-        Some((std::array::from_fn(|i| self.station[i] + offset[i]), range))
+        Some(std::array::from_fn(|i| self.station[i] + offset[i]))
     }
 
     /// A vector in the axes of the station, in those of the frame.

@@ -4,7 +4,10 @@ use super::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
 
 /// Up to these tangents five and nine terms of a series are an arctangent to the last bit.
 const TINY_TANGENT: f64 = 0.01;
-const SMALL_TANGENT: f64 = 0.1;
+pub(super) const SMALL_TANGENT: f64 = 0.1;
+/// Of `t − t³/3 + t⁵/5 − …`, nine terms, without the signs, from the last one to the second.
+pub(super) const TERMS: [f64; 8] =
+    [1.0 / 17.0, 1.0 / 15.0, 1.0 / 13.0, 1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +50,18 @@ pub(super) struct Measurement<const D: usize> {
 pub(super) struct Row<const D: usize> {
     pub residual: f64,
     pub gradient: Vector<D>,
+}
+
+impl<const D: usize> Row<D> {
+    /// In other units.
+    #[inline(always)]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.residual *= factor;
+        for v in &mut self.gradient {
+            *v *= factor;
+        }
+        self
+    }
 }
 
 impl<const D: usize> Measurement<D> {
@@ -158,7 +173,7 @@ impl<const D: usize> Measurement<D> {
         let axes = if self.kind.is_angle() { 2 } else { D };
         let squared: f64 = d[..axes].iter().map(|v| v * v).sum();
         let first = self.kind == Kind::RangeDifference && norm(p) <= near;
-        first || squared.sqrt() <= near
+        first || squared <= near * near
     }
 }
 
