@@ -1,23 +1,15 @@
 """Stations in a file: where they are and how well they measure."""
 
 import math
-import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
 
 import numpy as np
 
 from tertia._arrays import FloatArray
-from tertia.cli import _tables
-from tertia.cli._terminal import WRONG_USAGE, fail
+from tertia.cli._places import Places, Row, named_rows, number, places
+from tertia.cli._terminal import fail
 from tertia.location import Kind, Station
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 # what one unit of the files is in those of the library
 UNITS: dict[Kind, tuple[str, float]] = {
@@ -26,9 +18,6 @@ UNITS: dict[Kind, tuple[str, float]] = {
     "elevation": ("deg", math.pi / 180),
     "range_difference": ("m", 1.0),
 }
-_PLANE, _UP = ("east_m", "north_m"), "up_m"
-
-Row: TypeAlias = Mapping[str, Any]
 
 
 def value_column(kind: Kind) -> str:
@@ -45,12 +34,12 @@ def sigma_column(kind: Kind) -> str:
 class Sites:
     """The stations of a file, in metres and radians.
 
-    Positions are (K, D); standard deviations (K,) for each kind, nan where none is stated.
+    Standard deviations are (K,) for each kind, nan where none is stated.
     """
 
     path: Path
     names: list[str]
-    places: FloatArray
+    places: Places
     sigmas: dict[Kind, FloatArray]
 
     def stations(self, sigmas: dict[Kind, FloatArray] | None = None) -> list[Station]:
@@ -63,91 +52,31 @@ class Sites:
             return None if math.isnan(sigma) else sigma
 
         return [
-            Station(place, name=name, **{f"{kind}_sigma": stated(kind, k) for kind in columns})
-            for k, (name, place) in enumerate(zip(self.names, self.places, strict=True))
+            Station(
+                place,
+                name=name,
+                axes=None if self.places.axes is None else self.places.axes[k],
+                **{f"{kind}_sigma": stated(kind, k) for kind in columns},
+            )
+            for k, (name, place) in enumerate(zip(self.names, self.places.positions, strict=True))
         ]
 
 
 def read_stations(path: Path) -> Sites:
     """Read them from TOML with one table `[[station]]` each, or from CSV or Parquet."""
-    rows = _rows_of_toml(path) if path.suffix.lower() == ".toml" else _rows_of_table(path)
-    if not rows:
-        fail(f"{path} has no stations")
-    names = [_name(row, number, path) for number, row in enumerate(rows, start=1)]
-    for at, name in enumerate(names):
-        if name in names[:at]:
-            fail(f"{path} has two stations {name}")
-    named = dict(zip(names, rows, strict=True))
-    places = _positions(named, path)
+    rows, origin = named_rows(path, "station")
     sigmas = {
-        kind: np.array([_sigma(row, name, kind, path) for name, row in named.items()])
+        kind: np.array([_sigma(row, name, kind, path) for name, row in rows.items()])
         for kind in UNITS
     }
-    return Sites(path, names, places, sigmas)
-
-
-def _rows_of_toml(path: Path) -> list[Row]:
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror}")
-    except ValueError as error:
-        # also what is no UTF-8
-        fail(f"cannot read {path}: {error}")
-    rows = document.get("station", [])
-    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        fail(f"{path}: station is no list of tables; each must begin with [[station]]")
-    return rows
-
-
-def _rows_of_table(path: Path) -> list[Row]:
-    frame = _tables.read(path, ["name"])
-    return list(frame.filter(_tables.is_row(frame, path)).iter_rows(named=True))
-
-
-def _name(row: Row, number: int, path: Path) -> str:
-    name = row.get("name")
-    if name is None or not str(name).strip():
-        fail(f"{path}: station {number} has no name")
-    return str(name).strip()
-
-
-def _positions(rows: Mapping[str, Row], path: Path) -> FloatArray:
-    """Return where the stations are, (K, 2), or (K, 3) if any of them has a height."""
-    in_space = any(_number(row, _UP, name, path) is not None for name, row in rows.items())
-    columns = (*_PLANE, _UP) if in_space else _PLANE
-    return np.array(
-        [[_required(row, column, name, path) for column in columns] for name, row in rows.items()]
-    )
-
-
-def _required(row: Row, column: str, name: str, path: Path) -> float:
-    number = _number(row, column, name, path)
-    if number is None:
-        fail(f"{path}: {column} of {name} is missing")
-    return number
+    return Sites(path, list(rows), places(rows, origin, path), sigmas)
 
 
 def _sigma(row: Row, name: str, kind: Kind, path: Path) -> float:
     column = sigma_column(kind)
-    sigma = _number(row, column, name, path)
+    sigma = number(row, column, name, path)
     if sigma is None:
         return math.nan
     if sigma <= 0:
         fail(f"{path}: {column} of {name} is {sigma:g}; it must be a positive number, or missing")
     return sigma * UNITS[kind][1]
-
-
-def _number(row: Row, column: str, name: str, path: Path) -> float | None:
-    value = row.get(column)
-    if value is None or _tables.is_mark(str(value)):
-        return None
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        fail(f"{path}: {column} of {name} is {value!r}; it must be a finite number")
-    return number
