@@ -429,7 +429,9 @@ class _Smoothed:
         fixes = record.located(kept, sigmas)
         plots = _Plots.of_fixes(fixes)
         found = cls(record, measured, trust, fixes, plots, plots.smoothed(record, jerk))
-        for _ in range(_RELINEARISED):
+        # a single position is its own track
+        rounds = _RELINEARISED if np.sum(_is_finite(plots.covariance)) > 1 else 0
+        for _ in range(rounds):
             found = found.relinearised(float(found.track.jerk))
         return found
 

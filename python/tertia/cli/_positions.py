@@ -143,15 +143,20 @@ def instants(record: Record, table: pl.DataFrame, fixes: Location) -> dict[str, 
     )
     steps = pl.DataFrame({"step": pl.int_range(record.times.size, eager=True)})
     left_out = steps.join(faulty, on="step", how="left").sort("step")["left_out"]
-    count = pl.Series(np.bincount(table["step"], minlength=record.times.size), dtype=pl.Int64)
+    count, faults = (_each(record, of) for of in (table, table.filter("fault")))
     return {
         "measured": count,
         "degrees_of_freedom": degrees.set(pl.Series(~located), None),
         "p_value": _tables.known(p_value, np.isfinite(p_value)),
-        "outliers": pl.Series(np.asarray(fixes.outliers.count)).set(pl.Series(~located), None),
+        "outliers": faults.set(pl.Series(~located), None),
         "left_out": left_out,
         "problem": pl.Series([_reason(one) for one in np.asarray(fixes.problem)], dtype=pl.String),
     }
+
+
+def _each(record: Record, table: pl.DataFrame) -> pl.Series:
+    """Return how many rows there are of each instant."""
+    return pl.Series(np.bincount(table["step"], minlength=record.times.size), dtype=pl.Int64)
 
 
 def _reason(problem: int) -> str | None:
