@@ -7,9 +7,9 @@ what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.s
 positions along time, `tertia.trajectory` does both for what stations measured along time,
 `tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs to
 which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads these,
-`tertia.metrics` tells whether errors are as claimed and how good tracks are, `tertia.simulate` makes
-records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the extra
-`cli`.
+`tertia.metrics` tells whether errors are as claimed and how good tracks are, `tertia.simulate`
+makes records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the
+extra `cli`.
 """
 
 import warnings

@@ -70,23 +70,27 @@ class Sites:
 
 def read_stations(path: Path) -> Sites:
     """Read them from TOML with one table `[[station]]` each, or from CSV or Parquet."""
-    rows = _rows_of_toml(path) if path.suffix.lower() == ".toml" else _rows_of_table(path)
-    if not rows:
-        fail(f"{path} has no stations")
-    names = [_name(row, number, path) for number, row in enumerate(rows, start=1)]
-    for at, name in enumerate(names):
-        if name in names[:at]:
-            fail(f"{path} has two stations {name}")
-    named = dict(zip(names, rows, strict=True))
-    places = _positions(named, path)
+    named = named_rows(path, "station")
     sigmas = {
         kind: np.array([_sigma(row, name, kind, path) for name, row in named.items()])
         for kind in UNITS
     }
-    return Sites(path, names, places, sigmas)
+    return Sites(path, list(named), positions(named, path), sigmas)
 
 
-def _rows_of_toml(path: Path) -> list[Row]:
+def named_rows(path: Path, noun: str) -> dict[str, Row]:
+    """Return the tables `[[noun]]` of TOML, or the rows of CSV or Parquet, by their names."""
+    rows = _rows_of_toml(path, noun) if path.suffix.lower() == ".toml" else _rows_of_table(path)
+    if not rows:
+        fail(f"{path} has no {noun}s")
+    names = [_name(row, f"{noun} {number}", path) for number, row in enumerate(rows, start=1)]
+    for at, name in enumerate(names):
+        if name in names[:at]:
+            fail(f"{path} has two {noun}s {name}")
+    return dict(zip(names, rows, strict=True))
+
+
+def _rows_of_toml(path: Path, noun: str) -> list[Row]:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -96,9 +100,9 @@ def _rows_of_toml(path: Path) -> list[Row]:
     except ValueError as error:
         # also what is no UTF-8
         fail(f"cannot read {path}: {error}")
-    rows = document.get("station", [])
+    rows = document.get(noun, [])
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        fail(f"{path}: station is no list of tables; each must begin with [[station]]")
+        fail(f"{path}: {noun} is no list of tables; each must begin with [[{noun}]]")
     return rows
 
 
@@ -107,32 +111,33 @@ def _rows_of_table(path: Path) -> list[Row]:
     return list(frame.filter(_tables.is_row(frame, path)).iter_rows(named=True))
 
 
-def _name(row: Row, number: int, path: Path) -> str:
+def _name(row: Row, which: str, path: Path) -> str:
     name = row.get("name")
     if name is None or not str(name).strip():
-        fail(f"{path}: station {number} has no name")
+        fail(f"{path}: {which} has no name")
     return str(name).strip()
 
 
-def _positions(rows: Mapping[str, Row], path: Path) -> FloatArray:
-    """Return where the stations are, (K, 2), or (K, 3) if any of them has a height."""
-    in_space = any(_number(row, _UP, name, path) is not None for name, row in rows.items())
+def positions(rows: Mapping[str, Row], path: Path) -> FloatArray:
+    """Return where stations or radars are, (K, 2), or (K, 3) if any of them has a height."""
+    in_space = any(number(row, _UP, name, path) is not None for name, row in rows.items())
     columns = (*_PLANE, _UP) if in_space else _PLANE
     return np.array(
-        [[_required(row, column, name, path) for column in columns] for name, row in rows.items()]
+        [[required(row, column, name, path) for column in columns] for name, row in rows.items()]
     )
 
 
-def _required(row: Row, column: str, name: str, path: Path) -> float:
-    number = _number(row, column, name, path)
-    if number is None:
+def required(row: Row, column: str, name: str, path: Path) -> float:
+    """Return a number that must be there."""
+    found = number(row, column, name, path)
+    if found is None:
         fail(f"{path}: {column} of {name} is missing")
-    return number
+    return found
 
 
 def _sigma(row: Row, name: str, kind: Kind, path: Path) -> float:
     column = sigma_column(kind)
-    sigma = _number(row, column, name, path)
+    sigma = number(row, column, name, path)
     if sigma is None:
         return math.nan
     if sigma <= 0:
@@ -140,14 +145,15 @@ def _sigma(row: Row, name: str, kind: Kind, path: Path) -> float:
     return sigma * UNITS[kind][1]
 
 
-def _number(row: Row, column: str, name: str, path: Path) -> float | None:
+def number(row: Row, column: str, name: str, path: Path) -> float | None:
+    """Return a number of a row, None where it is missing."""
     value = row.get(column)
     if value is None or _tables.is_mark(str(value)):
         return None
     try:
-        number = math.nan if isinstance(value, bool) else float(value)
+        found = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
+        found = math.nan
+    if not math.isfinite(found):
         fail(f"{path}: {column} of {name} is {value!r}; it must be a finite number")
-    return number
+    return found
