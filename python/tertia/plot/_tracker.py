@@ -49,8 +49,7 @@ def tracks(
     plans : sequence of FlightPlan
         Flight plans, dashed.
     probability : float
-        With which normal errors put the true position inside an ellipse. About three are drawn per
-        track.
+        With which normal errors put the true position inside an ellipse. Three are drawn per track.
     legend : bool
         Whether to draw one.
     ax : matplotlib.axes.Axes, optional
@@ -59,7 +58,7 @@ def tracks(
     Returns
     -------
     matplotlib.axes.Axes
-        North over east in kilometres. A track has its number at its end, up to 60 of them.
+        North over east in kilometres. The 60 longest tracks have their numbers at their ends.
 
     Raises
     ------
@@ -100,7 +99,7 @@ def tracks(
         ax.plot(*_km(seen), ".", color=_GREY, markersize=2, zorder=1, label="plot")
     if lines:
         ax.dataLim.set(limits)
-    for name, rows in list(lines.items())[:_MOST_NUMBERS]:
+    for name, rows in _longest(lines).items():
         end = _km(table.position[rows[-1]])
         ax.annotate(str(name), tuple(end), xytext=(4, 4), textcoords="offset points", zorder=4)
     ax.set(title=_counted(len(lines), "track"), xlabel="east (km)", ylabel="north (km)")
@@ -201,6 +200,12 @@ def _lines(table: TrackTable) -> dict[int, IntArray]:
     return dict(zip(names.tolist(), np.split(order, starts[1:]), strict=False))
 
 
+def _longest(lines: dict[int, IntArray]) -> dict[int, IntArray]:
+    """Return the tracks with most rows."""
+    chosen = sorted(lines, key=lambda name: -len(lines[name]))[:_MOST_NUMBERS]
+    return {name: lines[name] for name in chosen}
+
+
 def _draw_tracks(ax: "Axes", table: TrackTable, lines: dict[int, IntArray]) -> None:
     """Draw all tracks of one colour as one line, and manoeuvres below them."""
     gap = np.full((1, 2), np.nan)
@@ -231,7 +236,7 @@ def _draw_ellipses(
 ) -> None:
     gap = np.full((1, 2), np.nan)
     parts = []
-    for rows in list(lines.values())[:_MOST_NUMBERS]:
+    for rows in _longest(lines).values():
         some = np.linspace(0, len(rows) - 1, _ELLIPSES + 2).round().astype(int)[1:-1]
         for row in np.unique(rows[some]):
             covariance = table.covariance[row, :2, :2]
