@@ -1,4 +1,4 @@
-"""Make plots.csv, air_radars.toml, plans.json and truth.csv: a dozen aircraft and two radars.
+"""Make air_plots.csv, air_radars.toml, air_plans.json, air_truth.csv: two radars, a dozen aircraft.
 
 Nothing here was measured. The simulation is `tertia.simulate` with fixed seeds, so the files can be
 made again. Twelve aircraft fly five minutes of their flight plans, in a wind that no plan knows;
@@ -149,6 +149,6 @@ TRUTH_HEADER = ("time_s", "target", "east_m", "north_m")
 if __name__ == "__main__":
     here = Path(__file__)
     here.with_name("air_radars.toml").write_text(toml(), encoding="utf-8")
-    here.with_name("plans.json").write_text(plan_list(), encoding="utf-8")
-    _write(here.with_name("plots.csv"), PLOT_HEADER, plot_rows())
-    _write(here.with_name("truth.csv"), TRUTH_HEADER, truth_rows())
+    here.with_name("air_plans.json").write_text(plan_list(), encoding="utf-8")
+    _write(here.with_name("air_plots.csv"), PLOT_HEADER, plot_rows())
+    _write(here.with_name("air_truth.csv"), TRUTH_HEADER, truth_rows())

@@ -20,7 +20,7 @@ from tertia.tracker import Fate, Plots, Radar, TrackTable, track
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-EXAMPLE = (EXAMPLES / "plots.csv", "--radars", EXAMPLES / "air_radars.toml")
+EXAMPLE = (EXAMPLES / "air_plots.csv", "--radars", EXAMPLES / "air_radars.toml")
 LEBL = ROOT.parent / "shared" / "data" / "lebl_radar" / "plots_0800_0830.csv.gz"
 HEAD = "time_s,radar,range_m,azimuth_deg,height_m,identity"
 NAN = float("nan")
@@ -716,10 +716,10 @@ def test_normalised_errors(write: Write, truth: Path, tmp_path: Path) -> None:
 
 
 def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
-    frame = tracks(*EXAMPLE, "--plans", EXAMPLES / "plans.json", folder=tmp_path)
-    truth = pl.read_csv(EXAMPLES / "truth.csv")
+    frame = tracks(*EXAMPLE, "--plans", EXAMPLES / "air_plans.json", folder=tmp_path)
+    truth = pl.read_csv(EXAMPLES / "air_truth.csv")
     picture = tmp_path / "p.png"
-    arguments = (tmp_path / "tracks.parquet", "--truth", EXAMPLES / "truth.csv", "--period", 5)
+    arguments = (tmp_path / "tracks.parquet", "--truth", EXAMPLES / "air_truth.csv", "--period", 5)
     told = judge(*arguments, "--distance", 700, "--plot", picture, folder=tmp_path)
     rows = frame.filter(pl.col("confirmed") & pl.col("plot").is_not_null())
     _, target = np.unique(truth["target"].to_numpy(), return_inverse=True)
@@ -811,10 +811,10 @@ def test_other_origins_are_suspected(write: Write, truth: Path) -> None:
 
 def test_the_example_can_be_made_again() -> None:
     made = runpy.run_path(str(EXAMPLES / "make_air_traffic.py"))
-    texts = {"air_radars.toml": made["toml"](), "plans.json": made["plan_list"]()}
+    texts = {"air_radars.toml": made["toml"](), "air_plans.json": made["plan_list"]()}
     for name, rows, header in (
-        ("plots.csv", made["plot_rows"](), made["PLOT_HEADER"]),
-        ("truth.csv", made["truth_rows"](), made["TRUTH_HEADER"]),
+        ("air_plots.csv", made["plot_rows"](), made["PLOT_HEADER"]),
+        ("air_truth.csv", made["truth_rows"](), made["TRUTH_HEADER"]),
     ):
         texts[name] = "\n".join(",".join(row) for row in [header, *rows]) + "\n"
     for name, text in texts.items():
