@@ -48,7 +48,7 @@ $(WHEEL): $(BIN)/python $(SOURCES)
 	rm -rf dist
 	$(BIN)/maturin build --quiet --release --out dist
 	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps dist/tertia-*.whl
-	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,io,plot]"
+	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,geo,io,plot]"
 	touch $@
 
 $(VENV)/.test $(VENV)/.bench: $(VENV)/.%: pyproject.toml $(BIN)/python

@@ -27,8 +27,13 @@ fn run<const D: usize>(c: &mut Criterion) {
     let mut group = c.benchmark_group("location");
     for count in [2, 4, 8, 32] {
         let (stations, values, sigmas) = instant::<D>(count);
-        let instant =
-            Instant { stations: &stations, values: &values, sigmas: &sigmas, initial: None };
+        let instant = Instant {
+            stations: &stations,
+            axes: None,
+            values: &values,
+            sigmas: &sigmas,
+            initial: None,
+        };
         let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
         let (mut residual, mut outlier) = (values.clone(), vec![false; values.len()]);
         let mut workspace = Workspace::<D>::default();

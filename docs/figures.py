@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from studies import (
     association,
     bearing,
+    flightplan,
     fusion,
     instant,
     location,
@@ -94,10 +95,17 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "metrics": fusion.filter_consistency,
         "accuracy": fusion.accuracy,
     },
+    "flightplan.md": {
+        "turns": flightplan.turns,
+        "identification": flightplan.identification,
+        "passing times": flightplan.passing,
+        "blocking": flightplan.blocking,
+    },
     "trajectory.md": {
         "faults": trajectory.faults,
         "consistency": trajectory.consistency,
         "biases": trajectory.biases,
+        "finders": trajectory.finders,
     },
     "smoothing.md": {
         "degree coverage": smoothing.degree_coverage,
@@ -122,6 +130,7 @@ FIGURES = {
     "weights_passive_location.png": weights.passive_location_figure,
     "location_fix.png": location.fix_figure,
     "location_map.png": location.map_figure,
+    "flightplan_turn.png": flightplan.turn_figure,
     "fusion_track.png": fusion.track_figure,
     "fusion_smoothing.png": fusion.smoothing_figure,
     "smoothing_track.png": smoothing.track_figure,

@@ -59,6 +59,10 @@ class TestThresholds:
         expected = stats.chi2.isf(1 - probability, m)
         assert found == pytest.approx(expected, rel=1e-11)
 
+    def test_of_three_scans(self):
+        """The sum of three d² in the plane, as the paper uses it."""
+        assert gate_threshold("guard", 6) == pytest.approx(20.79, abs=0.005)
+
     def test_default(self):
         assert gate_threshold() == gate_threshold(0.998, 2)
 

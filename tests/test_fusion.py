@@ -3,6 +3,7 @@
 import pickle
 import re
 from functools import lru_cache
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tolerances import CHANCE, PARITY, VECTOR
 
 from tertia.fusion import TrackFusion, common_azimuth, fuse_series
 from tertia.kalman import SingerModel, filter_series
-from tertia.simulate import radars
+from tertia.simulate import ScenarioName, radar_scenario, radars
 
 NAN, INF = float("nan"), float("inf")
 MODEL = SingerModel(5.0, 0.05, 0.003)
@@ -406,6 +407,18 @@ def test_streaming_is_the_series(method, k):
         np.testing.assert_array_equal(centre.outlier, whole.outlier[:, step])
 
 
+def test_errors_of_a_stream_say_where():
+    with pytest.raises(
+        ValueError, match=r"^measurement_variance\[1\] is -0.2; it must be a positive"
+    ):
+        TrackFusion(MODEL, [0.1, -0.2])
+    centre = TrackFusion(MODEL, [0.1, 0.2])
+    with pytest.raises(ValueError, match=r"^plots\[1\] is inf; it must be a finite number, or nan"):
+        centre.step([0.0, INF])
+    with pytest.raises(ValueError, match=r"^measurement_variance\[0\] is 0"):
+        centre.update([0.0, 1.0], [0.0, 1.0])
+
+
 def test_plots_on_both_sides_of_a_far_prediction():
     """A prediction that is half a turn away says nothing, and turns no plot away."""
     state = np.array([180.0, 0, 0]), np.diag([1e4, 1e-4, 1e-6])
@@ -413,6 +426,17 @@ def test_plots_on_both_sides_of_a_far_prediction():
     assert abs(reference.wrap(result.mean[0, 0], 360.0)) < 0.05
     # between that of both and that of one of them
     assert 0.07 < result.sigma[0, 0] < 0.15
+
+
+def test_an_angle_that_is_known_exactly():
+    """The plots of that step tell nothing of it; later ones do."""
+    z = batches(k=2, n=30, seed=6)
+    state = np.zeros((2, 3)), np.tile(np.diag([0, 1e-3, 1e-5]), (2, 1, 1))
+    result = fuse_series(z, 0.01, MODEL, initial=state)
+    expected = fuse_series(z, 0.01, MODEL, method="central", initial=state)
+    np.testing.assert_array_equal(result.mean[0], 0)
+    away = (result.mean - expected.mean)[1:] / expected.sigma[1:]
+    assert np.abs(away).max() < 1
 
 
 def test_shares_of_a_step():
@@ -867,6 +891,62 @@ class TestMonteCarlo:
         assert nis.mean() > 3
         assert (result.noise_variance[..., turning] > 0.01).mean() < 0.2
         assert np.abs(result.weights[..., turning, 0] - 0.5).mean() < 0.1
+
+
+# the default beside all other rules, where a prediction is worth a plot and where it is not
+
+MOTIONS = {
+    "usual": MODEL,
+    "restless": SingerModel(5.0, 1 / 10, 0.03, exact=True),
+    "more restless": SingerModel(8.0, 1 / 15, 0.02, exact=True),
+    "quiet": SingerModel(3.0, 1 / 40, 0.0005, exact=True),
+}
+FEW_RUNS = 150
+
+
+@lru_cache
+def scenario_of(motion, name):
+    at = list(get_args(ScenarioName)).index(name)
+    return radar_scenario(name, model=MOTIONS[motion], batch=FEW_RUNS, rng=rng([50, at]))
+
+
+@lru_cache
+def track_of(motion, name, method):
+    s = scenario_of(motion, name)
+    return fuse_series(s.z, s.measurement_variance, s.model, method=method)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("name", get_args(ScenarioName))
+def test_robust_is_near_the_best_rule(motion, name):
+    s = scenario_of(motion, name)
+    errors = {
+        method: np.sqrt(
+            np.mean((track_of(motion, name, method).mean - s.truth)[:, s.counted, 0] ** 2)
+        )
+        for method in METHODS
+    }
+    assert errors["robust"] <= 1.08 * min(errors.values())
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("name", ["healthy", "noisy", "outliers"])
+def test_robust_is_honest_for_every_motion(motion, name):
+    s, result = scenario_of(motion, name), track_of(motion, name, "robust")
+    each = np.mean([nees(result, s.truth, at) for at in range(70, 120)], axis=0)
+    if name == "healthy":
+        assert abs(each.mean() - 1) < stats.norm.isf(CHANCE / 2) * each.std() / np.sqrt(FEW_RUNS)
+    else:
+        assert each.mean() <= 1.2
+
+
+@pytest.mark.parametrize("motion", ["restless", "more restless"])
+def test_a_quarrel_is_decided(motion):
+    """Two radars contradict each other, and the prediction is worth little."""
+    noisy = track_of(motion, "noisy", "robust")
+    assert (noisy.weights[:, 1, 80:, 0] > 0.5).mean() < 0.01
+    assert np.median(noisy.noise_variance[:, 0, 80:]) < 0.02
+    assert np.median(noisy.noise_variance[:, 1, 80:]) > 0.1
 
 
 # common azimuth

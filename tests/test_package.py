@@ -15,6 +15,7 @@ from tertia import (
     bearing,
     flightplan,
     fusion,
+    geo,
     io,
     kalman,
     location,
@@ -23,6 +24,7 @@ from tertia import (
     screening,
     simulate,
     smoothing,
+    tracker,
     trajectory,
     weights,
 )
@@ -32,6 +34,7 @@ MODULES = [
     bearing,
     flightplan,
     fusion,
+    geo,
     io,
     kalman,
     location,
@@ -41,6 +44,7 @@ MODULES = [
     simulate,
     smoothing,
     tertia,
+    tracker,
     trajectory,
     weights,
 ]
@@ -57,6 +61,7 @@ ALIASES = {
     "LocationMethod",
     "LossMethod",
     "Method",
+    "Motion",
     "Order",
     "ScenarioName",
     "Score",
@@ -81,7 +86,16 @@ def test_the_version_is_that_of_the_distribution():
 
 def test_importing_needs_numpy_alone():
     loaded = run("import tertia, sys; print(*sys.modules)").split()
-    for name in ("scipy", "matplotlib", "polars", "typer", "rich", "pandas", "numpy.random"):
+    for name in (
+        "scipy",
+        "matplotlib",
+        "polars",
+        "typer",
+        "rich",
+        "pandas",
+        "pyproj",
+        "numpy.random",
+    ):
         assert name not in loaded
 
 

@@ -1,10 +1,15 @@
 """Trajectories against truth, the source's table, and what the measurements cannot tell."""
 
+import csv
+import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import trajectory as reference
 from scipy import stats
+from scipy.spatial.transform import Rotation
 from tolerances import CHANCE
 
 from tertia.location import Station
@@ -22,6 +27,9 @@ BIASES = {
     "azimuth": np.deg2rad([0.3, -0.5, 0.1]),
     "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
 }
+# of station 0's ranges, in standard deviations, from instant 28 on
+FAULTS = [(), (5,), (5, 5), (5, -5), (5, 5, 5), (4, -6, 5), (5, 5, 5, 5)]
+DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
 # the source's figure 2: the instants, and what the only station measured
 SOURCE_I = np.arange(47, 57)
 SOURCE_STATION = np.array([1.0, 1000.0, 2.0])
@@ -284,6 +292,82 @@ def test_without_noise_everything_comes_back(order, smoother, moving):
 
 @BOTH_ORDERS
 @BOTH_SMOOTHERS
+def test_a_rotated_frame_changes_nothing(order, smoother):
+    """The same measurements, all coordinates in another frame."""
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(30))
+    rotation = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).as_matrix()
+    rotated = [
+        Station(
+            rotation @ place,
+            range_sigma=SIGMA_R,
+            azimuth_sigma=SIGMA_A,
+            elevation_sigma=SIGMA_A,
+            axes=rotation.T,
+        )
+        for place in PLACES
+    ]
+    options = {"order": order, "smoother": smoother}
+    if smoother == "local-polynomial":
+        # adaptive degrees are chosen for each coordinate
+        options["degree"] = 2
+    elif order == "spatial-first":
+        options["jerk"] = JERK
+    a = reconstruct(network(), INSTANTS, **measured, **options)
+    b = reconstruct(rotated, INSTANTS, **measured, **options)
+    both = [(a.position, b.position), (a.velocity, b.velocity), (a.acceleration, b.acceleration)]
+    for one, other in both:
+        # polynomials weight each coordinate by its own variance
+        far = 0.1 if (order, smoother) == ("spatial-first", "local-polynomial") else 1e-4
+        np.testing.assert_allclose(one @ rotation.T, other, atol=far * np.abs(one).max(), rtol=0)
+    np.testing.assert_allclose(
+        a.residuals.azimuth, b.residuals.azimuth, atol=2e-3 if far < 0.1 else 1
+    )
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_biases_of_stations_with_axes(moving):
+    truth = turn(INSTANTS)
+    measured = measure(truth[0], np.random.default_rng(31), biases=BIASES)
+    rotation = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]).as_matrix()
+    axes = np.broadcast_to(rotation.T, (60, 3, 3)) if moving else rotation.T
+    rotated = [
+        Station(
+            np.broadcast_to(rotation @ place, (60, 3)) if moving else rotation @ place,
+            range_sigma=SIGMA_R,
+            azimuth_sigma=SIGMA_A,
+            elevation_sigma=SIGMA_A,
+            axes=axes,
+        )
+        for place in PLACES
+    ]
+    a = reconstruct(network(), INSTANTS, **measured, jerk=JERK, biases=KINDS)
+    b = reconstruct(rotated, INSTANTS, **measured, jerk=JERK, biases=KINDS)
+    for kind in KINDS:
+        one, other, sigma = (getattr(told, kind) for told in (a.bias, b.bias, a.bias_sigma))
+        np.testing.assert_allclose(one, other, rtol=0, atol=0.02 * sigma.max())
+    np.testing.assert_allclose(a.position @ rotation.T, b.position, rtol=0, atol=0.5)
+
+
+def test_axes_that_change_need_positions_first():
+    axes = np.broadcast_to(np.eye(3), (60, 3, 3))
+    stations = [
+        Station(np.broadcast_to(p, (60, 3)), range_sigma=1, azimuth_sigma=1, axes=axes)
+        for p in PLACES
+    ]
+    measured = ideal(turn(INSTANTS)[0])
+    with pytest.raises(ValueError, match="axes of stations change"):
+        reconstruct(
+            stations,
+            INSTANTS,
+            range=measured["range"],
+            azimuth=measured["azimuth"],
+            order="temporal-first",
+        )
+
+
+@BOTH_ORDERS
+@BOTH_SMOOTHERS
 def test_smoothing_is_better_than_single_instants(order, smoother):
     truth = turn(INSTANTS)
     measured = measure(truth[0], np.random.default_rng(9))
@@ -340,22 +424,79 @@ def source_track():
     return np.column_stack([np.full(10, 1000.0), north, 10.0 * SOURCE_I])
 
 
-def test_the_faults_of_the_source_are_found_by_more_stations():
+@pytest.mark.parametrize("seed", np.arange(12, 22))
+def test_the_faults_of_the_source_are_found_by_more_stations(seed):
+    # the first one, of 4.3 standard deviations, is less than what an instant alone tells
     truth = source_track()
     places = np.vstack([SOURCE_STATION, [[2000, 300, 5], [400, 2600, 0], [-500, 200, 20]]])
-    measured = measure(truth, np.random.default_rng(12), places, range_sigma=SOURCE_SIGMA)
+    measured = measure(truth, np.random.default_rng(seed), places, range_sigma=SOURCE_SIGMA)
     measured["range"][:, 0] = REAL_R
-    stations = network(places, SOURCE_SIGMA)
-    track = reconstruct(stations, SOURCE_I, **measured)
-    residual = np.abs(track.residuals.range[:, 0])
-    assert set(np.argsort(residual)[-3:]) == {3, 4, 5}
-    assert np.all(residual[3:6] > 3.5)
-    assert np.all(np.delete(residual, [3, 4, 5]) < 3)
-    assert set(np.flatnonzero(track.outliers.range[:, 0])) <= {3, 4, 5}
-    assert track.outliers.range[4:6, 0].all()
+    track = reconstruct(network(places, SOURCE_SIGMA), SOURCE_I, **measured)
+    np.testing.assert_array_equal(np.flatnonzero(track.outliers.range[:, 0]), [3, 4, 5])
+    assert np.all(np.abs(np.delete(track.residuals.range[:, 0], [3, 4, 5])) < 3)
     error = track.position - truth
     solved = np.linalg.solve(track.covariance[:, :3, :3], error[..., np.newaxis])[..., 0]
-    assert np.all(np.sum(error * solved, axis=-1) < stats.chi2.isf(CHANCE / 10, 3))
+    # ten seeds of ten instants
+    assert np.all(np.sum(error * solved, axis=-1) < stats.chi2.isf(CHANCE / 100, 3))
+
+
+@pytest.mark.parametrize("sizes", FAULTS)
+def test_positions_are_as_close_as_they_say_with_faults(sizes):
+    told = []
+    for run in np.arange(RUNS):
+        rng = np.random.default_rng([20, run])
+        truth = restless(rng)
+        measured = measure(truth[0], rng)
+        measured["range"][28 : 28 + len(sizes), 0] += SIGMA_R * np.array(sizes)
+        told.append(nees(reconstruct(network(), INSTANTS, **measured), truth))
+    mean, error = np.mean(told, axis=0), np.std(told, axis=0) / np.sqrt(RUNS)
+    assert abs(mean[0] - 1) < stats.norm.isf(CHANCE / 2) * error[0]
+    assert error[0] < 0.1
+    # the fitted jerk is uncertain, most of all for derivatives
+    assert np.all(mean[1:] - 1 < stats.norm.isf(CHANCE / 4) * error[1:])
+    assert np.all((mean[1:] > 0.6) & (mean[1:] < 1.5))
+
+
+def test_the_track_contradicts_nothing_without_faults():
+    count = 0
+    for run in np.arange(RUNS):
+        rng = np.random.default_rng([21, run])
+        measured = measure(restless(rng)[0], rng)
+        track = reconstruct(network(), INSTANTS, **measured)
+        count += np.any(track.outliers.count > track.fixes.outliers.count)
+    assert count <= stats.binom.isf(CHANCE, RUNS, 0.01)
+
+
+def test_a_turn_that_the_smoother_does_not_know_is_no_fault():
+    # with hardly any jerk the smooth track contradicts everything
+    truth = turn(INSTANTS, rate=0.2)
+    measured = measure(truth[0], np.random.default_rng(22))
+    track = reconstruct(network(), INSTANTS, **measured, jerk=1e-9)
+    assert rmse(track, truth) > 20
+    # 1 % of the measurements contradict the others of their instant by as much
+    assert np.sum(track.outliers.count) < stats.binom.isf(CHANCE, 540, 0.01)
+
+
+def test_the_orders_of_the_source_are_those_of_the_reference():
+    times = INSTANTS[:30]
+    truth = turn(times)
+    measured = measure(truth[0], np.random.default_rng(19))
+    measured["range"][5:8, 0] += 5 * SIGMA_R
+    sigmas = {kind: np.full(3, sigma) for kind, sigma in SIGMAS.items()}
+    given = (truth[0], PLACES, times, measured, sigmas, 13, 3)
+    options = {"spatial": "least-squares", "smoother": "local-polynomial"}
+    a = reconstruct(network(), times, **measured, **options)
+    position, velocity, error, rate_error = reference.space_first(*given)
+    np.testing.assert_allclose(a.position, position, atol=1e-6)
+    np.testing.assert_allclose(a.velocity, velocity, atol=1e-6)
+    sigma = np.sqrt(np.diagonal(a.covariance, axis1=-2, axis2=-1))
+    np.testing.assert_allclose(sigma[:, :3], error, rtol=1e-7)
+    np.testing.assert_allclose(sigma[:, 3:6], rate_error, rtol=1e-7)
+    b = reconstruct(network(), times, **measured, **options, order="temporal-first")
+    position, velocity, covariance = reference.time_first(*given)
+    np.testing.assert_allclose(b.position, position, atol=1e-6)
+    np.testing.assert_allclose(b.velocity, velocity, atol=1e-6)
+    np.testing.assert_allclose(b.covariance[:, :3, :3], covariance, rtol=1e-5)
 
 
 @BOTH_ORDERS
@@ -429,6 +570,87 @@ def test_azimuths_in_the_plane_with_moving_stations():
     assert np.all(track.bias_sigma.azimuth < 0.1)
 
 
+def bearings(rng, gross):
+    """Return times, a boat's positions, four drifting direction finders, biases and azimuths."""
+    times = 2.5 * np.arange(200)
+    truth = np.column_stack(
+        [900 * np.sin(times / 200) + 0.5 * times - 100, 800 * np.cos(times / 150)]
+    )
+    places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
+    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.2, -0.15])
+    offset = truth[:, np.newaxis] - drift
+    bias = np.deg2rad([-1.0, -7.0, -4.0, -6.0])
+    azimuth = np.arctan2(offset[..., 0], offset[..., 1]) + bias
+    azimuth += np.deg2rad(5.0) * rng.standard_normal(azimuth.shape)
+    wrong = rng.random(azimuth.shape) < gross
+    sign = rng.choice([-1.0, 1.0], azimuth.shape)
+    azimuth += np.where(wrong, sign * rng.uniform(np.pi / 6, np.pi, azimuth.shape), 0.0)
+    stations = [Station(drift[:, k], azimuth_sigma=np.deg2rad(5.0)) for k in np.arange(4)]
+    return times, truth, stations, bias, azimuth
+
+
+@pytest.mark.parametrize("gross", [0.0, 0.05])
+def test_biases_of_bearings_are_as_close_as_they_say_with_gross_errors(gross):
+    # two degrees of freedom an instant, errors of a tenth of the distances
+    runs, errors, told = 20, [], []
+    for run in np.arange(runs):
+        times, truth, stations, bias, azimuth = bearings(np.random.default_rng([23, run]), gross)
+        track = reconstruct(stations, times, azimuth=azimuth, biases=("azimuth",))
+        errors.append((track.bias.azimuth - bias) / track.bias_sigma.azimuth)
+        error = track.position - truth
+        solved = np.linalg.solve(track.covariance[:, :2, :2], error[..., np.newaxis])[..., 0]
+        told.append(np.mean(np.sum(error * solved, axis=-1)) / 2)
+        assert np.all(track.bias_sigma.azimuth < np.deg2rad(3.0))
+    squares = np.mean(np.square(errors), axis=0)
+    assert np.all(squares < stats.chi2.isf(CHANCE / 8, runs) / runs)
+    assert np.all(squares > stats.chi2.ppf(CHANCE / 8, runs) / runs)
+    assert np.all(np.abs(np.mean(errors, axis=0)) < stats.norm.isf(CHANCE / 16) / np.sqrt(runs))
+    assert np.mean(told) < 1.3
+
+
+def test_errors_that_stay_for_a_while_make_biases_uncertain():
+    rng = np.random.default_rng(24)
+    times, _, stations, _, azimuth = bearings(rng, 0.0)
+    white = reconstruct(stations, times, azimuth=azimuth, biases=("azimuth",))
+    slow = np.repeat(np.deg2rad(8.0) * rng.standard_normal((10, 4)), 20, axis=0)
+    track = reconstruct(stations, times, azimuth=azimuth + slow, biases=("azimuth",))
+    assert np.all(track.bias_sigma.azimuth > 1.5 * white.bias_sigma.azimuth)
+
+
+@pytest.mark.skipif(not (DATA / "difar").is_dir(), reason="the recording is not there")
+def test_a_boat_among_drifting_direction_finders():
+    """Recorded bearings: biases make the track better than its instants."""
+    times, places, azimuth, truth = difar()
+    stations = [Station(places[:, k], azimuth_sigma=np.deg2rad(5.0)) for k in np.arange(4)]
+    track = reconstruct(stations, times, azimuth=azimuth, biases=("azimuth",))
+    enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
+    error = np.linalg.norm(track.position - truth, axis=-1)[enough]
+    assert np.all(np.percentile(error, [50, 90, 99]) < [240, 400, 500])
+
+
+def difar():
+    """Times, positions of the direction finders, (N, 4, 2), azimuths and the boat."""
+    with (DATA / "difar" / "bearings.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    calls = {key: i for i, key in enumerate(dict.fromkeys(row["call_id"] for row in rows))}
+    n, buoys = len(calls), ["NW", "NE", "SW", "SE"]
+    places = np.full((n, 4, 2), np.nan)
+    times, azimuth, truth = np.full(n, np.inf), np.full((n, 4), np.nan), np.full((n, 2), np.nan)
+    scale = np.array([93_570.0, 110_920.0])  # metres a degree at 32.8 degrees north
+    origin = np.array([-117.588, 32.818])
+    for row in rows:
+        at, buoy = calls[row["call_id"]], buoys.index(row["buoy"])
+        here = np.array([float(row["buoy_lon"]), float(row["buoy_lat"])])
+        boat = np.array([float(row["boat_lon"]), float(row["boat_lat"])])
+        places[at, buoy], truth[at] = scale * (here - origin), scale * (boat - origin)
+        azimuth[at, buoy] = np.radians(float(row["bearing_deg"] or "nan"))
+        times[at] = min(times[at], float(row["t_s"] or "inf"))
+    for column in np.moveaxis(places, 0, -1).reshape(8, n):
+        known = ~np.isnan(column)
+        column[:] = np.interp(times, times[known], column[known])
+    return times, places, azimuth, truth
+
+
 def test_range_differences_alone():
     times = np.arange(60.0)
     truth = np.column_stack([500 + 10 * times, 800 + 0 * times])
@@ -489,3 +711,10 @@ def test_threads_change_nothing():
     one, four = (reconstruct(**arguments(), n_threads=count) for count in (1, 4))
     np.testing.assert_array_equal(one.position, four.position)
     np.testing.assert_array_equal(one.covariance, four.covariance)
+
+
+def test_degrees_are_told():
+    stations = [Station(place, azimuth_sigma=1.0) for place in ([0.0, 0.0], [-1000.0, 0.0])]
+    azimuth = np.tile([315.0, -0.3], (5, 1))
+    with pytest.raises(ValueError, match=r"no instant.*radians, and azimuth\[0, 0\] is 315"):
+        reconstruct(stations, np.arange(5.0), azimuth=azimuth)

@@ -39,6 +39,8 @@ MODELS = {
     "α = 1/20, σ_a = .0001, exact": SingerModel(5.0, 1 / 20, 0.0001, exact=True),
     "T = 10, α = 1/120, σ_a = .001, exact": SingerModel(10.0, 1 / 120, 0.001, exact=True),
     "α = 1/10, σ_a = .03, exact": SingerModel(5.0, 1 / 10, 0.03, exact=True),
+    "T = 8, α = 1/15, σ_a = .02, exact": SingerModel(8.0, 1 / 15, 0.02, exact=True),
+    "T = 3, α = 1/40, σ_a = .0005, exact": SingerModel(3.0, 1 / 40, 0.0005, exact=True),
 }
 RULES: dict[str, str] = {
     "equal": "equal",

@@ -32,6 +32,7 @@ FAULTS: dict[str, tuple[float, ...]] = {
     "+4, −6, +5": (4, -6, 5),
     "4 same": (5, 5, 5, 5),
 }
+DEFAULT = "**robust, RTS**"
 METHODS: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
     "A: space, then time": (
         {"spatial": "least-squares", "smoother": "local-polynomial"},
@@ -49,7 +50,16 @@ METHODS: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
         {"spatial": "least-squares"},
         (1.57, 1.57, 1.69, 1.56, 1.91, 1.55, 2.18),
     ),
-    "**robust, RTS**": ({}, (1.60, 1.59, 1.60, 1.61, 1.60, 1.60, 1.61)),
+    DEFAULT: ({}, (1.60, 1.59, 1.60, 1.61, 1.60, 1.60, 1.61)),
+}
+# four direction finders and a boat
+FINDER_SIGMA, FINDER_RUNS = np.deg2rad(5.0), 12
+FINDER_BIASES = np.deg2rad([-1.0, -7.0, -4.0, -6.0])
+FINDER_FIXES = "least squares, no smoothing"
+FINDER_METHODS: dict[str, dict[str, Any]] = {
+    FINDER_FIXES: {"spatial": "least-squares"},
+    "robust, RTS": {},
+    "robust, RTS, biases estimated": {"biases": ("azimuth",)},
 }
 SINGLE = "least squares, no smoothing"
 EXPECTED_SINGLE = (7.88, 8.43, 8.77, 8.68, 9.12, 9.06, 9.39)
@@ -62,14 +72,18 @@ BIASES: dict[Kind, FloatArray] = {
 
 def track() -> FloatArray:
     """Return the smooth turn: 20 m/s, 0.01 rad/s, level."""
+    return motion()[0]
+
+
+def motion() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return its positions, velocities and accelerations."""
     heading = 0.5 - 0.01 * INSTANTS
     radius = -2000.0
-    return np.column_stack(
-        [
-            radius * np.sin(heading),
-            500 + radius * (1 - np.cos(heading)),
-            np.full(len(INSTANTS), 300.0),
-        ]
+    sine, cosine, zero = np.sin(heading), np.cos(heading), np.zeros(len(INSTANTS))
+    return (
+        np.column_stack([radius * sine, 500 + radius * (1 - cosine), zero + 300.0]),
+        np.column_stack([20.0 * cosine, 20.0 * sine, zero]),
+        np.column_stack([0.2 * sine, -0.2 * cosine, zero]),
     )
 
 
@@ -94,23 +108,27 @@ def reconstructed(measured: dict[Kind, FloatArray], **options: Any) -> Trajector
 
 
 @functools.cache
-def fault_errors() -> dict[str, dict[str, FloatArray]]:
-    """Return mean squared errors of every run, near the faults."""
+def fault_errors() -> tuple[dict[str, dict[str, FloatArray]], dict[str, dict[str, FloatArray]]]:
+    """Return mean squared errors of every run near the faults, and its normalised errors."""
     truth = track()
     errors: dict[str, dict[str, FloatArray]] = {}
+    normalised: dict[str, dict[str, FloatArray]] = {}
     for name, sizes in FAULTS.items():
         near = slice(FIRST - MARGIN, FIRST + max(len(sizes), 1) + MARGIN)
         squares: dict[str, list[float]] = {method: [] for method in (SINGLE, *METHODS)}
+        told: dict[str, list[list[float]]] = {method: [] for method in METHODS}
         for run in range(RUNS):
             measured = measure(truth, generator(90, run))
             measured["range"][FIRST : FIRST + len(sizes), 0] += SIGMA_R * np.array(sizes)
             for method, (options, _) in METHODS.items():
                 found = reconstructed(measured, **options)
                 squares[method].append(_mean_square(found.position, truth, near))
+                told[method].append([_normalised(found, *one) for one in enumerate(motion())])
                 if method == "least squares, RTS":
                     squares[SINGLE].append(_mean_square(found.fixes.position, truth, near))
         errors[name] = {method: np.array(values) for method, values in squares.items()}
-    return errors
+        normalised[name] = {method: np.array(values) for method, values in told.items()}
+    return errors, normalised
 
 
 def _mean_square(position: FloatArray, truth: FloatArray, near: slice) -> float:
@@ -119,7 +137,7 @@ def _mean_square(position: FloatArray, truth: FloatArray, near: slice) -> float:
 
 def faults() -> str:
     """Tabulate errors near faults, with those of the independent simulation in brackets."""
-    errors = fault_errors()
+    errors, _ = fault_errors()
     expected = {SINGLE: EXPECTED_SINGLE} | {name: told for name, (_, told) in METHODS.items()}
     rows = (
         [
@@ -135,25 +153,99 @@ def faults() -> str:
 
 
 def consistency() -> str:
-    """Tabulate normalised errors of positions without faults."""
-    truth = track()
+    """Tabulate normalised errors with and without faults."""
+    _, normalised = fault_errors()
+    rows = [
+        [method, *(_told(normalised[name][method][:, 0]) for name in FAULTS)] for method in METHODS
+    ]
+    for at, derivative in enumerate(("velocity", "acceleration"), 1):
+        own = (_told(normalised[name][DEFAULT][:, at]) for name in FAULTS)
+        rows.append([f"robust, RTS: {derivative}", *own])
+    return markdown(["NEES per axis", *FAULTS], rows)
+
+
+def _told(normalised: FloatArray) -> str:
+    spread = np.std(normalised) / np.sqrt(len(normalised))
+    return f"{np.mean(normalised):.2f} ± {spread:.2f}"
+
+
+def _normalised(found: Trajectory, derivative: int, truth: FloatArray) -> float:
+    """Return the mean normalised square of the errors of positions or derivatives, per axis."""
+    d = truth.shape[-1]
+    own = slice(derivative * d, (derivative + 1) * d)
+    covariance = found.covariance[:, own, own]
+    error = (found.position, found.velocity, found.acceleration)[derivative] - truth
+    known = np.isfinite(covariance).all(axis=(-2, -1)) & ~np.isnan(error).any(axis=-1)
+    solved = np.linalg.solve(covariance[known], error[known][..., np.newaxis])[..., 0]
+    return float(np.mean(np.sum(error[known] * solved, axis=-1)) / d)
+
+
+def bearings(rng: np.random.Generator, gross: float) -> tuple[FloatArray, ...]:
+    """Return times, a boat's positions, four drifting direction finders and their azimuths."""
+    times: FloatArray = 2.5 * np.arange(200.0)
+    truth: FloatArray = np.column_stack(
+        [900 * np.sin(times / 200) + 0.5 * times - 100, 800 * np.cos(times / 150)]
+    )
+    places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
+    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.2, -0.15])
+    offset = truth[:, np.newaxis] - drift
+    azimuth: FloatArray = np.arctan2(offset[..., 0], offset[..., 1]) + FINDER_BIASES
+    azimuth += FINDER_SIGMA * rng.standard_normal(azimuth.shape)
+    wrong = rng.random(azimuth.shape) < gross
+    turn = rng.choice([-1.0, 1.0], azimuth.shape) * rng.uniform(np.pi / 6, np.pi, azimuth.shape)
+    return times, truth, drift, azimuth + np.where(wrong, turn, 0.0)
+
+
+def finders() -> str:
+    """Tabulate errors of a boat's track from biased bearings, some of them gross errors."""
     rows = []
-    for method, (options, _) in METHODS.items():
-        found = [
-            reconstructed(measure(truth, generator(92, run)), **options) for run in range(RUNS)
-        ]
-        normalised = [_normalised(one, truth) for one in found]
-        spread = np.std(normalised) / np.sqrt(RUNS)
-        rows.append([method, f"{np.mean(normalised):.2f} ± {spread:.2f}"])
-    return markdown(["without faults", "NEES per axis"], rows)
-
-
-def _normalised(found: Trajectory, truth: FloatArray) -> float:
-    """Return the mean normalised square of the errors of positions, per axis."""
-    known = ~np.isnan(found.position).any(axis=-1)
-    error = (found.position - truth)[known]
-    solved = np.linalg.solve(found.covariance[known, :3, :3], error[..., np.newaxis])[..., 0]
-    return float(np.mean(np.sum(error * solved, axis=-1)) / 3)
+    for gross in (0.0, 0.05):
+        errors: dict[str, list[FloatArray]] = {}
+        inside: dict[str, list[float]] = {}
+        squares = []
+        for run in range(FINDER_RUNS):
+            times, truth, drift, azimuth = bearings(generator(93, run), gross)
+            stations = [Station(drift[:, k], azimuth_sigma=FINDER_SIGMA) for k in range(4)]
+            for name, options in FINDER_METHODS.items():
+                found = reconstruct(stations, times, azimuth=azimuth, **options)
+                fix = name == FINDER_FIXES
+                position = found.fixes.position if fix else found.position
+                covariance = found.fixes.covariance if fix else found.covariance[:, :2, :2]
+                error = position - truth
+                known = np.isfinite(covariance).all(axis=(-2, -1))
+                error, covariance = error[known], covariance[known]
+                solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
+                # 95 % of a chi-square variable with two degrees of freedom
+                covered = np.sum(error * solved, axis=-1) < -2 * np.log(0.05)
+                errors.setdefault(name, []).append(np.linalg.norm(error, axis=-1))
+                inside.setdefault(name, []).append(float(np.mean(covered)))
+                if found.bias is not None and found.bias_sigma is not None:
+                    off = np.asarray(found.bias.azimuth) - FINDER_BIASES
+                    squares.append((off / np.asarray(found.bias_sigma.azimuth)) ** 2)
+        for name, sizes in errors.items():
+            levels = np.percentile(np.concatenate(sizes), [50, 90, 99])
+            bias = f"{np.mean(squares):.2f}" if name.endswith("estimated") else ""
+            rows.append(
+                [
+                    f"{gross:.0%}",
+                    name,
+                    *(f"{level:.0f}" for level in levels),
+                    f"{np.mean(inside[name]):.0%}",
+                    bias,
+                ]
+            )
+    return markdown(
+        [
+            "gross errors",
+            "",
+            "50 %, m",
+            "90 %, m",
+            "99 %, m",
+            "in 95 % ellipse",
+            "biases, (error/σ)²",
+        ],
+        rows,
+    )
 
 
 def biases() -> str:
@@ -173,11 +265,8 @@ def biases() -> str:
                 measured = {kind: values + BIASES[kind] for kind, values in measured.items()}
             found = reconstructed(measured, **options)
             squares.append(_mean_square(found.position, truth, slice(None)))
-            normalised.append(_normalised(found, truth))
-        spread = np.std(normalised) / np.sqrt(RUNS)
-        rows.append(
-            [name, f"{np.sqrt(np.mean(squares)):.2f}", f"{np.mean(normalised):.2f} ± {spread:.2f}"]
-        )
+            normalised.append(_normalised(found, 0, truth))
+        rows.append([name, f"{np.sqrt(np.mean(squares)):.2f}", _told(np.array(normalised))])
     return markdown(["", "RMSE, m", "NEES per axis"], rows)
 
 

@@ -5,11 +5,11 @@ ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia
 estimates and tells what not knowing their covariances costs, `tertia.location` makes a position of
 what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
 positions along time, `tertia.trajectory` does both for what stations measured along time,
-`tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs to
-which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads these,
-`tertia.metrics` tells whether errors are as claimed and how good tracks are, `tertia.simulate`
-makes records to try them on. `tertia.plot` needs the extra `plot`; the command `tertia` needs the
-extra `cli`.
+`tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs
+to which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads
+these, `tertia.tracker` makes tracks of scans of plots, `tertia.metrics` tells whether errors are
+as claimed and how good tracks are, `tertia.simulate` makes records to try them on. `tertia.plot`
+needs the extra `plot`, `tertia.geo` the extra `geo`, the command `tertia` the extra `cli`.
 """
 
 import warnings
@@ -26,6 +26,7 @@ from tertia import (
     screening,
     simulate,
     smoothing,
+    tracker,
     trajectory,
     weights,
 )
@@ -49,6 +50,7 @@ __all__ = [
     "screening",
     "simulate",
     "smoothing",
+    "tracker",
     "trajectory",
     "weights",
 ]

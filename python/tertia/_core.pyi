@@ -234,13 +234,13 @@ class PlotTracker:
     def track(
         self,
         time: FloatArray,
-        range: FloatArray,
+        range: FloatArray,  # noqa: A002  # that is what it is
         azimuth: FloatArray,
         height: FloatArray,
         radar: IntArray,
         identity: IntArray,
         end: float | None,
-    ) -> tuple[tuple[FloatArray, ...], tuple[IntArray, ...], tuple[BoolArray, ...], IntArray]: ...
+    ) -> tuple[list[FloatArray], tuple[IntArray, ...], tuple[BoolArray, ...], IntArray]: ...
     def ahead(self, seconds: float) -> tuple[IntArray, FloatArray]: ...
     def __getstate__(self) -> bytes: ...
     @staticmethod
@@ -248,6 +248,7 @@ class PlotTracker:
 
 def locate(
     stations: FloatArray,
+    axes: FloatArray | None,
     values: FloatArray,
     sigmas: FloatArray,
     initial: FloatArray | None,
@@ -256,7 +257,11 @@ def locate(
     n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]]: ...
 def location_accuracy(
-    stations: FloatArray, sigmas: FloatArray, positions: FloatArray, n_threads: int | None
+    stations: FloatArray,
+    axes: FloatArray | None,
+    sigmas: FloatArray,
+    positions: FloatArray,
+    n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray]: ...
 def local_polynomial(
     y: FloatArray,
@@ -315,5 +320,5 @@ def conformance(
     plan: dict[str, Any], track: dict[str, Any], period: float
 ) -> tuple[IntArray, list[FloatArray], list[BoolArray]]: ...
 def passing_times(
-    plan: dict[str, Any], track: dict[str, Any], legs: list[int]
+    plan: dict[str, Any], track: dict[str, Any], legs: list[int], drift: float
 ) -> list[FloatArray]: ...

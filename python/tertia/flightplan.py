@@ -368,7 +368,7 @@ class FlightPlan:
 
 
 class CorrelationStatus(enum.IntEnum):
-    """Why a track has a plan, or has none."""
+    """Why a track has a plan (accepted by its score, linked by its identity), or has none."""
 
     NONE = 0
     AMBIGUOUS = 1
@@ -625,6 +625,7 @@ def refine(
     *,
     covariances: npt.ArrayLike | None = None,
     period: float | None = None,
+    drift: float = 0.04,
 ) -> PassingTimes:
     """Predict from a track when the waypoints of its plan will be passed.
 
@@ -640,6 +641,9 @@ def refine(
         Of east, north, and their rates; by default without error.
     period : float, optional
         Seconds between plots; by default the median of the differences of the times.
+    drift : float
+        Standard deviation by which the ground speed changes in a minute, relative to that of the
+        plan: wind, and what the crew does.
 
     Returns
     -------
@@ -659,8 +663,7 @@ def refine(
     60 s), in proportion to the plan's speeds. Plots that do not conform to the plan change nothing.
     The variance of a time that is tau ahead is `s²/V² + tau² (r² + q tau/3)` with the variance s²
     of the position along the path, the relative variance r² of the mean speed, and a random walk of
-    the speed with respect to the plan, by 4 % in a minute (q = 0.04²/60 s): wind, and what the crew
-    does.
+    the speed with respect to the plan, q = drift²/60 s.
 
     Examples
     --------
@@ -675,9 +678,12 @@ def refine(
     follows = conformance(
         plan, times, positions, velocities, covariances=covariances, period=period
     )
+    walk = real(drift, "drift")
+    if not 0 <= walk < np.inf:
+        raise ValueError(f"drift is {walk}; it must not be negative")
     tracks = _tracks(times, positions, velocities, covariances, None)
     legs = np.where(follows.conforming, follows.leg, -1).tolist()
-    return PassingTimes(*_core.passing_times(_contents(plan), tracks, legs))
+    return PassingTimes(*_core.passing_times(_contents(plan), tracks, legs, walk))
 
 
 # each takes the radius nearer by orders of magnitude

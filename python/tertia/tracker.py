@@ -1,7 +1,7 @@
 """Tracker: scans of radar plots in, tracks out.
 
-Plots are polar, of one radar or of several that turn at their own pace. Targets fly straight or turn;
-which of both is found out from the plots (interacting multiple models). Azimuths are radians,
+Plots are polar, of one radar or of several that turn at their own pace. Targets fly straight or
+turn; which of both is found out from the plots (interacting multiple models). Azimuths are radians,
 clockwise from north; positions are local east and north in metres.
 """
 
@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, integer, positive, real, samples
-
 from tertia.flightplan import FlightPlan
 
 __all__ = [
@@ -28,10 +27,11 @@ __all__ = [
     "Radar",
     "TrackTable",
     "Tracker",
+    "cartesian",
     "track",
 ]
 
-_State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], bytes]"
+_State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, bytes]"
 Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window"]
 
 # identity of a plot that has none
@@ -40,7 +40,7 @@ NO_IDENTITY = -1
 _PATIENCE = 0.25
 # manoeuvre frequency and acceleration
 _SINGER = (1 / 60, 3.0)
-# plots in straight flight and after a manoeuvre; the inner, outer and guard gates and the sum of three
+# plots in straight flight and after a manoeuvre; inner, outer and guard gate, and the sum of three
 _WINDOW = (20, 3, 2.099644248997, 5.991464547108, 12.429216196844, 20.79)
 
 
@@ -168,7 +168,7 @@ class Plots:
         """Tell the number of plots."""
         return f"Plots({len(self)})"
 
-    def __getitem__(self, index: slice | IntArray | npt.NDArray[np.bool_]) -> Plots:
+    def __getitem__(self, index: Any) -> Plots:
         """Return some of the plots."""
         return Plots(
             self.time[index],
@@ -187,6 +187,8 @@ class Fate(enum.IntEnum):
     LATE = -2
     AT_RADAR = -3
     OUT_OF_RANGE = -4
+    STRAY = -5
+    DUPLICATE = -6
 
     @property
     def reason(self) -> str:
@@ -199,6 +201,8 @@ _REASONS = {
     Fate.LATE: "the plot is more than a scan older than those that came before",
     Fate.AT_RADAR: "the plot is straight above the radar",
     Fate.OUT_OF_RANGE: "the plot is farther away than the radar sees",
+    Fate.STRAY: "the plot comes alone and long after the others, as with a wrong clock",
+    Fate.DUPLICATE: "the plot is the same as the one before it",
 }
 
 
@@ -250,6 +254,10 @@ class TrackTable:
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
         Of position and velocity.
+    innovation : ndarray of shape (N, 2)
+        Plot less prediction; nan where there was no plot.
+    innovation_covariance : ndarray of shape (N, 2, 2)
+        Its covariance.
     turning : ndarray of shape (N,)
         Probability that the target turns.
     height, climb : ndarray of shape (N,)
@@ -273,6 +281,8 @@ class TrackTable:
     position: FloatArray
     velocity: FloatArray
     covariance: FloatArray
+    innovation: FloatArray
+    innovation_covariance: FloatArray
     turning: FloatArray
     height: FloatArray
     climb: FloatArray
@@ -323,8 +333,9 @@ class Tracker:
         The radars; plots name them by their index.
     motion : {"imm-plan", "imm", "singer", "cv", "window"}
         How confirmed targets move: straight flight, turns and what flight plans say, by how likely
-        they are (default); the same without plans; acceleration that fades (1/60 per second, 3 m/s²); straight flight; or least squares over
-        the last 20 plots, 3 after a manoeuvre, as in the source.
+        they are (default); the same without plans; acceleration that fades (1/60 per second,
+        3 m/s²); straight flight; or least squares over the last 20 plots, 3 after a manoeuvre, as
+        in the source.
     plans : sequence of FlightPlan
         Where targets have said they will fly. A track finds its plan by its identity, or by where
         and when it flies.
@@ -349,6 +360,9 @@ class Tracker:
         squared.
     identity_error : float
         How often an identity is read wrongly.
+    clock_period : float, optional
+        Seconds after which the clock of the plots begins again, for example 86400 for the time of
+        the day.
 
     Raises
     ------
@@ -381,7 +395,7 @@ class Tracker:
     True
     """
 
-    __slots__ = ("_core", "plans", "radars")
+    __slots__ = ("_core", "clock_period", "plans", "radars")
 
     def __init__(
         self,
@@ -389,7 +403,7 @@ class Tracker:
         motion: Motion = "imm-plan",
         *,
         plans: Sequence[FlightPlan] = (),
-        plan_prior: float = 0.8,
+        plan_prior: float = 0.6,
         wind_sigma: float = 20.0,
         manoeuvres: Manoeuvres | None = None,
         initiation: tuple[int, int] = (3, 4),
@@ -399,9 +413,13 @@ class Tracker:
         gate_probability: float = 0.998,
         guard_acceleration: float = 5.0,
         identity_error: float = 1e-3,
+        clock_period: float | None = None,
     ) -> None:
         self.radars = tuple(radars)
         self.plans = tuple(plans)
+        self.clock_period = None
+        if clock_period is not None:
+            self.clock_period = float(positive(real(clock_period, "clock_period"), "clock_period"))
         for i, plan in enumerate(self.plans):
             if not isinstance(plan, FlightPlan):
                 raise TypeError(f"plans[{i}] is {plan!r}; it must be a FlightPlan")
@@ -466,22 +484,17 @@ class Tracker:
         """Return all rows, tentative tracks included."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
-        wrong = np.flatnonzero((plots.radar < 0) | (plots.radar >= len(self.radars)))
-        if len(wrong):
-            raise ValueError(
-                f"radar[{wrong[0]}] is {plots.radar[wrong[0]]}; it must be the index of one of the "
-                f"{len(self.radars)} radars"
-            )
+        _require_radars(plots, len(self.radars))
         numbers, integers, flags, fates = self._core.track(
-            plots.time,
+            self._since_the_first_day(plots.time),
             plots.range,
             plots.azimuth,
             plots.height,
             plots.radar,
             plots.identity,
-            None if time is None else real(time, "time"),
+            None if time is None else self._since_the_first_day(np.array([real(time, "time")]))[0],
         )
-        instants, state, covariance, turning, height, climb = numbers
+        instants, state, covariance, innovation, spread, turning, height, climb = numbers
         tracks, radar, plot, identity, plan = integers
         confirmed, conforming = flags
         return TrackTable(
@@ -492,6 +505,8 @@ class Tracker:
             position=state[:, :2],
             velocity=state[:, 2:],
             covariance=covariance,
+            innovation=innovation,
+            innovation_covariance=spread,
             turning=turning,
             height=height,
             climb=climb,
@@ -501,6 +516,21 @@ class Tracker:
             conforming=conforming,
             track_of_plot=fates,
         )
+
+    def _since_the_first_day(self, time: FloatArray) -> FloatArray:
+        """Return times of a clock that does not begin again, the first one next to those before."""
+        period = self.clock_period
+        if period is None or not len(time):
+            return time
+        known = np.flatnonzero(np.isfinite(time))
+        if not len(known):
+            return time
+        going_on: FloatArray = time.copy()
+        going_on[known] = np.unwrap(time[known], period=period)
+        if np.isfinite(self._core.time):
+            days = np.round((self._core.time - going_on[known[0]]) / period)
+            going_on[known] += days * period
+        return going_on
 
     def ahead(self, seconds: float) -> tuple[IntArray, FloatArray]:
         """Predict where the confirmed tracks will be.
@@ -522,11 +552,11 @@ class Tracker:
 
     def __getstate__(self) -> _State:
         """Return all that the tracker knows."""
-        return self.radars, self.plans, self._core.__getstate__()
+        return self.radars, self.plans, self.clock_period, self._core.__getstate__()
 
     def __setstate__(self, state: _State) -> None:
         """Go on from there."""
-        self.radars, self.plans, saved = state
+        self.radars, self.plans, self.clock_period, saved = state
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:
@@ -571,6 +601,61 @@ def track(
     """
     found = Tracker(radars, motion, **options)._track(plots, None)
     return found.rows(np.isin(found.track, found.track[found.confirmed]))
+
+
+def _require_radars(plots: Plots, count: int) -> None:
+    wrong = np.flatnonzero((plots.radar < 0) | (plots.radar >= count))
+    if len(wrong):
+        raise ValueError(
+            f"radar[{wrong[0]}] is {plots.radar[wrong[0]]}; it must be the index of one of the "
+            f"{count} radars"
+        )
+
+
+def cartesian(plots: Plots, radars: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
+    """Return the plots in the plane.
+
+    Parameters
+    ----------
+    plots : Plots
+        The plots.
+    radars : sequence of Radar
+        The radars.
+
+    Returns
+    -------
+    position : ndarray of shape (N, 2)
+        East and north in metres. The error of the azimuth makes the mean of its sine and cosine
+        smaller by exp(-sigma^2 / 2); that is taken out.
+    covariance : ndarray of shape (N, 2, 2)
+        J diag(sigma_range^2, sigma_azimuth^2) J'.
+
+    Raises
+    ------
+    ValueError
+        A plot of a radar that does not exist.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tracker import Plots, Radar, cartesian
+    >>> radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
+    >>> position, covariance = cartesian(Plots([0.0], [150e3], np.radians(30.0)), [radar])
+    >>> position.round(1)
+    array([[ 75000.1, 129904. ]])
+    """
+    _require_radars(plots, len(radars))
+    places = np.array([_numbers(radar) for radar in radars])[plots.radar]
+    east, north, up, range_sigma, azimuth_sigma = places.T[:5]
+    above = np.where(np.isnan(plots.height), 0.0, plots.height - up)
+    ground = np.sqrt(np.maximum(plots.range**2 - above**2, 0.0)) * np.exp(azimuth_sigma**2 / 2)
+    sine, cosine = np.sin(plots.azimuth), np.cos(plots.azimuth)
+    position: FloatArray = np.stack([east + ground * sine, north + ground * cosine], axis=-1)
+    along = np.stack([sine, cosine], axis=-1) * range_sigma[:, np.newaxis]
+    across = np.stack([cosine, -sine], axis=-1) * (ground * azimuth_sigma)[:, np.newaxis]
+    root = np.stack([along, across], axis=-1)
+    covariance: FloatArray = root @ np.swapaxes(root, -1, -2)
+    return position, covariance
 
 
 def _numbers(radar: Radar) -> list[float]:

@@ -13,13 +13,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, positive, samples
-from tertia.location import Kind, Location, Outliers, Problem, Residuals, Station, _stations, locate
+from tertia.location import (
+    Kind,
+    Location,
+    Outliers,
+    Problem,
+    Residuals,
+    Station,
+    _degrees,
+    _stations,
+    _turned,
+    locate,
+)
 from tertia.smoothing import TrackSmooth, local_polynomial, smooth
 
 __all__ = ["Order", "Smoother", "Spatial", "Trajectory", "reconstruct"]
@@ -30,6 +42,7 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 _KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference")
 _BIASED = _KINDS[:3]
+_ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
 # each round starts from measurements without the biases of those before
 _ROUNDS = 10
 # change of a bias, in its standard errors, that ends the rounds
@@ -40,6 +53,41 @@ _UNOBSERVABLE = 1e-9
 _SPURIOUS = 0.1
 # of a position, in units of what each coordinate alone is known to
 _SINGULAR = 1e-12
+# rounds of looking for measurements that the track contradicts
+_PASSES = 5
+# change of a weight that needs no other round, and a weight that is none
+_UNCHANGED, _FAINT = 0.05, 0.01
+# rounds with the same jerk
+_RELINEARISED = 2
+# size of what is not by chance, in its standard errors
+_CHANCE = NormalDist().inv_cdf(0.95)
+# relative standard error of a median size of normal errors, times the root of their number
+_MEDIAN_ERROR = 1.17
+# degrees of freedom with which an instant is located robustly
+_REDUNDANCY = 3
+_TUKEY = 4.685
+# means of Tukey's weight, slope and squared score with normal errors, what is beyond left out
+_Q = _TUKEY**-2
+_MEAN_WEIGHT, _MEAN_SLOPE = 1 - 2 * _Q + 3 * _Q**2, 1 - 6 * _Q + 15 * _Q**2
+_MEAN_SQUARE = 1 - 12 * _Q + 90 * _Q**2 - 420 * _Q**3 + 945 * _Q**4
+# of the estimate: variance times the sum of its weights
+_EFFICIENCY = _MEAN_WEIGHT * _MEAN_SQUARE / _MEAN_SLOPE**2
+# mean squared score over mean squared weight
+_TAPERED = _MEAN_SQUARE / (1 - 4 * _Q + 18 * _Q**2 - 60 * _Q**3 + 105 * _Q**4)
+# chance that any measurement is left out that is none, and size from which an instant agrees
+_FALSE_ALARM = 0.01
+_DOUBTED = NormalDist().inv_cdf(0.995)
+# share of a measurement that the others must tell
+_REDUNDANT = 0.1
+# errors of the logarithm of the jerk with which its likelihood is a parabola, almost
+_JERK_TOLD = 1.0
+_JERK_STEPS = (-2.0, -1.0, 1.0, 2.0)
+# between a flat prior of the root, which is too careful where no jerk is seen, and one of the
+# logarithm, which is not careful enough where it is
+_JERK_PRIOR = 0.25
+_JERK_MARGIN, _JERK_FALL, _MOST_JERKS = 2.0, 8.0, 80
+# instants that determine a state, and the power of the time with which jerk moves a position
+_STATE, _STATE_POWER = 3, 5
 # of an interval, over which measurements are differenced
 _STEP = 0.1
 # instants and degree that tell the motion of a station
@@ -65,9 +113,12 @@ class Trajectory:
         biases is in it. inf where unknown. Between the three it is 0 unless the smoother is "rts"
         and positions come first.
     fixes : Location
-        The positions of the single instants: from measurements as they are, or smoothed ones.
+        The positions of the single instants: from measurements as they are, or smoothed ones. With
+        "rts", robust and positions first, without what the track contradicts; where an instant has
+        one or two degrees of freedom, its standard deviations are divided by the roots of Tukey's
+        weights about the track.
     outliers : Outliers
-        Measurements that were left out in space.
+        Measurements that were left out, because other stations or the track contradict them.
     residuals : Residuals
         Measurements less those of the trajectory, over their standard deviations.
     bias, bias_sigma : Residuals or None
@@ -147,6 +198,7 @@ def reconstruct(
     ----------
     stations : sequence of K Station
         Where they are, and how well they measure; positions of shape (D,) or, if they move, (N, D).
+        Axes that change need positions first.
     times : array_like of shape (N,)
         Times of the instants, not decreasing.
     range, azimuth, elevation : array_like of shape (N, K), optional
@@ -189,11 +241,20 @@ def reconstruct(
 
     Notes
     -----
+    With "rts" and "robust" a measurement is also left out where the rest of the track contradicts
+    it (1 % for the whole record) and the other measurements of its instant do (1 %). Instants with
+    one or two degrees of freedom have Tukey's weights about the track. Positions are linearised
+    about the track. The uncertainty of the fitted jerk is in the covariance: the mean over
+    intensities q by likelihood, with a prior on log q proportional to q^(1/4).
+
     Biases: at first order biases b add A_t b to the position of an instant, with A_t its
     least-squares solution, and (I - H_t) b to its residuals, with H_t = J_t A_t. What b is follows
-    from the residuals alone: least squares for positions about which nothing is assumed. So the
-    biases are independent of the errors of the positions. Smoothness would tell of the biases, too,
-    but a curve of the target is then taken for one.
+    from the residuals alone, by Tukey's weights about the track, for positions about which nothing
+    is assumed. Smoothness would tell of the biases, too, but a curve of the target is then taken
+    for one. Their covariance is A^-1 B A^-1, with A the slope of the scores, and B their variance
+    by the standard deviations or the residuals, whichever are larger. It grows by autocorrelations
+    of the scores where these are more than chance (Geyer 1992). Errors of positions at different
+    instants are taken as independent.
 
     With times first, velocities are A_t times the rates of the measured series.
 
@@ -219,7 +280,7 @@ def reconstruct(
     """
     _require_choices(order, spatial, smoother)
     instants = _instants(times)
-    places, sigmas = _places(stations, len(instants))
+    places, axes, sigmas = _places(stations, len(instants))
     k = places.shape[-2]
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
@@ -230,9 +291,11 @@ def reconstruct(
         for kind, values in given
         if values is not None
     }
-    record = _Record(places, sigmas, instants, measured, spatial, n_threads)
+    record = _Record(stations, places, axes, sigmas, instants, measured, spatial, n_threads)
     wanted = _wanted(biases, record, order, smoother)
     if order == "temporal-first":
+        if axes is not None and axes.ndim > 3:
+            raise ValueError("axes of stations change along time; order must be 'spatial-first'")
         return _temporal_first(record, smoother, window, degree)
     if smoother == "local-polynomial":
         return _by_polynomials(record, window, degree)
@@ -243,7 +306,10 @@ def reconstruct(
 class _Record:
     """Everything that was measured: (N, K) for each kind, (N, K - 1) for range differences."""
 
+    stations: Sequence[Station]
+    # (K, D) or (N, K, D), and the axes of angles, (K, D, D) or (N, K, D, D)
     places: FloatArray
+    axes: FloatArray | None
     sigmas: dict[Kind, FloatArray]
     times: FloatArray
     measured: _Measured
@@ -254,11 +320,12 @@ class _Record:
         """Locate all instants."""
         options: dict[str, Any] = {str(kind): values for kind, values in measured.items()}
         options |= {f"{kind}_sigma": sigmas[kind] for kind in measured}
-        fixes = locate(self.places, method=self.spatial, n_threads=self.n_threads, **options)
+        fixes = locate(self.stations, method=self.spatial, n_threads=self.n_threads, **options)
         if not np.any(fixes.located):
             reasons = np.unique(np.asarray(fixes.problem))
             told = "; ".join(Problem(int(reason)).reason for reason in reasons)
-            raise ValueError(f"no instant can be located: {told}")
+            hint = _degrees(measured["azimuth"]) if "azimuth" in measured else ""
+            raise ValueError(f"no instant can be located: {told}{hint}")
         return fixes
 
     def sigma(self, kind: Kind) -> FloatArray:
@@ -268,44 +335,258 @@ class _Record:
     def jacobian(self, position: FloatArray) -> FloatArray:
         """Return derivatives of all measurements, side by side, (N, M, D)."""
         offset = position[:, np.newaxis] - self.places
-        return np.concatenate([_jacobian(kind, offset) for kind in self.measured], axis=1)
+        return np.concatenate(
+            [_jacobian(kind, offset, self.axes) for kind in self.measured], axis=1
+        )
 
     def residuals(self, measured: _Measured, position: FloatArray) -> dict[Kind, FloatArray]:
         """Return measurements less those of a trajectory, angles within half a turn."""
         offset = position[:, np.newaxis] - self.places
         return {
-            kind: _difference(kind, values, _predicted(kind, offset))
+            kind: _difference(kind, values, _predicted(kind, offset, self.axes))
             for kind, values in measured.items()
         }
+
+    def deviations(self) -> FloatArray:
+        """Return standard deviations, side by side, (N, M); 1 where nothing was measured."""
+        sigmas = np.concatenate([self.sigma(kind) for kind in self.measured], axis=1)
+        return np.where(np.isnan(sigmas), 1.0, sigmas)
+
+    def whitened(self, measured: _Measured, position: FloatArray) -> FloatArray:
+        """Return the residuals over their standard deviations, side by side, (N, M)."""
+        residuals = self.residuals(measured, position).values()
+        return np.concatenate(list(residuals), axis=1) / self.deviations()
 
 
 def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Trajectory:
     """Locate every instant, then smooth the positions."""
-    measured, total = record.measured, None
-    fixes, track = _smoothed_fixes(record, measured, jerk)
+    total = None
+    found = _Smoothed.first(record, jerk).without_faults(record.measured, jerk)
     for _ in range(_ROUNDS if wanted else 0):
-        change = _Biases.estimate(record, measured, wanted, fixes, track)
+        change = _Biases.estimate(record, found, wanted)
         total = change.added_to(total)
-        measured = total.removed_from(record.measured)
-        fixes, track = _smoothed_fixes(record, measured, jerk)
+        found = found.without_faults(total.removed_from(record.measured), jerk)
         if change.is_small():
             break
-    covariance = track.covariance if total is None else track.covariance + total.effect(track)
+    found = found.relinearised(jerk)
+    track = found.track
+    covariance = track.covariance if jerk is not None else found.covariance_with_jerk()
+    if total is not None:
+        covariance = covariance + total.effect(track)
     d = record.places.shape[-1]
     states = tuple(track.mean[:, i * d : (i + 1) * d] for i in (0, 1, 2))
-    return _trajectory(record, states, covariance, fixes, biases=total, track=track)
-
-
-def _smoothed_fixes(
-    record: _Record, measured: _Measured, jerk: float | None
-) -> tuple[Location, TrackSmooth]:
-    fixes = record.located(measured, record.sigmas)
-    known = _is_finite(fixes.covariance)
-    position = np.where(known[:, np.newaxis], fixes.position, np.nan)
-    track = smooth(
-        position, fixes.covariance, times=record.times, jerk=jerk, n_threads=record.n_threads
+    return _trajectory(
+        record, states, covariance, found.fixes, outliers=found.outliers, biases=total, track=track
     )
-    return fixes, track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plots:
+    """What is smoothed: positions with their covariances, (N, D) and (N, D, D)."""
+
+    position: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of_fixes(cls, fixes: Location) -> _Plots:
+        """Return those of the single instants."""
+        known = _is_finite(fixes.covariance)[:, np.newaxis]
+        return cls(np.where(known, fixes.position, np.nan), fixes.covariance)
+
+    def smoothed(self, record: _Record, jerk: float | None) -> TrackSmooth:
+        """Smooth them."""
+        return smooth(
+            self.position,
+            self.covariance,
+            times=record.times,
+            jerk=jerk,
+            n_threads=record.n_threads,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Smoothed:
+    """Positions of the instants, smoothed, and what the smooth track makes of the measurements."""
+
+    record: _Record
+    measured: _Measured
+    # weights by the track, side by side, (N, M); 0 where it contradicts
+    trust: FloatArray
+    fixes: Location
+    plots: _Plots
+    track: TrackSmooth
+
+    @classmethod
+    def made(
+        cls, record: _Record, measured: _Measured, jerk: float | None, trust: FloatArray
+    ) -> _Smoothed:
+        """Locate every instant with these weights, and smooth."""
+        kept, sigmas = {}, {}
+        for (kind, values), weight in zip(measured.items(), _split(trust, measured), strict=True):
+            contradicted = weight == 0
+            kept[kind] = np.where(contradicted, np.nan, values)
+            sigmas[kind] = record.sigma(kind) / np.sqrt(np.where(contradicted, 1.0, weight))
+        fixes = record.located(kept, sigmas)
+        plots = _Plots.of_fixes(fixes)
+        found = cls(record, measured, trust, fixes, plots, plots.smoothed(record, jerk))
+        for _ in range(_RELINEARISED):
+            found = found.relinearised(float(found.track.jerk))
+        return found
+
+    def relinearised(self, jerk: float | None) -> _Smoothed:
+        """Linearise about the track in place of each position, whose error is larger."""
+        record, position = self.record, self.track.position
+        residual = record.whitened(self.measured, position)
+        weight = np.where(np.isnan(residual), 0.0, self._used()) / record.deviations() ** 2
+        jacobian = record.jacobian(position)
+        covariance = _inverse(jacobian, weight)
+        good = np.asarray(self.fixes.located) & _is_finite(covariance)
+        solution = _solution(jacobian, weight)
+        left = np.where(weight > 0, residual * record.deviations(), 0.0)
+        moved = position + np.einsum("nij,nj->ni", solution, left)
+        # as of a robust position
+        covariance *= np.where(self._robust(), _EFFICIENCY, 1.0)[:, np.newaxis, np.newaxis]
+        plots = _Plots(
+            np.where(good[:, np.newaxis], moved, self.plots.position),
+            np.where(good[:, np.newaxis, np.newaxis], covariance, self.plots.covariance),
+        )
+        return replace(self, plots=plots, track=plots.smoothed(record, jerk))
+
+    def _robust(self) -> BoolArray:
+        """Whether each instant is located robustly, (N,)."""
+        enough = np.asarray(self.fixes.degrees_of_freedom) >= _REDUNDANCY
+        return enough & (self.record.spatial == "robust")
+
+    def _used(self) -> FloatArray:
+        """Return the weights with which the measurements are in the positions, (N, M)."""
+        near = self.record.whitened(self.measured, self.fixes.position)
+        inside = np.where(self._robust()[:, np.newaxis], _tukey(near), 1.0)
+        return np.where(np.isnan(near), 0.0, self.trust * inside)
+
+    @classmethod
+    def first(cls, record: _Record, jerk: float | None) -> _Smoothed:
+        """Locate and smooth what was measured, all of it."""
+        trust = np.ones((len(record.times), sum(v.shape[1] for v in record.measured.values())))
+        return cls.made(record, record.measured, jerk, trust)
+
+    def without_faults(self, measured: _Measured, jerk: float | None) -> _Smoothed:
+        """Leave out what the smooth track contradicts, until nothing else is."""
+        found = self
+        robust = self.record.spatial == "robust"
+        for at in range(_PASSES if robust else 1):
+            judged = robust and (at > 0 or measured is self.measured)
+            trust = found.trusted() if judged else found.trust
+            unchanged = np.max(np.abs(trust - found.trust), initial=0.0) < _UNCHANGED
+            if unchanged and measured is found.measured:
+                break
+            known = float(found.track.jerk)
+            found = self.made(self.record, measured, known, trust).relinearised(jerk)
+        return found
+
+    @property
+    def outliers(self) -> Outliers:
+        """What was left out in space, or is contradicted."""
+        marked = dict(zip(self.measured, _split(self.trust == 0, self.measured), strict=True))
+        space = self.fixes.outliers
+        return Outliers(
+            *(getattr(space, kind) | marked[kind] if kind in marked else None for kind in _KINDS)
+        )
+
+    def trusted(self) -> FloatArray:
+        """Return the weights of the measurements by what the rest of the track says.
+
+        Where an instant is located robustly, one that both the track and the other measurements of
+        the instant contradict is left out, the worst one first: motion that the smoother does not
+        know contradicts the track alone. With fewer degrees of freedom the others cannot tell, and
+        the weights are Tukey's about the track.
+        """
+        fixes, track = self.fixes, self.track
+        missing = np.isnan(self.record.whitened(self.measured, fixes.position))
+        used = self._used()
+        of_instant = np.abs(self._deleted(fixes.position, fixes.covariance, used))
+        of_track = np.abs(self._deleted(track.position, track.position_covariance, used))
+        told = of_track[~np.isnan(of_track)]
+        if told.size == 0:
+            return self.trust
+        scale = _scale(told)
+        limit = -NormalDist().inv_cdf(_FALSE_ALARM / 2 / told.size)
+        with np.errstate(invalid="ignore"):
+            doubtful = (of_track > limit * scale) & (of_instant > _DOUBTED)
+        worst = np.max(np.where(doubtful & (self.trust > 0), of_track, 0.0), axis=1, keepdims=True)
+        contradicted = doubtful & ((self.trust == 0) | (of_track == worst))
+        rest = np.count_nonzero(~missing, axis=1) - fixes.position.shape[-1]
+        poor = ((rest > 0) & (rest < _REDUNDANCY))[:, np.newaxis]
+        soft = _tukey(of_track / scale)
+        return np.where(poor, np.where(soft < _FAINT, 0.0, soft), np.where(contradicted, 0.0, 1.0))
+
+    def _deleted(
+        self, position: FloatArray, covariance: FloatArray, used: FloatArray
+    ) -> FloatArray:
+        """Return residuals about what follows without the measurement, over their sigmas, (N, M).
+
+        With the residual r, the weight w and g = J P J' / sigma²: the position without it predicts
+        it with the error r / (1 - w g), of the variance sigma² (1 + g / (1 - w g)).
+        """
+        record = self.record
+        residual = record.whitened(self.measured, position)
+        jacobian = record.jacobian(position) / record.deviations()[..., np.newaxis]
+        with np.errstate(invalid="ignore"):
+            g = np.einsum("nmi,nij,nmj->nm", jacobian, covariance, jacobian)
+            rest = 1.0 - used * g
+            told = np.isfinite(g) & (rest > _REDUNDANT)
+        rest, g = np.where(told, rest, 1.0), np.where(told, g, 0.0)
+        return np.where(told, residual / rest / np.sqrt(1.0 + g / rest), np.nan)
+
+    def covariance_with_jerk(self) -> FloatArray:
+        """Return the covariance of the states with the uncertainty of the fitted jerk in it.
+
+        The mean over intensities by their likelihood, with a prior on their logarithm that rises
+        with the fourth root of the intensity.
+        """
+        best, tracks = self.track, self._with_jerks()
+        if not tracks:
+            return best.covariance
+        known = _is_finite(best.covariance)
+        told = [float(t.log_likelihood) + _JERK_PRIOR * np.log(float(t.jerk)) for t in tracks]
+        share = np.exp(np.subtract(told, max(told)))
+        share /= np.sum(share)
+        covariance = np.zeros_like(best.covariance)
+        for part, track in zip(share, tracks, strict=True):
+            change = np.where(known[:, np.newaxis], track.mean - best.mean, 0.0)
+            covariance += part * (
+                np.where(known[:, np.newaxis, np.newaxis], track.covariance, 0.0)
+                + change[:, :, np.newaxis] * change[:, np.newaxis]
+            )
+        return np.where(known[:, np.newaxis, np.newaxis], covariance, best.covariance)
+
+    def _with_jerks(self) -> list[TrackSmooth]:
+        """Return the tracks with all intensities that are likely; none where it is not told.
+
+        Around a fitted one that is well told; else from hardly any on, until they are unlikely.
+        """
+        best, jerk = self.track, float(self.track.jerk)
+        error = float(best.jerk_error)
+        if jerk > 0 and error < _JERK_TOLD:
+            near = (jerk * np.exp(step * error) for step in _JERK_STEPS)
+            return [best, *(self.plots.smoothed(self.record, one) for one in near)]
+        plots, times = self.plots, self.record.times
+        known = _is_finite(plots.covariance)
+        span = float(np.ptp(times[known]))
+        if np.unique(times[known]).size <= _STATE or span == 0:
+            return []
+        least = np.min(np.linalg.eigvalsh(plots.covariance[known]))
+        # below the first one the motion is that of none; the likelihood falls as a power
+        first = np.log(least) - _STATE_POWER * np.log(span) - _JERK_MARGIN
+        tracks: list[TrackSmooth] = []
+        top = -np.inf
+        for log in first + np.arange(_MOST_JERKS):
+            track = self.plots.smoothed(self.record, float(np.exp(log)))
+            tracks.append(track)
+            value = float(track.log_likelihood)
+            top = max(top, value)
+            if value < top - _JERK_FALL:
+                break
+        return tracks
 
 
 def _by_polynomials(record: _Record, window: int, degree: int | Literal["adaptive"]) -> Trajectory:
@@ -407,7 +688,7 @@ def _derivatives(
     def solved(derivative: int, bend: dict[Kind, FloatArray] | None) -> FloatArray:
         rates = []
         for kind, (states, _) in series.items():
-            moved = _moved(kind, offset, motion[derivative - 1])
+            moved = _moved(kind, offset, motion[derivative - 1], record.axes)
             rate = states[derivative] + moved
             rates.append(rate if bend is None else rate - bend[kind])
         rate = np.where(used, np.concatenate(rates, axis=1), 0.0)
@@ -416,23 +697,23 @@ def _derivatives(
     velocity = solved(1, None)
     step = _STEP * _interval(record.times)
     path = step * (velocity[:, np.newaxis] - motion[0])
-    bend = {
-        kind: (
-            _difference(kind, _predicted(kind, offset + path), _predicted(kind, offset))
-            - _difference(kind, _predicted(kind, offset), _predicted(kind, offset - path))
+    bend = {}
+    for kind in series:
+        behind, here, ahead = (
+            _predicted(kind, offset + shift, record.axes) for shift in (-path, 0.0, path)
         )
-        / step**2
-        for kind in series
-    }
+        bend[kind] = (_difference(kind, ahead, here) - _difference(kind, here, behind)) / step**2
     return velocity, solved(2, bend)
 
 
-def _moved(kind: Kind, offset: FloatArray, motion: FloatArray) -> FloatArray:
+def _moved(
+    kind: Kind, offset: FloatArray, motion: FloatArray, axes: FloatArray | None
+) -> FloatArray:
     """Return what motion of the stations takes from their measurements."""
     if kind == "range_difference":
-        moved = _moved("range", offset, motion)
+        moved = _moved("range", offset, motion, axes)
         return np.asarray(moved[:, 1:] - moved[:, :1])
-    return np.asarray(np.sum(_jacobian(kind, offset) * motion, axis=-1))
+    return np.asarray(np.sum(_jacobian(kind, offset, axes) * motion, axis=-1))
 
 
 def _station_motion(record: _Record, derivative: int) -> FloatArray:
@@ -522,54 +803,44 @@ class _Biases:
     spread: FloatArray
 
     @classmethod
-    def estimate(
-        cls,
-        record: _Record,
-        measured: _Measured,
-        kinds: tuple[Kind, ...],
-        fixes: Location,
-        track: TrackSmooth,
-    ) -> _Biases:
+    def estimate(cls, record: _Record, found: _Smoothed, kinds: tuple[Kind, ...]) -> _Biases:
         """Estimate them from the residuals about the smooth trajectory."""
-        position = track.position
-        located = np.asarray(fixes.located)[:, np.newaxis] & ~np.isnan(position)[:, :1]
-        weight = np.concatenate(
-            [
-                np.where(
-                    located & ~np.isnan(values) & ~getattr(fixes.outliers, kind),
-                    record.sigma(kind) ** -2.0,
-                    0.0,
-                )
-                for kind, values in measured.items()
-            ],
-            axis=1,
-        )
+        measured, position = found.measured, found.track.position
+        located = np.asarray(found.fixes.located)[:, np.newaxis] & ~np.isnan(position)[:, :1]
+        residual = record.whitened(measured, position)
+        outlier = np.concatenate([getattr(found.outliers, kind) for kind in measured], axis=1)
+        usable = located & ~np.isnan(residual) & ~outlier
+        residual = np.where(usable, residual, 0.0)
+        robust = record.spatial == "robust" and np.any(usable)
+        scale = _scale(np.abs(residual[usable])) if robust else np.inf
+        weight = np.where(usable, _tukey(residual / scale) / record.deviations() ** 2, 0.0)
         known = {kind: _is_seen(record.measured[kind]) for kind in kinds}
         at = _columns(measured, known)
         jacobian = record.jacobian(position)
         solution = _solution(jacobian, weight)
         kept = _kept(jacobian, solution, weight, at)
-        residual = np.concatenate(list(record.residuals(measured, position).values()), axis=1)
-        weighted = weight * np.where(weight > 0, residual, 0.0)
+        # W r
+        weighted = weight * residual * record.deviations()
         # (I - H)' W r: the position has no part in it
-        score = np.einsum("nip,ni->p", kept, weighted)
+        scores = np.einsum("nip,ni->np", kept, weighted)
         information = _information(kept, weight)
         names = [f"{kind} of station {k}" for kind in kinds for k in np.flatnonzero(known[kind])]
-        root = _root(track.position_covariance)
-        spurious = np.zeros_like(information)
-        for shift in np.moveaxis(root, -1, 0):
-            ahead, behind = (
-                _kept(moved, _solution(moved, weight), weight, at)
-                for moved in (record.jacobian(position + shift), record.jacobian(position - shift))
-            )
-            spurious += _information((ahead - behind) / 2, weight)
+        spurious = _spurious(record, found.track, weight, at)
         size = np.sqrt(np.sum(weight, axis=0)[at])
-        covariance = _inverted(information, spurious, size, names)
+        # the derivative of the scores: less than their weights, which fall with the residuals
+        inverse = _inverted(information, spurious, size, names) / _slope(residual[usable] / scale)
+        values = inverse @ np.sum(scores, axis=0)
+        left = residual * record.deviations()
+        left = left - np.einsum("nij,nj->ni", jacobian @ solution, left) - kept @ values
+        share = 1.0 - np.einsum("nmi,nim->nm", jacobian, solution)
+        least = record.deviations() ** 2 * (_TAPERED if robust else 1.0)
+        variance = np.maximum(least, _variances(left, share, weight**2))
+        covariance = _spread(inverse, kept, weight, variance, left)
         columns = np.moveaxis(solution[:, :, at], -1, 0)
         spread = _inverse(jacobian, weight)
         missing = ~_is_finite(spread)
         columns = np.where(missing[:, np.newaxis], np.nan, columns)
-        return cls(record, kinds, known, covariance @ score, covariance, columns, spread)
+        return cls(record, kinds, known, values, covariance, columns, spread)
 
     def added_to(self, before: _Biases | None) -> _Biases:
         """Return the sum with those of the round before, which were removed."""
@@ -633,6 +904,94 @@ def _information(kept: FloatArray, weight: FloatArray) -> FloatArray:
     return information
 
 
+def _spurious(record: _Record, track: TrackSmooth, weight: FloatArray, at: IntArray) -> FloatArray:
+    """Return the information that errors of the positions alone make."""
+    position = track.position
+    information = np.zeros((len(at), len(at)))
+    for shift in np.moveaxis(_root(track.position_covariance), -1, 0):
+        ahead, behind = (
+            _kept(moved, _solution(moved, weight), weight, at)
+            for moved in (record.jacobian(position + shift), record.jacobian(position - shift))
+        )
+        information += _information((ahead - behind) / 2, weight)
+    return information
+
+
+def _spread(
+    inverse: FloatArray,
+    kept: FloatArray,
+    weight: FloatArray,
+    variance: FloatArray,
+    residual: FloatArray,
+) -> FloatArray:
+    """Return the covariance of biases: that of the scores, between their inverse slopes.
+
+    Errors that stay for a while make it larger.
+    """
+    noise = _information(kept, weight**2 * variance)
+    # what each instant adds to each bias
+    parts = np.einsum("pq,nip,ni->pn", inverse, kept, weight * residual)
+    root = np.sqrt([_repeats(part) for part in parts])
+    return np.asarray(inverse @ noise @ inverse * np.outer(root, root))
+
+
+def _variances(residual: FloatArray, share: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the variance of each column's errors, of which residuals have that share, (M,)."""
+    there = weight > 0
+    variances: FloatArray = np.sum(np.where(there, weight * residual**2, 0.0), axis=0) / np.maximum(
+        np.sum(np.where(there, weight * share, 0.0), axis=0), np.finfo(float).tiny
+    )
+    return variances
+
+
+def _repeats(series: FloatArray) -> float:
+    """Return how many instants tell as much as one would, if errors were independent, at least 1.
+
+    One plus twice the sum of the autocorrelations, as long as pairs of them are positive (Geyer
+    1992); the first pair has to be more than chance.
+    """
+    whole = float(np.sum(series**2))
+    total = 0.0
+    for lag in range(1, len(series) // 2, 2):
+        products = [series[one:] * series[:-one] for one in (lag, lag + 1)]
+        pair = sum(float(np.sum(product)) for product in products)
+        chance = np.sqrt(sum(float(np.sum(product**2)) for product in products))
+        if not pair > (_CHANCE * chance if lag == 1 else 0.0):
+            break
+        total += pair / whole
+    return 1.0 + 2.0 * total
+
+
+def _tukey(residual: FloatArray) -> FloatArray:
+    """Return Tukey's weights, 1 where there is no residual."""
+    share = np.minimum(np.abs(np.nan_to_num(residual)) / _TUKEY, 1.0)
+    weight: FloatArray = (1.0 - share**2) ** 2
+    return weight
+
+
+def _slope(residual: FloatArray) -> float:
+    """Return the mean slope of Tukey's scores, u w(u), over their mean weight."""
+    square = np.minimum((residual / _TUKEY) ** 2, 1.0)
+    return float(np.sum((1 - square) * (1 - 5 * square)) / np.sum((1 - square) ** 2))
+
+
+def _scale(size: FloatArray) -> float:
+    """Return by how much residuals are larger than their standard deviations say, at least 1.
+
+    From their median, less what it may be off by chance.
+    """
+    chance = 1.0 + _CHANCE * _MEDIAN_ERROR / np.sqrt(size.size)
+    return max(1.0, float(np.median(size) / NormalDist().inv_cdf(0.75) / chance))
+
+
+def _split(together: npt.NDArray[Any], measured: _Measured) -> list[npt.NDArray[Any]]:
+    """Return the columns of each kind."""
+    if not measured:
+        return []
+    counts = [values.shape[1] for values in measured.values()]
+    return np.split(together, np.cumsum(counts)[:-1], axis=1)
+
+
 def _root(covariance: FloatArray) -> FloatArray:
     """Return square roots of covariances, 0 where they are not finite."""
     good = _is_finite(covariance)
@@ -673,6 +1032,7 @@ def _trajectory(
     covariance: FloatArray,
     fixes: Location,
     *,
+    outliers: Outliers | None = None,
     biases: _Biases | None = None,
     track: TrackSmooth | None = None,
 ) -> Trajectory:
@@ -689,7 +1049,7 @@ def _trajectory(
         acceleration,
         covariance,
         fixes,
-        fixes.outliers,
+        fixes.outliers if outliers is None else outliers,
         _by_kind(residuals),
         None if biases is None else _by_kind(biases.split(biases.values, np.nan)),
         None if biases is None else _by_kind(biases.split(biases.sigma, np.inf)),
@@ -707,18 +1067,20 @@ def _instants(times: npt.ArrayLike) -> FloatArray:
     return instants
 
 
-def _places(stations: Sequence[Station], n: int) -> tuple[FloatArray, dict[Kind, FloatArray]]:
-    """Return positions, (K, D) or (N, K, D), and standard deviations, (K,)."""
+def _places(
+    stations: Sequence[Station], n: int
+) -> tuple[FloatArray, FloatArray | None, dict[Kind, FloatArray]]:
+    """Return positions, (K, D) or (N, K, D), axes, and standard deviations, (K,)."""
     if not isinstance(stations, Sequence) or not all(isinstance(s, Station) for s in stations):
         raise TypeError("stations must be a sequence of Station")
     if not stations:
         raise ValueError("stations is empty; it must have at least one")
-    places, sigmas = _stations(stations)
+    places, axes, sigmas = _stations(stations)
     if places.ndim > 3 or (places.ndim == 3 and len(places) != n):
         raise ValueError(
             f"stations have positions of shape {places.shape[:-2]}; there are {n} times"
         )
-    return places, {kind: sigmas[kind] for kind in _BIASED}
+    return places, axes, {kind: sigmas[kind] for kind in _BIASED}
 
 
 def _checked(
@@ -772,8 +1134,10 @@ def _columns(measured: _Measured, known: dict[Kind, BoolArray]) -> IntArray:
     return np.concatenate([first[kind] + np.flatnonzero(own) for kind, own in known.items()])
 
 
-def _predicted(kind: Kind, offset: FloatArray) -> FloatArray:
+def _predicted(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Return what stations measure of a target that is off by `offset`, of shape (N, K, D)."""
+    if kind in _ANGLES:
+        offset = _turned(offset, axes)
     if kind == "azimuth":
         return np.asarray(np.arctan2(offset[..., 0], offset[..., 1]))
     if kind == "elevation":
@@ -789,8 +1153,11 @@ def _difference(kind: Kind, values: FloatArray, predicted: FloatArray) -> FloatA
     return difference - 2 * np.pi * np.round(difference / (2 * np.pi))
 
 
-def _jacobian(kind: Kind, offset: FloatArray) -> FloatArray:
+def _jacobian(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Return derivatives of `_predicted` with respect to the position, (N, K, D)."""
+    if kind in _ANGLES and axes is not None:
+        own = _jacobian(kind, _turned(offset, axes), None)
+        return np.asarray((own[..., np.newaxis, :] @ axes)[..., 0, :])
     if kind == "azimuth":
         flat = np.sum(offset[..., :2] ** 2, axis=-1, keepdims=True)
         turned = np.zeros_like(offset)

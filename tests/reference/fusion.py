@@ -1,6 +1,8 @@
 """Fusion of the tracks of several radars, (1) to (13) and the dynamic weights, one series at a
 time."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 NAN = float("nan")
@@ -13,8 +15,10 @@ OUTLIER = 256
 MANOEUVRES = [1, 64]
 MOSTLY_NONE = np.array([0.999, 0.001])
 MANOEUVRE_ENDS = 0.1
-FOLLOWED = 12
+FOLLOWED, NEGLIGIBLE = 12, 1e-5
 LEAST_GAIN = 1e-3
+DISAGREEMENT, LEAST_SHARE, CLUSTERS = 1.0, 0.02, 5
+COMPONENTS, AGREEMENT = 3, 0.01
 
 
 def wrap(difference, period):
@@ -290,74 +294,195 @@ def central(z, r, t, f, q, initial, acceleration_variance, period=None):
     return [np.array(part) for part in zip(*states, strict=True)]
 
 
-def hypotheses(nu, r, prior, noise, motion, change):
-    """Every combination of the prediction's level and those of the plots, with its probability,
-    as far as followed."""
-    found = [((), p, 0.0, c * prior) for p, c in zip(motion, MANOEUVRES, strict=True)]
-    found = [((c,), *rest) for c, (_, *rest) in enumerate(found)]
-    excesses = np.array([*LEVELS, OUTLIER])
-    for v, variance, levels in zip(nu, r, noise, strict=True):
-        chances = np.append((1 - change) * levels, change)
-        found = sorted(found, key=lambda one: -one[1])[:FOLLOWED]
-        # the largest of all as 1, lest all vanish
-        scale = min((v - m) ** 2 / (p + OUTLIER * variance) for _, _, m, p in found)
-        grown = []
-        for which, weight, m, p in found:
-            for level, (chance, excess) in enumerate(zip(chances, excesses, strict=True)):
-                s = p + excess * variance
-                likely = np.exp(-((v - m) ** 2 / s - scale) / 2) / np.sqrt(s)
-                new = m + p / s * (v - m), p * excess * variance / s
-                grown.append(((*which, level), weight * chance * likely, *new))
-        found = grown
-    which, weight, mean, variance = zip(*found, strict=True)
-    return np.array(which), np.array(weight) / sum(weight), np.array(mean), np.array(variance)
+@dataclass
+class Component:
+    """A normal distribution of the state, and what is believed under it."""
+
+    weight: float
+    x: np.ndarray
+    p: np.ndarray
+    noise: np.ndarray
+    motion: np.ndarray
+
+
+@dataclass
+class Hypothesis:
+    """A component, the levels of its prediction and of the plots so far, and e under them."""
+
+    component: int
+    levels: tuple
+    weight: float
+    mean: float
+    variance: float
+
+    def distance(self, other):
+        return (self.mean - other.mean) ** 2 / (self.variance + other.variance)
+
+
+def hypotheses(components, nu, r, seen, base, period, change):
+    """Every combination of the prediction's level and those of the plots, as far as followed, with
+    its share of the largest probability; the most probable one first."""
+    found = [
+        Hypothesis(j, (c,), one.weight * p, wrap(one.x[0] - base, period), excess * one.p[0, 0])
+        for j, one in enumerate(components)
+        for c, (p, excess) in enumerate(zip(one.motion, MANOEUVRES, strict=True))
+    ]
+    for i, v, variance in zip(seen, nu, r, strict=True):
+        grown, squares = [], []
+        for h in found[:FOLLOWED]:
+            chances = np.append((1 - change) * components[h.component].noise[i], change)
+            for level, chance in enumerate(chances):
+                plot = variance * [*LEVELS, OUTLIER][level]
+                s = h.variance + plot
+                mean = h.mean + h.variance / s * (v - h.mean)
+                weight = h.weight * chance / np.sqrt(s)
+                new = (*h.levels, level), weight, mean, h.variance * plot / s
+                grown.append(Hypothesis(h.component, *new))
+                squares.append((v - h.mean) ** 2 / s)
+        # the largest as 1, lest all vanish
+        for h, square in zip(grown, squares, strict=True):
+            h.weight *= np.exp(-(square - min(squares)) / 2)
+        largest = max(h.weight for h in grown)
+        for h in grown:
+            h.weight /= largest
+        found = sorted((h for h in grown if h.weight > NEGLIGIBLE), key=lambda h: -h.weight)
+    return found
+
+
+def clusters_of(found):
+    """Hypotheses of one component that agree with the most probable one that is left."""
+    clusters, left = [], found
+    while left and len(clusters) < CLUSTERS and (left[0].weight > LEAST_SHARE or not clusters):
+        centre, others = left[0], left
+        clusters.append([])
+        left = []
+        for h in others:
+            agrees = h.component == centre.component and h.distance(centre) <= DISAGREEMENT
+            (clusters[-1] if agrees else left).append(h)
+    centres = [cluster[0] for cluster in clusters]
+    for h in left:
+        own = [n for n, centre in enumerate(centres) if centre.component == h.component]
+        if own:
+            clusters[min(own, key=lambda n: h.distance(centres[n]))].append(h)
+    return clusters
+
+
+def moments(weights, means, covariances):
+    """Mean and covariance of a mixture."""
+    shares = np.array(weights) / np.sum(weights)
+    mean = np.tensordot(shares, means, 1)
+    away = np.array(means) - mean
+    spread = np.array(covariances) + away[..., np.newaxis] * away[:, np.newaxis]
+    return mean, np.tensordot(shares, spread, 1)
+
+
+def mixture(components, period):
+    """State, covariance, levels and motion of several together."""
+    base = components[0].x
+    away = [one.x - base for one in components]
+    for one in away:
+        one[0] = wrap(one[0], period)
+    weights = [one.weight for one in components]
+    x, p = moments(weights, away, [one.p for one in components])
+    noise, motion = (
+        np.average([getattr(one, name) for one in components], axis=0, weights=weights)
+        for name in ("noise", "motion")
+    )
+    return Component(sum(weights), base + x, p, noise, motion)
+
+
+def reduced(components, period):
+    """Runnalls 2007: pairs that cost the least become one."""
+    while len(components) > 1:
+        costs = {}
+        for i, a in enumerate(components):
+            for j, b in enumerate(components[:i]):
+                logs = [np.linalg.slogdet(one.p)[1] for one in (mixture([a, b], period), a, b)]
+                weights = a.weight + b.weight, -a.weight, -b.weight
+                costs[i, j] = np.dot(weights, logs) / 2
+        pair = min(costs, key=lambda pair: costs[pair])
+        if costs[pair] > AGREEMENT and len(components) <= COMPONENTS:
+            break
+        one = mixture([components[n] for n in pair], period)
+        components = [c for n, c in enumerate(components) if n not in pair] + [one]
+    return sorted(components, key=lambda one: -one.weight)
+
+
+def learnt(component, cluster, seen, base, total, period):
+    """A component after the plots, if its cluster is right."""
+    shares = np.array([h.weight for h in cluster])
+    weight = shares.sum()
+    shares /= weight
+    levels = np.array([h.levels for h in cluster])
+    offset = wrap(component.x[0] - base, period)
+    e = shares @ [h.mean for h in cluster] - offset
+    p = shares @ [h.variance + (h.mean - offset - e) ** 2 for h in cluster]
+    motion = np.array([shares[levels[:, 0] == c].sum() for c in (0, 1)])
+    noise = component.noise.copy()
+    for at, i in enumerate(seen, start=1):
+        *of_levels, outlier = (shares[levels[:, at] == level].sum() for level in range(6))
+        noise[i] = of_levels + outlier * noise[i]
+    prior = component.p[0, 0]
+    grown = max(motion @ MANOEUVRES, p / prior / (1 - LEAST_GAIN))
+    # the error of the angle tells of the others what they have in common with it
+    with_angle = component.p[:, 0] / prior
+    both = np.outer(with_angle, with_angle)
+    covariance = grown * (component.p - prior * both) + p * both
+    return Component(weight / total, component.x + with_angle * e, covariance, noise, motion)
 
 
 def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change=0.005):
     """One filter for all plots with the noise as believed: states, weights, noise, outliers."""
     k, steps = z.shape
     track = Track(initial, acceleration_variance, period)
-    noise, motion = np.tile(AT_FIRST, (k, 1)), MOSTLY_NONE
+    nothing = Component(1.0, np.zeros(3), np.zeros((3, 3)), np.tile(AT_FIRST, (k, 1)), MOSTLY_NONE)
+    components = [nothing]
     states, weights = [], np.full((k, steps), NAN)
     believed, outlier = np.empty((k, steps)), np.zeros((k, steps), dtype=bool)
     for step in range(steps):
         if step:
             track.predict(t[step - 1], f[step - 1], q[step - 1])
+            for one in components:
+                one.x, one.p = predict(one.x, one.p, f[step - 1], q[step - 1])
         seen = [i for i in range(k) if not np.isnan(z[i, step])]
         if not track.known:
             for i in seen:
                 track.update(z[i, step], r[i, step])
+            components[0].x, components[0].p = track.x, track.p
         else:
+            if step == 0:
+                components[0].x, components[0].p = track.x, track.p
             weights[~np.isnan(z[:, : step + 1]).all(axis=1) | (initial is not None), step] = 0
             if seen:
-                nu = {i: wrap(z[i, step] - track.x[0], period) for i in seen}
+                base = components[0].x[0]
+                nu = {i: wrap(z[i, step] - base, period) for i in seen}
                 seen.sort(key=lambda i: abs(nu[i]))
-                base = seen[0]
-                nu = [nu[base] + wrap(z[i, step] - z[base, step], period) for i in seen]
-                motion = motion + MANOEUVRE_ENDS * (MOSTLY_NONE - motion)
-                noise[seen] += change * (AT_FIRST - noise[seen])
-                prior = track.p[0, 0]
-                found = hypotheses(nu, r[seen, step], prior, noise[seen], motion, change)
-                which, weight, mean, variance = found
-                motion = np.array([weight[which[:, 0] == c].sum() for c in (0, 1)])
+                first = seen[0]
+                nu = [nu[first] + wrap(z[i, step] - z[first, step], period) for i in seen]
+                for one in components:
+                    one.motion = one.motion + MANOEUVRE_ENDS * (MOSTLY_NONE - one.motion)
+                    one.noise[seen] += change * (AT_FIRST - one.noise[seen])
+                found = hypotheses(components, nu, r[seen, step], seen, base, period, change)
+                clusters = clusters_of(found)
+                kept = [h for cluster in clusters for h in cluster]
+                total = sum(h.weight for h in kept)
                 pulls = []
                 for at, i in enumerate(seen, start=1):
-                    of_levels = [weight[which[:, at] == level].sum() for level in range(6)]
-                    noise[i] = of_levels[:5] + of_levels[5] * noise[i]
-                    outlier[i, step] = of_levels[5] > 0.5
-                    excess = np.array([*LEVELS, OUTLIER])[which[:, at]]
-                    pulls.append(weight @ (variance / (excess * r[i, step])))
+                    excess = [[*LEVELS, OUTLIER][h.levels[at]] for h in kept]
+                    effect = [h.weight * h.variance for h in kept]
+                    pulls.append(np.sum(np.divide(effect, excess)) / r[i, step])
+                    of_outlier = sum(h.weight for h in kept if h.levels[at] == 5)
+                    outlier[i, step] = of_outlier / total > 0.5
                 weights[seen, step] = pulls / np.sum(pulls)
-                e = weight @ mean
-                p = weight @ (variance + (mean - e) ** 2)
-                grown = max(motion @ MANOEUVRES, p / prior / (1 - LEAST_GAIN))
-                # the error of the angle tells of the others what they have in common with it
-                with_angle = track.p[:, 0] / prior
-                both = np.outer(with_angle, with_angle)
-                track.x = track.x + with_angle * e
-                track.p = grown * (track.p - prior * both) + p * both
-        believed[:, step] = r[:, step] * np.exp(noise @ np.log(LEVELS))
-        states.append((track.x, track.p))
+                components = [
+                    learnt(components[cluster[0].component], cluster, seen, base, total, period)
+                    for cluster in clusters
+                ]
+                components = reduced(components, period)
+        levels = sum(one.weight * one.noise @ np.log(LEVELS) for one in components)
+        believed[:, step] = r[:, step] * np.exp(levels)
+        whole = mixture(components, period)
+        states.append((whole.x, whole.p))
     states = [np.array(part) for part in zip(*states, strict=True)]
     return states, weights, believed, outlier
 

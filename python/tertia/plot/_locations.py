@@ -72,7 +72,7 @@ def location(
     >>> plot.location(places, fix, azimuth=bearings, ax=Figure().subplots()).get_title()
     '505.6 ± 5.8, 498.8 ± 7.1'
     """
-    places, _ = _stations(stations)
+    places, axes, _ = _stations(stations)
     if places.ndim != 2 or result.position.ndim != 1:
         raise ValueError("stations and result have a batch; one instant can be drawn")
     if places.shape[-1] != result.position.size:
@@ -88,7 +88,8 @@ def location(
     ax = new_axes() if ax is None else ax
 
     if rays is not None:
-        _draw_rays(ax, places, rays, _marks(result.outliers.azimuth, rays), result.position)
+        toward = _toward(rays, axes)
+        _draw_rays(ax, places, toward, _marks(result.outliers.azimuth, rays), result.position)
     if ranges is not None:
         _draw_ranges(ax, places, ranges, _marks(result.outliers.range, ranges), result.position)
     ax.plot(*places[:, :2].T, "^", color=RESULT, markerfacecolor="none", label="station")
@@ -151,7 +152,7 @@ def accuracy_map(
     >>> plot.accuracy_map(radars, grid, accuracy, ax=Figure().subplots()).get_xlabel()
     'east (m)'
     """
-    places, _ = _stations(stations)
+    places, _, _ = _stations(stations)
     points, sigma = finite(grid, "grid"), np.asarray(result.position_sigma)
     if points.ndim != 3 or points.shape[:2] != sigma.shape:
         raise ValueError(
@@ -204,16 +205,23 @@ def _draw_lines(ax: "Axes", lines: list[FloatArray], fault: BoolArray, name: str
         named.add(label)
 
 
+def _toward(azimuth: FloatArray, axes: FloatArray | None) -> FloatArray:
+    """Return where azimuths point to, level as their stations see it, (K, 2)."""
+    level = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    if axes is None:
+        return level
+    toward: FloatArray = np.einsum("ki,kij->kj", level, axes[:, :2, :2])
+    return toward
+
+
 def _draw_rays(
-    ax: "Axes", places: FloatArray, azimuth: FloatArray, fault: BoolArray, position: FloatArray
+    ax: "Axes", places: FloatArray, toward: FloatArray, fault: BoolArray, position: FloatArray
 ) -> None:
     length = 1.2 * np.max(np.linalg.norm(position[:2] - places[:, :2], axis=-1))
-    toward = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     lines = [
-        np.stack([place, place + length * way])
+        np.stack([place + 0 * way, place + length * way])
         for place, way in zip(places[:, :2], toward, strict=True)
     ]
-    lines = [np.where(np.isnan(a), np.nan, line) for a, line in zip(azimuth, lines, strict=True)]
     _draw_lines(ax, lines, fault, "bearing")
 
 

@@ -105,7 +105,7 @@ def trajectory(
             f"result has positions of shape {result.position.shape}; (N, D) can be drawn"
         )
     n, d = result.position.shape
-    places, _ = _stations(stations)
+    places, _, _ = _stations(stations)
     if places.shape[-1] != d or places.ndim > 3 or (places.ndim == 3 and len(places) != n):
         raise ValueError(f"stations has shape {places.shape} and result {result.position.shape}")
     given = result.times if times is None and isinstance(result, Trajectory) else times

@@ -101,7 +101,7 @@ def flights(
     >>> plan = FlightPlan([[0, 0], [0, 50e3], [50e3, 50e3]], 200.0)
     >>> traffic = flights([plan], scenario="straight-on", wind=20.0, rng=1)
     >>> traffic
-    Traffic(1 flights, 0 to 508 s)
+    Traffic(1 flights, 0 to 501 s)
     >>> bool(np.isnan(traffic.left[0])), bool(np.isnan(traffic.returned[0]))
     (False, True)
     """

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tertia._arrays import FloatArray, IntArray
 from tertia.simulate._routes import DIRECT, FLY_BY, GRAVITY, NEVER, Route
-from tertia.simulate._traffic import parts
+from tertia.simulate._traffic import NOWHERE, parts
 
 ComplexArray: TypeAlias = npt.NDArray[np.complex128]
 
@@ -284,7 +284,9 @@ def fly(motion: Motion) -> dict[str, npt.NDArray[Any]]:
         flying = motion.flying.copy()
         samples["flying"].append(flying)
         samples["turning"].append(flying & (np.abs(motion.bank) > _TURNING))
-        for name in ("position", "velocity", "turn_rate", "height"):
+        for name in ("position", "velocity"):
+            samples[name].append(np.where(flying, getattr(motion, name), NOWHERE))
+        for name in ("turn_rate", "height"):
             samples[name].append(np.where(flying, getattr(motion, name), np.nan))
         motion.advance()
     # one list after the other is released

@@ -22,9 +22,9 @@ _HEIGHT_STEP = 30.48
 # bits of a code that others' replies may change
 _CODE_BITS = 12
 # seconds: a step of Newton's so short that the next is below a microsecond; rounds of it
-_MEETS, _ROUNDS = 1e-2, 20
-# share of the beam's rate that is left between it and an aircraft, at least
-_SLOWEST = 0.2
+_MEETS, _ROUNDS = 1e-3, 20
+# rates of the beam against an aircraft, in units of the beam's, for which meetings are found
+_SHARES = (0.5, 1.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +145,7 @@ def radar_plots(
     >>> from tertia.simulate import encounter, radar_plots, set_up
     >>> traffic = encounter("crossing", rng=1)
     >>> radar_plots(traffic, [set_up("middle").radar], clutter=5, rng=1)
-    RadarPlots(674, 487 of them clutter)
+    RadarPlots(684, 498 of them clutter)
     """
     if not isinstance(traffic, Traffic):
         raise TypeError(f"traffic is {traffic!r}; it must be Traffic")
@@ -225,12 +225,15 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
     time = traffic.start + radar.period * (lag / (2 * np.pi) % 1.0)
     flights, times = [flight[:0]], [time[:0]]
     while len(flight):
-        time, scan, meets = _meet(traffic, radar, north, flight, time)
+        guess = time
+        time, scan, meets = _meet(traffic, radar, north, flight, guess)
         inside = meets & (time >= traffic.start[flight]) & (time <= end[flight])
         flights.append(flight[inside])
         times.append(time[inside])
         later = time <= end[flight]
-        flight, time = flight[later], (time + scan)[later]
+        # whatever an aircraft right above the radar does, time goes on
+        following = np.maximum(time + scan, guess + radar.period / 2)
+        flight, time = flight[later], following[later]
     return np.concatenate(flights), np.concatenate(times)
 
 
@@ -248,7 +251,7 @@ def _meet(
         azimuth, rate = _azimuth(traffic, radar, flight[open_], time[open_])
         lag = (azimuth - _beam(radar, north, time[open_])) / (2 * np.pi)
         # the aircraft runs away from the beam, or towards it
-        share = np.maximum(1.0 - rate * radar.period / (2 * np.pi), _SLOWEST)
+        share = np.clip(1.0 - rate * radar.period / (2 * np.pi), *_SHARES)
         late = radar.period / share * ((lag + 0.5) % 1.0 - 0.5)
         time[open_] += late
         scan[open_] = radar.period / share
@@ -257,8 +260,9 @@ def _meet(
         open_ = open_[~found]
         if not len(open_):
             break
-    time[open_], scan[open_] = guess[open_], radar.period
-    return time, scan, meets
+    # farther away, it is another scan's
+    meets &= np.abs(time - guess) < 0.75 * radar.period
+    return np.where(meets, time, guess), np.where(meets, scan, radar.period), meets
 
 
 def _azimuth(

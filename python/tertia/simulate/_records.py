@@ -12,7 +12,7 @@ import numpy.typing as npt
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer, real
 from tertia._wishart import standard_wishart
 from tertia.kalman import SingerModel, _require_model
-from tertia.location import Kind, Station, _stations
+from tertia.location import Kind, Station, _stations, _turned
 
 __all__ = [
     "BearingRecord",
@@ -358,14 +358,14 @@ def stations(
     >>> locate(finders, **record.measurements)
     Location([1000.74 ± 14.7, 2003.78 ± 14.6], 0 of 4 faulty)
     """
-    places, sigmas = _stations(stations)
+    places, axes, sigmas = _stations(stations)
     target = finite(position, "position")
     d = places.shape[-1]
     _require(target.shape[-1:] == (d,), "position", target.shape, f"of shape (..., {d})")
     fault_probability = _number(fault_probability, "fault_probability", 0, 1)
     missing_probability = _number(missing_probability, "missing_probability", 0, 1)
     size, source = _number(fault_size, "fault_size", 0), generator(rng)
-    truth = _sights(target[..., np.newaxis, :] - places)
+    truth = _sights(_turned(target[..., np.newaxis, :] - places, axes))
     if measurements is None:
         chosen = [kind for kind in truth if not np.all(np.isnan(sigmas.get(kind, np.nan)))]
     else:
@@ -385,7 +385,7 @@ def stations(
 
 
 def _sights(offset: FloatArray) -> dict[str, FloatArray]:
-    """Return range, azimuth and (in space) elevation of offsets from the stations."""
+    """Return range, azimuth and (in space) elevation of offsets in the stations' axes."""
     truth = {
         "range": np.sqrt(np.sum(offset**2, axis=-1)),
         "azimuth": np.arctan2(offset[..., 0], offset[..., 1]),

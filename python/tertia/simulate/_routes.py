@@ -206,7 +206,10 @@ def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Rout
     leg = int(random.integers(len(plan) - 1))
     place, share = plan.spot(leg, random)
     angle = random.uniform(*_HIJACK_ANGLE) * random.choice([-1.0, 1.0])
-    away = place + lasting * plan.speeds[leg] * rotate(plan.along[leg], angle)
+    along, side = plan.along[leg], np.sign(angle) * right(plan.along[leg])
+    # behind the arc of the turn, so that its course is as drawn
+    arc = plan.radii[leg] * (np.sin(abs(angle)) * along + (1 - np.cos(angle)) * side)
+    away = place + arc + lasting * plan.speeds[leg] * rotate(along, angle)
     return plan.route(
         (leg, len(plan)),
         [place, away],

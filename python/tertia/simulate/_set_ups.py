@@ -158,7 +158,7 @@ def routes(
     >>> from tertia.simulate import routes
     >>> plans = routes("middle", 3, rng=1)
     >>> [len(plan.waypoints) for plan in plans]
-    [5, 6, 6]
+    [5, 5, 6]
     """
     scene = set_up if isinstance(set_up, SetUp) else _named(set_up)
     n, random = integer(n, "n", 0), generator(rng)

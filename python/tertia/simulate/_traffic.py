@@ -21,7 +21,7 @@ _SPACING = 9260.0
 # radians per second: those of an airliner's turn, half to twice of it
 _TURN_RATES = (np.radians(0.75), np.radians(3.0))
 _HEIGHTS = (3000.0, 12_000.0)
-_NOWHERE = complex(np.nan, np.nan)
+NOWHERE = complex(np.nan, np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +161,7 @@ class Traffic:
                 f"time has shape {times.shape}; it must fit flight, {flights.shape}"
             ) from None
         inside = (when >= self.start[who]) & (when <= self.end[who])
-        position, velocity = (np.where(inside, x, _NOWHERE) for x in self._state(who, when))
+        position, velocity = (np.where(inside, x, NOWHERE) for x in self._state(who, when))
         return parts(position), parts(velocity)
 
     def _state(
@@ -384,16 +384,19 @@ def _smooth_flights(
     rate (clockwise), a beginning and an end; one that is not flown begins at infinity.
     """
     rate, begin, end = turn
-    start = np.minimum(begin, time[-1])[:, np.newaxis]
-    length = np.minimum(end, time[-1])[:, np.newaxis] - start
+    end_time = time[-1]
+    # the last one is the middle
+    time = np.append(time, end_time / 2)
+    start = np.minimum(begin, end_time)[:, np.newaxis]
+    length = np.minimum(end, end_time)[:, np.newaxis] - start
     # of the course, clockwise: the argument of a velocity falls
     w = np.where(rate == 0.0, 1.0, rate)[:, np.newaxis]
     turned = np.clip(time - start, 0.0, length)
     now = velocity[:, np.newaxis] * np.exp(-1j * w * turned)
     # where it is, from its place at the beginning of the turn
     way = (velocity[:, np.newaxis] - now) / (1j * w) + now * (time - start - turned)
-    half = (len(time) - 1) // 2
-    place = middle[:, np.newaxis] + way - way[:, half : half + 1]
+    place = middle[:, np.newaxis] + way[:, :-1] - way[:, -1:]
+    now, time, turned = now[:, :-1], time[:-1], turned[:, :-1]
     turning = (turned > 0.0) & (turned < length)
     n = len(middle)
     never = np.full(n, np.nan)

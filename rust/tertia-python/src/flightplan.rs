@@ -9,9 +9,9 @@ use tertia::batch::for_each_row;
 use tertia::flightplan::{self, Monitor, Projection, Refinement, Route, Sighting, Turn};
 
 /// Cost of a score by leg, plot and plan, for the choice of threads.
-const SCORE_NS: f64 = 60.0;
+const SCORE_NS: f64 = 170.0;
 /// Cost of a position or projection by leg, likewise.
-const LEG_NS: f64 = 30.0;
+const LEG_NS: f64 = 150.0;
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
@@ -290,6 +290,7 @@ pub fn passing_times<'py>(
     plan: Plan<'py>,
     track: Tracks<'py>,
     legs: Vec<i64>,
+    drift: f64,
 ) -> PyResult<[Array<'py>; 4]> {
     let route = plan.route()?;
     let (seen, shape) = track.sightings()?;
@@ -299,7 +300,7 @@ pub fn passing_times<'py>(
     let (n, count) = (seen.len(), route.legs() + 1);
     let (mut times, mut sigmas) = (Vec::with_capacity(n * count), Vec::with_capacity(n * count));
     let (mut speeds, mut speed_sigmas) = (Vec::with_capacity(n), Vec::with_capacity(n));
-    let mut refinement = Refinement::default();
+    let mut refinement = Refinement::new(drift);
     for (seen, &leg) in seen.iter().zip(&legs) {
         if let Ok(leg) = usize::try_from(leg)
             && leg < route.legs()

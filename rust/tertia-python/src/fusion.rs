@@ -16,8 +16,12 @@ use tertia::kalman::{
 
 /// Cost of a step for one radar, for the choice of threads.
 const FUSE_NS: f64 = 300.0;
+/// The same of the rule that follows hypotheses.
+const ROBUST_NS: f64 = 1200.0;
 
 const VARIANCE: &str = "measurement_variance";
+/// What it must be.
+const POSITIVE: &str = "it must be a positive number from 1e-100 to 1e100";
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 
@@ -124,9 +128,8 @@ impl Task<'_> {
     fn of_radar(&self, radar: usize, error: tertia::Error) -> tertia::Error {
         match error {
             tertia::Error::InvalidParameter { argument, value, .. } if self.variance_rows > 1 => {
-                let requirement = "it must be a positive number from 1e-100 to 1e100";
                 let index = vec![radar, 0];
-                tertia::Error::InvalidElement { argument, index, value, requirement }
+                tertia::Error::InvalidElement { argument, index, value, requirement: POSITIVE }
             }
             tertia::Error::InvalidMeasurement { argument: VARIANCE, .. } => {
                 error.within(self.variance_row(radar))
@@ -236,7 +239,8 @@ pub fn fuse_series<'py>(
         .map(|((((((mean, covariance), weight), noise), innovation), variance), outlier)| {
             Results { mean, covariance, weight, noise, innovation, variance, outlier }
         });
-    let cost = FUSE_NS * (size * count) as f64;
+    let of_step = if task.rule == Rule::Robust { ROBUST_NS } else { FUSE_NS };
+    let cost = of_step * (size * count) as f64;
     release(py, cost, || {
         let items = rows.iter().enumerate().zip(outputs);
         for_each_row(items, cost, n_threads, Buffers::default, |buffers, ((row, z), mut out)| {
@@ -317,6 +321,16 @@ pub struct TrackFusion {
 type Saved = (Vec<Vec<f64>>, ([f64; 3], [f64; 6]), Vec<(f64, f64, f64, bool, [f64; 3])>);
 type NewArguments<'py> = ((Py<PyAny>, Vec<f64>), Bound<'py, PyDict>);
 
+/// What is wrong with a radar's plot or its variance, with the place where the caller has it.
+fn of_plot(radar: usize, error: tertia::Error) -> tertia::Error {
+    let tertia::Error::InvalidParameter { argument, value, .. } = error else { return error };
+    let (argument, requirement) = match argument {
+        VARIANCE => (VARIANCE, POSITIVE),
+        _ => ("plots", "it must be a finite number, or nan for no plot"),
+    };
+    tertia::Error::InvalidElement { argument, index: vec![radar], value, requirement }
+}
+
 impl TrackFusion {
     fn over(&self, dt: Option<f64>) -> PyResult<Transition> {
         match dt {
@@ -336,8 +350,9 @@ impl TrackFusion {
                 )));
             }
         }
-        for (&z, &r) in plots.iter().zip(&variances) {
-            kalman::require_plot(if z.is_nan() { 0.0 } else { z }, r).map_err(value_error)?;
+        for (radar, (&z, &r)) in plots.iter().zip(&variances).enumerate() {
+            let z = if z.is_nan() { 0.0 } else { z };
+            kalman::require_plot(z, r).map_err(|error| value_error(of_plot(radar, error)))?;
         }
         Ok(variances)
     }
@@ -379,8 +394,8 @@ impl TrackFusion {
                 "measurement_variance is empty; it must be K numbers",
             ));
         }
-        for &r in &measurement_variance {
-            kalman::require_plot(0.0, r).map_err(value_error)?;
+        for (radar, &r) in measurement_variance.iter().enumerate() {
+            kalman::require_plot(0.0, r).map_err(|error| value_error(of_plot(radar, error)))?;
         }
         if let Some(period) = period {
             kalman::require_period(period).map_err(value_error)?;

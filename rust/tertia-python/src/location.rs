@@ -75,6 +75,7 @@ fn require_row(rows: &Rows<'_>, length: usize, name: &str) -> PyResult<()> {
 pub fn locate<'py>(
     py: Python<'py>,
     stations: &Bound<'py, PyAny>,
+    axes: Option<&Bound<'py, PyAny>>,
     values: &Bound<'py, PyAny>,
     sigmas: &Bound<'py, PyAny>,
     initial: Option<&Bound<'py, PyAny>>,
@@ -88,18 +89,25 @@ pub fn locate<'py>(
             .map(|(value, name)| Samples::extract(value, name));
     let (stations, values, sigmas) = (stations?, values?, sigmas?);
     let initial = initial.map(|value| Samples::extract(value, "initial")).transpose()?;
+    let axes = axes.map(|value| Samples::extract(value, "axes")).transpose()?;
     let (k, d) = size(&stations)?;
     let (stations, rows, sigmas) = (stations.blocks(2)?, values.blocks(2)?, sigmas.blocks(2)?);
     let initial = initial.as_ref().map(|samples| samples.blocks(1)).transpose()?;
+    let axes = axes.as_ref().map(|samples| samples.blocks(3)).transpose()?;
     require_row(&rows, location::KINDS * k, "values")?;
     require_row(&sigmas, location::KINDS * k, "sigmas")?;
     let count = rows.count();
+    let values = Shared::new(&rows, count, "values")?;
     let stations = Shared::new(&stations, count, "stations")?;
     let sigmas = Shared::new(&sigmas, count, "sigmas")?;
     if let Some(initial) = &initial {
         require_row(initial, d, "initial")?;
     }
+    if let Some(axes) = &axes {
+        require_row(axes, k * d * d, "axes")?;
+    }
     let initial = initial.as_ref().map(|rows| Shared::new(rows, count, "initial")).transpose()?;
+    let axes = axes.as_ref().map(|rows| Shared::new(rows, count, "axes")).transpose()?;
     let mut position = Output::new(py, &[rows.batch(), &[d]].concat())?;
     let mut covariance = Output::new(py, &[rows.batch(), &[d, d]].concat())?;
     let mut residual = Output::new(py, rows.shape)?;
@@ -113,28 +121,45 @@ pub fn locate<'py>(
         sigma: 0.0,
     };
     let mut fixes = repeated(failed, count)?;
-    let outputs = chunks(position.values()?, d, count)
-        .zip(chunks(covariance.values()?, d * d, count))
-        .zip(chunks(residual.values()?, rows.len(), count))
-        .zip(chunks(outlier.values()?, rows.len(), count))
-        .zip(&mut fixes);
+    let size = location::BLOCK;
+    let outputs = position
+        .values()?
+        .chunks_mut(d * size)
+        .zip(covariance.values()?.chunks_mut(d * d * size))
+        .zip(residual.values()?.chunks_mut(rows.len() * size))
+        .zip(outlier.values()?.chunks_mut(rows.len() * size))
+        .zip(fixes.chunks_mut(size));
     let cost = LOCATE_NS * (rows.len() * count) as f64;
     let done = release(py, cost, || {
-        let items = rows.iter().enumerate().zip(outputs);
         let new = || (Workspace::<2>::default(), Workspace::<3>::default());
-        for_each_row(items, cost, n_threads, new, |(plane, space), ((i, values), out)| {
-            let ((((position, covariance), residual), outlier), fix) = out;
-            let instant = Instant {
-                stations: stations.row(i),
-                values,
-                sigmas: sigmas.row(i),
-                initial: initial.as_ref().map(|initial| initial.row(i)),
-            };
-            let mut out = location::Output { position, covariance, residual, outlier };
-            *fix = match d {
-                2 => locator.locate(&instant, &mut out, plane),
-                _ => locator.locate(&instant, &mut out, space),
-            };
+        for_each_row(outputs.enumerate(), cost, n_threads, new, |(plane, space), (block, out)| {
+            let ((((position, covariance), residual), outlier), fixes) = out;
+            let instants: Vec<_> = (block * size..)
+                .take(fixes.len())
+                .map(|i| Instant {
+                    stations: stations.row(i),
+                    axes: axes.as_ref().map(|axes| axes.row(i)),
+                    values: values.row(i),
+                    sigmas: sigmas.row(i),
+                    initial: initial.as_ref().map(|initial| initial.row(i)),
+                })
+                .collect();
+            let mut out: Vec<_> = position
+                .chunks_mut(d)
+                .zip(covariance.chunks_mut(d * d))
+                .zip(residual.chunks_mut(rows.len()))
+                .zip(outlier.chunks_mut(rows.len()))
+                .map(|(((position, covariance), residual), outlier)| location::Output {
+                    position,
+                    covariance,
+                    residual,
+                    outlier,
+                })
+                .collect();
+            match d {
+                2 => locator.locate_all(&instants, &mut out, fixes, plane),
+                _ => locator.locate_all(&instants, &mut out, fixes, space),
+            }
             Ok(())
         })
     });
@@ -157,6 +182,7 @@ pub fn locate<'py>(
 pub fn location_accuracy<'py>(
     py: Python<'py>,
     stations: &Bound<'py, PyAny>,
+    axes: Option<&Bound<'py, PyAny>>,
     sigmas: &Bound<'py, PyAny>,
     positions: &Bound<'py, PyAny>,
     n_threads: Threads,
@@ -164,13 +190,19 @@ pub fn location_accuracy<'py>(
     let stations = Samples::extract(stations, "stations")?;
     let sigmas = Samples::extract(sigmas, "sigmas")?;
     let positions = Samples::extract(positions, "positions")?;
+    let axes = axes.map(|value| Samples::extract(value, "axes")).transpose()?;
     let (k, d) = size(&stations)?;
+    let axes = axes.as_ref().map(|samples| samples.blocks(3)).transpose()?;
     let (stations, sigmas, rows) = (stations.blocks(2)?, sigmas.blocks(2)?, positions.blocks(1)?);
     require_row(&sigmas, location::KINDS * k, "sigmas")?;
     require_row(&rows, d, "positions")?;
+    if let Some(axes) = &axes {
+        require_row(axes, k * d * d, "axes")?;
+    }
     let count = rows.count();
     let (stations, sigmas) =
         (Shared::new(&stations, 1, "stations")?, Shared::new(&sigmas, 1, "sigmas")?);
+    let axes = axes.as_ref().map(|rows| Shared::new(rows, 1, "axes")).transpose()?;
     let mut covariance = Output::new(py, &[rows.shape, &[d]].concat())?;
     let mut dilution = Output::new(py, rows.batch())?;
     let outputs = chunks(covariance.values()?, d * d, count).zip(dilution.values()?);
@@ -179,9 +211,10 @@ pub fn location_accuracy<'py>(
         let new = || (Workspace::<2>::default(), Workspace::<3>::default());
         for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |spaces, (p, out)| {
             let (s, sigmas) = (stations.row(0), sigmas.row(0));
+            let axes = axes.as_ref().map(|axes| axes.row(0));
             *out.1 = match d {
-                2 => Locator::accuracy(s, sigmas, p, out.0, &mut spaces.0),
-                _ => Locator::accuracy(s, sigmas, p, out.0, &mut spaces.1),
+                2 => Locator::accuracy(s, axes, sigmas, p, out.0, &mut spaces.0),
+                _ => Locator::accuracy(s, axes, sigmas, p, out.0, &mut spaces.1),
             };
             Ok(())
         })

@@ -49,10 +49,10 @@ type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 
-/// Columns of a table: time, state, covariance, turning, height, climb; then track, radar, plot,
+/// Columns of a table: time, state, covariance, innovation, its covariance, turning, height, climb; then track, radar, plot,
 /// identity, plan; then confirmed, conforming; then the fates of the plots.
 type Table<'py> = (
-    (Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>, Numbers<'py>),
+    Vec<Numbers<'py>>,
     (Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>),
     (Flags<'py>, Flags<'py>),
     Integers<'py>,
@@ -222,7 +222,12 @@ fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'
     let n = rows.len();
     let mut states = room_for(4 * n)?;
     let mut covariances = room_for(16 * n)?;
+    let mut innovations = room_for(2 * n)?;
+    let mut spreads = room_for(4 * n)?;
     for row in rows {
+        let spread = row.innovation_covariance;
+        innovations.extend_from_slice(&row.innovation);
+        spreads.extend_from_slice(&[spread.xx, spread.xy, spread.xy, spread.yy]);
         states.extend_from_slice(row.estimate.mean.as_slice());
         covariances.extend_from_slice(row.estimate.covariance.as_slice());
     }
@@ -235,16 +240,20 @@ fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'
         Fate::Late => -2,
         Fate::AtRadar => -3,
         Fate::OutOfRange => -4,
+        Fate::Stray => -5,
+        Fate::Duplicate => -6,
     });
     Ok((
-        (
+        vec![
             numbers(|row| row.time)?,
             array(py, &[n, 4], states)?,
             array(py, &[n, 4, 4], covariances)?,
+            array(py, &[n, 2], innovations)?,
+            array(py, &[n, 2, 2], spreads)?,
             numbers(|row| row.turning)?,
             numbers(|row| row.height)?,
             numbers(|row| row.climb)?,
-        ),
+        ],
         (
             integers(|row| row.track as i64)?,
             integers(|row| row.radar as i64)?,

@@ -11,6 +11,7 @@ mod instant;
 mod intersection;
 mod joint;
 mod matrix;
+mod mixture;
 mod robust;
 mod rules;
 

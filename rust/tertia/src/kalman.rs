@@ -14,7 +14,6 @@ mod smoother;
 mod state;
 mod steady;
 mod steps;
-mod vector;
 
 use crate::angle::principal;
 pub use crate::angle::require_period;

@@ -1,9 +1,9 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
-//! `error, moments, distribution, angle, matrix <- screening <- bearing <- weights <- location <-
-//! kalman <- smoothing <- fusion`, `kalman, association, flightplan <- tracker`, with [`batch`] and
-//! [`missing`] for their callers: a module uses those to its left only.
+//! `error, moments, distribution, angle, matrix, vector <- screening <- bearing <- weights <-
+//! location <- kalman <- smoothing <- fusion`, `kalman, association, flightplan <- tracker`, with
+//! [`batch`] and [`missing`] for their callers: a module uses those to its left only.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! | kernel | cost of a sample of N | extra memory |
@@ -56,6 +56,7 @@ mod moments;
 pub mod screening;
 pub mod smoothing;
 pub mod tracker;
+mod vector;
 pub mod weights;
 
 pub use error::{Error, Result};

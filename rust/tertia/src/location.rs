@@ -11,14 +11,18 @@
 //! | `small` | linear systems of two and three unknowns |
 //! | `candidates` | points that as many measurements as there are coordinates agree on |
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
+//! | `block` | the same for several instants side by side |
+//! | `doubt` | what measurements that may be faults add to the covariance |
 //! | `solver` | start, robust steps, other minima, covariance |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths alone |
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod block;
 mod candidates;
 mod descent;
+mod doubt;
 mod lenth;
 mod measurement;
 mod small;
@@ -26,6 +30,8 @@ mod solver;
 
 pub use solver::{Fix, Instant, Locator, Method, Output, Problem, Workspace};
 
+/// Instants that are located side by side.
+pub const BLOCK: usize = block::LANES;
 /// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, and the
 /// differences of each station's range and that of the first.
 pub const KINDS: usize = 4;

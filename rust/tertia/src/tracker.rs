@@ -51,6 +51,10 @@ pub struct Row {
     pub plot: Option<usize>,
     /// Position and velocity.
     pub estimate: Estimate<4>,
+    /// Plot less prediction, and its covariance; not numbers where the target was missed.
+    pub innovation: [f64; 2],
+    /// Its covariance.
+    pub innovation_covariance: Plane,
     /// Probability that the target turns.
     pub turning: f64,
     /// Height and rate of climb; nan where there are none.
@@ -70,6 +74,9 @@ pub struct Row {
 impl Row {
     fn of(track: &Track, radar: usize, plot: Option<usize>) -> Self {
         let vertical = track.vertical.map(|vertical| (vertical.height, vertical.climb));
+        let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
+        let (innovation, innovation_covariance) =
+            if plot.is_some() { track.innovation } else { none };
         let (height, climb) = vertical.unwrap_or((f64::NAN, f64::NAN));
         Self {
             time: track.time,
@@ -77,6 +84,8 @@ impl Row {
             radar,
             plot,
             estimate: track.estimate,
+            innovation,
+            innovation_covariance,
             turning: track.filter.turning(),
             height,
             climb,
@@ -99,6 +108,8 @@ pub struct Tracker {
     next_number: u64,
     /// Plots given so far.
     plots: usize,
+    /// Of a plot long after the others, that may have had a wrong clock.
+    stray: f64,
 }
 
 impl Tracker {
@@ -109,8 +120,8 @@ impl Tracker {
     pub fn try_new(settings: Settings) -> Result<Self> {
         settings.check()?;
         let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
-        let time = f64::NEG_INFINITY;
-        Ok(Self { settings, tracks: Vec::new(), clutter, time, next_number: 1, plots: 0 })
+        let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        Ok(Self { settings, tracks: Vec::new(), clutter, time, next_number: 1, plots: 0, stray })
     }
 
     /// All that the tracker knows, to the last bit.
@@ -165,11 +176,12 @@ impl Tracker {
     ) -> Result<()> {
         self.check(plots, end)?;
         fates.clear();
-        let measured = self.measured(plots, fates);
+        let mut measured = self.measured(plots, fates);
+        self.refuse_strays(&mut measured, fates);
         let first = self.plots;
         self.plots += plots.len();
         let last = measured.last().map_or(self.time, |plot| plot.time);
-        let end = end.unwrap_or(last).max(last);
+        let end = end.unwrap_or(last).max(last).max(self.time);
         let period = self.settings.radars.iter().map(|r| r.period).fold(f64::INFINITY, f64::min);
         let mut scan = Scan::default();
         let mut waiting: Vec<Measured> = Vec::new();
@@ -179,6 +191,7 @@ impl Tracker {
             // with the plots that wait no more than a scan: no target is in it twice
             until = f64::max(until, next.time) + (1.0 - 2.0 * WAITING) * period;
             let (now, later) = rest.split_at(rest.partition_point(|plot| plot.time < until));
+            self.finish(next.time.min(end), rows);
             waiting.extend_from_slice(now);
             rest = later;
             let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
@@ -229,7 +242,36 @@ impl Tracker {
             });
         }
         measured.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.index.cmp(&b.index)));
+        measured.dedup_by(|next, plot| {
+            let same = next.is_same(plot);
+            if same {
+                fates[next.index - self.plots] = Fate::Duplicate;
+            }
+            same
+        });
         measured
+    }
+
+    /// Leaves out single plots that come long after the others: with a wrong clock they would end all
+    /// tracks. The next plot at about that time shows that there was a silence.
+    fn refuse_strays(&mut self, measured: &mut Vec<Measured>, fates: &mut [Fate]) {
+        let period = self.settings.radars.iter().map(|radar| radar.period).fold(0.0, f64::max);
+        let silence = (self.settings.coasting as f64 + 0.5) * period;
+        let mut before = self.time;
+        let mut kept = Vec::with_capacity(measured.len());
+        for (i, plot) in measured.iter().enumerate() {
+            let follows = plot.time - before <= silence || before == f64::NEG_INFINITY;
+            let is_followed = measured.get(i + 1).is_some_and(|p| p.time - plot.time <= silence);
+            let is_second = (plot.time - self.stray).abs() <= silence;
+            if follows || is_followed || is_second {
+                before = plot.time;
+                kept.push(*plot);
+            } else {
+                self.stray = plot.time;
+                fates[plot.index - self.plots] = Fate::Stray;
+            }
+        }
+        *measured = kept;
     }
 
     /// Counts what radars missed until `end`, and ends tracks.

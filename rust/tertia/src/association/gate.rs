@@ -110,37 +110,13 @@ impl Region {
         // |φ| ≤ 45° or ≥ 135°: whitening keeps the side, and no choice of the root changes φ
         let along = e[0] * v[0] + e[1] * v[1];
         let across = v[0] * e[1] - v[1] * e[0];
-        let outer = d2 <= thresholds.outer;
-        match (along.abs() >= across.abs(), along >= 0.0, across > 0.0) {
-            (true, true, _) => {
-                if outer {
-                    Self::Ahead
-                } else {
-                    Self::GuardAhead
-                }
-            }
-            (true, false, _) => {
-                if outer {
-                    Self::Behind
-                } else {
-                    Self::GuardBehind
-                }
-            }
-            (false, _, true) => {
-                if outer {
-                    Self::Left
-                } else {
-                    Self::GuardLeft
-                }
-            }
-            (false, _, false) => {
-                if outer {
-                    Self::Right
-                } else {
-                    Self::GuardRight
-                }
-            }
-        }
+        let (near, far) = match (along.abs() >= across.abs(), along >= 0.0, across > 0.0) {
+            (true, true, _) => (Self::Ahead, Self::GuardAhead),
+            (true, false, _) => (Self::Behind, Self::GuardBehind),
+            (false, _, true) => (Self::Left, Self::GuardLeft),
+            (false, _, false) => (Self::Right, Self::GuardRight),
+        };
+        if d2 <= thresholds.outer { near } else { far }
     }
 }
 
@@ -241,39 +217,17 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
     require("threshold", threshold, holds, "a positive number")?;
     let tracks = read_points::<M>("predicted", scan.predicted)?;
     let plots = read_points::<M>("plots", scan.plots)?;
-    let own = scan.plot_covariance.is_none();
-    let sigmas = read_covariances::<M>("covariance", scan.covariance, own)?;
-    let noises = match scan.plot_covariance {
-        Some(values) => Some(read_covariances::<M>("plot_covariance", values, false)?),
-        None => None,
-    };
-    let mut widest = [0.0_f64; 2];
-    for noise in noises.iter().flatten() {
-        widest = [widest[0].max(noise[0][0]), widest[1].max(noise[1][1])];
-    }
-    let half_widths: Vec<[f64; 2]> = sigmas
-        .iter()
-        .map(|s| [0, 1].map(|i| MARGIN * (threshold * (s[i][i] + widest[i])).sqrt()))
-        .collect();
+    let sums = Sums::<M>::read(scan)?;
+    let half_widths = sums.half_widths(threshold);
     let plane: Vec<[f64; 2]> = plots.iter().map(|p| [p[0], p[1]]).collect();
     let grid = Grid::new(&plane, cell(&half_widths))?;
     let (mut out, mut near) = (Vec::new(), Vec::new());
-    for (track, ((position, sigma), half)) in
-        tracks.iter().zip(&sigmas).zip(&half_widths).enumerate()
-    {
+    for (track, (position, half)) in tracks.iter().zip(&half_widths).enumerate() {
         near.clear();
         grid.within([position[0], position[1]], *half, &mut |plot| near.push(plot));
         near.sort_unstable();
-        let common = if own { Factor::try_new(sigma) } else { None };
         for &plot in &near {
-            let factor = match (&common, &noises) {
-                (Some(factor), _) => *factor,
-                (None, Some(noises)) => Factor::try_new(&sum(sigma, &noises[plot]))
-                    .ok_or(Error::Singular { argument: "covariance", index: vec![track] })?,
-                (None, None) => {
-                    return Err(Error::Singular { argument: "covariance", index: vec![track] });
-                }
-            };
+            let factor = sums.factor(track, plot)?;
             let innovation = std::array::from_fn(|i| plots[plot][i] - position[i]);
             let distance = factor.distance(&innovation);
             if distance <= threshold {
@@ -286,6 +240,57 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
     Ok(out)
 }
 
+/// Covariances of innovations.
+struct Sums<const M: usize> {
+    sigmas: Vec<[[f64; M]; M]>,
+    noises: Option<Vec<[[f64; M]; M]>>,
+    /// One of each track, where plots have no covariance of their own.
+    factors: Vec<Factor<M>>,
+}
+
+impl<const M: usize> Sums<M> {
+    fn read(scan: &Scan<'_>) -> Result<Self> {
+        let sigmas = read_covariances("covariance", scan.covariance)?;
+        let read = |values| read_covariances("plot_covariance", values);
+        let noises = scan.plot_covariance.map(read).transpose()?;
+        let factors = match noises {
+            Some(_) => Vec::new(),
+            None => {
+                let each = sigmas.iter().enumerate();
+                each.map(|(track, sigma)| regular(sigma, track)).collect::<Result<_>>()?
+            }
+        };
+        Ok(Self { sigmas, noises, factors })
+    }
+
+    fn factor(&self, track: usize, plot: usize) -> Result<Factor<M>> {
+        match &self.noises {
+            None => Ok(self.factors[track]),
+            Some(noises) => {
+                let (a, b) = (&self.sigmas[track], &noises[plot]);
+                let sum = std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]));
+                regular(&sum, track)
+            }
+        }
+    }
+
+    /// Half the sides of a box around each gate, whichever plot it is for.
+    fn half_widths(&self, threshold: f64) -> Vec<[f64; 2]> {
+        let mut widest = [0.0_f64; 2];
+        for noise in self.noises.iter().flatten() {
+            widest = [0, 1].map(|i| widest[i].max(noise[i][i]));
+        }
+        let side =
+            |s: &[[f64; M]; M], i: usize| MARGIN * (threshold * (s[i][i] + widest[i])).sqrt();
+        self.sigmas.iter().map(|s| [0, 1].map(|i| side(s, i))).collect()
+    }
+}
+
+fn regular<const M: usize>(sigma: &[[f64; M]; M], track: usize) -> Result<Factor<M>> {
+    let singular = || Error::Singular { argument: "covariance", index: vec![track] };
+    Factor::try_new(sigma).ok_or_else(singular)
+}
+
 /// The width of a cell: that of the usual gate.
 fn cell(half_widths: &[[f64; 2]]) -> f64 {
     let mut widths: Vec<f64> = half_widths.iter().map(|w| w[0].max(w[1])).collect();
@@ -294,10 +299,6 @@ fn cell(half_widths: &[[f64; 2]]) -> f64 {
     }
     let middle = widths.len() / 2;
     2.0 * *widths.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
-fn sum<const M: usize>(a: &[[f64; M]; M], b: &[[f64; M]; M]) -> [[f64; M]; M] {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
 }
 
 fn read_points<const M: usize>(argument: &'static str, values: &[f64]) -> Result<Vec<[f64; M]>> {
@@ -312,20 +313,14 @@ fn read_points<const M: usize>(argument: &'static str, values: &[f64]) -> Result
     }
 }
 
-/// Covariances, which must be regular where they stand alone.
 fn read_covariances<const M: usize>(
     argument: &'static str,
     values: &[f64],
-    alone: bool,
 ) -> Result<Vec<[[f64; M]; M]>> {
     let (mut matrix, mut factor) = (SMatrix::<f64, M, M>::zeros(), SMatrix::<f64, M, M>::zeros());
     let read = |(at, values): (usize, &[f64])| {
         read_covariance(argument, &[at], values, &mut matrix, &mut factor)?;
-        let sigma = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
-        if alone && Factor::try_new(&sigma).is_none() {
-            return Err(Error::Singular { argument, index: vec![at] });
-        }
-        Ok(sigma)
+        Ok(std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])))
     };
     values.chunks_exact(M * M).enumerate().map(read).collect()
 }
@@ -420,7 +415,9 @@ mod tests {
         let mut expected = Vec::new();
         for (i, (track, sigma)) in tracks.iter().zip(&sigmas).enumerate() {
             for (k, plot) in plots.iter().enumerate() {
-                let sigma = if with_noise { sum(sigma, &noises[k]) } else { *sigma };
+                let sum = |i: usize, j: usize| sigma[i][j] + noises[k][i][j];
+                let both = std::array::from_fn(|i| std::array::from_fn(|j| sum(i, j)));
+                let sigma = if with_noise { both } else { *sigma };
                 let factor = Factor::try_new(&sigma).unwrap();
                 let distance = factor.distance(&std::array::from_fn(|i| plot[i] - track[i]));
                 if distance <= gate {

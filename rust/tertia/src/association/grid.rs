@@ -117,11 +117,14 @@ impl Grid {
         let low = [centre[0] - half_width[0], centre[1] - half_width[1]];
         let high = [centre[0] + half_width[0], centre[1] + half_width[1]];
         let (columns, rows) = (self.stretch(low[0], high[0]), self.stretch(low[1], high[1]));
-        for row in rows.numbers(self.mask) {
-            let of_row = row * (self.mask + 1);
-            for (first, last) in columns.stretches(self.mask) {
+        let side = self.mask + 1;
+        let seam = (columns.first + columns.count).min(side);
+        let beyond = columns.first + columns.count - seam;
+        for row in rows.first..rows.first + rows.count {
+            let of_row = (row & self.mask) * side;
+            for (first, end) in [(columns.first, seam), (0, beyond)] {
                 let from = self.start[of_row + first] as usize;
-                let to = self.start[of_row + last + 1] as usize;
+                let to = self.start[of_row + end] as usize;
                 for entry in &self.entries[from..to] {
                     let inside = entry.x >= low[0]
                         && entry.x <= high[0]
@@ -131,14 +134,20 @@ impl Grid {
                         visit(entry.index as usize);
                     }
                 }
+                if beyond == 0 {
+                    break;
+                }
             }
         }
     }
 
     /// The number of a coordinate's cell. It never decreases, whatever is rounded: casts saturate.
+    /// (The function `floor` is a call on machines that are as old as a wheel is built for.)
     #[inline]
     fn cell(&self, coordinate: f64) -> i64 {
-        (coordinate * self.density).floor() as i64
+        let number = coordinate * self.density;
+        let towards_zero = number as i64;
+        towards_zero.saturating_sub(i64::from(towards_zero as f64 > number))
     }
 
     #[inline]
@@ -163,24 +172,6 @@ impl Grid {
 struct Stretch {
     first: usize,
     count: usize,
-}
-
-impl Stretch {
-    #[inline]
-    fn numbers(self, mask: usize) -> impl Iterator<Item = usize> {
-        (self.first..self.first + self.count).map(move |number| number & mask)
-    }
-
-    /// The first and the last number of one stretch, or of two where the seam is between them.
-    #[inline]
-    fn stretches(self, mask: usize) -> impl Iterator<Item = (usize, usize)> {
-        let end = self.first + self.count;
-        let whole = end <= mask + 1;
-        let head = (self.first, if whole { end.wrapping_sub(1) } else { mask });
-        let tail = (0, end.wrapping_sub(mask + 2));
-        let number = if self.count == 0 { 0 } else { 2 - usize::from(whole) };
-        [head, tail].into_iter().take(number)
-    }
 }
 
 /// Buckets along an axis for so many points.

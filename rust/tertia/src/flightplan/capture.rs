@@ -103,6 +103,37 @@ mod tests {
     }
 
     #[test]
+    fn vectors() {
+        let bearing = |degrees: f64| [degrees.to_radians().sin(), degrees.to_radians().cos()];
+        let [east, north] = bearing(60.0);
+        let after = [9e4 * east, 5e4 + 9e4 * north];
+        let (bank, rate) = (25_f64.to_radians(), 3_f64.to_radians());
+        let turn = Turn::new([0.0, 0.0], [0.0, 5e4], after, 220.0, bank, rate);
+        let [east, north] = bearing(10.0);
+        let found = capture(&turn, [500.0, 4e4], [220.0 * east, 220.0 * north], 4.0);
+        assert!((found.tangent_radius - 24_943.854_915_070_2).abs() < 1e-8);
+        let tangent_rate = (220.0 / found.tangent_radius).to_degrees();
+        assert!((tangent_rate - 0.505_337_748_9).abs() < 1e-10);
+        // flown with the largest radius
+        assert_eq!(found.radius, 1.6 * turn.full_radius);
+        assert!((found.turn_rate + 220.0 / found.radius).abs() < 1e-15);
+        let hazards = [
+            (9.0, 1.4, 0.030_791_225_2),
+            (1.4, 1.2, 0.128_726_988_8),
+            (1.2, 1.0, 0.407_895_440_3),
+            (1.0, 0.8, 0.784_908_589_2),
+            (0.8, 0.6, 0.9),
+        ];
+        for (before, now, expected) in hazards {
+            let found = start_hazard(before, now, -1.0);
+            assert!((found - expected).abs() < 1e-10, "{before}, {now}: {found}");
+        }
+        assert_eq!(start_hazard(1.2, 1.0, 0.06), 0.0);
+        let ratio = lead_ratio(&turn, [0.0, 4e4], 220.0, 4.0);
+        assert!((ratio - (1e4 - 880.0) / turn.lead).abs() < 1e-12);
+    }
+
+    #[test]
     fn nothing_is_nan() {
         let turn = Turn::new([0.0, 0.0], [0.0, 5e4], [0.0, 0.0], 200.0, 0.4, 0.05);
         for velocity in [[0.0, 0.0], [0.0, 200.0], [0.0, -200.0], [200.0, 0.0]] {

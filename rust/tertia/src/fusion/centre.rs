@@ -180,6 +180,7 @@ impl Centre {
         }
         self.central.predict(transition);
         if self.rule == Rule::Robust {
+            self.robust.predict(transition);
             return;
         }
         let (f, q) = matrices(transition);

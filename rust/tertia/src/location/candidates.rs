@@ -5,7 +5,7 @@
 //! coordinates cancel. So a point is where planes meet, or a line of planes and one sphere.
 
 use super::measurement::{Kind, Measurement};
-use super::small::{Matrix, Vector, dot, norm, roots, solve_line};
+use super::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};
 use crate::angle::median;
 
 /// Points tried of each sort at most: more are drawn at random, always the same.
@@ -48,6 +48,8 @@ impl<const D: usize> Plane<D> {
 struct Sight<const D: usize> {
     index: usize,
     station: Vector<D>,
+    /// Those of the angles, if they are not those of the frame.
+    axes: Option<Matrix<D>>,
     range: Option<f64>,
     /// Sine and cosine.
     azimuth: Option<(f64, f64)>,
@@ -73,47 +75,22 @@ impl<const D: usize> Default for Candidates<D> {
 impl<const D: usize> Candidates<D> {
     /// Takes the measurements, sorted by station.
     pub fn read(&mut self, measurements: &[Measurement<D>]) {
+        self.points.clear();
         self.sights.clear();
-        self.points.clear();
-        for m in measurements {
-            if self.sights.last().is_none_or(|sight| sight.index != m.index) {
-                self.sights.push(Sight {
-                    index: m.index,
-                    station: m.station,
-                    range: None,
-                    azimuth: None,
-                    elevation: None,
-                    difference: None,
-                });
-            }
-            if let Some(sight) = self.sights.last_mut() {
-                match m.kind {
-                    Kind::Range => sight.range = Some(m.value),
-                    Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
-                    Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
-                    Kind::RangeDifference => sight.difference = Some(m.value),
-                }
-            }
-        }
-    }
-
-    /// The fixes of single stations; true if every station makes one. O(K).
-    pub fn polar(&mut self) -> bool {
-        self.points.clear();
-        for sight in &self.sights {
-            let Some((point, _)) = sight.polar() else { continue };
-            self.points.push(point);
-        }
-        self.points.len() == self.sights.len()
+        self.sights.extend(measurements.chunk_by(|a, b| a.index == b.index).map(Sight::of));
     }
 
     /// The median of the stations' own fixes, coordinate by coordinate, where all of three or more
-    /// stations make one. O(K).
-    pub fn middle(&mut self) -> Option<Vector<D>> {
-        if !self.polar() || self.points.len() < 3 {
+    /// stations make one; of measurements sorted by station. O(K).
+    pub fn middle(&mut self, measurements: &[Measurement<D>]) -> Option<Vector<D>> {
+        let Self { points, coordinates, .. } = self;
+        points.clear();
+        for station in measurements.chunk_by(|a, b| a.index == b.index) {
+            points.push(Sight::of(station).polar()?);
+        }
+        if points.len() < 3 {
             return None;
         }
-        let Self { points, coordinates, .. } = self;
         Some(std::array::from_fn(|i| {
             coordinates.clear();
             coordinates.extend(points.iter().map(|point| point[i]));
@@ -123,7 +100,8 @@ impl<const D: usize> Candidates<D> {
 
     /// Points of all sorts.
     pub fn all(&mut self, extent: f64) {
-        self.polar();
+        self.points.clear();
+        self.points.extend(self.sights.iter().filter_map(Sight::polar));
         self.planes.clear();
         for sight in &self.sights {
             self.planes.extend(sight.planes().into_iter().flatten());
@@ -238,17 +216,46 @@ impl<const D: usize> Candidates<D> {
 }
 
 impl<const D: usize> Sight<D> {
-    /// The point that a station's range, azimuth and (in space) elevation give.
-    fn polar(&self) -> Option<(Vector<D>, f64)> {
-        let (range, (sine, cosine)) = (self.range?, self.azimuth?);
-        let mut point = self.station;
-        let (up, level) = if D == 3 { self.elevation? } else { (0.0, 1.0) };
-        point[0] += range * level * sine;
-        point[1] += range * level * cosine;
-        if D == 3 {
-            point[2] += range * up;
+    /// That of a station's measurements.
+    fn of(measurements: &[Measurement<D>]) -> Self {
+        let mut sight = Self {
+            index: measurements[0].index,
+            station: measurements[0].station,
+            axes: None,
+            range: None,
+            azimuth: None,
+            elevation: None,
+            difference: None,
+        };
+        for m in measurements {
+            sight.axes = sight.axes.or(m.axes);
+            match m.kind {
+                Kind::Range => sight.range = Some(m.value),
+                Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
+                Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
+                Kind::RangeDifference => sight.difference = Some(m.value),
+            }
         }
-        Some((point, range))
+        sight
+    }
+
+    /// The point that a station's range, azimuth and (in space) elevation give.
+    fn polar(&self) -> Option<Vector<D>> {
+        let (range, (sine, cosine)) = (self.range?, self.azimuth?);
+        let mut offset = [0.0; D];
+        let (up, level) = if D == 3 { self.elevation? } else { (0.0, 1.0) };
+        offset[0] = range * level * sine;
+        offset[1] = range * level * cosine;
+        if D == 3 {
+            offset[2] = range * up;
+        }
+        let offset = self.in_frame(offset);
+        Some(std::array::from_fn(|i| self.station[i] + offset[i]))
+    }
+
+    /// A vector in the axes of the station, in those of the frame.
+    fn in_frame(&self, v: Vector<D>) -> Vector<D> {
+        self.axes.map_or(v, |axes| rotated_back(&axes, &v))
     }
 
     /// The planes of the azimuth, and of the elevation with the azimuth or the range.
@@ -257,7 +264,7 @@ impl<const D: usize> Sight<D> {
             let mut normal = [0.0; D];
             normal[0] = cosine;
             normal[1] = -sine;
-            Plane::through(normal, &self.station)
+            Plane::through(self.in_frame(normal), &self.station)
         });
         let Some((up, level)) = self.elevation.filter(|_| D == 3) else { return [azimuth, None] };
         let mut normal = [0.0; D];
@@ -266,11 +273,12 @@ impl<const D: usize> Sight<D> {
                 normal[0] = up * sine;
                 normal[1] = up * cosine;
                 normal[D - 1] = -level;
-                Plane::through(normal, &self.station)
+                Plane::through(self.in_frame(normal), &self.station)
             }
             (None, Some(range)) => {
                 normal[D - 1] = 1.0;
-                Plane::new(normal, self.station[D - 1] + range * up, 0.0)
+                let normal = self.in_frame(normal);
+                Plane::new(normal, dot(&normal, &self.station) + range * up, 0.0)
             }
             (None, None) => None,
         };

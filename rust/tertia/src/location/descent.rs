@@ -10,10 +10,13 @@ pub(super) const TUKEY: f64 = 4.685;
 const FIRST_DAMPING: f64 = 1e-3;
 const GROWTH: f64 = 10.0;
 const LARGEST_DAMPING: f64 = 1e12;
+/// What of the matrix with weights is added to that of Newton's steps. Where the cost hardly
+/// curves, or curves down, steps with weights alone creep: a hundred of them cross a saddle.
+const NEWTON: [f64; 3] = [0.0, 0.1, 0.4];
 /// An increase of the cost that may be rounding.
-const ROUNDING: f64 = 1e-12;
+pub(super) const ROUNDING: f64 = 1e-12;
 /// Farther than so many extents of the problem nothing converges any more.
-const FAR: f64 = 1e6;
+pub(super) const FAR: f64 = 1e6;
 
 /// What a residual costs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +58,24 @@ pub(super) struct Normal<const D: usize> {
     pub cost: f64,
 }
 
+impl<const D: usize> Normal<D> {
+    /// At a minimum, from where nothing goes on.
+    pub fn at_minimum(matrix: Matrix<D>, cost: f64) -> Self {
+        Self { matrix, curvature: matrix, vector: [0.0; D], cost }
+    }
+
+    /// The curvature, with so much of the matrix of the weights.
+    fn mixed(&self, share: f64) -> Matrix<D> {
+        let mut mixed = self.curvature;
+        for i in 0..D {
+            for j in 0..D {
+                mixed[i][j] += share * self.matrix[i][j];
+            }
+        }
+        mixed
+    }
+}
+
 /// How a descent ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
@@ -81,14 +102,12 @@ impl<const D: usize> Problem<'_, D> {
         let mut normal = Normal { matrix: zero, curvature: zero, vector: [0.0; D], cost: 0.0 };
         let reciprocal = 1.0 / scale;
         for measurement in self.measurements {
-            let Row { residual, gradient } = measurement.row(p);
-            let u = residual * reciprocal;
+            let Row { residual: u, gradient } = measurement.row(p).scaled(reciprocal);
             let (weight, cost, curvature) = loss.at(u);
             normal.cost += cost;
             if weight == 0.0 {
                 continue;
             }
-            let gradient = gradient.map(|v| v * reciprocal);
             for i in 0..D {
                 normal.vector[i] += weight * u * gradient[i];
                 for j in 0..=i {
@@ -116,7 +135,8 @@ impl<const D: usize> Problem<'_, D> {
 
     /// Goes downhill until a step is shorter than `tolerance` standard deviations.
     ///
-    /// A step is Newton's with ψ', then that with weights, then shorter ones of that.
+    /// A step is Newton's with ψ', or one between it and that with weights where the cost curves
+    /// down or would grow; then that with weights, then shorter ones of that.
     pub fn descend(
         &self,
         p: &mut Vector<D>,
@@ -126,11 +146,13 @@ impl<const D: usize> Problem<'_, D> {
         tolerance: f64,
     ) -> (End, Normal<D>) {
         let mut normal = self.normal(p, loss, scale);
-        let newton = matches!(loss, Loss::Tukey(_));
+        let newton: &[f64] = if matches!(loss, Loss::Tukey(_)) { &NEWTON } else { &[] };
         let mut damping = 0.0;
         for _ in 0..steps {
-            let first = if newton { Factor::try_new(&normal.curvature, 0.0) } else { None };
-            let taken = first.and_then(|factor| self.step(p, &factor, &normal, loss, scale).ok());
+            let taken = newton.iter().find_map(|&share| {
+                let factor = Factor::try_new(&normal.mixed(share), 0.0)?;
+                self.step(p, &factor, &normal, loss, scale).ok()
+            });
             let (trial, next, size) = match taken {
                 Some(taken) => taken,
                 None => loop {

@@ -1,10 +1,13 @@
 //! One measurement of a station: what a position predicts, and how that changes with it.
 
-use super::small::{Vector, dot, norm};
+use super::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
 
 /// Up to these tangents five and nine terms of a series are an arctangent to the last bit.
 const TINY_TANGENT: f64 = 0.01;
-const SMALL_TANGENT: f64 = 0.1;
+pub(super) const SMALL_TANGENT: f64 = 0.1;
+/// Of `t − t³/3 + t⁵/5 − …`, nine terms, without the signs, from the last one to the second.
+pub(super) const TERMS: [f64; 8] =
+    [1.0 / 17.0, 1.0 / 15.0, 1.0 / 13.0, 1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +40,9 @@ pub(super) struct Measurement<const D: usize> {
     pub precision: f64,
     pub sine: f64,
     pub cosine: f64,
+    /// East, north and up of the station; of angles in space, where they are not those of the
+    /// frame.
+    pub axes: Option<Matrix<D>>,
 }
 
 /// A whitened residual, measured less predicted, and the derivatives of the whitened prediction.
@@ -46,10 +52,39 @@ pub(super) struct Row<const D: usize> {
     pub gradient: Vector<D>,
 }
 
+impl<const D: usize> Row<D> {
+    /// In other units.
+    #[inline(always)]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.residual *= factor;
+        for v in &mut self.gradient {
+            *v *= factor;
+        }
+        self
+    }
+}
+
 impl<const D: usize> Measurement<D> {
     pub fn new(kind: Kind, index: usize, station: Vector<D>, value: f64, sigma: f64) -> Self {
         let (sine, cosine) = if kind.is_angle() { value.sin_cos() } else { (0.0, 0.0) };
-        Self { kind, index, station, value, precision: 1.0 / sigma, sine, cosine }
+        Self { kind, index, station, value, precision: 1.0 / sigma, sine, cosine, axes: None }
+    }
+
+    /// The same, if angles refer to the axes of the station: its east, north and up, as rows.
+    pub fn about(mut self, axes: &Matrix<D>) -> Self {
+        if !self.kind.is_angle() {
+            return self;
+        }
+        if D == 3 {
+            self.axes = Some(*axes);
+            return self;
+        }
+        // in the plane another north turns the azimuth
+        let mut direction = [0.0; D];
+        (direction[0], direction[1]) = (self.sine, self.cosine);
+        let direction = rotated_back(axes, &direction);
+        (self.sine, self.cosine) = (direction[0], direction[1]);
+        self
     }
 
     /// Residual and gradient at a position relative to the first station.
@@ -59,11 +94,23 @@ impl<const D: usize> Measurement<D> {
         for i in 0..D {
             d[i] -= self.station[i];
         }
+        match &self.axes {
+            None => self.row_of(&d, p),
+            Some(axes) => {
+                let Row { residual, gradient } = self.row_of(&rotated(axes, &d), p);
+                Row { residual, gradient: rotated_back(axes, &gradient) }
+            }
+        }
+    }
+
+    /// The same of an offset from the station, in its axes.
+    #[inline(always)]
+    fn row_of(&self, d: &Vector<D>, p: &Vector<D>) -> Row<D> {
         match self.kind {
-            Kind::Range => self.range(&d),
-            Kind::Azimuth => self.azimuth(&d),
-            Kind::Elevation => self.elevation(&d),
-            Kind::RangeDifference => self.range_difference(&d, p),
+            Kind::Range => self.range(d),
+            Kind::Azimuth => self.azimuth(d),
+            Kind::Elevation => self.elevation(d),
+            Kind::RangeDifference => self.range_difference(d, p),
         }
     }
 
@@ -119,13 +166,14 @@ impl<const D: usize> Measurement<D> {
 
     /// Whether the direction to a position is lost: it is at the station, or straight above.
     pub fn is_blind(&self, p: &Vector<D>, near: f64) -> bool {
-        let mut squared = 0.0;
-        let axes = if self.kind.is_angle() { 2 } else { D };
-        for i in 0..axes {
-            squared += (p[i] - self.station[i]).powi(2);
+        let mut d: Vector<D> = std::array::from_fn(|i| p[i] - self.station[i]);
+        if let Some(axes) = &self.axes {
+            d = rotated(axes, &d);
         }
+        let axes = if self.kind.is_angle() { 2 } else { D };
+        let squared: f64 = d[..axes].iter().map(|v| v * v).sum();
         let first = self.kind == Kind::RangeDifference && norm(p) <= near;
-        first || squared.sqrt() <= near
+        first || squared <= near * near
     }
 }
 
@@ -171,8 +219,11 @@ mod tests {
     fn gradients_are_differences() {
         let p = [300.0, -200.0, 150.0];
         let station = [40.0, 70.0, -20.0];
-        for kind in Kind::ALL {
-            let measurement = Measurement::new(kind, 1, station, 0.5, 0.1);
+        let axes = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]];
+        let measurements = Kind::ALL.map(|kind| Measurement::new(kind, 1, station, 0.5, 0.1));
+        let tilted = measurements.clone().map(|measurement| measurement.about(&axes));
+        for measurement in measurements.into_iter().chain(tilted) {
+            let kind = measurement.kind;
             let row = measurement.row(&p);
             for i in 0..3 {
                 let shifted = |by: f64| {

@@ -2,7 +2,7 @@
 
 /// Share of a diagonal element that the components before must leave in a regular matrix: their
 /// directions differ by 1e-6 or more.
-const REGULAR: f64 = 1e-12;
+pub(super) const REGULAR: f64 = 1e-12;
 
 /// Smallest pivot of rows of length 1 that are not parallel.
 const PARALLEL: f64 = 1e-9;
@@ -22,6 +22,16 @@ pub(super) fn norm<const D: usize>(a: &Vector<D>) -> f64 {
     dot(a, a).sqrt()
 }
 
+/// `A x`
+pub(super) fn rotated<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+    std::array::from_fn(|i| dot(&a[i], x))
+}
+
+/// `A^T x`
+pub(super) fn rotated_back<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+    std::array::from_fn(|i| (0..D).map(|k| a[k][i] * x[k]).sum())
+}
+
 /// `x^T A x`
 pub(super) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
     let mut sum = 0.0;
@@ -29,6 +39,15 @@ pub(super) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
         sum += x[i] * dot(&a[i], x);
     }
     sum
+}
+
+/// `A + B` in place of A.
+pub(super) fn add<const D: usize>(a: &mut Matrix<D>, b: &Matrix<D>) {
+    for i in 0..D {
+        for j in 0..D {
+            a[i][j] += b[i][j];
+        }
+    }
 }
 
 /// The Cholesky factor of a symmetric matrix with a unit diagonal, after scaling.

@@ -1,10 +1,12 @@
 //! The position of one instant: start, robust steps, other minima, covariance.
 
+use super::block::{Arrival, Block, LANES};
 use super::candidates::Candidates;
 use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
+use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::measurement::{Kind, Measurement, Row};
-use super::small::{Factor, Matrix, Vector, norm, quadratic};
+use super::small::{Factor, Matrix, Vector, add, norm, quadratic};
 use crate::distribution::chi_square_upper;
 
 /// Least squares end where a step is shorter than so many standard deviations.
@@ -13,6 +15,8 @@ const STEPS: usize = 100;
 /// Robust steps: Huber's only lead to Tukey's.
 const HUBER_STEPS: usize = 8;
 const HUBER_TOLERANCE: f64 = 0.1;
+/// The same from a start that is trusted.
+const NEAR_HUBER: f64 = 0.5;
 const TUKEY_STEPS: usize = 50;
 const TUKEY_TOLERANCE: f64 = 1e-7;
 const RESCALINGS: usize = 12;
@@ -30,8 +34,12 @@ const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 const SAME_MINIMUM: f64 = 25.0;
 /// Other minima looked for.
 const RIVALS: usize = 3;
-/// Faults with which the best start of the stations' own fixes is trusted.
-const TRUSTED_FAULTS: f64 = 2.0;
+/// Faults with which the median of the stations' own fixes is trusted as a start, and the best of
+/// them; beyond, other positions may explain as much.
+const TRUSTED_FAULTS: [f64; 2] = [1.0, 2.0];
+/// Degrees of freedom from which on every start may lead to a minimum of its own. With fewer, any
+/// few measurements would, and those count that Huber's steps lead to.
+const RIVALRY: usize = 4;
 /// Least sum of the weights beyond what the coordinates use up.
 const LEAST_REST: f64 = 1e-9;
 /// A point is at a station below this share of the extent.
@@ -81,6 +89,9 @@ pub enum Problem {
 pub struct Instant<'a> {
     /// Positions of K stations, K D numbers.
     pub stations: &'a [f64],
+    /// East, north and up of each station, K D² numbers, to which its angles refer; those of the
+    /// frame if there are none.
+    pub axes: Option<&'a [f64]>,
     /// Ranges, azimuths, elevations and range differences, 4 K finite numbers, nan where there is
     /// none.
     pub values: &'a [f64],
@@ -123,8 +134,8 @@ pub struct Fix {
 /// Buffers of a thread.
 #[derive(Debug)]
 pub struct Workspace<const D: usize> {
-    measurements: Vec<Measurement<D>>,
-    places: Vec<usize>,
+    records: Vec<Record<D>>,
+    block: Block<D>,
     candidates: Candidates<D>,
     costs: Vec<f64>,
     scratch: Vec<f64>,
@@ -133,11 +144,39 @@ pub struct Workspace<const D: usize> {
 impl<const D: usize> Default for Workspace<D> {
     fn default() -> Self {
         Self {
-            measurements: Vec::new(),
-            places: Vec::new(),
+            records: vec![Record::default(); LANES],
+            block: Block::default(),
             candidates: Candidates::default(),
             costs: Vec::new(),
             scratch: Vec::new(),
+        }
+    }
+}
+
+/// What was measured at one instant, without gaps.
+#[derive(Clone, Debug)]
+struct Record<const D: usize> {
+    measurements: Vec<Measurement<D>>,
+    /// Where each stands in the instant.
+    places: Vec<usize>,
+    /// The size of the geometry.
+    extent: f64,
+    /// A start that is trusted, and the minimum it led to.
+    start: Option<Vector<D>>,
+    first: Option<Minimum<D>>,
+    /// Residuals and their derivatives there.
+    rows: Vec<Row<D>>,
+}
+
+impl<const D: usize> Default for Record<D> {
+    fn default() -> Self {
+        Self {
+            measurements: Vec::new(),
+            places: Vec::new(),
+            extent: 0.0,
+            start: None,
+            first: None,
+            rows: Vec::new(),
         }
     }
 }
@@ -162,6 +201,8 @@ struct Search<'a, const D: usize> {
     problem: descent::Problem<'a, D>,
     loss: Loss,
     unknown: bool,
+    /// Where a start that is trusted led to.
+    first: Option<Minimum<D>>,
 }
 
 impl Locator {
@@ -170,10 +211,90 @@ impl Locator {
         Self { method }
     }
 
-    /// Estimates the position of one instant. Where that fails, position and covariance are nan.
+    /// Estimates the positions of instants, [`location::BLOCK`](super::BLOCK) of them side by side
+    /// at best. Where that fails, position and covariance are nan. The result does not depend on
+    /// the company.
+    ///
+    /// # Panics
+    /// If there is not an output and a fix for each instant.
+    pub fn locate_all<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        out: &mut [Output<'_>],
+        fixes: &mut [Fix],
+        workspace: &mut Workspace<D>,
+    ) {
+        assert!(instants.len() == out.len() && instants.len() == fixes.len());
+        let blocks = instants.chunks(LANES).zip(out.chunks_mut(LANES));
+        for ((instants, out), fixes) in blocks.zip(fixes.chunks_mut(LANES)) {
+            self.descend(instants, workspace);
+            for (at, instant) in instants.iter().enumerate() {
+                fixes[at] = self.finish(instant, at, &mut out[at], workspace);
+            }
+        }
+    }
+
+    /// Estimates the position of one instant: [`Locator::locate_all`].
     pub fn locate<const D: usize>(
         &self,
         instant: &Instant<'_>,
+        out: &mut Output<'_>,
+        workspace: &mut Workspace<D>,
+    ) -> Fix {
+        self.descend(std::slice::from_ref(instant), workspace);
+        self.finish(instant, 0, out, workspace)
+    }
+
+    /// What a residual costs, with so many degrees of freedom.
+    fn loss(&self, redundancy: usize) -> Loss {
+        match self.method {
+            Method::Robust(least) if redundancy >= least.max(1) => Loss::Tukey(TUKEY),
+            _ => Loss::Square,
+        }
+    }
+
+    /// Reads instants, and goes down from the starts that are trusted side by side.
+    fn descend<const D: usize>(&self, instants: &[Instant<'_>], workspace: &mut Workspace<D>) {
+        let Workspace { records, block, candidates, .. } = workspace;
+        let records = &mut records[..instants.len()];
+        for (record, instant) in records.iter_mut().zip(instants) {
+            record.read(instant);
+            if instant.initial.is_none() && self.lenth().is_none() && !record.is_unknown(instant) {
+                record.start = candidates.middle(&record.measurements);
+            }
+        }
+        for from in 0..records.len() {
+            let (first, start) = match &records[from] {
+                Record { start: Some(start), first: None, .. } => (&records[from], start),
+                _ => continue,
+            };
+            block.begin(&first.measurements, start);
+            let mut members = [false; LANES];
+            for (lane, record) in records.iter().enumerate().skip(from) {
+                let Some(start) = record.start.filter(|_| record.first.is_none()) else { continue };
+                members[lane] = block.fits(&record.measurements);
+                if members[lane] {
+                    block.set(lane, &record.measurements, &start);
+                }
+            }
+            let loss = self.loss(first.measurements.len() - D);
+            let tolerance = if loss == Loss::Square { TOLERANCE } else { TUKEY_TOLERANCE };
+            block.descend(loss, (HUBER_STEPS, NEAR_HUBER), tolerance);
+            for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
+            {
+                let arrival = block.arrival(lane, record.extent, &mut record.rows);
+                record.first = arrival.map(Minimum::of);
+                // others are left to the safeguards
+                record.start = record.start.filter(|_| arrival.is_some());
+            }
+        }
+    }
+
+    /// The position of a record, from the minimum that its start led to or from others.
+    fn finish<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        at: usize,
         out: &mut Output<'_>,
         workspace: &mut Workspace<D>,
     ) -> Fix {
@@ -181,8 +302,11 @@ impl Locator {
         out.covariance.fill(f64::NAN);
         out.residual.fill(f64::NAN);
         out.outlier.fill(false);
-        let extent = workspace.read(instant);
-        let count = workspace.measurements.len();
+        let Workspace { records, candidates, costs, scratch, .. } = workspace;
+        let record = &mut records[at];
+        let unknown = record.is_unknown(instant);
+        let Record { measurements, places, extent, first: arrived, rows, .. } = record;
+        let count = measurements.len();
         let degrees_of_freedom = count as i64 - D as i64;
         let failed = |problem| Fix {
             problem,
@@ -195,15 +319,10 @@ impl Locator {
         if degrees_of_freedom < 0 {
             return failed(Problem::TooFew);
         }
-        let unknown = workspace.places.iter().any(|&at| instant.sigmas[at].is_nan());
         let redundancy = count - D;
-        let loss = match self.method {
-            Method::Robust(least) if redundancy >= least.max(1) => Loss::Tukey(TUKEY),
-            _ => Loss::Square,
-        };
-        let Workspace { measurements, places, candidates, costs, scratch } = workspace;
-        let problem = descent::Problem { measurements, extent };
-        let search = Search { problem, loss, unknown };
+        let loss = self.loss(redundancy);
+        let problem = descent::Problem { measurements, extent: *extent };
+        let search = Search { problem, loss, unknown, first: *arrived };
         let origin = first::<D>(instant.stations);
         let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
         let found = match self.lenth() {
@@ -217,15 +336,20 @@ impl Locator {
         for (value, (p, o)) in out.position.iter_mut().zip(minimum.position.iter().zip(origin)) {
             *value = p + o;
         }
-        let summary = search.summary(&minimum, self.lenth(), scratch);
+        if arrived.is_none_or(|first| first.position != minimum.position) {
+            rows.clear();
+            rows.extend(measurements.iter().map(|m| m.row(&minimum.position)));
+        }
+        let summary = search.summary(&minimum, self.lenth(), rows);
         for (i, row) in summary.covariance.iter().enumerate() {
             out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
         }
         let mut chi_square = 0.0;
-        for (&residual, &place) in scratch.iter().zip(&*places) {
-            let u = residual / summary.sigma;
+        let [own, robust] = [summary.sigma, minimum.scale].map(f64::recip);
+        for (row, &place) in rows.iter().zip(&*places) {
+            let u = row.residual * own;
             out.residual[place] = u;
-            out.outlier[place] = (residual / minimum.scale).abs() >= summary.fault;
+            out.outlier[place] = (row.residual * robust).abs() >= summary.fault;
             chi_square += u * u;
         }
         Fix {
@@ -250,20 +374,24 @@ impl Locator {
         }
     }
 
-    /// The covariance that stations would have at a position, `sigmas` as in [`Instant`], nan for
-    /// what they do not measure; infinite where it is not determined. Returns the dilution. O(K).
+    /// The covariance that stations would have at a position, the arguments as in [`Instant`],
+    /// `sigmas` nan for what they do not measure; infinite where it is not determined. Returns the
+    /// dilution. O(K).
     pub fn accuracy<const D: usize>(
         stations: &[f64],
+        axes: Option<&[f64]>,
         sigmas: &[f64],
         position: &[f64],
         covariance: &mut [f64],
         workspace: &mut Workspace<D>,
     ) -> f64 {
         let values = sigmas;
-        let extent = workspace.read(&Instant { stations, values, sigmas, initial: None });
+        let record = &mut workspace.records[0];
+        record.read(&Instant { stations, axes, values, sigmas, initial: None });
+        let Record { measurements, extent, .. } = &*record;
+        let extent = *extent;
         let origin = first::<D>(stations);
         let p: Vector<D> = std::array::from_fn(|i| position[i] - origin[i]);
-        let measurements = &workspace.measurements;
         let near = NEAR * (extent + norm(&p));
         let problem = descent::Problem { measurements, extent };
         let matrix = problem.normal(&p, Loss::Square, 1.0).matrix;
@@ -275,7 +403,7 @@ impl Locator {
         if inverse.is_none() {
             return f64::INFINITY;
         }
-        let mut spread = Spread::default();
+        let mut spread = Spread::of(measurements);
         for m in measurements {
             spread.add(m, &m.row(&p), true);
         }
@@ -293,11 +421,22 @@ fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
     std::array::from_fn(|i| stations[i])
 }
 
-impl<const D: usize> Workspace<D> {
-    /// Collects what was measured, station by station, and returns the size of the geometry.
-    fn read(&mut self, instant: &Instant<'_>) -> f64 {
+/// The first D² numbers, row by row.
+fn matrix<const D: usize>(values: &[f64]) -> Matrix<D> {
+    std::array::from_fn(|i| std::array::from_fn(|j| values[i * D + j]))
+}
+
+impl<const D: usize> Record<D> {
+    /// Whether the standard deviation is to be estimated.
+    fn is_unknown(&self, instant: &Instant<'_>) -> bool {
+        self.places.iter().any(|&at| instant.sigmas[at].is_nan())
+    }
+
+    /// Collects what was measured, station by station.
+    fn read(&mut self, instant: &Instant<'_>) {
         self.measurements.clear();
         self.places.clear();
+        (self.start, self.first) = (None, None);
         let (origin, count) = (first::<D>(instant.stations), instant.stations.len() / D);
         let mut extent = 0.0_f64;
         for k in 0..count {
@@ -311,7 +450,11 @@ impl<const D: usize> Workspace<D> {
                     continue;
                 }
                 let sigma = if sigma.is_nan() { 1.0 } else { sigma };
-                self.measurements.push(Measurement::new(kind, k, station, value, sigma));
+                let measurement = Measurement::new(kind, k, station, value, sigma);
+                self.measurements.push(match instant.axes {
+                    None => measurement,
+                    Some(axes) => measurement.about(&matrix(&axes[k * D * D..])),
+                });
                 self.places.push(place);
                 if !kind.is_angle() {
                     extent = extent.max(value.abs());
@@ -321,7 +464,7 @@ impl<const D: usize> Workspace<D> {
                 extent = extent.max(norm(&station));
             }
         }
-        extent
+        self.extent = extent;
     }
 }
 
@@ -337,20 +480,27 @@ impl<const D: usize> Search<'_, D> {
         if let Some(start) = initial {
             return Ok(self.refine(start, scratch));
         }
-        candidates.read(self.problem.measurements);
-        if let Some(start) = candidates.middle().filter(|_| !self.unknown) {
-            let minimum = self.refine_steadily(start);
-            if self.is_trusted(&minimum, 1.0) {
+        let count = self.problem.measurements.len() as f64;
+        let [few, more] = TRUSTED_FAULTS.map(|faults| faults * TUKEY * TUKEY / 6.0);
+        let limits = [0.5 * count + few, 0.5 * (count - D as f64) + more];
+        if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
+            return Ok(minimum);
+        }
+        let middle = candidates.middle(self.problem.measurements);
+        if let Some(start) = middle.filter(|_| !self.unknown) {
+            let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
+            if self.is_trusted(&minimum, limits[0]) {
                 return Ok(minimum);
             }
             let best = self.best(&candidates.points, costs, scratch);
             let other = best.map(|at| self.refine(candidates.points[at], scratch));
             let better = |other: &Minimum<D>| other.normal.cost < minimum.normal.cost;
             let minimum = other.filter(better).unwrap_or(minimum);
-            if self.is_trusted(&minimum, TRUSTED_FAULTS) {
+            if self.is_trusted(&minimum, limits[1]) {
                 return Ok(minimum);
             }
         }
+        candidates.read(self.problem.measurements);
         candidates.all(self.problem.extent);
         let points = &mut candidates.points;
         let Some(start) = self.best(points, costs, scratch) else {
@@ -360,10 +510,8 @@ impl<const D: usize> Search<'_, D> {
         self.rivalled(minimum, points, costs, scratch)
     }
 
-    /// Whether a minimum needs no other starts: no more than so many faults contradict it.
-    fn is_trusted(&self, minimum: &Minimum<D>, faults: f64) -> bool {
-        let count = self.problem.measurements.len() as f64;
-        let limit = 0.5 * count + faults * TUKEY * TUKEY / 6.0;
+    /// Whether a minimum needs no other starts: it costs less than so much.
+    fn is_trusted(&self, minimum: &Minimum<D>, limit: f64) -> bool {
         let hardly = self.loss == Loss::Square || minimum.normal.cost < limit;
         minimum.end == End::Converged && hardly
     }
@@ -432,6 +580,18 @@ impl<const D: usize> Search<'_, D> {
         Minimum { position, normal, end, scale }
     }
 
+    /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
+    fn rival(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
+        let few = self.problem.measurements.len() < D + RIVALRY;
+        if few || self.unknown || self.loss == Loss::Square {
+            return self.refine(start, scratch);
+        }
+        let mut position = start;
+        let (end, normal) =
+            self.problem.descend(&mut position, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
+        Minimum { position, normal, end, scale: 1.0 }
+    }
+
     fn is_better(&self, p: &Vector<D>, q: &Vector<D>, scratch: &mut Vec<f64>) -> bool {
         if self.unknown {
             // the least of many scales is too small by chance
@@ -482,7 +642,7 @@ impl<const D: usize> Search<'_, D> {
             let limit = 2.0 * best.normal.cost + AMBIGUOUS + count + 10.0;
             let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
             costs[at] = f64::INFINITY;
-            let mut other = self.refine(points[at], scratch);
+            let mut other = self.rival(points[at], scratch);
             if other.end != End::Converged || best.is_same(&other.position) {
                 continue;
             }
@@ -562,30 +722,23 @@ impl<const D: usize> Search<'_, D> {
         Ok(Minimum { position: estimate.position, normal, end, scale })
     }
 
-    /// Covariance, σ and dilution; the residuals go to `residuals`.
-    fn summary(
-        &self,
-        minimum: &Minimum<D>,
-        lenth: Option<Weight>,
-        residuals: &mut Vec<f64>,
-    ) -> Summary<D> {
+    /// Covariance, σ and dilution, from residuals and their derivatives.
+    fn summary(&self, minimum: &Minimum<D>, lenth: Option<Weight>, rows: &[Row<D>]) -> Summary<D> {
         let robust = self.loss != Loss::Square;
         let fault = match lenth {
             Some(Weight::Andrews) => lenth::ZERO,
             None if robust => TUKEY,
             _ => f64::INFINITY,
         };
-        residuals.clear();
-        let mut spread = Spread::default();
+        let reciprocal = 1.0 / minimum.scale;
+        let mut spread = Spread::of(self.problem.measurements);
         let (mut sum, mut total) = (0.0, 0.0);
-        for m in self.problem.measurements {
-            let row = m.row(&minimum.position);
-            let u = row.residual / minimum.scale;
+        for (m, row) in self.problem.measurements.iter().zip(rows) {
+            let u = row.residual * reciprocal;
             let (weight, ..) = self.loss.at(u);
             sum += weight * u * u;
             total += weight;
-            residuals.push(row.residual);
-            spread.add(m, &row, u.abs() < fault);
+            spread.add(m, row, u.abs() < fault);
         }
         let dilution = spread.dilution();
         if lenth.is_some() {
@@ -596,20 +749,26 @@ impl<const D: usize> Search<'_, D> {
             .map_or_else(undetermined, |factor| factor.inverse());
         let of =
             |sigma: f64| if robust { Expected::of_tukey(sigma) } else { Expected::of_square() };
-        if !self.unknown {
-            let covariance = inverse.map(|row| row.map(|v| v * of(1.0).variance));
-            return Summary { covariance, sigma: 1.0, fault, dilution };
-        }
-        let rest = total - D as f64;
-        if rest < LEAST_REST {
-            return Summary { covariance: undetermined(), sigma: f64::NAN, fault, dilution };
-        }
-        let mut sigma = (sum / rest).sqrt();
-        for _ in 0..SPREAD_STEPS {
-            sigma = (sum / rest / of(sigma).spread).sqrt();
+        let mut sigma = 1.0;
+        if self.unknown {
+            let rest = total - D as f64;
+            if rest < LEAST_REST {
+                return Summary { covariance: undetermined(), sigma: f64::NAN, fault, dilution };
+            }
+            sigma = (sum / rest).sqrt();
+            for _ in 0..SPREAD_STEPS {
+                sigma = (sum / rest / of(sigma).spread).sqrt();
+            }
         }
         let factor = of(sigma).variance * sigma * sigma;
-        let covariance = inverse.map(|row| row.map(|v| v * factor));
+        let mut covariance = inverse.map(|row| row.map(|v| v * factor));
+        if robust {
+            let rows = rows.iter().map(|row| {
+                let row = row.scaled(reciprocal);
+                (row, self.loss.at(row.residual).0)
+            });
+            add(&mut covariance, &doubt(rows, &inverse));
+        }
         Summary { covariance, sigma: minimum.scale * sigma, fault, dilution }
     }
 }
@@ -648,6 +807,12 @@ struct Summary<const D: usize> {
 }
 
 impl<const D: usize> Minimum<D> {
+    fn of(arrival: Arrival<D>) -> Self {
+        let Arrival { position, matrix, cost } = arrival;
+        let normal = Normal::at_minimum(matrix, cost);
+        Self { position, normal, end: End::Converged, scale: 1.0 }
+    }
+
     /// Whether a point is within the error of this one.
     fn is_same(&self, point: &Vector<D>) -> bool {
         let difference = std::array::from_fn(|i| point[i] - self.position[i]);
@@ -661,24 +826,21 @@ fn least(costs: &[f64]) -> Option<usize> {
     finite.min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| at)
 }
 
-/// The information of errors of size 1, and in how many units.
+/// The information of errors of size 1, where their unit is the same.
 struct Spread<const D: usize> {
     matrix: Matrix<D>,
-    angles: usize,
-    count: usize,
-}
-
-impl<const D: usize> Default for Spread<D> {
-    fn default() -> Self {
-        Self { matrix: [[0.0; D]; D], angles: 0, count: 0 }
-    }
+    mixed: bool,
 }
 
 impl<const D: usize> Spread<D> {
+    fn of(measurements: &[Measurement<D>]) -> Self {
+        let angles = measurements.iter().filter(|m| m.kind.is_angle()).count();
+        let mixed = angles != 0 && angles != measurements.len();
+        Self { matrix: [[0.0; D]; D], mixed }
+    }
+
     fn add(&mut self, m: &Measurement<D>, row: &Row<D>, counts: bool) {
-        self.count += 1;
-        self.angles += usize::from(m.kind.is_angle());
-        if !counts {
+        if self.mixed || !counts {
             return;
         }
         let square = 1.0 / (m.precision * m.precision);
@@ -691,7 +853,7 @@ impl<const D: usize> Spread<D> {
 
     /// Root of the trace of the covariance; nan where units are mixed.
     fn dilution(&self) -> f64 {
-        if self.angles != 0 && self.angles != self.count {
+        if self.mixed {
             return f64::NAN;
         }
         let Some(factor) = Factor::try_new(&self.matrix, 0.0) else { return f64::INFINITY };

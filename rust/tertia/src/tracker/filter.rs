@@ -279,5 +279,6 @@ fn singer(estimate: &mut Estimate<6>, model: &Singer, t: f64) {
         }
     }
     estimate.mean = f * estimate.mean;
-    estimate.covariance = f * estimate.covariance * f.transpose() + q;
+    let predicted = f * estimate.covariance * f.transpose() + q;
+    estimate.covariance = 0.5 * (predicted + predicted.transpose());
 }

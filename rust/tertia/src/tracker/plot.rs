@@ -101,7 +101,6 @@ pub struct Plot {
 
 /// What became of a plot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(i64)]
 pub enum Fate {
     /// It belongs to this track.
     Track(u64),
@@ -113,6 +112,10 @@ pub enum Fate {
     AtRadar,
     /// It is farther than the radar sees.
     OutOfRange,
+    /// It is in every number the one before it.
+    Duplicate,
+    /// It comes alone, long after the others.
+    Stray,
 }
 
 /// A plot in the plane.
@@ -128,6 +131,12 @@ pub(super) struct Measured {
 }
 
 impl Measured {
+    /// Whether this is the same plot again.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let place = self.time == other.time && self.position == other.position;
+        place && self.radar == other.radar && self.identity == other.identity
+    }
+
     /// The plot in the plane, or why it cannot be used.
     pub fn new(index: usize, plot: &Plot, radar: &Radar) -> std::result::Result<Self, Fate> {
         let finite = plot.time.is_finite() && plot.range.is_finite() && plot.azimuth.is_finite();

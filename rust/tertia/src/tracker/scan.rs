@@ -294,8 +294,9 @@ fn reach(
     let (centre, covariance) = track.position_at(time);
     let noise = station.noise_at(centre);
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
-    let more = track.reach(time, settings) + speed * slack;
-    let half = |variance: f64| (settings.guard * variance).sqrt() + more;
+    let (wide, margin) = track.reach(time, settings);
+    let more = margin + speed * slack;
+    let half = |variance: f64| (settings.guard * (variance + wide)).sqrt() + more;
     let half = [half(covariance.xx + noise.xx), half(covariance.yy + noise.yy)];
     let nearest = station.distance(centre) - half[0] - half[1];
     (nearest <= station.range_max).then_some((centre, half))

@@ -19,6 +19,8 @@ const SOONEST: f64 = 0.5;
 /// How much likelier an identity is for its own target than for any other.
 const IDENTITIES: f64 = 4096.0;
 
+/// Acceleration in the models' own noise, at most, m/s².
+const MODEL_ACCELERATION: f64 = 3.0;
 /// Plots by which the plan of a track is looked for, and after which again.
 const SEARCH_PLOTS: usize = 10;
 const SEARCH_AGAIN: usize = 20;
@@ -62,6 +64,8 @@ pub(super) struct Track {
     pub filter: Filter,
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
+    /// Of the last plot, and its covariance.
+    pub innovation: ([f64; 2], Plane),
     pub expected: Vec<Expected>,
     pub vertical: Option<Vertical>,
     identity: Option<Identity>,
@@ -99,6 +103,7 @@ impl Track {
             seen: plot.time,
             filter: Filter::Straight(estimate),
             estimate,
+            innovation: ([0.0; 2], r),
             expected: Vec::new(),
             vertical: None,
             identity: None,
@@ -233,6 +238,8 @@ impl Track {
         self.predict(plot.time, radar.period, settings);
         let (z, r) = self.brought_here(plot, radar);
         let motion = self.motion(settings);
+        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
+        self.innovation = (y, self.estimate.position_covariance().plus(r));
         self.filter.correct(&motion, z, r);
         self.estimate = self.filter.estimate();
         self.seen = self.seen.max(plot.time);
@@ -391,16 +398,12 @@ impl Track {
         }
     }
 
-    /// Velocity that is not known yet is not worth a prediction beyond the gate.
-    pub fn reach(&self, time: f64, settings: &Settings) -> f64 {
+    /// Variance of a position for which the target accelerated unnoticed since its last plot, and
+    /// by how much it may be farther than the last covariance says.
+    pub fn reach(&self, time: f64, settings: &Settings) -> (f64, f64) {
         let gap = (time - self.seen).clamp(0.0, 5.0 * self.period(settings));
-        0.5 * settings.guard_acceleration * gap * gap + motion_margin(time - self.time)
+        let t = time - self.time;
+        let wide = 0.5 * settings.guard_acceleration * gap * gap;
+        (wide * wide, 0.5 * MODEL_ACCELERATION * t * t)
     }
-}
-
-/// How much farther a target may be than the last covariance says.
-fn motion_margin(t: f64) -> f64 {
-    /// Acceleration in the models' noise, m/s².
-    const ACCELERATION: f64 = 3.0;
-    0.5 * ACCELERATION * t * t
 }

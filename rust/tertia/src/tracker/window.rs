@@ -148,7 +148,8 @@ fn fitted(plots: &[(f64, [f64; 2], Plane)]) -> Option<Estimate<4>> {
             }
         }
     }
-    let covariance = normal.cholesky()?.inverse();
+    let inverse = normal.cholesky()?.inverse();
+    let covariance = 0.5 * (inverse + inverse.transpose());
     let mut mean = covariance * right;
     mean[0] += origin[0];
     mean[1] += origin[1];

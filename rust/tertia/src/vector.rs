@@ -1,12 +1,11 @@
 //! Vectors that add and multiply like numbers.
 
-use super::block::Lane;
 use pulp::Simd;
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// Some lanes.
 #[derive(Clone, Copy)]
-pub(super) struct Vector<S: Simd> {
+pub(crate) struct Vector<S: Simd> {
     simd: S,
     lanes: S::f64s,
 }
@@ -35,6 +34,36 @@ impl<S: Simd> Mul for Vector<S> {
     }
 }
 
+impl<S: Simd> Div for Vector<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self { lanes: self.simd.div_f64s(self.lanes, other.lanes), ..self }
+    }
+}
+
+impl<S: Simd> Neg for Vector<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self { lanes: self.simd.neg_f64s(self.lanes), ..self }
+    }
+}
+
+impl<S: Simd> AddAssign for Vector<S> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<S: Simd> SubAssign for Vector<S> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
 impl<S: Simd> Vector<S> {
     #[inline(always)]
     pub fn splat(simd: S, value: f64) -> Self {
@@ -52,12 +81,16 @@ impl<S: Simd> Vector<S> {
     }
 
     #[inline(always)]
-    pub fn load(simd: S, lane: &Lane, at: usize) -> Self {
+    pub fn load<const L: usize>(simd: S, lane: &[f64; L], at: usize) -> Self {
         Self { simd, lanes: S::as_simd_f64s(lane).0[at] }
     }
 
     #[inline(always)]
-    pub fn load_all<const N: usize>(simd: S, lanes: &[Lane; N], at: usize) -> [Self; N] {
+    pub fn load_all<const L: usize, const N: usize>(
+        simd: S,
+        lanes: &[[f64; L]; N],
+        at: usize,
+    ) -> [Self; N] {
         let mut vectors = [Self::splat(simd, 0.0); N];
         for (vector, lane) in vectors.iter_mut().zip(lanes) {
             *vector = Self::load(simd, lane, at);
@@ -66,12 +99,16 @@ impl<S: Simd> Vector<S> {
     }
 
     #[inline(always)]
-    pub fn store(self, lane: &mut Lane, at: usize) {
+    pub fn store<const L: usize>(self, lane: &mut [f64; L], at: usize) {
         S::as_mut_simd_f64s(lane).0[at] = self.lanes;
     }
 
     #[inline(always)]
-    pub fn store_all<const N: usize>(vectors: &[Self; N], lanes: &mut [Lane; N], at: usize) {
+    pub fn store_all<const L: usize, const N: usize>(
+        vectors: &[Self; N],
+        lanes: &mut [[f64; L]; N],
+        at: usize,
+    ) {
         for (vector, lane) in vectors.iter().zip(lanes) {
             vector.store(lane, at);
         }
@@ -106,5 +143,29 @@ impl<S: Simd> Vector<S> {
     pub fn reciprocal(self) -> Self {
         let one = self.simd.splat_f64s(1.0);
         Self { lanes: self.simd.div_f64s(one, self.lanes), ..self }
+    }
+
+    #[inline(always)]
+    pub fn sqrt(self) -> Self {
+        Self { lanes: self.simd.sqrt_f64s(self.lanes), ..self }
+    }
+
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self { lanes: self.simd.abs_f64s(self.lanes), ..self }
+    }
+
+    /// Where it is at most as large; nowhere where one is nan.
+    #[inline(always)]
+    pub fn at_most(self, other: Self) -> S::m64s {
+        self.simd.less_than_or_equal_f64s(self.lanes, other.lanes)
+    }
+
+    /// Whether all lanes are positive.
+    #[inline(always)]
+    pub fn all_positive(self) -> bool {
+        let zero = self.simd.splat_f64s(0.0);
+        let others = self.simd.less_than_or_equal_f64s(self.lanes, zero);
+        self.simd.first_true_m64s(others) >= S::F64_LANES
     }
 }

@@ -1,0 +1,328 @@
+"""Figures of docs/tracker.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from studies.montecarlo import generator
+from studies.pages import markdown
+from tertia import simulate
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.flightplan import FlightPlan
+from tertia.tracker import Manoeuvres, Motion, Plots, Radar, Tracker, TrackTable, cartesian, track
+
+FLIGHTS = 300
+SET_UPS: tuple[simulate.SetUpName, ...] = ("en-route", "middle", "tma")
+# largest wind and standard deviation of the wind, m/s
+WIND = {"en-route": (50.0, 30.0), "middle": (30.0, 20.0), "tma": (15.0, 10.0)}
+MANOEUVRES = {
+    "en-route": Manoeuvres(straight_sigma=0.05, turn_sigma=1.2),
+    "middle": Manoeuvres(straight_sigma=0.05),
+    "tma": Manoeuvres(straight_sigma=0.05, turn_rate_walk=float(np.radians(0.25))),
+}
+SCENARIOS: tuple[simulate.FlightScenario, ...] = (
+    "conforming",
+    "speed",
+    "shortcut",
+    "holding",
+    "vectoring",
+    "hijack",
+    "straight-on",
+    "wrong-turn",
+    "fly-over",
+)
+MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window")
+# seconds from flight to flight: each is tracked by itself
+APART = 20_000.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Flights one after the other, and their plots."""
+
+    radar: Radar
+    plans: list[FlightPlan]
+    traffic: simulate.Traffic
+    plots: Plots
+    target: IntArray
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What was found of each plot of a recording; nan where no track had it."""
+
+    position: FloatArray
+    prediction: FloatArray
+    normalised: FloatArray
+    gate: FloatArray
+    turning: FloatArray
+    conforming: BoolArray
+    lost: BoolArray
+
+
+@cache
+def recording(
+    set_up: simulate.SetUpName, scenario: simulate.FlightScenario, flights: int = FLIGHTS
+) -> Recording:
+    """Simulate flights of a scenario with the wind on."""
+    scene = simulate.set_up(set_up)
+    plans = simulate.routes(set_up, flights, rng=generator(110, SET_UPS.index(set_up)))
+    rng = generator(111, SET_UPS.index(set_up), SCENARIOS.index(scenario))
+    speed, course = rng.uniform(0, WIND[set_up][0], flights), rng.uniform(0, 2 * np.pi, flights)
+    wind = np.stack([speed * np.sin(course), speed * np.cos(course)], axis=-1)
+    traffic = simulate.flights(plans, scenario=scenario, wind=wind, rng=rng)
+    seen = simulate.radar_plots(traffic, [scene.radar], rng=rng)
+    time = seen.plots.time + APART * seen.target
+    polar = seen.plots
+    plots = Plots(time, polar.range, polar.azimuth, height=polar.height, identity=seen.target)
+    later = [
+        FlightPlan(
+            plan.waypoints,
+            plan.speeds,
+            start_time=plan.start_time + APART * i,
+            bank=plan.bank,
+            turn_rate=plan.turn_rate,
+            identity=i,
+        )
+        for i, plan in enumerate(plans)
+    ]
+    order = np.argsort(time)
+    moved = replace(
+        traffic,
+        start=traffic.start + APART * np.arange(flights),
+        left=traffic.left + APART * np.arange(flights),
+    )
+    return Recording(scene.radar, later, moved, plots[order], seen.target[order])
+
+
+def at(traffic: simulate.Traffic, name: str, plots: Plots, target: IntArray) -> FloatArray:
+    """Interpolate a quantity of the flights at the times of their plots."""
+    values = getattr(traffic, name).astype(float)
+    place = (plots.time - traffic.start[target]) / traffic.step
+    low = np.clip(place.astype(int), 0, traffic.count[target] - 2)
+    share = (place - low).reshape(-1, *[1] * (values.ndim - 2))
+    between: FloatArray = (1 - share) * values[target, low] + share * values[target, low + 1]
+    return between
+
+
+def errors(record: Recording, motion: Motion, set_up: simulate.SetUpName, **options: Any) -> Errors:
+    """Track a recording, and compare with the truth."""
+    found = track(
+        record.plots,
+        [record.radar],
+        motion,
+        manoeuvres=MANOEUVRES[set_up],
+        identity_error=1e-9,
+        **options,
+    )
+    return compared(record, found)
+
+
+def compared(record: Recording, found: TrackTable) -> Errors:
+    """Compare the rows with plots with the truth."""
+    rows = found.rows((found.plot >= 0) & found.confirmed)
+    n, k = len(record.plots), rows.plot
+    truth = at(record.traffic, "position", record.plots, record.target)
+    position, prediction = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    position[k] = rows.position - truth[k]
+    plots, _ = cartesian(record.plots, [record.radar])
+    prediction[k] = plots[k] - rows.innovation - truth[k]
+    solved = np.linalg.solve(rows.covariance[:, :2, :2], position[k][..., np.newaxis])[..., 0]
+    columns = {name: np.full(n, np.nan) for name in ("normalised", "gate", "turning")}
+    columns["normalised"][k] = np.sum(position[k] * solved, axis=-1)
+    columns["gate"][k] = np.sqrt(np.linalg.det(rows.innovation_covariance))
+    columns["turning"][k] = rows.turning
+    conforming = np.zeros(n, dtype=bool)
+    conforming[k] = rows.conforming
+    numbers = [
+        np.unique(found.track[(found.plot >= 0) & np.isin(found.plot, np.flatnonzero(of))])
+        for of in (record.target == f for f in range(len(record.plans)))
+    ]
+    lost = np.array([len(of) != 1 for of in numbers])
+    return Errors(position, prediction, **columns, conforming=conforming, lost=lost)
+
+
+def rms(error: FloatArray, which: BoolArray) -> float:
+    """Root mean square length of the errors that are there."""
+    kept = error[which & np.isfinite(error[:, 0])]
+    return float(np.sqrt(np.mean(np.sum(kept**2, axis=-1))))
+
+
+def ratio(one: Errors, other: Errors, name: str, which: BoolArray) -> float:
+    """Ratio of two trackers' errors of the same plots."""
+    a, b = getattr(one, name), getattr(other, name)
+    both = which & np.isfinite(a[:, 0]) & np.isfinite(b[:, 0])
+    return rms(a, both) / rms(b, both)
+
+
+def outcome(
+    set_up: simulate.SetUpName,
+    scenario: simulate.FlightScenario,
+    prior: float = 0.6,
+    flights: int = FLIGHTS,
+) -> dict[str, float]:
+    """Compare the tracker with plans and the one without on the same plots."""
+    record = recording(set_up, scenario, flights)
+    plain = errors(record, "imm", set_up)
+    aided = errors(
+        record,
+        "imm-plan",
+        set_up,
+        plans=record.plans,
+        plan_prior=prior,
+        wind_sigma=WIND[set_up][1],
+    )
+    kept = ~(plain.lost | aided.lost)[record.target]
+    turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
+    left = record.traffic.left[record.target]
+    after = kept & (record.plots.time > left)
+    soon = after & (record.plots.time < left + 120.0)
+    straight = kept & ~turning
+    told = {
+        "turn": ratio(aided, plain, "position", turning),
+        "prediction": ratio(aided, plain, "prediction", turning),
+        "whole": ratio(aided, plain, "position", kept),
+        "gate": float(np.nanmean(aided.gate[turning]) / np.nanmean(plain.gate[turning])),
+        "flags": float(np.nanmean(aided.turning[straight] > 0.5)),
+        "plain flags": float(np.nanmean(plain.turning[straight] > 0.5)),
+        "lost": float(np.mean(aided.lost)),
+        "plain lost": float(np.mean(plain.lost)),
+        "nees": float(np.nanmean(aided.normalised[kept])) / 2,
+        "plain nees": float(np.nanmean(plain.normalised[kept])) / 2,
+    }
+    if after.any():
+        told["after"] = ratio(aided, plain, "position", after)
+        told["soon"] = ratio(aided, plain, "position", soon)
+        told["blocked"] = block_delay(record, aided)
+    return told
+
+
+def block_delay(record: Recording, found: Errors) -> float:
+    """Median time from leaving the plan until it was blocked."""
+    delays = []
+    for f in np.flatnonzero(np.isfinite(record.traffic.left)):
+        of = (record.target == f) & (record.plots.time > record.traffic.left[f])
+        blocked = record.plots.time[of & ~found.conforming & np.isfinite(found.turning)]
+        delays.append(blocked[0] - record.traffic.left[f] if len(blocked) else np.inf)
+    return float(np.median(delays))
+
+
+def delay(record: Recording, found: Errors) -> float:
+    """Mean time from the beginning of a turn until it was flagged, of turns that were."""
+    turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+    delays = []
+    for f in range(len(record.plans)):
+        of = record.target == f
+        time, flags = record.plots.time[of], found.turning[of] > 0.5
+        begins = np.flatnonzero(turning[of][1:] & ~turning[of][:-1]) + 1
+        for k in begins:
+            later = np.flatnonzero(flags[k:])
+            if len(later):
+                delays.append(time[k + later[0]] - time[k])
+    return float(np.mean(delays)) if delays else np.inf
+
+
+def peak(record: Recording, found: Errors, kept: BoolArray) -> float:
+    """Mean over flights of the largest error in a turn."""
+    size = np.hypot(*found.position.T)
+    largest = [np.nanmax(size[kept & (record.target == f)], initial=0.0) for f in range(FLIGHTS)]
+    return float(np.mean([value for value in largest if value > 0]))
+
+
+def two_minutes(set_up: simulate.SetUpName, flights: int = 60) -> tuple[float, float]:
+    """Return errors of predictions over 120 s, along plans and straight on."""
+    record = recording(set_up, "conforming", flights)
+    tracker = Tracker(
+        [record.radar], plans=record.plans, manoeuvres=MANOEUVRES[set_up], identity_error=1e-9
+    )
+    along, straight = [], []
+    for k in range(len(record.plots)):
+        rows = tracker.update(record.plots[[k]])
+        flight, time = record.target[[k]], record.plots.time[[k]] + 120.0
+        last = record.traffic.start[flight] + record.traffic.step * record.traffic.count[flight]
+        numbers, positions = tracker.ahead(120.0)
+        here = rows.rows(rows.plot == k)
+        if not len(here) or time[0] > last[0] - record.traffic.step:
+            continue
+        later = Plots(time, [1.0], [0.0])
+        truth = at(record.traffic, "position", later, flight)[0]
+        along.append(positions[numbers == here.track[0]][0] - truth)
+        straight.append(here.position[0] + 120.0 * here.velocity[0] - truth)
+    one, other = np.array(along), np.array(straight)
+    everything = np.ones(len(one), dtype=bool)
+    return rms(one, everything), rms(other, everything)
+
+
+def conforming() -> str:
+    """Tabulate trackers of flights that follow their plans."""
+    rows = []
+    for set_up in SET_UPS:
+        record = recording(set_up, "conforming")
+        plain = errors(record, "imm", set_up)
+        turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+        kinds = {"imm-plan": {"plans": record.plans, "wind_sigma": WIND[set_up][1]}}
+        for motion in MOTIONS:
+            found = errors(record, motion, set_up, **kinds.get(motion, {}))
+            kept = ~(plain.lost | found.lost)[record.target]
+            straight = kept & ~turning
+            highest = peak(record, plain, kept & turning)
+            rows.append(
+                [
+                    f"{set_up}, {motion}",
+                    f"{rms(found.position, kept & turning):.0f}",
+                    f"{ratio(found, plain, 'position', kept & turning):.2f}",
+                    f"{ratio(found, plain, 'prediction', kept & turning):.2f}",
+                    f"{ratio(found, plain, 'position', kept):.2f}",
+                    f"{peak(record, found, kept & turning) / highest:.2f}",
+                    f"{delay(record, found):.0f} s",
+                    f"{np.nanmean(found.turning[straight] > 0.5):.1%}",
+                    f"{np.nanmean(found.normalised[kept]) / 2:.2f}",
+                    f"{np.mean(found.lost):.1%}",
+                ]
+            )
+    head = ["", "turns, m", "turns", "prediction in turns", "whole", "peak", "flag after"]
+    return markdown([*head, "false flags", "NEES per axis", "lost"], rows)
+
+
+def ahead() -> str:
+    """Tabulate predictions over two minutes."""
+    rows = []
+    for set_up in SET_UPS:
+        along, straight = two_minutes(set_up)
+        rows.append([set_up, f"{straight:.0f}", f"{along:.0f}", f"{along / straight:.2f}"])
+    return markdown(["120 s ahead, RMSE in m", "straight on", "along the plan", "ratio"], rows)
+
+
+def plans() -> str:
+    """Tabulate what plans do in every scenario, per set-up."""
+    rows = []
+    for scenario in SCENARIOS:
+        cells = []
+        for name in (
+            "turn",
+            "prediction",
+            "whole",
+            "after",
+            "soon",
+            "blocked",
+            "lost",
+            "plain lost",
+        ):
+            values = [outcome(set_up, scenario).get(name) for set_up in SET_UPS]
+            style = "{:.0f} s" if name == "blocked" else "{:.1%}" if "lost" in name else "{:.2f}"
+            cells.append(" / ".join("–" if v is None else style.format(v) for v in values))
+        rows.append([scenario, *cells])
+    head = [
+        "",
+        "turns",
+        "prediction in turns",
+        "whole",
+        "after leaving",
+        "first 120 s",
+        "blocked after",
+    ]
+    return markdown([*head, "lost", "lost without"], rows)

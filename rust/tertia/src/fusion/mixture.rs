@@ -1,0 +1,137 @@
+//! The mixture of normal distributions that the robust rule follows.
+
+use super::robust::{LEVELS, MANOEUVRES};
+use crate::kalman::{Filter, State, residual};
+
+/// A normal distribution of the state, and what is believed if it is the right one.
+#[derive(Clone, Debug)]
+pub(super) struct Component {
+    /// Its probability.
+    pub weight: f64,
+    pub filter: Filter,
+    /// Probabilities of each radar's levels.
+    pub noise: Vec<[f64; LEVELS.len()]>,
+    /// Probabilities of the prediction's.
+    pub motion: [f64; MANOEUVRES.len()],
+}
+
+impl Component {
+    /// Everything that it knows, as lists of numbers.
+    pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
+        let own = [vec![self.weight], self.filter.saved(), self.motion.to_vec()];
+        own.into_iter().chain(self.noise.iter().map(|noise| noise.to_vec()))
+    }
+
+    /// Takes back what was saved.
+    pub fn restore<'a>(&mut self, lists: &mut impl Iterator<Item = &'a Vec<f64>>) -> Option<()> {
+        [self.weight] = lists.next()?[..].try_into().ok()?;
+        self.filter = self.filter.restored(lists.next()?)?;
+        self.motion = lists.next()?[..].try_into().ok()?;
+        for noise in &mut self.noise {
+            *noise = lists.next()?[..].try_into().ok()?;
+        }
+        Some(())
+    }
+
+    /// Mean logarithm of a radar's noise variance over what it states.
+    pub fn log_excess(&self, radar: usize) -> f64 {
+        self.noise[radar].iter().zip(LEVELS).map(|(p, level)| p * level.ln()).sum()
+    }
+
+    /// Takes another one in: mean, covariance and probabilities are those of both together.
+    fn take_in(&mut self, other: &Self, period: Option<f64>) {
+        let weight = self.weight + other.weight;
+        let share = other.weight / weight;
+        let state = mixed(&self.filter.state(), &other.filter.state(), share, period);
+        self.filter.set(state, self.filter.noise());
+        let mix = |(own, other): (&mut f64, &f64)| *own += share * (other - *own);
+        self.motion.iter_mut().zip(&other.motion).for_each(mix);
+        self.noise.iter_mut().flatten().zip(other.noise.iter().flatten()).for_each(mix);
+        self.weight = weight;
+    }
+}
+
+/// Unites components, the most alike first, until there are no more than `most` and each pair would
+/// lose more information than `agreement` nats (Runnalls 2007). The most probable comes first.
+pub(super) fn reduce(
+    components: &mut Vec<Component>,
+    most: usize,
+    agreement: f64,
+    period: Option<f64>,
+) {
+    while components.len() > 1 {
+        let (loss, i, j) = most_alike(components, period);
+        if loss > agreement && components.len() <= most {
+            break;
+        }
+        let other = components.swap_remove(j);
+        components[i].take_in(&other, period);
+    }
+    components.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+}
+
+/// All components as one filter.
+pub(super) fn united(components: &[Component], period: Option<f64>) -> Filter {
+    let mut filter = components[0].filter;
+    if let [first, others @ ..] = components
+        && !others.is_empty()
+    {
+        let (mut state, mut weight) = (filter.state(), first.weight);
+        for other in others {
+            weight += other.weight;
+            state = mixed(&state, &other.filter.state(), other.weight / weight, period);
+        }
+        filter.set(state, filter.noise());
+    }
+    filter
+}
+
+/// The two components i < j that lose the least by being united, and a bound of that loss.
+fn most_alike(components: &[Component], period: Option<f64>) -> (f64, usize, usize) {
+    let mut least = (f64::INFINITY, 0, 1);
+    for (j, b) in components.iter().enumerate() {
+        for (i, a) in components[..j].iter().enumerate() {
+            let weight = a.weight + b.weight;
+            let [one, other] = [a, b].map(|component| component.filter.state());
+            let both = log_determinant(&mixed(&one, &other, b.weight / weight, period));
+            let apart = a.weight * log_determinant(&one) + b.weight * log_determinant(&other);
+            let loss = 0.5 * (weight * both - apart);
+            if loss < least.0 {
+                least = (loss, i, j);
+            }
+        }
+    }
+    least
+}
+
+/// The place of each element of a covariance.
+const PLACES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// Mean and covariance of two states together, of which the other one has this share.
+fn mixed(one: &State, other: &State, share: f64, period: Option<f64>) -> State {
+    let [x0, x1, x2] = one.mean;
+    let [y0, y1, y2] = other.mean;
+    let away = [residual(y0, x0, period), y1 - x1, y2 - x2];
+    State {
+        mean: std::array::from_fn(|c| one.mean[c] + share * away[c]),
+        covariance: std::array::from_fn(|k| {
+            let (i, j) = PLACES[k];
+            let (a, b) = (one.covariance[k], other.covariance[k]);
+            a + share * (b - a) + share * (1.0 - share) * away[i] * away[j]
+        }),
+    }
+}
+
+/// Smallest share of a variance that the components before it are taken to leave unexplained.
+const SMALLEST_SHARE: f64 = 1e-12;
+
+/// Of the covariance, without components that are known exactly.
+fn log_determinant(state: &State) -> f64 {
+    let [p00, p01, p02, p11, p12, p22] = state.covariance;
+    let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 0.0 };
+    let left = |variance: f64, pivot: f64| pivot.max(SMALLEST_SHARE * variance);
+    let d1 = left(p11, p11 - ratio(p01 * p01, p00));
+    let c12 = p12 - ratio(p01 * p02, p00);
+    let d2 = left(p22, p22 - ratio(p02 * p02, p00) - ratio(c12 * c12, d1));
+    [p00, d1, d2].iter().filter(|d| **d > 0.0).map(|d| d.ln()).sum()
+}

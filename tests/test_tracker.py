@@ -1,0 +1,516 @@
+"""Tracker: parity with the reference, honest covariances, tracks held and not invented."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from reference import tracker as reference
+
+from tertia import simulate
+from tertia.flightplan import FlightPlan
+from tertia.tracker import (
+    Fate,
+    Manoeuvres,
+    Plots,
+    Radar,
+    Tracker,
+    TrackTable,
+    cartesian,
+    track,
+)
+
+RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, range_max=120e3)
+MOTIONS = ["imm-plan", "imm", "singer", "cv", "window"]
+
+
+def polar(position):
+    """Range and azimuth of positions."""
+    return np.hypot(*position.T), np.arctan2(*position.T)
+
+
+def turning_flight(steps=60, period=4.0, speed=150.0, rate=0.035):
+    """A flight that turns in the middle third: times, positions, velocities."""
+    fine = 100
+    dt = period / fine
+    w = np.zeros(steps * fine)
+    w[steps * fine // 3 : 2 * steps * fine // 3] = rate
+    course = np.cumsum(w) * dt
+    velocity = speed * np.stack([np.cos(course), np.sin(course)], axis=-1)
+    position = np.array([-20e3, 40e3]) + np.cumsum(velocity, axis=0) * dt
+    return np.arange(steps) * period, position[::fine], velocity[::fine]
+
+
+def noisy(position, radar, rng):
+    """Plots of positions."""
+    distance, azimuth = polar(position)
+    n = len(position)
+    return (
+        distance + radar.range_sigma * rng.standard_normal(n),
+        azimuth + radar.azimuth_sigma * rng.standard_normal(n),
+    )
+
+
+def line(n=20, period=4.0, start=0.0, seed=0):
+    """Plots of one target that flies straight."""
+    time = start + period * np.arange(n)
+    position = np.array([10e3, 30e3]) + np.outer(time - start, [120.0, -80.0])
+    rng = np.random.default_rng(seed)
+    return Plots(time, *noisy(position, RADAR, rng))
+
+
+def test_imm_is_that_of_the_reference():
+    time, position, _ = turning_flight()
+    distance, azimuth = noisy(position, RADAR, np.random.default_rng(1))
+    plots = Plots(time, distance, azimuth)
+    found = track(plots, [RADAR], "imm", initiation=(3, 4))
+    z, covariance = cartesian(plots, [RADAR])
+    np.testing.assert_allclose(
+        covariance, [reference.noise(p, RADAR) for p in z], rtol=1e-9, atol=1e-6
+    )
+    mean, expected, turns = reference.imm(time, z, RADAR, Manoeuvres(), 350.0, 1.0, 3)
+    assert len(found) == len(time)
+    np.testing.assert_allclose(found.position, mean[:, :2], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(found.velocity, mean[:, 2:], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(found.turning, turns, rtol=0, atol=1e-6)
+    assert found.turning[25:38].mean() > 0.7
+
+
+def test_a_plot_in_the_plane_is_that_of_the_source():
+    radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
+    position, covariance = cartesian(Plots([0.0], [150e3], np.radians(30.0)), [radar])
+    shrunk = np.exp(-(radar.azimuth_sigma**2) / 2)
+    np.testing.assert_allclose(position[0] * shrunk, [75000, 129903.8105676658], rtol=1e-12)
+    expected = [[52810.4395890071, -27242.5262485441], [-27242.5262485441, 21353.4798630024]]
+    # the covariance at the position without the bias
+    np.testing.assert_allclose(covariance[0], expected, rtol=1e-5)
+    close = Radar(range_sigma=75.0, azimuth_sigma=1e-9, period=10.0)
+    assert np.all(np.linalg.eigvalsh(cartesian(Plots([0.0], [150e3], [1.0]), [close])[1]) > 0)
+
+
+def test_the_mean_of_plots_far_away_has_no_bias():
+    radar = Radar(range_sigma=1.0, azimuth_sigma=np.radians(2.0), period=10.0)
+    azimuth = 0.7 + radar.azimuth_sigma * np.random.default_rng(3).standard_normal(400_000)
+    position, _ = cartesian(Plots(np.zeros(400_000), np.full(400_000, 300e3), azimuth), [radar])
+    toward = np.array([np.sin(0.7), np.cos(0.7)])
+    # the bias would be 183 m; the standard error of the mean is 0.6 m
+    assert abs(position.mean(axis=0) @ toward - 300e3) < 3.0
+
+
+@pytest.mark.parametrize("motion", ["imm", "singer"])
+def test_covariances_hold(motion):
+    time, position, velocity = turning_flight()
+    nees = np.full((60, len(time)), np.nan)
+    for seed in range(60):
+        plots = Plots(time, *noisy(position, RADAR, np.random.default_rng([7, seed])))
+        found = track(plots, [RADAR], motion)
+        assert np.all(found.track == 1)
+        covariance = found.covariance
+        assert np.array_equal(covariance, np.swapaxes(covariance, 1, 2))
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        found = found.rows(found.plot >= 0)
+        error = np.concatenate(
+            [found.position - position[found.plot], found.velocity - velocity[found.plot]], axis=1
+        )
+        inverse = np.linalg.inv(found.covariance)
+        nees[seed, found.plot] = np.einsum("ni,nij,nj->n", error, inverse, error) / 4
+    mean = np.nanmean(nees, axis=0)
+    # straight flight is easier than the models think; a turn of 2 degrees a second that begins at
+    # once is not seen for two scans
+    assert np.all(mean[:20] < 1.3)
+    assert np.all(mean[23:] < (1.6 if motion == "imm" else 2.2))
+    assert mean.mean() < 1.5
+
+
+def scene(seed, n=40, clutter=50.0):
+    """Traffic of the middle set-up, and its plots."""
+    set_up = simulate.set_up("middle")
+    plans = simulate.routes("middle", n, rng=seed)
+    traffic = simulate.flights(plans, wind=15.0, rng=seed + 1)
+    seen = simulate.radar_plots(traffic, [set_up.radar], clutter=clutter, rng=seed + 2)
+    return set_up.radar, traffic, seen
+
+
+@pytest.mark.parametrize("motion", ["imm", "singer"])
+def test_tracks_are_held_and_not_invented(motion):
+    radar, traffic, seen = scene(11)
+    found = track(seen.plots, [radar], motion)
+    used = found.plot >= 0
+    target = np.where(used, seen.target[found.plot], -2)
+    best = {}
+    for number in np.unique(found.track):
+        of = target[(found.track == number) & used]
+        values, counts = np.unique(of, return_counts=True)
+        assert counts.max() / counts.sum() > 0.9, f"track {number} changes its target"
+        best.setdefault(values[counts.argmax()], []).append(number)
+    scans = np.ptp(seen.plots.time) / radar.period
+    assert len(best.pop(-1, [])) < 0.02 * scans
+    assert len(best) == len(traffic)
+    assert sum(len(tracks) > 1 for tracks in best.values()) <= 2
+    held = [np.sum(np.isin(target, f) & found.confirmed) / np.sum(seen.target == f) for f in best]
+    assert np.mean(held) > 0.96
+
+
+def test_two_radars_are_better_than_one():
+    other = Radar(
+        [60e3, 0.0], range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=5.3, range_max=200e3
+    )
+    rms = {}
+    for radars in ([RADAR], [RADAR, other]):
+        errors, squares = [], []
+        for seed in range(30):
+            rng = np.random.default_rng([21, seed])
+            columns = []
+            for index, radar in enumerate(radars):
+                time = 0.7 * index + radar.period * np.arange(int(240 / radar.period))
+                position = np.array([10e3, 30e3]) + np.outer(time, [120.0, 80.0])
+                distance, azimuth = noisy(position - radar.position, radar, rng)
+                columns.append((time, distance, azimuth, np.full(len(time), index)))
+            time, distance, azimuth, index = np.concatenate(columns, axis=1)
+            plots = Plots(time, distance, azimuth, radar=index.astype(int))
+            found = track(plots, radars)
+            assert len(np.unique(found.track)) == 1
+            error = found.position - np.outer(found.time, [120.0, 80.0]) - [10e3, 30e3]
+            settled = found.time > 60
+            errors.append(error[settled])
+            inverse = np.linalg.inv(found.covariance[settled][:, :2, :2])
+            squares.append(np.einsum("ni,nij,nj->n", errors[-1], inverse, errors[-1]))
+        rms[len(radars)] = np.sqrt(np.mean(np.concatenate(errors) ** 2))
+        assert np.mean(np.concatenate(squares)) / 2 < 1.1
+    assert rms[2] < 0.8 * rms[1]
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_saved_tracker_goes_on_to_the_last_bit(motion):
+    _, _, seen = scene(31, n=10, clutter=10.0)
+    radar = simulate.set_up("middle").radar
+    plans = {"plans": simulate.routes("middle", 10, rng=31)} if motion == "imm-plan" else {}
+    half = np.median(seen.plots.time)
+    first, second = seen.plots[seen.plots.time < half], seen.plots[seen.plots.time >= half]
+    tracker = Tracker([radar], motion, **plans)
+    tracker.update(first)
+    loaded = pickle.loads(pickle.dumps(tracker))
+    copied = copy.deepcopy(tracker)
+    expected = tracker.update(second)
+    for other in (loaded, copied):
+        found = other.update(second)
+        for name in TrackTable.__slots__:
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert repr(loaded) == repr(tracker)
+
+
+def same(a, b):
+    for name in TrackTable.__slots__:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_the_order_of_plots_does_not_matter():
+    radar, _, seen = scene(41, n=15)
+    order = np.random.default_rng(1).permutation(len(seen))
+    one, other = track(seen.plots, [radar]), track(seen.plots[order], [radar])
+    np.testing.assert_array_equal(one.position, other.position)
+    np.testing.assert_array_equal(one.plot[one.plot >= 0], order[other.plot[other.plot >= 0]])
+
+
+def test_bad_plots_are_told_and_lose_no_track():
+    good = line(30)
+    bad = Plots(
+        [20.0, np.nan, 24.0, 28.0, 32.0, 1e7],
+        [np.nan, 40e3, 0.0, 500e3, -3.0, 40e3],
+        [0.1, 0.1, 0.1, 0.1, 0.1, 0.1],
+    )
+    both = Plots(
+        np.concatenate([good.time, bad.time]),
+        np.concatenate([good.range, bad.range]),
+        np.concatenate([good.azimuth, bad.azimuth]),
+    )
+    found = track(both, [RADAR])
+    fates = [Fate.INVALID, Fate.INVALID, Fate.INVALID, Fate.OUT_OF_RANGE, Fate.INVALID, Fate.STRAY]
+    assert found.track_of_plot[30:].tolist() == fates
+    assert all(Fate(fate).reason for fate in fates)
+    same(found.rows(slice(None)), found)
+    np.testing.assert_array_equal(found.position, track(good, [RADAR]).position)
+    above = Plots([0.0], [9000.0], [0.3], height=9000.0)
+    assert Tracker([RADAR]).update(above).track_of_plot.tolist() == [Fate.AT_RADAR]
+
+
+def test_a_wrong_clock_loses_no_track():
+    good = line(30)
+    tracker = Tracker([RADAR])
+    for k in range(30):
+        tracker.update(good[[k]])
+        if k == 15:
+            stray = Plots([good.time[k] + 5000.0], [20e3], [0.3])
+            assert tracker.update(stray).track_of_plot[0] == Fate.STRAY
+        if k == 20:
+            late = Plots([good.time[k] - 50.0], [20e3], [0.3])
+            assert tracker.update(late).track_of_plot[0] == Fate.LATE
+    last = tracker.update(line(31)[[30]])
+    assert last.track.tolist() == [1]
+
+
+def test_a_silence_is_believed_when_a_second_plot_comes():
+    tracker = Tracker([RADAR])
+    tracker.update(line(10))
+    later = line(10, start=3600.0)
+    assert tracker.update(later[[0]]).track_of_plot[0] == Fate.STRAY
+    found = tracker.update(later[1:])
+    assert np.all(found.track_of_plot > 1)
+
+
+def test_midnight():
+    plots = line(40, start=86400.0 - 80.0)
+    wrapped = Plots(plots.time % 86400.0, plots.range, plots.azimuth)
+    expected = track(plots, [RADAR])
+    found = track(wrapped, [RADAR], clock_period=86400.0)
+    np.testing.assert_array_equal(found.position, expected.position)
+    tracker = Tracker([RADAR], clock_period=86400.0)
+    numbers = {int(n) for k in range(40) for n in tracker.update(wrapped[[k]]).track}
+    assert numbers == {1}
+
+
+def test_duplicates_make_no_second_track():
+    plots = line(40)
+    order = np.repeat(np.arange(40), 2)
+    found = track(plots[order], [RADAR])
+    assert np.all(found.track_of_plot == np.tile([1, Fate.DUPLICATE], 40))
+    near = np.sort(np.concatenate([np.arange(40), np.arange(0, 40, 4)]))
+    shifted = plots.range[near] + 40.0 * np.diff(near, prepend=-1).astype(bool)
+    found = track(Plots(plots.time[near], shifted, plots.azimuth[near]), [RADAR])
+    assert len(np.unique(found.track)) == 1
+
+
+def test_scans_without_plots_end_tracks():
+    tracker = Tracker([RADAR], coasting=3)
+    plots = line(10)
+    tracker.update(plots)
+    alive = [len(tracker.update(plots[:0], time=36.0 + 4.0 * k).track) for k in range(1, 8)]
+    assert alive[:3] == [0, 1, 1] or alive[:3] == [1, 1, 1]
+    assert alive[-1] == 0
+    assert len(tracker.ahead(0.0)[0]) == 0
+    assert len(Tracker([RADAR]).update(plots[:0])) == 0
+
+
+def test_a_missed_scan_is_a_row_without_plot():
+    plots = line(20)
+    found = track(plots[np.arange(20) != 12], [RADAR])
+    assert len(np.unique(found.track)) == 1
+    assert np.sum(found.plot < 0) == 1
+    missed = np.flatnonzero(found.plot < 0)[0]
+    trace = np.trace(found.covariance, axis1=1, axis2=2)
+    assert trace[missed] > trace[missed - 1]
+
+
+def test_crossing_targets_keep_their_tracks():
+    swapped = 0
+    for seed in range(20):
+        rng = np.random.default_rng([51, seed])
+        time = 4.0 * np.arange(50)
+        first = np.array([-15e3, 40e3]) + np.outer(time, [150.0, 10.0])
+        second = np.array([-15e3, 42e3]) + np.outer(time, [150.0, -10.0])
+        columns = [noisy(first, RADAR, rng), noisy(second, RADAR, rng)]
+        distance, azimuth = np.concatenate(columns, axis=1)
+        found = track(Plots(np.tile(time, 2), distance, azimuth), [RADAR])
+        target = found.plot >= 50
+        for number in np.unique(found.track):
+            of = target[(found.track == number) & (found.plot >= 0)]
+            swapped += of[0] != of[-1]
+    assert swapped <= 8
+
+
+def test_identities_keep_targets_apart():
+    time = 4.0 * np.arange(50)
+    rng = np.random.default_rng(61)
+    first = np.array([-15e3, 40e3]) + np.outer(time, [150.0, 2.0])
+    second = np.array([-15e3, 40.4e3]) + np.outer(time, [150.0, -2.0])
+    columns = [noisy(first, RADAR, rng), noisy(second, RADAR, rng)]
+    distance, azimuth = np.concatenate(columns, axis=1)
+    identity = np.repeat([0o1234, 0o4321], 50)
+    found = track(Plots(np.tile(time, 2), distance, azimuth, identity=identity), [RADAR])
+    for number in np.unique(found.track):
+        of = identity[found.plot[(found.track == number) & (found.plot >= 0)]]
+        assert len(np.unique(of)) == 1
+    assert set(found.identity[found.confirmed]) == {0o1234, 0o4321}
+
+
+def test_heights_keep_targets_apart_and_are_filtered():
+    time = 4.0 * np.arange(60)
+    rng = np.random.default_rng(62)
+    position = np.array([-15e3, 40e3]) + np.outer(time, [150.0, 0.0])
+    height = np.stack([np.full(60, 8000.0), 9000.0 + 10.0 * time])
+    ground = np.hypot(*position.T)
+    slant = np.sqrt(ground**2 + height**2) + 50 * rng.standard_normal((2, 60))
+    azimuth = polar(position)[1] + RADAR.azimuth_sigma * rng.standard_normal((2, 60))
+    rounded = np.round(height / 30.48) * 30.48
+    plots = Plots(np.tile(time, 2), slant.ravel(), azimuth.ravel(), height=rounded.ravel())
+    found = track(plots, [RADAR])
+    assert len(np.unique(found.track)) == 2
+    climbing = (found.plot >= 60) & (found.time > 100)
+    assert np.abs(found.climb[climbing] - 10.0).max() < 3.0
+    for number in np.unique(found.track):
+        of = found.plot[(found.track == number) & (found.plot >= 0)] >= 60
+        assert np.all(of == of[0])
+
+
+def test_a_manoeuvre_is_flagged_soon():
+    delays = []
+    for seed in range(30):
+        time, position, _ = turning_flight()
+        plots = Plots(time, *noisy(position, RADAR, np.random.default_rng([71, seed])))
+        found = track(plots, [RADAR])
+        begins = np.flatnonzero(found.manoeuvre & (found.time >= 80.0))
+        delays.append(found.time[begins[0]] - 80.0)
+        assert found.manoeuvre[5:20].mean() < 0.2
+    assert np.median(delays) <= 20.0
+
+
+def test_plans_help_and_prior_zero_is_the_plain_imm():
+    plans = simulate.routes("middle", 40, rng=81)
+    traffic = simulate.flights(plans, wind=20.0, rng=82)
+    radar = simulate.set_up("middle").radar
+    seen = simulate.radar_plots(traffic, [radar], rng=83)
+    square = {"with": [], "without": []}
+    for flight in range(40):
+        of = seen.target == flight
+        if of.sum() < 20:
+            continue
+        plots = seen.plots[of]
+        plain = track(plots, [radar], "imm")
+        silent = track(plots, [radar], plans=[plans[flight]], plan_prior=0.0)
+        np.testing.assert_allclose(silent.position, plain.position, rtol=0, atol=1e-6)
+        aided = track(plots, [radar], plans=[plans[flight]])
+        assert np.all(aided.plan[-5:] == 0)
+        span = traffic.start[flight] + traffic.step * np.arange(traffic.count[flight])
+        count = traffic.count[flight]
+        for name, found in (("with", aided), ("without", plain)):
+            kept = found.confirmed
+            turning = np.interp(found.time, span, traffic.turning[flight, :count]) > 0.5
+            true = np.stack(
+                [np.interp(found.time, span, traffic.position[flight, :count, i]) for i in (0, 1)],
+                axis=-1,
+            )
+            square[name].append(np.sum((found.position - true) ** 2, axis=1)[kept & turning])
+    rms = {name: np.sqrt(np.mean(np.concatenate(values))) for name, values in square.items()}
+    assert rms["with"] < 0.85 * rms["without"]
+
+
+def test_a_wrong_plan_is_blocked_and_does_no_harm():
+    plans = simulate.routes("middle", 40, rng=91)
+    traffic = simulate.flights(plans, scenario="hijack", wind=20.0, rng=92)
+    radar = simulate.set_up("middle").radar
+    seen = simulate.radar_plots(traffic, [radar], rng=93)
+    square = {"with": [], "without": []}
+    blocked = []
+    for flight in range(40):
+        left, of = traffic.left[flight], seen.target == flight
+        if of.sum() < 20 or np.isnan(left):
+            continue
+        count = traffic.count[flight]
+        span = traffic.start[flight] + traffic.step * np.arange(count)
+        if span[-1] < left + 60:
+            continue
+        tables = {
+            "with": track(seen.plots[of], [radar], plans=[plans[flight]]),
+            "without": track(seen.plots[of], [radar], "imm"),
+        }
+        for name, found in tables.items():
+            after = found.confirmed & (found.time > left)
+            true = np.stack(
+                [np.interp(found.time, span, traffic.position[flight, :count, i]) for i in (0, 1)],
+                axis=-1,
+            )
+            square[name].append(np.sum((found.position - true) ** 2, axis=1)[after])
+        table = tables["with"]
+        blocked.append(np.any(~table.conforming[(table.time > left) & (table.time < left + 60)]))
+    rms = {name: np.sqrt(np.mean(np.concatenate(values))) for name, values in square.items()}
+    assert rms["with"] < 1.04 * rms["without"]
+    assert np.mean(blocked) > 0.9
+
+
+def test_ahead_follows_the_plan():
+    plan = FlightPlan([[-30e3, 40e3], [10e3, 40e3], [10e3, 90e3]], 150.0)
+    time = 4.0 * np.arange(50)
+    position = np.array([-30e3, 40e3]) + np.outer(time, [150.0, 0.0])
+    plots = Plots(time, *noisy(position, RADAR, np.random.default_rng(5)))
+    aided, plain = Tracker([RADAR], plans=[plan]), Tracker([RADAR], "imm")
+    aided.update(plots)
+    plain.update(plots)
+    corner = np.array([10e3, 40e3])
+    (number,), (there,) = aided.ahead(120.0)
+    assert number == 1
+    assert np.linalg.norm(plain.ahead(120.0)[1][0] - [17.4e3, 40e3]) < 3000
+    assert there[0] < corner[0] + 500
+    assert there[1] > corner[1] + 2000
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"radars": []}, "radars is empty"),
+        ({"radars": [3]}, r"radars\[0\] is 3"),
+        ({"motion": "kalman"}, "motion is 'kalman'"),
+        ({"initiation": (1, 4)}, "initiation is 1"),
+        ({"initiation": (4, 3)}, "initiation"),
+        ({"coasting": 0}, "coasting is 0"),
+        ({"speed_max": -1.0}, "speed_max"),
+        ({"gate_probability": 1.0}, "gate_probability is 1.0"),
+        ({"clutter_density": 0.0}, "clutter_density"),
+        ({"identity_error": 0.0}, "identity_error"),
+        ({"plan_prior": 1.0}, "plan_prior"),
+        ({"wind_sigma": np.nan}, "wind_sigma"),
+        ({"plans": [3]}, r"plans\[0\] is 3"),
+        ({"clock_period": 0.0}, "clock_period"),
+        ({"plans": [FlightPlan([[0, 0], [1, 1]], 100.0)], "motion": "cv"}, "takes no plans"),
+    ],
+)
+def test_wrong_settings_are_refused(change, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        Tracker(**{"radars": [RADAR], **change})
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"time": [[0.0]]}, r"time has shape \(1, 1\)"),
+        ({"range": [1.0, 2.0, 3.0]}, r"range has shape \(3,\)"),
+        ({"radar": [0.5, 0.5]}, "radar has dtype float64"),
+        ({"time": ["a", "b"]}, "time has dtype"),
+    ],
+)
+def test_wrong_plots_are_refused(columns, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        Plots(**{"time": [0.0, 1.0], "range": 1.0, "azimuth": 0.0, **columns})
+
+
+def test_a_plot_of_an_unknown_radar_is_refused():
+    tracker = Tracker([RADAR])
+    with pytest.raises(ValueError, match=r"radar\[1\] is 4; it must be the index"):
+        tracker.update(Plots([0.0, 1.0], 10e3, 0.1, radar=[0, 4]))
+    with pytest.raises(TypeError, match="it must be Plots"):
+        tracker.update([1.0])
+    with pytest.raises(ValueError, match="end"):
+        tracker.update(line(3), time=np.nan)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"range_sigma": 0.0},
+        {"azimuth_sigma": np.nan},
+        {"period": -4.0},
+        {"range_max": 0.0},
+        {"detection_probability": 1.0},
+        {"position": [1.0]},
+    ],
+)
+def test_wrong_radars_are_refused(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        Radar(**{"range_sigma": 50.0, "azimuth_sigma": 0.001, "period": 4.0, **change})
+
+
+def test_manoeuvres_must_be_positive():
+    with pytest.raises(ValueError, match="turn_time"):
+        Manoeuvres(turn_time=0.0)
