@@ -13,10 +13,12 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 import pytest
+from pyproj import Geod
 from typer.testing import CliRunner
 
 from tertia import cli, metrics, simulate
-from tertia.cli import _positions
+from tertia.cli import _places, _positions
+from tertia.geo import LocalFrame
 from tertia.location import Location, Problem, Station, locate
 
 ROOT = Path(__file__).parents[1]
@@ -119,6 +121,17 @@ def station_lines(
     header = ["name", *(f"{a}_m" for a in axes), *(f"{k}_sigma_{KINDS[k]}" for k in sigma)]
     rows = [",".join(map(str, [name, *place, *sigma.values()])) for name, place in places.items()]
     return ",".join(header), rows
+
+
+def as_toml(header: str, rows: list[str]) -> str:
+    tables = [
+        "".join(
+            f'{key} = "{value}"\n' if key == "name" else f"{key} = {value}\n"
+            for key, value in zip(header.split(","), row.split(","), strict=True)
+        )
+        for row in rows
+    ]
+    return "".join(f"[[station]]\n{table}" for table in tables)
 
 
 Write = Callable[..., Path]
@@ -299,14 +312,7 @@ def test_files_of_stations(suffix: str, write: Write, tmp_path: Path) -> None:
         write([*rows, ""], header + ",remark", path.name)
         path.write_text(path.read_text().replace("A,0.0", " A ,0.0").replace("20.0", "20.0 "))
     elif suffix == "toml":
-        parts = [
-            "\n".join(
-                f'{key} = "{value}"' if key == "name" else f"{key} = {value}"
-                for key, value in zip(header.split(","), row.split(","), strict=True)
-            )
-            for row in rows
-        ]
-        path.write_text("".join(f"[[station]]\n{part}\n" for part in parts), encoding="utf-8")
+        path.write_text(as_toml(header, rows), encoding="utf-8")
     else:
         told = [row.split(",") for row in rows]
         names = [row[0] for row in told]
@@ -314,6 +320,123 @@ def test_files_of_stations(suffix: str, write: Write, tmp_path: Path) -> None:
         columns = dict(zip(header.split(","), [names, *numbers], strict=True))
         pl.DataFrame(columns).write_parquet(path)
     check(positions(write(wide()), "--stations", path, folder=tmp_path), located())
+
+
+# latitude, longitude, height
+EARTH = {
+    "A": (50.1, 14.3, 350.0),
+    "B": (50.55, 14.9, 410.0),
+    "C": (49.8, 15.2, 520.0),
+    "D": (50.3, 13.6, 280.0),
+}
+GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
+ORIGIN = (50.2, 14.5, 100.0)
+TARGET = (50.05, 14.75)
+
+
+def earth_lines(sigma: dict[str, float], d: int = 3) -> tuple[str, list[str]]:
+    header = ["name", *GEODETIC[:d], *(f"{kind}_sigma_{KINDS[kind]}" for kind in sigma)]
+    rows = [
+        ",".join(map(str, [name, *place[:d], *sigma.values()])) for name, place in EARTH.items()
+    ]
+    return ",".join(header), rows
+
+
+def origin_table(origin: tuple[float, ...]) -> str:
+    told = zip(GEODETIC, origin, strict=False)
+    return "[origin]\n" + "".join(f"{key} = {value}\n" for key, value in told)
+
+
+def on_the_earth(frame: LocalFrame) -> list[Station]:
+    told: dict[str, Any] = {f"{kind}_sigma": value * UNIT[kind] for kind, value in SIGMA.items()}
+    return [frame.station(*place, name=name, **told) for name, place in EARTH.items()]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "toml"])
+def test_latitude_and_longitude_in_space(suffix: str, write: Write, tmp_path: Path) -> None:
+    header, rows = earth_lines(SIGMA)
+    if suffix == "csv":
+        stations, frame = write(rows, header, "earth.csv"), LocalFrame(*EARTH["A"])
+        told = "latitude 50.1, longitude 14.3, height 350 m"
+    else:
+        stations, frame = tmp_path / "earth.toml", LocalFrame(*ORIGIN)
+        stations.write_text(as_toml(header, rows) + origin_table(ORIGIN), encoding="utf-8")
+        told = "latitude 50.2, longitude 14.5, height 100 m"
+    known = on_the_earth(frame)
+    track = np.linspace([50.0, 14.6, 9000.0], [50.1, 14.9, 9500.0], STEPS)
+    measured = simulate.stations(
+        known, frame.to_local(*track.T), fault_probability=0.04, missing_probability=0.1, rng=3
+    ).measurements
+    values = {kind: np.round(v / UNIT[kind], 4) for kind, v in measured.items()}
+    path = write(wide(values))
+    found = positions(path, "--stations", stations, folder=tmp_path)
+    assert found.columns[5:11] == [
+        *("up_m", "up_sigma_m", *GEODETIC, "covariance_east_north_m2"),
+    ]
+    result = locate(known, **{kind: v * UNIT[kind] for kind, v in values.items()})
+    check(found, result)
+    for column, expected in zip(GEODETIC, frame.to_geodetic(result.position), strict=True):
+        same(found[column], expected)
+    error = found.select(GEODETIC).to_numpy() - track
+    assert np.nanmax(np.abs(error) @ np.diag([111e3, 72e3, 1.0])) < 120
+    done = run(path, "--stations", stations)
+    assert f"\norigin of east, north and up: {told}\n" in done.out
+
+
+def geodesics() -> tuple[FloatArray, FloatArray]:
+    """Return azimuths in degrees and distances in metres from the stations to the target."""
+    latitude, longitude, _ = np.array(list(EARTH.values())).T
+    there = np.full(4, TARGET[1]), np.full(4, TARGET[0])
+    azimuth, _, distance = Geod(ellps="WGS84").inv(longitude, latitude, *there)
+    return np.asarray(azimuth), np.asarray(distance)
+
+
+@pytest.mark.parametrize("kind", ["azimuth", "range"])
+@pytest.mark.parametrize("origin", [None, ORIGIN[:2]])
+def test_latitude_and_longitude_in_the_plane(
+    kind: str, origin: tuple[float, ...] | None, write: Write, tmp_path: Path
+) -> None:
+    sigma = {"azimuth": 0.01, "range": 3.0}
+    header, rows = earth_lines({kind: sigma[kind]}, d=2)
+    stations = write(rows, header, "earth.csv")
+    if origin is not None:
+        stations = tmp_path / "earth.toml"
+        stations.write_text(as_toml(header, rows) + origin_table(origin), encoding="utf-8")
+    measured = dict(zip(("azimuth", "range"), geodesics(), strict=True))[kind]
+    path = write(wide({kind: measured[np.newaxis]}), f"time_s,station,{kind}_{KINDS[kind]}")
+    picture = tmp_path / "p.png"
+    frame = positions(path, "--stations", stations, "--plot", picture, folder=tmp_path)
+    assert frame.columns[1:8] == [
+        *("east_m", "east_sigma_m", "north_m", "north_sigma_m", "latitude_deg", "longitude_deg"),
+        "covariance_east_north_m2",
+    ]
+    [row] = frame.to_dicts()
+    assert row["outliers"] == 0
+    _, _, error = Geod(ellps="WGS84").inv(*TARGET[::-1], row["longitude_deg"], row["latitude_deg"])
+    # what is left is the curvature of the earth; without the north of each station it would be 270 m
+    assert error < 0.5
+    place = "latitude 50.2, longitude 14.5" if origin else "latitude 50.1, longitude 14.3"
+    assert f"\norigin of east and north: {place}\n" in run(path, "--stations", stations).out
+
+
+def test_positions_that_are_none_on_the_earth() -> None:
+    rows = {"A": {"latitude_deg": 50.0, "longitude_deg": 14.0}}
+    found = _places.places(rows, None, Path("s.csv"))
+    told = found.geodetic(np.array([[0.0, 0.0], [1e7, 0.0], [NAN, NAN]]))
+    assert list(told) == ["latitude_deg", "longitude_deg"]
+    np.testing.assert_allclose(told["latitude_deg"], [50.0, NAN, NAN], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(told["longitude_deg"], [14.0, NAN, NAN], rtol=0, atol=1e-9)
+
+
+def test_stations_in_metres_have_no_origin(write: Write, stations: Path) -> None:
+    assert "origin" not in run(write(wide()), "--stations", stations).out
+
+
+def test_extra_geo_is_asked_for(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    stations = write(["A,50,14,1"], "name,latitude_deg,longitude_deg,range_sigma_m", "earth.csv")
+    monkeypatch.setattr(_places, "find_spec", lambda name: None)
+    told = f"tertia: {stations}: latitude_deg needs the extra geo: pip install 'tertia[geo]'\n"
+    assert run(write(wide()), "--stations", stations) == (1, "", told)
 
 
 def test_times_of_iso_8601_parquet_and_other_names(
@@ -505,6 +628,7 @@ def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
 
 S = "--stations"
 HEAD = "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg\n"
+EARTHLY = '[[station]]\nname = "A"\nlatitude_deg = 50\nlongitude_deg = 14\n'
 FILES = {
     "s.csv": HEAD + "A,0,0,0,10,0.3\nB,1000,0,0,10,0.3\nC,0,1000,0,,\n",
     "plane.csv": "name,east_m,north_m,range_sigma_m\nA,0,0,1\nB,9,0,1\n",
@@ -516,6 +640,21 @@ FILES = {
     "texteast.csv": HEAD + "A,zero,0,0,1,1\n",
     "negative.csv": HEAD + "A,0,0,0,-1,1\n",
     "geo.csv": "name,lat,lon\nA,1,2\n",
+    "both.csv": "name,east_m,north_m,latitude_deg,longitude_deg\nA,0,0,,\nB,,,50,14\n",
+    "height.csv": "name,east_m,north_m,height_m\nA,0,0,\nB,1,0,5\n",
+    "up.csv": "name,latitude_deg,longitude_deg,up_m\nA,50,14,5\n",
+    "latitude.csv": "name,latitude_deg\nA,50\n",
+    "longitude.csv": "name,latitude_deg,longitude_deg\nA,50,14\nB,,14\n",
+    "high.csv": "name,latitude_deg,longitude_deg,height_m\nA,50,14,\nB,50,15,9\n",
+    "pole.csv": "name,latitude_deg,longitude_deg\nA,50,14\nB,90.5,14\n",
+    "turn.csv": "name,latitude_deg,longitude_deg\nA,50,361\n",
+    "far.csv": "name,latitude_deg,longitude_deg\nA,50,14\nB,60,14\n",
+    "level.csv": "name,latitude_deg,longitude_deg\nA,50,14\nB,50,15\n",
+    "origin.toml": EARTHLY + "[origin]\nlatitude_deg = 50\n",
+    "south.toml": EARTHLY + "[origin]\nlatitude_deg = -91\nlongitude_deg = 14\n",
+    "lifted.toml": EARTHLY + "[origin]\nlatitude_deg = 5\nlongitude_deg = 14\nheight_m = 3\n",
+    "number.toml": "origin = 5\n" + EARTHLY,
+    "metres.toml": '[[station]]\nname = "A"\neast_m = 0\nnorth_m = 0\n[origin]\n',
     "bad.toml": "[[station]\n",
     "odd.toml": "station = 3\n",
     "none.toml": "# nothing\n",
@@ -571,6 +710,42 @@ FILES = {
             "negative.csv: range_sigma_m of A is -1; it must be a positive number, or missing",
         ),
         (["m.csv", S, "geo.csv"], 1, "geo.csv: east_m of A is missing"),
+        (["m.csv", S, "both.csv"], 1, "both.csv has east_m of A and latitude_deg of B; all .*"),
+        (["m.csv", S, "height.csv"], 1, "height.csv has east_m of A and height_m of B; all .*"),
+        (
+            ["m.csv", S, "up.csv"],
+            1,
+            "up.csv has up_m of A and latitude_deg of A; all places must be given in the same form",
+        ),
+        (["m.csv", S, "latitude.csv"], 1, "latitude.csv: longitude_deg of A is missing"),
+        (["m.csv", S, "longitude.csv"], 1, "longitude.csv: latitude_deg of B is missing"),
+        (["m.csv", S, "high.csv"], 1, "high.csv: height_m of A is missing"),
+        (
+            ["m.csv", S, "pole.csv"],
+            1,
+            "pole.csv: latitude_deg of B is 90.5; it must be between -90 and 90",
+        ),
+        (["m.csv", S, "turn.csv"], 1, "turn.csv: longitude_deg of A is 361; it must be .* 360"),
+        (
+            ["m.csv", S, "far.csv"],
+            1,
+            "far.csv: B is 1112 km from the origin; places in a plane, without .* 1000 km",
+        ),
+        (["m.csv", S, "level.csv"], 1, "an elevation needs heights: give height_m of .* level.csv"),
+        (["m.csv", S, "origin.toml"], 1, "origin.toml: longitude_deg of the origin is missing"),
+        (["m.csv", S, "south.toml"], 1, "south.toml: latitude_deg of the origin is -91; it .*"),
+        (["m.csv", S, "lifted.toml"], 1, "lifted.toml: the origin has height_m, but no place has"),
+        (
+            ["m.csv", S, "number.toml"],
+            1,
+            r"number.toml: origin is no table; it must begin with \[origin\]",
+        ),
+        (
+            ["m.csv", S, "metres.toml"],
+            1,
+            r"metres.toml: \[origin\] needs places with latitude_deg and longitude_deg",
+        ),
+        (["m.csv", S, "s.csv", "--by", "height_m"], 2, "the results have a column height_m, .*"),
         (["m.csv", S, "m.csv"], 2, "m.csv has no column name; it has time_s, .*"),
         (["empty.csv", S, "s.csv"], 1, "empty.csv is empty"),
         (["h.csv", S, "s.csv"], 1, "h.csv is empty"),

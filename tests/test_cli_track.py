@@ -1,6 +1,7 @@
 """The commands `tertia track` and `tertia evaluate`: numbers of the library, errors in one line."""
 
 import datetime
+import inspect
 import json
 import re
 import runpy
@@ -15,8 +16,9 @@ import pytest
 from typer.testing import CliRunner
 
 from tertia import cli, metrics, plot
+from tertia.cli import _track
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Fate, Plots, Radar, TrackTable, track
+from tertia.tracker import Fate, Plots, Radar, Tracker, TrackTable, track
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -248,6 +250,61 @@ def test_options(told: Any, options: Any, write: Write, radars: Path, tmp_path: 
     usual = track(plots(), RADARS)
     alike = usual.covariance.shape == result.covariance.shape
     assert not (alike and np.array_equal(usual.covariance, result.covariance))
+
+
+def test_defaults_are_those_of_the_library() -> None:
+    mine, theirs = (inspect.signature(one).parameters for one in (_track.track, Tracker))
+    alike = ["motion", "plan_prior", "wind_sigma", "coasting", "clutter_density", "speed_max"]
+    for name in [*alike, "gate_probability", "clock_period"]:
+        assert mine[name].default == theirs[name].default
+    plots_of_scans = tuple(map(int, mine["initiation"].default.split(",")))
+    assert plots_of_scans == theirs["initiation"].default
+
+
+def test_a_clock_that_begins_again(write: Write, radars: Path, tmp_path: Path) -> None:
+    time = (SEEN["time_s"].to_numpy() + 86_300) % 86_400
+    assert np.ptp(time) > 86_000
+    path = write(lines(SEEN.with_columns(pl.Series("time_s", time))))
+    options = ("--radars", radars, "--clock-period", 86_400)
+    check(
+        tracks(path, *options, folder=tmp_path),
+        track(plots(time=time), RADARS, clock_period=86_400.0),
+    )
+    dated = write([row.replace(row.split(",")[0], "2026-03-01", 1) for row in LINES], name="d.csv")
+    done = run(dated, *options)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "--clock-period is for seconds" in done.err
+
+
+def test_radars_on_the_earth(write: Write, tmp_path: Path) -> None:
+    """The second radar is a degree and a half east, where north is another direction."""
+    pyproj = pytest.importorskip("pyproj")
+    head = RADAR_HEAD.replace("east_m,north_m,up_m", "longitude_deg,latitude_deg,height_m")
+    path = write(["A,2.0,50.0,100,50,0.1,4,,", "B,3.5,50.2,0,50,0.1,5,,"], head, "r.csv")
+    earth = pyproj.Geod(ellps="WGS84")
+    rows = []
+    for name, period, longitude, latitude in (("A", 4.0, 2.0, 50.0), ("B", 5.0, 3.5, 50.2)):
+        for time in np.arange(0.0, 120.0, period):
+            azimuth, _, ground = earth.inv(longitude, latitude, 2.7, 50.5 + 0.001 * time)
+            rows.append(f"{time},{name},{ground},{azimuth % 360}")
+    seen = write(rows, "time_s,radar,range_m,azimuth_deg")
+    frame = tracks(seen, "--radars", path, folder=tmp_path)
+    assert frame["track"].n_unique() == 1
+    settled = frame.filter(pl.col("time_s") > 40.0)
+    _, _, off = earth.inv(
+        settled["longitude_deg"].to_numpy(),
+        settled["latitude_deg"].to_numpy(),
+        np.full(settled.height, 2.7),
+        50.5 + 0.001 * settled["time_s"].to_numpy(),
+    )
+    # without the convergence of the meridians it is 1.2 degrees, more than a kilometre
+    assert off.max() < 60.0
+    assert "origin of east, north and up: latitude 50" in run(seen, "--radars", path).out
+    # plans are in the same frame
+    header = "name,longitude_deg,latitude_deg,speed_m_s"
+    plan = write(["A,2.7,50.5,111.2", "A,2.7,51.0,111.2"], header, "plans.csv")
+    done = run(seen, "--radars", path, "--plans", plan)
+    assert "1 track with one of 1 plan, 0 of them left it" in done.out
 
 
 def test_nautical_miles_flight_levels_and_columns_of_other_names(
@@ -822,3 +879,28 @@ def test_the_example_can_be_made_again() -> None:
     seen = made["record"]()
     found = track(seen.plots, made["radars"](), plans=made["plans"]())
     assert plot.tracks(found).get_title() == "12 tracks"
+
+
+@pytest.mark.parametrize("command", ["track", "evaluate"])
+def test_help(command: str) -> None:
+    told = run("--help", command=command).out
+    words = {"track": ("--radars", "--plans", "--column"), "evaluate": ("--truth", "--period")}
+    for word in (*words[command], "--output", "--plot", f"tertia {command} "):
+        assert word in told
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/tracker.md"])
+def test_commands_of_the_pages_run(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
+    commands = re.findall(r"^tertia ((?:track|evaluate) .*)$", text, re.M)
+    assert len(commands) == 2
+    (tmp_path / "examples").symlink_to(EXAMPLES)
+    monkeypatch.chdir(tmp_path)
+    for command in commands:
+        words = command.split()
+        done = CliRunner().invoke(cli.app, words, catch_exceptions=False)
+        assert (done.exit_code, done.stderr) == (0, "")
+        files = [Path(word) for word in words if re.fullmatch(r"\w+\.(csv|png)", word)]
+        assert all(path.stat().st_size > 1000 for path in files)

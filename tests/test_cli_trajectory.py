@@ -10,9 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 import pytest
+from pyproj import Geod
 from typer.testing import CliRunner
 
 from tertia import cli, metrics, plot, simulate
+from tertia.cli import _places
+from tertia.geo import LocalFrame
 from tertia.location import Problem, Station
 from tertia.trajectory import Trajectory, reconstruct
 
@@ -289,6 +292,59 @@ def test_range_differences(write: Write, tmp_path: Path) -> None:
     )
     same(frame["north_m"], expected.position[:, 1])
     same(frame["velocity_east_sigma_m_s"], np.sqrt(expected.covariance[:, 2, 2]))
+
+
+# latitude, longitude, height
+EARTH = {"A": (50.1, 14.3, 350.0), "B": (50.55, 14.9, 410.0), "C": (49.8, 15.2, 520.0)}
+GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
+
+
+def test_latitude_and_longitude_in_space(write: Write, tmp_path: Path) -> None:
+    frame = LocalFrame(*EARTH["A"])
+    told: dict[str, Any] = {f"{k}_sigma": value * UNITS[k][1] for k, value in SIGMA.items()}
+    known = [frame.station(*place, name=name, **told) for name, place in EARTH.items()]
+    flown = np.linspace([50.1, 14.6, 9000.0], [50.2, 14.7, 9500.0], STEPS)
+    measured = simulate.stations(known, frame.to_local(*flown.T), rng=4).measurements
+    z = {kind: np.round(v / UNITS[kind][1], 4) for kind, v in measured.items()}
+    header = ",".join(["name", *GEODETIC, *(f"{k}_sigma_{UNITS[k][0]}" for k in SIGMA)])
+    rows = [",".join(map(str, [name, *p, *SIGMA.values()])) for name, p in EARTH.items()]
+    arguments = (write(lines(z)), "--stations", write(rows, header, "earth.csv"))
+    found = track(*arguments, folder=tmp_path)
+    assert found.columns[6:11] == ["up_sigma_m", *GEODETIC, "velocity_east_m_s"]
+    in_radians: dict[str, Any] = {kind: v * UNITS[kind][1] for kind, v in z.items()}
+    result = reconstruct(known, TIMES, **in_radians)
+    check(found, result)
+    for column, expected in zip(GEODETIC, frame.to_geodetic(result.position), strict=True):
+        same(found[column], expected)
+    error = found.select(GEODETIC).to_numpy() - flown
+    assert np.max(np.abs(error) @ np.diag([111e3, 72e3, 1.0])) < 100
+    told_of_origin = "origin of east, north and up: latitude 50.1, longitude 14.3, height 350 m"
+    assert f"\n{told_of_origin}\n" in run(*arguments).out
+
+
+@pytest.mark.parametrize("order", ["spatial-first", "temporal-first"])
+def test_latitude_and_longitude_in_the_plane(order: str, write: Write, tmp_path: Path) -> None:
+    flown = np.linspace([50.1, 14.6], [50.2, 14.7], STEPS)
+    geod = Geod(ellps="WGS84")
+    azimuth = np.empty((STEPS, 3))
+    for k, (latitude, longitude, _) in enumerate(EARTH.values()):
+        here = np.full(STEPS, longitude), np.full(STEPS, latitude)
+        azimuth[:, k] = geod.inv(*here, flown[:, 1], flown[:, 0])[0]
+    rows = [f"{name},{place[0]},{place[1]},0.01" for name, place in EARTH.items()]
+    stations = write(rows, "name,latitude_deg,longitude_deg,azimuth_sigma_deg", "earth.csv")
+    path = write(lines({"azimuth": azimuth}), "time_s,station,azimuth_deg")
+    found = track(path, "--stations", stations, "--order", order, folder=tmp_path)
+    assert "height_m" not in found.columns
+    told = found["longitude_deg"].to_numpy(), found["latitude_deg"].to_numpy()
+    # without the north of each station it would be 200 m
+    assert np.max(geod.inv(*flown.T[::-1], *told)[2]) < 3
+
+
+def test_extra_geo_is_asked_for(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    stations = write(["A,50,14,1"], "name,latitude_deg,longitude_deg,range_sigma_m", "earth.csv")
+    monkeypatch.setattr(_places, "find_spec", lambda name: None)
+    told = f"tertia: {stations}: latitude_deg needs the extra geo: pip install 'tertia[geo]'\n"
+    assert run(write(lines()), "--stations", stations) == (1, "", told)
 
 
 def test_groups(write: Write, stations: Path, tmp_path: Path) -> None:

@@ -928,7 +928,7 @@ def test_tracks_draw_positions_turns_plots_plans_and_radars() -> None:
     for place in line(ax, "plot"):
         assert np.min(np.hypot(*(table.position / 1e3 - place).T)) < 0.9
     first = line(ax, "plot")[np.argmin(air_plots().time)]
-    np.testing.assert_allclose(first, [10.0, 20.0 + 0.2 * air_plots().time.min()], atol=1e-6)
+    np.testing.assert_allclose(first, [10.0, 20.0 + 0.2 * air_plots().time.min()], atol=1e-4)
     assert [text.get_text() for text in ax.texts] == ["west", str(table.track[0])]
     # the plan goes on far away, and does not set the scale
     assert ax.dataLim.x1 < 60.0

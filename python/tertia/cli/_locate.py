@@ -91,10 +91,11 @@ def locate(
 
     summaries = [_positions.summary(one.record, one.judged) for one in located]
     _positions.print_summary(pl.concat(summaries), columns.by)
+    _positions.say_origin(sites)
     for one in located:
         _say(one)
     if output is not None:
-        _tables.write(pl.concat([_rows(one, columns) for one in located]), output)
+        _tables.write(pl.concat([_rows(one, sites, columns) for one in located]), output)
     if measurements is not None:
         tables = [_positions.measurement_rows(one.judged, one.record, columns) for one in located]
         _tables.write(pl.concat(tables), measurements)
@@ -105,7 +106,7 @@ def locate(
 
 
 def _start(text: str, sites: Sites) -> FloatArray:
-    d = sites.places.shape[1]
+    d = sites.places.positions.shape[1]
     try:
         start = np.array([float(part) for part in text.split(",")])
     except ValueError:
@@ -124,10 +125,12 @@ def _locate(
     if not record.values:
         fail(f"{record.name}: nothing was measured")
     sigmas = _positions.all_sigmas(record, sites, optional=True)
+    # their sigmas are those that are given
+    stations = sites.stations(sigmas={})
     options: dict[str, Any] = {str(kind): values for kind, values in record.measured().items()}
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
     try:
-        result = locate_instants(sites.places, **options, method=method, initial=start)
+        result = locate_instants(stations, **options, method=method, initial=start)
     except ValueError as error:
         fail(": ".join(filter(None, [record.name, str(error)])))
     judged = _positions.judged(record, sites, result.residuals, result.outliers, result)
@@ -149,12 +152,13 @@ def _say(one: _Located) -> None:
             )
 
 
-def _rows(one: _Located, columns: Columns) -> pl.DataFrame:
+def _rows(one: _Located, sites: Sites, columns: Columns) -> pl.DataFrame:
     """Return one row per time, null for what is not known."""
     record, result = one.record, one.result
     told = {
         columns.time: record.moments,
         **_positions.coordinates(result.position, result.covariance),
+        **_positions.geodetic(result.position, sites),
         **_positions.covariances(result.covariance),
         **_positions.instants(record, one.judged, result),
     }

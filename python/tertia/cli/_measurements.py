@@ -89,8 +89,9 @@ def read_measurements(files: Sequence[Path], columns: Columns, sites: Sites) -> 
     measured = rows.filter(pl.col("kind").is_not_null())
     if measured.is_empty():
         fail("nothing was measured: all values are missing")
-    if sites.places.shape[1] == 2 and (measured["kind"] == "elevation").any():
-        fail(f"an elevation needs heights: give up_m of the stations in {sites.path}")
+    if sites.places.positions.shape[1] == 2 and (measured["kind"] == "elevation").any():
+        column = sites.places.height_column
+        fail(f"an elevation needs heights: give {column} of the stations in {sites.path}")
     _refuse_impossible(measured, files, columns)
     doubt_degrees(measured.filter(pl.col("kind") == "azimuth")["value"].to_numpy())
     return rows

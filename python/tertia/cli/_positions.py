@@ -11,6 +11,7 @@ import typer
 from tertia._arrays import FloatArray
 from tertia.cli import _tables
 from tertia.cli._measurements import Columns, Record
+from tertia.cli._places import GEODETIC
 from tertia.cli._stations import UNITS, Sites, sigma_column
 from tertia.cli._terminal import counted, fail, note, print_table, shown
 from tertia.location import Kind, Location, Outliers, Problem, Residuals
@@ -38,6 +39,7 @@ def result_columns() -> set[str]:
         *("value", "residual", "fault"),
         *coordinates(space[..., 0], space),
         *covariances(space),
+        *GEODETIC,
     }
 
 
@@ -71,6 +73,12 @@ def coordinates(
         columns[f"{prefix}{axis}_{unit}"] = _tables.known(values[:, i], np.isfinite(values[:, i]))
         columns[f"{prefix}{axis}_sigma_{unit}"] = _tables.known(sigma, np.isfinite(sigma))
     return columns
+
+
+def geodetic(position: FloatArray, sites: Sites) -> dict[str, pl.Series]:
+    """Return columns of latitude, longitude and height, if the stations have them."""
+    columns = sites.places.geodetic(position)
+    return {name: _tables.known(values, np.isfinite(values)) for name, values in columns.items()}
 
 
 def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
@@ -171,6 +179,13 @@ def print_summary(table: pl.DataFrame, by: list[str], *, text: tuple[str, ...] =
     """Print a table of stations."""
     limited = "rows are shown"
     print_table(table, shown, text=[*by, "station", "kind", *text], limited=limited)
+
+
+def say_origin(sites: Sites) -> None:
+    """Say where the origin of east and north is, if that is known."""
+    origin = sites.places.origin()
+    if origin is not None:
+        typer.echo(origin)
 
 
 def say_located(record: Record, fixes: Location, position: FloatArray, sigma: FloatArray) -> None:

@@ -11,8 +11,9 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray
 from tertia.cli import _tables
 from tertia.cli._measurements import doubt_degrees, numbers_of_names
+from tertia.cli._radars import RadarSites
 from tertia.cli._terminal import WRONG_USAGE, fail, note
-from tertia.tracker import NO_IDENTITY, Plots, Radar
+from tertia.tracker import NO_IDENTITY, Plots
 
 TIME, AZIMUTH, RADAR = "time_s", "azimuth_deg", "radar"
 # columns of which one is taken, the first that is there, and their units
@@ -44,6 +45,11 @@ class Clock:
     midnight: int
     ticks: float
 
+    @property
+    def dated(self) -> bool:
+        """Whether the times are dates."""
+        return isinstance(self.dtype, pl.Datetime)
+
     @classmethod
     def of(cls, moments: pl.Series) -> "Clock":
         """Return that of some times."""
@@ -55,14 +61,14 @@ class Clock:
 
     def seconds(self, moments: pl.Series) -> FloatArray:
         """Return times as seconds."""
-        if not isinstance(self.dtype, pl.Datetime):
+        if not self.dated:
             return np.asarray(moments.to_numpy(), dtype=np.float64)
         since: FloatArray = (moments.to_physical().to_numpy() - self.midnight) / self.ticks
         return since
 
     def moments(self, seconds: FloatArray) -> pl.Series:
         """Return seconds as times."""
-        if not isinstance(self.dtype, pl.Datetime):
+        if not self.dated:
             return pl.Series(seconds)
         ticks = self.midnight + np.rint(seconds * self.ticks).astype(np.int64)
         moments: pl.Series = pl.Series(ticks).cast(self.dtype)
@@ -101,9 +107,9 @@ def column_names(options: Sequence[str]) -> dict[str, str]:
 
 
 def read_recording(
-    files: Sequence[Path], columns: Mapping[str, str], radars: Sequence[Radar], radar_file: Path
+    files: Sequence[Path], columns: Mapping[str, str], sites: RadarSites
 ) -> Recording:
-    """Return the plots of all files, by radars of this file."""
+    """Return the plots of all files, by these radars."""
     opened = [_File(path, _read(path, columns), columns) for path in files]
     identities = [one.first_of(_IDENTITIES) for one in opened]
     for path, name in zip(files, identities, strict=True):
@@ -112,17 +118,18 @@ def read_recording(
             fail(f"{files[0]} has {told}; one kind of them is told apart")
     rows = _tables.stacked(
         files,
-        [_rows(one, radars, radar_file) for one in opened],
+        [_rows(one, sites) for one in opened],
         columns.get(TIME, TIME),
         [],
     )
     doubt_degrees(rows["azimuth"].to_numpy())
     clock = Clock.of(rows["time"])
+    radar = rows["radar"].to_numpy()
     plots = Plots(
         clock.seconds(rows["time"]),
         rows["range"].to_numpy(),
-        np.radians(rows["azimuth"].to_numpy()),
-        radar=rows["radar"].to_numpy(),
+        np.radians(rows["azimuth"].to_numpy()) + sites.norths[radar],
+        radar=radar,
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
     )
@@ -168,7 +175,7 @@ class _File:
         return values * units[name]
 
 
-def _rows(file: _File, radars: Sequence[Radar], radar_file: Path) -> pl.DataFrame:
+def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
     path, frame = file.path, file.frame
     if file.first_of(_RANGES) is None:
         wanted = f"{' or '.join(_RANGES)}; it has {', '.join(frame.columns)}"
@@ -178,7 +185,7 @@ def _rows(file: _File, radars: Sequence[Radar], radar_file: Path) -> pl.DataFram
             "time": _tables.times(file[TIME], path),
             "range": file.quantity(_RANGES),
             "azimuth": file.numbers(AZIMUTH),
-            "radar": _radar_numbers(file, radars, radar_file),
+            "radar": _radar_numbers(file, sites),
             "height": file.quantity(_HEIGHTS),
             "identity": _identities(file),
         }
@@ -190,14 +197,14 @@ def _rows(file: _File, radars: Sequence[Radar], radar_file: Path) -> pl.DataFram
     return rows.filter(there)
 
 
-def _radar_numbers(file: _File, radars: Sequence[Radar], radar_file: Path) -> pl.Series:
-    names = [str(radar.name) for radar in radars]
+def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
+    names = sites.names
     if file.has(RADAR):
-        told = f"the radars of {radar_file} are"
+        told = f"the radars of {sites.path} are"
         return numbers_of_names(file.frame, file.path, file[RADAR].name, names, told)
-    if len(radars) > 1:
+    if len(names) > 1:
         fail(
-            f"{file.path} has no column {RADAR}, but {radar_file} has {len(radars)} radars: "
+            f"{file.path} has no column {RADAR}, but {sites.path} has {len(names)} radars: "
             f"{', '.join(names)}",
             WRONG_USAGE,
         )

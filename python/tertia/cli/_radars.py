@@ -1,10 +1,13 @@
 """Radars in a file: where they are, how they measure, how fast they turn."""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from tertia._arrays import FloatArray
-from tertia.cli._stations import Row, named_rows, number, positions, required
+from tertia.cli._places import GEODETIC, Places, Row, named_rows, number, places, required
 from tertia.cli._terminal import fail, note
 from tertia.tracker import Radar
 
@@ -22,14 +25,38 @@ _OPTIONAL = {
 _DOUBTFUL_SIGMA = 0.005
 
 
-def read_radars(path: Path) -> list[Radar]:
+@dataclass(frozen=True, slots=True)
+class RadarSites:
+    """The radars of a file, where they are, and which way each calls north.
+
+    `norths` are radians to add to its azimuths: not 0 where it is on the earth, away from the
+    origin of the plane.
+    """
+
+    path: Path
+    radars: list[Radar]
+    places: Places
+    norths: FloatArray
+
+    @property
+    def names(self) -> list[str]:
+        """Their names."""
+        return [str(radar.name) for radar in self.radars]
+
+
+def read_radars(path: Path) -> RadarSites:
     """Read them from TOML with one table `[[radar]]` each, or from CSV or Parquet."""
-    rows = named_rows(path, "radar")
-    places = positions(rows, path)
-    radars = [
-        _radar(row, name, place, path)
-        for (name, row), place in zip(rows.items(), places, strict=True)
-    ]
+    rows, origin = named_rows(path, "radar")
+    where = places(rows, origin, path)
+    norths = np.zeros(len(rows))
+    positions = where.positions.copy()
+    if where.axes is not None:
+        norths = np.arctan2(where.axes[:, 1, 0], where.axes[:, 1, 1])
+        # heights are those above the sea, as plots tell them, not above the plane
+        for k, (name, row) in enumerate(rows.items()):
+            positions[k, 2:] = number(row, GEODETIC[2], name, path) or 0.0
+    pairs = zip(rows.items(), positions, strict=True)
+    radars = [_radar(row, name, place, path) for (name, row), place in pairs]
     for radar in radars:
         sigma = math.degrees(radar.azimuth_sigma)
         if sigma < _DOUBTFUL_SIGMA:
@@ -37,7 +64,7 @@ def read_radars(path: Path) -> list[Radar]:
                 f"azimuth_sigma_deg of {radar.name} is {sigma:.3g} degrees: is it in radians? "
                 "Files hold degrees"
             )
-    return radars
+    return RadarSites(path, radars, where, norths)
 
 
 def _radar(row: Row, name: str, place: FloatArray, path: Path) -> Radar:

@@ -12,7 +12,7 @@ from tertia import io, tracker
 from tertia.cli import _tables
 from tertia.cli._options import PlotFile
 from tertia.cli._radar_plots import Recording, column_names, read_recording
-from tertia.cli._radars import read_radars
+from tertia.cli._radars import RadarSites, read_radars
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
 from tertia.cli._track_report import PICTURES, write_report
 from tertia.cli._tracked import Tracked, draw, figures, radar_rows
@@ -47,7 +47,8 @@ def track(
         str | None,
         typer.Option(
             metavar="LATITUDE,LONGITUDE",
-            help="Where east and north are zero, in degrees, for plans with geodetic positions.",
+            help="Where east and north are zero, in degrees, for plans with geodetic positions; "
+            "by default as for the radars.",
         ),
     ] = None,
     column: Annotated[
@@ -59,7 +60,7 @@ def track(
     motion: Annotated[Motion, typer.Option(help="How targets move.")] = "imm-plan",
     plan_prior: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")
-    ] = 0.8,
+    ] = 0.6,
     wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
     initiation: Annotated[
         str,
@@ -76,6 +77,10 @@ def track(
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
     ] = 0.998,
+    clock_period: Annotated[
+        float | None,
+        typer.Option(help="Seconds after which the times begin again, as 86400."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the tracks as .csv, .json or .parquet."),
@@ -100,6 +105,7 @@ def track(
         "clutter_density": clutter_density,
         "speed_max": speed_max,
         "gate_probability": gate_probability,
+        "clock_period": clock_period,
     }
     place = None if origin is None else _pair(origin, "--origin", float)
     _check(motion, options, with_plans=plans is not None)
@@ -107,13 +113,20 @@ def track(
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
     _tables.check_suffixes(output, plot_file)
     _tables.check_suffixes(None, None if report is None else report / PICTURES[0])
-    stations = read_radars(radars)
+    sites = read_radars(radars)
+    frame = sites.places.frame
+    if place is None and frame is not None:
+        place = frame.latitude, frame.longitude
     filed = [] if plans is None else _read_plans(plans, place)
-    recording = read_recording(files, columns, stations, radars)
-    tracked = _track(recording, stations, filed, motion, options)
+    recording = read_recording(files, columns, sites)
+    if clock_period is not None and recording.clock.dated:
+        fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
+    tracked = _track(recording, sites, filed, motion, options)
 
     told = radar_rows(tracked)
     print_table(told, shown, text=["radar"], limited="radars are shown")
+    if (told_origin := sites.places.origin()) is not None:
+        typer.echo(told_origin)
     _say(tracked)
     if output is not None:
         _tables.write(tracked.rows(), output)
@@ -157,7 +170,7 @@ def _read_plans(path: Path, origin: tuple[float, float] | None) -> list[FlightPl
 
 def _track(
     recording: Recording,
-    radars: Sequence[Radar],
+    sites: RadarSites,
     plans: Sequence[FlightPlan],
     motion: Motion,
     options: dict[str, Any],
@@ -166,14 +179,14 @@ def _track(
     start = time.perf_counter()
     with working(f"Tracking {counted(len(plots), 'plot')}"):
         try:
-            table = tracker.track(plots, radars, motion, plans=plans, **options)
+            table = tracker.track(plots, sites.radars, motion, plans=plans, **options)
         except ValueError as error:
             fail(str(error))
     seconds = time.perf_counter() - start
     if len(plots) and np.all(table.track_of_plot < 0):
-        reasons = Tracked(recording, radars, plans, table, seconds).refused()
+        reasons = Tracked(recording, sites, plans, table, seconds).refused()
         fail(f"no plot can be used: {'; '.join(reasons)}")
-    return Tracked(recording, radars, plans, table, seconds)
+    return Tracked(recording, sites, plans, table, seconds)
 
 
 def _say(tracked: Tracked) -> None:

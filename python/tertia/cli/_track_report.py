@@ -29,5 +29,5 @@ def _draw_updates(tracked: Tracked, path: Path) -> None:
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")
-    plot.update_probability(tracked.table, tracked.radars, ax=figure.subplots())
+    plot.update_probability(tracked.table, tracked.sites.radars, ax=figure.subplots())
     _tables.save(figure, path)

@@ -8,8 +8,9 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray
 from tertia.cli import _tables
 from tertia.cli._radar_plots import Recording
+from tertia.cli._radars import RadarSites
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Radar, TrackTable
+from tertia.tracker import TrackTable
 
 # components of the state: how their columns begin, and their units
 _STATE = (
@@ -29,7 +30,7 @@ def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
 def track_rows(
     table: TrackTable,
     recording: Recording,
-    radars: Sequence[Radar],
+    sites: RadarSites,
     plans: Sequence[FlightPlan],
 ) -> pl.DataFrame:
     """Return one row per row of the table, null for what is not known."""
@@ -38,9 +39,10 @@ def track_rows(
         {
             "time_s": recording.clock.moments(table.time),
             "track": table.track,
-            "radar": _named(table.radar, [str(radar.name) for radar in radars]),
+            "radar": _named(table.radar, sites.names),
             "plot": pl.Series(table.plot).set(pl.Series(table.plot < 0), None),
             **_state(table),
+            **sites.places.geodetic(table.position),
             "course_deg": np.degrees(np.arctan2(*table.velocity.T)) % 360.0,
             "speed_m_s": np.hypot(*table.velocity.T),
             "turning": table.turning,

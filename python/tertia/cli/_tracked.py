@@ -11,9 +11,10 @@ import polars as pl
 from tertia import plot
 from tertia.cli import _tables
 from tertia.cli._radar_plots import Recording
+from tertia.cli._radars import RadarSites
 from tertia.cli._track_rows import track_rows
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Fate, Radar, TrackTable
+from tertia.tracker import Fate, TrackTable
 
 _FIGURE_SIZE = (11.0, 9.0)
 
@@ -23,7 +24,7 @@ class Tracked:
     """A recording, its tracks, and how long they took."""
 
     recording: Recording
-    radars: Sequence[Radar]
+    sites: RadarSites
     plans: Sequence[FlightPlan]
     table: TrackTable
     seconds: float
@@ -36,7 +37,7 @@ class Tracked:
 
     def rows(self) -> pl.DataFrame:
         """Return the rows of the tracks as they are in files."""
-        return track_rows(self.table, self.recording, self.radars, self.plans)
+        return track_rows(self.table, self.recording, self.sites, self.plans)
 
 
 def radar_rows(tracked: Tracked) -> pl.DataFrame:
@@ -49,7 +50,7 @@ def radar_rows(tracked: Tracked) -> pl.DataFrame:
     used = np.zeros(len(radar), dtype=bool)
     used[table.plot[table.plot >= 0]] = True
     rows = []
-    for k, one in enumerate(tracked.radars):
+    for k, one in enumerate(tracked.sites.radars):
         own, seen = radar == k, (table.radar == k) & table.confirmed
         updates, missed = (int(np.sum(seen & there)) for there in (table.plot >= 0, table.plot < 0))
         expected = updates + missed
@@ -119,7 +120,7 @@ def draw(tracked: Tracked, path: Path) -> None:
     figure = Figure(figsize=_FIGURE_SIZE, layout="constrained")
     plot.tracks(
         tracked.table,
-        tracked.radars,
+        tracked.sites.radars,
         plots=tracked.recording.plots[tracked.table.track_of_plot >= 0],
         plans=tracked.plans,
         ax=figure.subplots(),

@@ -124,10 +124,11 @@ def trajectory(
 
     summaries = [_summary(one) for one in found]
     _positions.print_summary(pl.concat(summaries), columns.by, text=(_BIAS,))
+    _positions.say_origin(sites)
     for one in found:
         _say(one)
     if output is not None:
-        _tables.write(pl.concat([_rows(one, columns) for one in found]), output)
+        _tables.write(pl.concat([_rows(one, sites, columns) for one in found]), output)
     if measurements is not None:
         tables = [_positions.measurement_rows(one.judged, one.record, columns) for one in found]
         _tables.write(pl.concat(tables), measurements)
@@ -232,7 +233,7 @@ def _say(one: _Reconstructed) -> None:
         typer.echo(f"  jerk {float(result.smoothed.jerk):.3g} ({told})")
 
 
-def _rows(one: _Reconstructed, columns: Columns) -> pl.DataFrame:
+def _rows(one: _Reconstructed, sites: Sites, columns: Columns) -> pl.DataFrame:
     """Return one row per time, null for what is not known."""
     record, result = one.record, one.result
     d = result.position.shape[1]
@@ -240,6 +241,7 @@ def _rows(one: _Reconstructed, columns: Columns) -> pl.DataFrame:
     told = {
         columns.time: record.moments,
         **_positions.coordinates(result.position, parts[0]),
+        **_positions.geodetic(result.position, sites),
         **_positions.coordinates(result.velocity, parts[1], *_VELOCITY),
         **_positions.coordinates(result.acceleration, parts[2], *_ACCELERATION),
         **_positions.covariances(parts[0]),

@@ -11,7 +11,7 @@ from tertia.flightplan import FlightPlan
 from tertia.plot._axes import BAND, FLAGGED, RESULT, new_axes
 from tertia.plot._combination import _ellipse, _share
 from tertia.plot._tracks import _counted, _look
-from tertia.tracker import Plots, Radar, TrackTable
+from tertia.tracker import Plots, Radar, TrackTable, cartesian
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,10 @@ def tracks(
         raise TypeError(f"table is {table!r}; it must be a TrackTable")
     radius = math.sqrt(-2 * math.log1p(-_share(probability)))
     legend = flag(legend, "legend")
-    seen = None if plots is None else _positions(plots, radars)
+    seen = np.empty((0, 2))
+    if plots is not None and len(plots):
+        _check_radars(plots.radar, radars, "plots")
+        seen, _ = cartesian(plots, radars)
     ax = new_axes() if ax is None else ax
 
     lines = _lines(table)
@@ -95,7 +98,7 @@ def tracks(
     # clutter, and plans that go on elsewhere, do not set the scale
     limits = ax.dataLim.frozen()
     _draw_plans(ax, plans)
-    if seen is not None:
+    if len(seen):
         ax.plot(*_km(seen), ".", color=_GREY, markersize=2, zorder=1, label="plot")
     if lines:
         ax.dataLim.set(limits)
@@ -261,16 +264,6 @@ def _draw_plans(ax: "Axes", plans: Sequence[FlightPlan]) -> None:
     parts = [part for plan in plans for part in (plan.waypoints, gap)]
     if parts:
         ax.plot(*_km(np.vstack(parts)), "--", color=_GREY, linewidth=0.8, zorder=1, label="plan")
-
-
-def _positions(plots: Plots, radars: Sequence[Radar]) -> FloatArray:
-    """Return where the plots are, on the ground."""
-    _check_radars(plots.radar, radars, "plots")
-    places = np.array([[*radar.position, 0.0][:3] for radar in radars]).reshape(-1, 3)[plots.radar]
-    up = np.where(np.isnan(plots.height), 0.0, plots.height - places[:, 2])
-    ground = np.sqrt(np.maximum(plots.range**2 - up**2, 0.0))
-    direction = np.column_stack([np.sin(plots.azimuth), np.cos(plots.azimuth)])
-    return np.asarray(places[:, :2] + ground[:, np.newaxis] * direction)
 
 
 def _check_radars(numbers: IntArray, radars: Sequence[Radar], name: str) -> None:
