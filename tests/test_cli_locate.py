@@ -413,7 +413,7 @@ def test_latitude_and_longitude_in_the_plane(
     [row] = frame.to_dicts()
     assert row["outliers"] == 0
     _, _, error = Geod(ellps="WGS84").inv(*TARGET[::-1], row["longitude_deg"], row["latitude_deg"])
-    # what is left is the curvature of the earth; without the north of each station it would be 270 m
+    # what is left is the curvature of the earth; without the north of each station it is 270 m
     assert error < 0.5
     place = "latitude 50.2, longitude 14.5" if origin else "latitude 50.1, longitude 14.3"
     assert f"\norigin of east and north: {place}\n" in run(path, "--stations", stations).out

@@ -3,6 +3,7 @@
 import datetime
 import inspect
 import json
+import os
 import re
 import runpy
 from collections.abc import Callable
@@ -23,7 +24,8 @@ from tertia.tracker import Fate, Plots, Radar, Tracker, TrackTable, track
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 EXAMPLE = (EXAMPLES / "air_plots.csv", "--radars", EXAMPLES / "air_radars.toml")
-LEBL = ROOT.parent / "shared" / "data" / "lebl_radar" / "plots_0800_0830.csv.gz"
+DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
+LEBL = DATA / "lebl_radar" / "plots_0800_0830.csv.gz"
 HEAD = "time_s,radar,range_m,azimuth_deg,height_m,identity"
 NAN = float("nan")
 
