@@ -20,6 +20,7 @@ from studies import (
     paper,
     screening,
     smoothing,
+    tracker,
     trajectory,
     weights,
 )
@@ -100,6 +101,12 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "identification": flightplan.identification,
         "passing times": flightplan.passing,
         "blocking": flightplan.blocking,
+    },
+    "tracker.md": {
+        "conforming": tracker.conforming,
+        "plans": tracker.plans,
+        "priors": tracker.priors,
+        "ahead": tracker.ahead,
     },
     "trajectory.md": {
         "faults": trajectory.faults,

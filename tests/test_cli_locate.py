@@ -413,10 +413,41 @@ def test_latitude_and_longitude_in_the_plane(
     [row] = frame.to_dicts()
     assert row["outliers"] == 0
     _, _, error = Geod(ellps="WGS84").inv(*TARGET[::-1], row["longitude_deg"], row["latitude_deg"])
-    # what is left is the curvature of the earth; without the north of each station it is 270 m
+    # without the north of each station it would be 270 m
     assert error < 0.5
     place = "latitude 50.2, longitude 14.5" if origin else "latitude 50.1, longitude 14.3"
     assert f"\norigin of east and north: {place}\n" in run(path, "--stations", stations).out
+
+
+@pytest.mark.parametrize(("reach", "angle", "length"), [(100e3, 0.004, 4.0), (300e3, 0.04, 100.0)])
+@pytest.mark.parametrize("latitude", [0.0, 50.0, 75.0])
+def test_what_the_page_says_a_plane_costs(
+    latitude: float, reach: float, angle: float, length: float
+) -> None:
+    rng = np.random.default_rng(0)
+    distance, bearing = reach * np.sqrt(rng.uniform(size=400)), rng.uniform(0, 360, 400)
+    there = np.full(400, 14.0), np.full(400, latitude)
+    east, north, _ = Geod(ellps="WGS84").fwd(*there, bearing, distance)
+    corners = {
+        str(k): {"latitude_deg": y, "longitude_deg": x}
+        for k, (x, y) in enumerate(zip(east, north, strict=True))
+    }
+    start = {"latitude_deg": latitude, "longitude_deg": 14.0}
+    plane, space = (
+        _places.places({k: row | height for k, row in corners.items()}, start, Path("s.csv"))
+        for height in ({}, {"height_m": 0.0})
+    )
+    measured = []
+    for found in (plane, space):
+        assert found.axes is not None
+        # from each place to the next
+        offset = np.roll(found.positions, -1, axis=0) - found.positions
+        own = np.einsum("kij,kj->ki", found.axes, offset)
+        measured.append((np.arctan2(own[:, 0], own[:, 1]), np.linalg.norm(offset, axis=1)))
+    (azimuths, ranges), (true_azimuths, true_ranges) = measured
+    turned = np.degrees(np.abs(np.angle(np.exp(1j * (azimuths - true_azimuths)))))
+    assert angle / 3 < np.max(turned) < angle
+    assert length / 3 < np.max(np.abs(ranges - true_ranges)) < length
 
 
 def test_positions_that_are_none_on_the_earth() -> None:

@@ -159,6 +159,7 @@ def ratio(one: Errors, other: Errors, name: str, which: BoolArray) -> float:
     return rms(a, both) / rms(b, both)
 
 
+@cache
 def outcome(
     set_up: simulate.SetUpName,
     scenario: simulate.FlightScenario,

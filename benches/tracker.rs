@@ -1,0 +1,133 @@
+//! Scans of plots: aircraft that fly straight, seen by four radars of four seconds.
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use std::f64::consts::TAU;
+use std::hint::black_box;
+use tertia::tracker::{Motion, Noise, Plot, Radar, Settings, Tracker};
+
+const PERIOD: f64 = 4.0;
+const SCANS: usize = 8;
+/// Metres from aircraft to aircraft, on average.
+const SPACING: f64 = 4200.0;
+
+/// Uniform numbers, always the same.
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (TAU * self.uniform()).cos()
+    }
+}
+
+fn radars(extent: f64) -> Vec<Radar> {
+    let at = |x: f64, y: f64| Radar {
+        position: [x * extent, y * extent, 0.0],
+        range_sigma: 50.0,
+        azimuth_sigma: 0.0014,
+        period: PERIOD,
+        range_max: f64::INFINITY,
+        detection_probability: 0.9,
+    };
+    vec![at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]
+}
+
+fn settings(motion: Motion, extent: f64) -> Settings {
+    Settings {
+        radars: radars(extent),
+        motion,
+        guard: 12.43,
+        guard_acceleration: 5.0,
+        initiation: (3, 4),
+        coasting: 5,
+        speed_max: 350.0,
+        clutter_density: f64::NAN,
+        identity_error: 1e-3,
+        patience: 0.25,
+        plans: Vec::new(),
+        plan_prior: 0.0,
+        wind_sigma: 20.0,
+    }
+}
+
+/// The plots of each scan, by time.
+fn scans(aircraft: usize, extent: f64, radars: &[Radar]) -> Vec<Vec<Plot>> {
+    let mut random = Random(7);
+    let fleet: Vec<[f64; 4]> = (0..aircraft)
+        .map(|_| {
+            let (course, speed) = (TAU * random.uniform(), 100.0 + 150.0 * random.uniform());
+            let (sine, cosine) = course.sin_cos();
+            [extent * random.uniform(), extent * random.uniform(), speed * sine, speed * cosine]
+        })
+        .collect();
+    let scan = |k: usize, random: &mut Random| {
+        let mut plots = Vec::new();
+        for [x, y, vx, vy] in &fleet {
+            for (index, radar) in radars.iter().enumerate() {
+                let [east, north, _] = radar.position;
+                let begin = k as f64 * PERIOD;
+                let bearing = |t: f64| (x + vx * t - east).atan2(y + vy * t - north);
+                let time = begin + bearing(begin).rem_euclid(TAU) / TAU * PERIOD;
+                let range = (x + vx * time - east).hypot(y + vy * time - north);
+                if random.uniform() < radar.detection_probability {
+                    plots.push(Plot {
+                        time,
+                        range: range + radar.range_sigma * random.normal(),
+                        azimuth: bearing(time) + radar.azimuth_sigma * random.normal(),
+                        radar: index,
+                        height: f64::NAN,
+                        identity: -1,
+                    });
+                }
+            }
+        }
+        plots.sort_by(|a, b| a.time.total_cmp(&b.time));
+        plots
+    };
+    (0..SCANS).map(|k| scan(k, &mut random)).collect()
+}
+
+fn tracker(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("tracker");
+    group.sample_size(10);
+    let noise = Noise {
+        straight: 0.1,
+        turn: 0.8,
+        turn_rate_walk: 5e-4,
+        turn_rate: 0.021,
+        straight_time: 400.0,
+        turn_time: 35.0,
+    };
+    for (name, motion) in [("cv", Motion::Straight(0.1)), ("imm", Motion::Multiple(noise))] {
+        for aircraft in [100, 1000, 20_000] {
+            let extent = SPACING * (aircraft as f64).sqrt();
+            let settings = settings(motion, extent);
+            let scans = scans(aircraft, extent, &settings.radars);
+            let (mut fates, mut rows) = (Vec::new(), Vec::new());
+            let mut ready = Tracker::try_new(settings).expect("they are right");
+            for plots in &scans[..SCANS - 1] {
+                ready.track(plots, None, &mut fates, &mut rows).expect("they are right");
+            }
+            let last = &scans[SCANS - 1];
+            group.throughput(Throughput::Elements(last.len() as u64));
+            group.bench_function(BenchmarkId::new(name, aircraft), |bencher| {
+                bencher.iter_batched_ref(
+                    || ready.clone(),
+                    |tracker| {
+                        rows.clear();
+                        tracker.track(black_box(last), None, &mut fates, &mut rows)
+                    },
+                    criterion::BatchSize::LargeInput,
+                );
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, tracker);
+criterion_main!(benches);
