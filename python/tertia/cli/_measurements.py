@@ -93,7 +93,7 @@ def read_measurements(files: Sequence[Path], columns: Columns, sites: Sites) -> 
         column = sites.places.height_column
         fail(f"an elevation needs heights: give {column} of the stations in {sites.path}")
     _refuse_impossible(measured, files, columns)
-    _doubt_degrees(measured)
+    doubt_degrees(measured.filter(pl.col("kind") == "azimuth")["value"].to_numpy())
     return rows
 
 
@@ -102,7 +102,9 @@ def _read_file(number: int, path: Path, columns: Columns, sites: Sites) -> pl.Da
     base = pl.DataFrame(
         {
             "time": _tables.times(frame[columns.time], path),
-            "site": _site_numbers(frame, path, columns, sites),
+            "site": numbers_of_names(
+                frame, path, columns.station, sites.names, f"the stations of {sites.path} are"
+            ),
             "file": pl.repeat(number, frame.height, eager=True),
             "row": pl.int_range(frame.height, eager=True),
             **{f"by {name}": frame[name] for name in columns.by},
@@ -128,20 +130,19 @@ def _read_file(number: int, path: Path, columns: Columns, sites: Sites) -> pl.Da
     return pl.concat([measured, empty.select(rows.columns)])
 
 
-def _site_numbers(frame: pl.DataFrame, path: Path, columns: Columns, sites: Sites) -> pl.Series:
-    """Return which station each row is of, by number."""
-    found = _tables.without_marks(frame[columns.station].cast(pl.String))
-    unknown = _tables.is_row(frame, path) & ~found.is_in(sites.names).fill_null(False)
+def numbers_of_names(
+    frame: pl.DataFrame, path: Path, column: str, names: Sequence[str], told: str
+) -> pl.Series:
+    """Return which of the names a column has, by number; `told` begins the list of them."""
+    found = _tables.without_marks(frame[column].cast(pl.String))
+    unknown = _tables.is_row(frame, path) & ~found.is_in(list(names)).fill_null(False)
     if unknown.any():
         row = unknown.arg_true()[0]
         place, name = _tables.place(path, row), found[row]
         if name is None:
-            fail(f"{place}: {columns.station} is missing")
-        fail(
-            f"{place}: {columns.station} is {name!r}; the stations of {sites.path} are "
-            f"{', '.join(sites.names)}"
-        )
-    numbers = {name: number for number, name in enumerate(sites.names)}
+            fail(f"{place}: {column} is missing")
+        fail(f"{place}: {column} is {name!r}; {told} {', '.join(names)}")
+    numbers = {name: number for number, name in enumerate(names)}
     known: pl.Series = found.replace_strict(numbers, default=None, return_dtype=pl.Int64)
     return known
 
@@ -216,9 +217,9 @@ def _refuse_impossible(rows: pl.DataFrame, files: Sequence[Path], columns: Colum
             fail(f"{place}: {message.format(named=columns.time, **first)}")
 
 
-def _doubt_degrees(rows: pl.DataFrame) -> None:
-    """Say that azimuths look like radians."""
-    azimuth = rows.filter(pl.col("kind") == "azimuth")["value"].to_numpy()
+def doubt_degrees(azimuth: FloatArray) -> None:
+    """Say that azimuths look like radians; nan is left out."""
+    azimuth = azimuth[~np.isnan(azimuth)]
     if (
         azimuth.size >= _DOUBTFUL_COUNT
         and np.all(np.abs(azimuth) <= 2 * math.pi)

@@ -1,8 +1,9 @@
 """Tables and pictures in files: reading with clear errors, and writing."""
 
+import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,7 +37,7 @@ _WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
 _LOCAL_TIMES = ("%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
 _ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z")
 _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
-_PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 def check_suffixes(output: Path | None, plot_file: Path | None, *others: Path | None) -> None:
@@ -155,7 +156,7 @@ def seconds(moments: pl.Series) -> FloatArray:
     if not isinstance(moments.dtype, pl.Datetime):
         return np.asarray(moments.to_numpy(), dtype=np.float64)
     ticks = moments.to_physical().to_numpy()
-    since: FloatArray = (ticks - ticks.min()) / _PER_SECOND[moments.dtype.time_unit]
+    since: FloatArray = (ticks - ticks.min()) / PER_SECOND[moments.dtype.time_unit]
     return since
 
 
@@ -185,6 +186,20 @@ def write(table: pl.DataFrame, path: Path) -> None:
     with _whole(path) as file:
         _WRITERS[path.suffix.lower()](table, file)
     typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
+
+
+def write_json(document: Mapping[str, object], path: Path) -> None:
+    """Write a document as JSON."""
+    with _whole(path) as file:
+        file.write((json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder if it is not there, or fail."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(f"cannot make {path}: {error.strerror or error}")
 
 
 def save(figure: "Figure", path: Path) -> None:

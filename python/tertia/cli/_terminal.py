@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from typing import NoReturn, TypeVar
 
 import polars as pl
@@ -70,6 +71,12 @@ def tracked(items: Collection[T], what: str) -> Iterable[T]:
         transient=True,
         disable=not console.is_terminal,
     )
+
+
+def working(what: str) -> AbstractContextManager[object]:
+    """Show that something is under way, if somebody can see it."""
+    console = Console(stderr=True)
+    return console.status(what) if console.is_terminal else nullcontext()
 
 
 def print_table(

@@ -10,6 +10,7 @@ from tertia.plot._combination import combination
 from tertia.plot._locations import accuracy_map, location
 from tertia.plot._samples import bearing, screening
 from tertia.plot._smoothing import smoothing
+from tertia.plot._tracker import tracks, update_probability
 from tertia.plot._tracks import consistency, fusion
 from tertia.plot._trajectory import trajectory
 
@@ -22,5 +23,7 @@ __all__ = [
     "location",
     "screening",
     "smoothing",
+    "tracks",
     "trajectory",
+    "update_probability",
 ]

@@ -1,0 +1,245 @@
+"""Plots of radars in files: ranges and azimuths, which radar, height, identity."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray, IntArray
+from tertia.cli import _tables
+from tertia.cli._measurements import doubt_degrees, numbers_of_names
+from tertia.cli._radars import RadarSites
+from tertia.cli._terminal import WRONG_USAGE, fail, note
+from tertia.tracker import NO_IDENTITY, Plots
+
+TIME, AZIMUTH, RADAR = "time_s", "azimuth_deg", "radar"
+# columns of which one is taken, the first that is there, and their units
+_RANGES = {"range_m": 1.0, "range_nm": 1852.0}
+_HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
+# and their bases: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal digits
+_IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
+_DIGITS = {16: "{:06X}", 8: "{:04o}"}
+NAMES = (TIME, AZIMUTH, RADAR, *_RANGES, *_HEIGHTS, *_IDENTITIES)
+# as many plots tell whether a unit is right: medians below or above which it hardly is
+_DOUBTFUL_COUNT = 20
+_LEAST_RANGE = 1000.0
+_MOST = {
+    "range_nm": (1000.0, "nautical miles", "metres"),
+    "height_m": (20_000.0, "metres", "feet"),
+    "flight_level": (1000.0, "hundreds of feet", "feet"),
+}
+_DAY = 86_400
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Times of the files, and the seconds that stand for them.
+
+    Dates become seconds since the midnight before the first of them.
+    """
+
+    dtype: pl.DataType
+    midnight: int
+    ticks: float
+
+    @property
+    def dated(self) -> bool:
+        """Whether the times are dates."""
+        return isinstance(self.dtype, pl.Datetime)
+
+    @classmethod
+    def of(cls, moments: pl.Series) -> "Clock":
+        """Return that of some times."""
+        if not isinstance(moments.dtype, pl.Datetime):
+            return cls(moments.dtype, 0, 1.0)
+        ticks = _tables.PER_SECOND[moments.dtype.time_unit]
+        day = int(_DAY * ticks)
+        return cls(moments.dtype, int(moments.to_physical().to_numpy().min()) // day * day, ticks)
+
+    def seconds(self, moments: pl.Series) -> FloatArray:
+        """Return times as seconds."""
+        if not self.dated:
+            return np.asarray(moments.to_numpy(), dtype=np.float64)
+        since: FloatArray = (moments.to_physical().to_numpy() - self.midnight) / self.ticks
+        return since
+
+    def moments(self, seconds: FloatArray) -> pl.Series:
+        """Return seconds as times."""
+        if not self.dated:
+            return pl.Series(seconds)
+        ticks = self.midnight + np.rint(seconds * self.ticks).astype(np.int64)
+        moments: pl.Series = pl.Series(ticks).cast(self.dtype)
+        return moments
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The plots of all files, in their order, and what their times and identities look like."""
+
+    plots: Plots
+    clock: Clock
+    identity: str
+
+    def identities(self, numbers: IntArray) -> pl.Series:
+        """Return identities as they are in the files, null where there is none."""
+        digits = _DIGITS.get(_IDENTITIES[self.identity])
+        if digits is None:
+            return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)
+        texts = [None if n == NO_IDENTITY else digits.format(n) for n in numbers.tolist()]
+        return pl.Series(texts, dtype=pl.String)
+
+
+def column_names(options: Sequence[str]) -> dict[str, str]:
+    """Return the columns that options NAME=COLUMN give, by name."""
+    columns: dict[str, str] = {}
+    for option in options:
+        name, separator, column = option.partition("=")
+        if not separator or name not in NAMES or not column:
+            names = ", ".join(NAMES)
+            fail(f"--column is {option!r}; it must be NAME=COLUMN, NAME of {names}", WRONG_USAGE)
+        if name in columns:
+            fail(f"--column gives {name} twice", WRONG_USAGE)
+        columns[name] = column
+    return columns
+
+
+def read_recording(
+    files: Sequence[Path], columns: Mapping[str, str], sites: RadarSites
+) -> Recording:
+    """Return the plots of all files, by these radars."""
+    opened = [_File(path, _read(path, columns), columns) for path in files]
+    identities = [one.first_of(_IDENTITIES) for one in opened]
+    for path, name in zip(files, identities, strict=True):
+        if name != identities[0]:
+            told = f"{identities[0] or 'no identities'}, {path} {name or 'none'}"
+            fail(f"{files[0]} has {told}; one kind of them is told apart")
+    rows = _tables.stacked(
+        files,
+        [_rows(one, sites) for one in opened],
+        columns.get(TIME, TIME),
+        [],
+    )
+    doubt_degrees(rows["azimuth"].to_numpy())
+    clock = Clock.of(rows["time"])
+    radar = rows["radar"].to_numpy()
+    plots = Plots(
+        clock.seconds(rows["time"]),
+        rows["range"].to_numpy(),
+        np.radians(rows["azimuth"].to_numpy()) + sites.norths[radar],
+        radar=radar,
+        height=rows["height"].to_numpy(),
+        identity=rows["identity"].to_numpy(),
+    )
+    return Recording(plots, clock, identities[0] or "identity")
+
+
+def _read(path: Path, columns: Mapping[str, str]) -> pl.DataFrame:
+    needed = {TIME: TIME, AZIMUTH: AZIMUTH, **columns}
+    return _tables.read(path, needed.values())
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A file, and how its columns are named there."""
+
+    path: Path
+    frame: pl.DataFrame
+    columns: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> pl.Series:
+        return self.frame[self.columns.get(name, name)]
+
+    def has(self, name: str) -> bool:
+        """Return whether there is such a column."""
+        return self.columns.get(name, name) in self.frame.columns
+
+    def first_of(self, names: Mapping[str, object]) -> str | None:
+        """Return the first that is given, or else the first that is there."""
+        given = [name for name in names if name in self.columns]
+        return next(iter(given or [name for name in names if self.has(name)]), None)
+
+    def numbers(self, name: str) -> pl.Series:
+        """Return numbers, nan where missing."""
+        return _tables.numbers(self[name], self.path)
+
+    def quantity(self, units: Mapping[str, float]) -> pl.Series:
+        """Return one of several columns in the units of the library, nan without any."""
+        name = self.first_of(units)
+        if name is None:
+            return pl.repeat(math.nan, self.frame.height, eager=True, dtype=pl.Float64)
+        values = self.numbers(name)
+        _doubt_unit(name, values)
+        return values * units[name]
+
+
+def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
+    path, frame = file.path, file.frame
+    if file.first_of(_RANGES) is None:
+        wanted = f"{' or '.join(_RANGES)}; it has {', '.join(frame.columns)}"
+        fail(f"{path} has no column {wanted}", WRONG_USAGE)
+    rows = pl.DataFrame(
+        {
+            "time": _tables.times(file[TIME], path),
+            "range": file.quantity(_RANGES),
+            "azimuth": file.numbers(AZIMUTH),
+            "radar": _radar_numbers(file, sites),
+            "height": file.quantity(_HEIGHTS),
+            "identity": _identities(file),
+        }
+    )
+    there = _tables.is_row(frame, path)
+    nowhere = (there & rows["time"].is_null()).arg_true()
+    if len(nowhere):
+        fail(f"{_tables.place(path, nowhere[0])}: {file[TIME].name} is missing")
+    return rows.filter(there)
+
+
+def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
+    names = sites.names
+    if file.has(RADAR):
+        told = f"the radars of {sites.path} are"
+        return numbers_of_names(file.frame, file.path, file[RADAR].name, names, told)
+    if len(names) > 1:
+        fail(
+            f"{file.path} has no column {RADAR}, but {sites.path} has {len(names)} radars: "
+            f"{', '.join(names)}",
+            WRONG_USAGE,
+        )
+    return pl.repeat(0, file.frame.height, eager=True, dtype=pl.Int64)
+
+
+def _identities(file: _File) -> pl.Series:
+    """Return identities as numbers, -1 where there is none."""
+    name = file.first_of(_IDENTITIES)
+    if name is None:
+        return pl.repeat(NO_IDENTITY, file.frame.height, eager=True, dtype=pl.Int64)
+    base, column = _IDENTITIES[name], file[name]
+    if column.dtype.is_float():
+        column = _tables.numbers(column, file.path).fill_nan(None).cast(pl.Int64, strict=False)
+    text = _tables.without_marks(column.cast(pl.String))
+    found: pl.Series = text.str.to_integer(base=base, strict=False)
+    wrong = (text.is_not_null() & ~(found >= 0).fill_null(False)).arg_true()
+    if len(wrong):
+        kinds = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
+        place = _tables.place(file.path, wrong[0])
+        fail(f"{place}: {file[name].name} is {text[wrong[0]]!r}; it must be {kinds[base]}")
+    return found.fill_null(NO_IDENTITY)
+
+
+def _doubt_unit(name: str, values: pl.Series) -> None:
+    """Say that a unit looks wrong."""
+    known = values.filter(values.is_not_nan()).abs()
+    if len(known) < _DOUBTFUL_COUNT:
+        return
+    typical = float(np.median(known.to_numpy()))
+    if name == "range_m" and typical < _LEAST_RANGE:
+        note(
+            f"half of the ranges are below {typical:.3g}: are they kilometres or nautical miles? "
+            "range_m is in metres"
+        )
+    most, unit, other = _MOST.get(name, (math.inf, "", ""))
+    if typical > most:
+        note(f"{name} is {typical:.6g} in the median: is it in {other}? It should be in {unit}")

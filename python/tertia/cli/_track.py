@@ -1,0 +1,208 @@
+"""`tertia track`: tracks of the plots of radars."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+import typer
+
+from tertia import io, tracker
+from tertia.cli import _tables
+from tertia.cli._options import PlotFile
+from tertia.cli._radar_plots import Recording, column_names, read_recording
+from tertia.cli._radars import RadarSites, read_radars
+from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
+from tertia.cli._track_report import PICTURES, write_report
+from tertia.cli._tracked import Tracked, draw, figures, radar_rows
+from tertia.flightplan import FlightPlan
+from tertia.tracker import Motion, Radar
+
+EXAMPLES = (
+    "tertia track plots.csv --radars radars.toml --output tracks.csv --plot tracks.png",
+    "tertia track plots.csv --radars radars.toml --plans plans.json --report report",
+    "tertia track north.csv south.csv --radars radars.csv --column range_nm=rho --coasting 3",
+)
+_PLANE = [[0.0, 0.0], [1000.0, 0.0]]
+
+Number = TypeVar("Number", int, float)
+
+
+def track(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="PLOTS...", help="Plots: CSV with a header, or .parquet; stacked."),
+    ],
+    *,
+    radars: Annotated[
+        Path,
+        typer.Option(metavar="FILE", help="Radars: .toml, CSV with a header, .parquet."),
+    ],
+    plans: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Flight plans: .csv, .json, .geojson."),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LATITUDE,LONGITUDE",
+            help="Where east and north are zero, in degrees, for plans with geodetic positions; "
+            "by default as for the radars.",
+        ),
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=COLUMN", help="How a column is called in the files; may be repeated."
+        ),
+    ] = None,
+    motion: Annotated[Motion, typer.Option(help="How targets move.")] = "imm-plan",
+    plan_prior: Annotated[
+        float, typer.Option(help="Probability that a planned turn is flown.")
+    ] = 0.6,
+    wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
+    initiation: Annotated[
+        str,
+        typer.Option(metavar="M,N", help="M plots in N scans confirm a track."),
+    ] = "3,4",
+    coasting: Annotated[
+        int, typer.Option(help="Scans without a plot after which a track ends.")
+    ] = 5,
+    clutter_density: Annotated[
+        float | None,
+        typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
+    ] = None,
+    speed_max: Annotated[float, typer.Option(help="No target is faster, in m/s.")] = 350.0,
+    gate_probability: Annotated[
+        float, typer.Option(help="Probability that a target's plot is within its gate.")
+    ] = 0.998,
+    clock_period: Annotated[
+        float | None,
+        typer.Option(help="Seconds after which the times begin again, as 86400."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the tracks as .csv, .json or .parquet."),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write a summary, tables and pictures to a folder."),
+    ] = None,
+    plot_file: PlotFile = None,
+) -> None:
+    """Track the targets that one radar or several see, along their flight plans if they have any.
+
+    One row per plot: time_s, range_m or range_nm, azimuth_deg; radar, if there are several; and, if
+    known, height_m or flight_level, and icao_address, mode_3a or identity. Rows in any order.
+    """
+    columns = column_names(column or [])
+    options: dict[str, Any] = {
+        "plan_prior": plan_prior,
+        "wind_sigma": wind_sigma,
+        "initiation": _pair(initiation, "--initiation", int),
+        "coasting": coasting,
+        "clutter_density": clutter_density,
+        "speed_max": speed_max,
+        "gate_probability": gate_probability,
+        "clock_period": clock_period,
+    }
+    place = None if origin is None else _pair(origin, "--origin", float)
+    _check(motion, options, with_plans=plans is not None)
+    if report is not None and report.exists() and not report.is_dir():
+        fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
+    _tables.check_suffixes(output, plot_file)
+    _tables.check_suffixes(None, None if report is None else report / PICTURES[0])
+    sites = read_radars(radars)
+    frame = sites.places.frame
+    if place is None and frame is not None:
+        place = frame.latitude, frame.longitude
+    filed = [] if plans is None else _read_plans(plans, place)
+    recording = read_recording(files, columns, sites)
+    if clock_period is not None and recording.clock.dated:
+        fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
+    tracked = _track(recording, sites, filed, motion, options)
+
+    told = radar_rows(tracked)
+    print_table(told, shown, text=["radar"], limited="radars are shown")
+    if (told_origin := sites.places.origin()) is not None:
+        typer.echo(told_origin)
+    _say(tracked)
+    if output is not None:
+        _tables.write(tracked.rows(), output)
+    if report is not None:
+        write_report(tracked, told, report)
+    if plot_file is not None:
+        draw(tracked, plot_file)
+
+
+def _pair(text: str, option: str, kind: Callable[[str], Number]) -> tuple[Number, Number]:
+    try:
+        first, second = map(kind, text.split(","))
+    except ValueError:
+        fail(f"{option} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
+    return first, second
+
+
+def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None:
+    """Let the library judge the options before the work."""
+    radar = Radar(range_sigma=1.0, azimuth_sigma=1.0, period=1.0)
+    plans = [FlightPlan(_PLANE, 100.0)] if with_plans else []
+    try:
+        tracker.Tracker([radar], motion, plans=plans, **options)
+    except ValueError as error:
+        fail(str(error), WRONG_USAGE)
+
+
+def _read_plans(path: Path, origin: tuple[float, float] | None) -> list[FlightPlan]:
+    try:
+        plans = io.read_plans(path, origin=origin)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror}")
+    except (ImportError, ValueError) as error:
+        fail(str(error).replace("origin must be given", "give --origin"))
+    if not plans:
+        fail(f"{path} has no plans")
+    return plans
+
+
+def _track(
+    recording: Recording,
+    sites: RadarSites,
+    plans: Sequence[FlightPlan],
+    motion: Motion,
+    options: dict[str, Any],
+) -> Tracked:
+    plots = recording.plots
+    start = time.perf_counter()
+    with working(f"Tracking {counted(len(plots), 'plot')}"):
+        try:
+            table = tracker.track(plots, sites.radars, motion, plans=plans, **options)
+        except ValueError as error:
+            fail(str(error))
+    seconds = time.perf_counter() - start
+    if len(plots) and np.all(table.track_of_plot < 0):
+        reasons = Tracked(recording, sites, plans, table, seconds).refused()
+        fail(f"no plot can be used: {'; '.join(reasons)}")
+    return Tracked(recording, sites, plans, table, seconds)
+
+
+def _say(tracked: Tracked) -> None:
+    told = figures(tracked)
+    typer.echo(
+        f"{counted(told['tracks'], 'track')}, {counted(told['rows'], 'row')} in "
+        f"{told['duration_s']:.6g} s, {told['turning']:.1%} of them in a turn"
+    )
+    if tracked.plans:
+        typer.echo(
+            f"  {counted(told['tracks_with_plan'], 'track')} with one of "
+            f"{counted(len(tracked.plans), 'plan')}, {told['tracks_that_left_their_plan']} of them "
+            "left it"
+        )
+    for reason, count in tracked.refused().items():
+        typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
+    typer.echo(f"  {told['plots'] / tracked.seconds:,.0f} plots tracked per second")
+    if not told["tracks"]:
+        note("no track was confirmed")
