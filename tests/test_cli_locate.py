@@ -651,7 +651,12 @@ def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
     frame = positions(EXAMPLES / "measurements.csv", "--stations", stations, folder=tmp_path)
     echo = frame.filter(pl.col("time_s").is_between(30, 36))["left_out"]
     assert echo.str.contains("east range").sum() >= 5
-    assert frame.filter(pl.col("problem").is_not_null())["time_s"].to_list() == [31.0, 50.0, 51.0, 60.0]
+    assert frame.filter(pl.col("problem").is_not_null())["time_s"].to_list() == [
+        31.0,
+        50.0,
+        51.0,
+        60.0,
+    ]
     # the azimuths of one station are wrong, so only most of the others' sigma is true
     known = frame["problem"].is_null().to_numpy()
     error = np.abs(frame["up_m"].to_numpy() - script["truth"]()[:, 2])[known]

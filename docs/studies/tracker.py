@@ -327,3 +327,18 @@ def plans() -> str:
         "blocked after",
     ]
     return markdown([*head, "lost", "lost without"], rows)
+
+
+def priors() -> str:
+    """Tabulate what the prior costs where a turn is not flown, and gains where it is."""
+    rows = []
+    for prior in (0.2, 0.4, 0.6, 0.8):
+        cells = []
+        for set_up in SET_UPS:
+            flown, not_flown = (
+                outcome(set_up, scenario, prior, 150) for scenario in SCENARIOS[:7:6]
+            )
+            told = (flown["turn"], not_flown["after"], not_flown["soon"])
+            cells.append(" / ".join(f"{value:.2f}" for value in told))
+        rows.append([f"{prior:.1f}", *cells])
+    return markdown(["prior", *SET_UPS], rows)

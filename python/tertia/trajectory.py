@@ -429,14 +429,15 @@ class _Smoothed:
         fixes = record.located(kept, sigmas)
         plots = _Plots.of_fixes(fixes)
         found = cls(record, measured, trust, fixes, plots, plots.smoothed(record, jerk))
-        # a single position is its own track
-        rounds = _RELINEARISED if np.sum(_is_finite(plots.covariance)) > 1 else 0
-        for _ in range(rounds):
+        for _ in range(_RELINEARISED):
             found = found.relinearised(float(found.track.jerk))
         return found
 
     def relinearised(self, jerk: float | None) -> _Smoothed:
         """Linearise about the track in place of each position, whose error is larger."""
+        if np.sum(_is_finite(self.plots.covariance)) < 2:
+            # a single position is its own track
+            return self
         record, position = self.record, self.track.position
         residual = record.whitened(self.measured, position)
         weight = np.where(np.isnan(residual), 0.0, self._used()) / record.deviations() ** 2
