@@ -355,6 +355,54 @@ def test_heights_keep_targets_apart_and_are_filtered():
         assert np.all(of == of[0])
 
 
+CLOSE = Radar(range_sigma=15.0, azimuth_sigma=5e-4, period=4.0, range_max=113e3)
+
+
+def beamed(places, scans, identity, rng):
+    """Plots of targets at the times at which the beam points at them."""
+    distance, azimuth = np.hypot(*places.T), np.arctan2(*places.T) % (2 * np.pi)
+    time = 4.0 * (scans + azimuth / (2 * np.pi))
+    n = len(places)
+    distance, azimuth = (
+        distance + 10 * rng.standard_normal(n),
+        azimuth + 5e-4 * rng.standard_normal(n),
+    )
+    return Plots(time, distance, azimuth, identity=identity)
+
+
+@pytest.mark.parametrize("coasting", [5, 30])
+def test_a_track_without_plots_takes_none_from_others(coasting):
+    angle = 2 * np.pi * (np.arange(8) + 0.5) / 8
+    parked = 1200 * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+    vanishing = np.stack([np.full(20, 500.0), -400.0 + 40 * np.arange(20)], axis=-1)
+    places = np.concatenate([np.tile(parked, (60, 1)), vanishing])
+    scans = np.concatenate([np.repeat(np.arange(60), 8), np.arange(20)])
+    identity = np.concatenate([np.tile(np.arange(8), 60), np.full(20, 90)])
+    plots = beamed(places, scans, identity, np.random.default_rng(1))
+    found = track(plots, [CLOSE], coasting=coasting, identity_error=1e-9)
+    assert len(np.unique(found.track)) == 9
+    assert np.all(found.track_of_plot > 0)
+    for target in np.unique(identity):
+        assert len(np.unique(found.track_of_plot[identity == target])) == 1
+
+
+@pytest.mark.parametrize("aside", [300.0, -300.0])
+@pytest.mark.parametrize("silent", [0.0, 1500.0, 8000.0])
+def test_a_target_that_passes_the_radar_keeps_its_track(aside, silent):
+    places, scans = [], []
+    for scan in range(80):
+        time = 4.0 * scan
+        for _ in range(30):
+            place = np.array([aside, 220 * (time - 160)])
+            time = 4.0 * (scan + (np.arctan2(*place) % (2 * np.pi)) / (2 * np.pi))
+        if np.hypot(*place) > silent:
+            places.append(place)
+            scans.append(scan)
+    plots = beamed(np.array(places), np.array(scans), 5, np.random.default_rng(2))
+    found = track(plots, [CLOSE], coasting=30)
+    assert np.all(found.track_of_plot == 1)
+
+
 def test_a_manoeuvre_is_flagged_soon():
     delays = []
     for seed in range(30):

@@ -202,7 +202,9 @@ impl Tracker {
                 next_number: &mut self.next_number,
                 rows,
             };
-            scan.process(&mut sky, &mut waiting, hold, |plot, fate| fates[plot - first] = fate);
+            let oldest = hold - WAITING * period;
+            let tell = |plot: usize, fate| fates[plot - first] = fate;
+            scan.process(&mut sky, &mut waiting, [oldest, hold], tell);
             self.finish(hold.min(end), rows);
         }
         self.finish(end, rows);

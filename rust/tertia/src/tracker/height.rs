@@ -1,9 +1,8 @@
 //! Heights along time: they tell targets apart that are above one another.
 
+use super::plot::HEIGHT_SIGMA as SIGMA;
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
-const SIGMA: f64 = 15.0;
 /// Standard deviation of the vertical acceleration in white noise, m/s² per root of a hertz.
 const ACCELERATION: f64 = 0.7;
 /// Standard deviation of the first rate of climb, m/s.

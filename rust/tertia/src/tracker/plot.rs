@@ -4,6 +4,8 @@ use super::estimate::Plane;
 use crate::error::{Result, require};
 use serde::{Deserialize, Serialize};
 
+/// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
+pub(super) const HEIGHT_SIGMA: f64 = 15.0;
 /// Below this share of its range a target is straight above the radar.
 const LEAST_GROUND_SHARE: f64 = 1e-3;
 
@@ -43,12 +45,15 @@ impl Radar {
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }
 
-    /// Covariance of the plot of a target at this position.
+    /// Covariance of the plot of a target at this position, so much above the radar (not a number
+    /// where that is not known): the slant range is longer, and the height has an error too.
     #[inline]
-    pub fn noise_at(&self, position: [f64; 2]) -> Plane {
+    pub fn noise_at(&self, position: [f64; 2], up: f64) -> Plane {
         let d = [position[0] - self.position[0], position[1] - self.position[1]];
         let squared = (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE);
-        let along = self.range_sigma * self.range_sigma;
+        let up = if up.is_finite() { up * up } else { 0.0 };
+        let range = self.range_sigma * self.range_sigma;
+        let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / squared.max(up);
         let across = self.azimuth_sigma * self.azimuth_sigma * squared;
         let (ee, en, nn) = (d[0] * d[0] / squared, d[0] * d[1] / squared, d[1] * d[1] / squared);
         Plane {

@@ -6,6 +6,7 @@ use super::plot::{Fate, Measured};
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Grid, Pair};
+use std::f64::consts::PI;
 
 /// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
 const BEAM: f64 = 0.1;
@@ -54,19 +55,20 @@ pub(super) struct Sky<'a> {
 
 impl Scan {
     /// Gives plots, sorted by time, to tracks, and begins tracks with the others. Plots that compete
-    /// with one that is not before `hold` wait: they are returned in `plots`.
+    /// with one that is not before `hold` wait, but for those before `oldest`: they are returned in
+    /// `plots`.
     pub fn process(
         &mut self,
         sky: &mut Sky<'_>,
         plots: &mut Vec<Measured>,
-        hold: f64,
+        [oldest, hold]: [f64; 2],
         mut tell: impl FnMut(usize, Fate),
     ) {
         self.load(sky, plots);
         for confirmed in [true, false] {
             self.claim(sky, confirmed);
             self.join();
-            self.defer(hold);
+            self.defer(oldest, hold);
             self.settle(sky, confirmed, &mut tell);
         }
         self.begin(sky, hold, &mut tell);
@@ -157,11 +159,13 @@ impl Scan {
         self.claims.sort_unstable_by_key(|claim| (claim.root, claim.start));
     }
 
-    /// Lets plots wait that compete with one that is not before `hold`.
-    fn defer(&mut self, hold: f64) {
+    /// Lets plots wait that compete with one that is not before `hold`. Older ones than `oldest` do
+    /// not: with them a target could be among the plots twice.
+    fn defer(&mut self, oldest: f64, hold: f64) {
         for i in 0..self.plots.len() {
             let last = self.last[root(&mut self.joined, i)];
-            self.deferred[i] |= !self.taken[i] && self.plots[last].time >= hold;
+            let waits = self.plots[i].time >= oldest && self.plots[last].time >= hold;
+            self.deferred[i] |= !self.taken[i] && waits;
         }
     }
 
@@ -169,9 +173,7 @@ impl Scan {
     fn settle(&mut self, sky: &mut Sky<'_>, confirmed: bool, tell: &mut impl FnMut(usize, Fate)) {
         let claims = std::mem::take(&mut self.claims);
         for group in claims.chunk_by(|a, b| a.root == b.root) {
-            if !self.deferred[group[0].root] {
-                self.settle_group(sky, group, confirmed, tell);
-            }
+            self.settle_group(sky, group, confirmed, tell);
         }
         self.claims = claims;
     }
@@ -186,12 +188,18 @@ impl Scan {
         self.pairs.clear();
         self.columns.clear();
         for (row, claim) in group.iter().enumerate() {
-            let wanted = &self.claimed[claim.start..claim.end];
-            let radar = self.plots[wanted[0]].radar;
+            let deferred = &self.deferred;
+            let wanted = self.claimed[claim.start..claim.end].iter().filter(|&&i| !deferred[i]);
+            let track = &mut sky.tracks[claim.track];
+            let radar = self.plots[claim.root].radar;
+            let expected = track.expected_by(radar).map_or(f64::NEG_INFINITY, |e| e.time);
+            let off = |&&i: &&usize| (self.plots[i].time - expected).abs();
+            let Some(&first) = wanted.clone().min_by(|a, b| off(a).total_cmp(&off(b))) else {
+                continue;
+            };
             let station = &sky.settings.radars[radar];
             let others = sky.clutter[radar].density(station);
-            let track = &mut sky.tracks[claim.track];
-            track.predict(self.plots[wanted[0]].time, station.period, sky.settings);
+            track.predict(self.plots[first].time, station.period, sky.settings);
             for &plot in wanted {
                 let Some(gain) = track.score(&self.plots[plot], others, sky.settings) else {
                     continue;
@@ -229,7 +237,9 @@ impl Scan {
     fn guard(&mut self, sky: &mut Sky<'_>, claim: &Claim, tell: &mut impl FnMut(usize, Fate)) {
         let track = &mut sky.tracks[claim.track];
         let near = self.claimed[claim.start..claim.end].iter().filter(|&&plot| {
-            !self.taken[plot] && track.also(&self.plots[plot], sky.settings) > CONTRADICTION
+            !self.taken[plot]
+                && !self.deferred[plot]
+                && track.also(&self.plots[plot], sky.settings) > CONTRADICTION
         });
         let distances =
             near.map(|&plot| (track.guarded_distance(&self.plots[plot], sky.settings), plot));
@@ -280,24 +290,32 @@ fn reach(
     let station = &settings.radars[radar];
     let (time, slack) = match track.expected_by(radar) {
         Some(expected) => {
-            let late = settings.patience * station.period;
+            // near the radar the beam comes earlier or later
+            let moved = settings.speed_max * (begin - expected.seen).max(station.period);
+            let swing = (moved / (PI * station.distance(track.estimate.position()))).min(0.5);
+            let late = (settings.patience + swing) * station.period;
             // the scan in which the radar comes between begin and end
             let scans = ((begin - late - expected.time) / station.period).ceil().max(0.0);
             let time = expected.time + scans * station.period;
             if time > end + late {
                 return None;
             }
-            (time.clamp(begin, end), BEAM * station.period)
+            (time.clamp(begin, end), (BEAM + swing) * station.period)
         }
         None => (0.5 * (begin + end), 0.5 * (end - begin)),
     };
     let (centre, covariance) = track.position_at(time);
-    let noise = station.noise_at(centre);
+    let noise = station.noise_at(centre, track.height() - station.position[2]);
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
     let (wide, margin) = track.reach(time, settings);
     let more = margin + speed * slack;
-    let half = |variance: f64| (settings.guard * (variance + wide)).sqrt() + more;
-    let half = [half(covariance.xx + noise.xx), half(covariance.yy + noise.yy)];
+    // no target is farther than it can have flown
+    let flown = 2.0 * settings.speed_max * (time - track.seen).abs().max(station.period);
+    let half = |variance: f64, noise: f64| {
+        let most = flown + (settings.guard * noise).sqrt();
+        ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
+    };
+    let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
     let nearest = station.distance(centre) - half[0] - half[1];
     (nearest <= station.range_max).then_some((centre, half))
 }

@@ -15,7 +15,7 @@ const FIRST_ACCELERATION: f64 = 1.0;
 /// Answers in a row after which a track has another identity.
 const CHANGED_AFTER: u8 = 3;
 /// A plot of the same radar comes no sooner than this share of a scan after the last.
-const SOONEST: f64 = 0.5;
+const SOONEST: f64 = 0.45;
 /// How much likelier an identity is for its own target than for any other.
 const IDENTITIES: f64 = 4096.0;
 
@@ -86,7 +86,7 @@ impl Track {
     /// A track from one plot: any velocity up to about `speed_max`.
     pub fn new(number: u64, plot: &Measured, settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
-        let r = radar.noise_at(plot.position);
+        let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
         let v = (0.5 * settings.speed_max).powi(2);
         let [x, y] = plot.position;
         let covariance = SMatrix::from([
@@ -122,6 +122,11 @@ impl Track {
     /// What the transponder answers.
     pub fn identity(&self) -> Option<i64> {
         self.identity.map(|identity| identity.code)
+    }
+
+    /// Height; not a number where none was reported.
+    pub fn height(&self) -> f64 {
+        self.vertical.map_or(f64::NAN, |vertical| vertical.height)
     }
 
     fn motion(&self, settings: &Settings) -> Motion {
@@ -163,7 +168,8 @@ impl Track {
     fn brought_here(&self, plot: &Measured, radar: &Radar) -> ([f64; 2], Plane) {
         let t = plot.time - self.time;
         let x = &self.estimate.mean;
-        let mut r = radar.noise_at(self.estimate.position());
+        let up = if plot.height.is_finite() { self.height() - radar.position[2] } else { f64::NAN };
+        let mut r = radar.noise_at(self.estimate.position(), up);
         if t < 0.0 {
             let p = &self.estimate.covariance;
             r.xx += t * t * p[(2, 2)];
@@ -266,7 +272,7 @@ impl Track {
     fn sighting(&self) -> Sighting {
         let (x, p) = (&self.estimate.mean, &self.estimate.covariance);
         let covariance: [f64; 16] = std::array::from_fn(|k| p[(k / 4, k % 4)]);
-        let height = self.vertical.map_or(f64::NAN, |vertical| vertical.height);
+        let height = self.height();
         Sighting::new(self.time, [x[0], x[1]], [x[2], x[3]], Some(&covariance), height)
     }
 
