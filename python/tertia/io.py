@@ -16,6 +16,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray, real
 from tertia.flightplan import FlightPlan
+from tertia.geo import LocalFrame
 
 __all__ = ["read_plans"]
 
@@ -41,7 +42,7 @@ def read_plans(
         A file whose name ends in `.csv`, `.json` or `.geojson`.
     origin : (float, float), optional
         Latitude and longitude of the origin of the local coordinates in degrees (WGS 84), needed
-        where the file has geodetic positions. Distances and azimuths from there are kept.
+        where the file has geodetic positions. East and north are those of `tertia.geo.LocalFrame`.
     banks : mapping of str to float, optional
         Bank angles in radians by aircraft type, for plans that have a type and no bank.
     speed : float, optional
@@ -140,20 +141,11 @@ def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
 
 
 def _local(degrees: FloatArray, origin: tuple[float, float] | None) -> FloatArray:
-    """Return east and north of longitudes and latitudes; distance and azimuth are kept."""
+    """Return east and north of longitudes and latitudes, as `LocalFrame` has them."""
     if origin is None:
         raise ValueError("its positions are geodetic; origin must be given")
-    try:
-        from pyproj import Geod  # noqa: PLC0415  # only here is pyproj needed
-    except ImportError as error:
-        raise ImportError("geodetic positions need pyproj: pip install 'tertia[io]'") from error
-    count = len(degrees)
-    latitude, longitude = origin
-    azimuth, _, distance = Geod(ellps="WGS84").inv(
-        np.full(count, longitude), np.full(count, latitude), degrees[:, 0], degrees[:, 1]
-    )
-    angle = np.radians(azimuth)
-    return np.column_stack([distance * np.sin(angle), distance * np.cos(angle)])
+    local: FloatArray = LocalFrame(*origin).to_local(degrees[:, 1], degrees[:, 0])[:, :2]
+    return local
 
 
 def _read_json(path: Path) -> Iterable[dict[str, Any]]:
@@ -161,6 +153,8 @@ def _read_json(path: Path) -> Iterable[dict[str, Any]]:
         contents = json.loads(path.read_text("utf-8"))
     except json.JSONDecodeError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
+    if not isinstance(contents, (dict, list)):
+        raise ValueError(f"{path} is neither a list of plans nor a FeatureCollection")
     if isinstance(contents, dict):
         if contents.get("type") != "FeatureCollection":
             raise ValueError(f"{path} is neither a list of plans nor a FeatureCollection")
@@ -171,7 +165,9 @@ def _read_json(path: Path) -> Iterable[dict[str, Any]]:
     return list(contents)
 
 
-def _of_feature(feature: dict[str, Any], path: Path) -> dict[str, Any]:
+def _of_feature(feature: Any, path: Path) -> dict[str, Any]:
+    if not isinstance(feature, dict):
+        raise ValueError(f"{path} has the feature {feature!r}; it must be an object")
     geometry = feature.get("geometry") or {}
     if geometry.get("type") != "LineString":
         raise ValueError(f"{path} has a {geometry.get('type')}; plans are LineStrings")
