@@ -346,7 +346,8 @@ class Tracker:
     manoeuvres : Manoeuvres, optional
         Parameters of "imm-plan", "imm" and "cv".
     initiation : (int, int)
-        Plots that confirm a track, and scans in which they must come.
+        Plots that confirm a track, and scans in which they must come. More are asked for in clutter:
+        so that false plots make one false track in a thousand scans.
     coasting : int
         Scans without a plot after which a track ends.
     clutter_density : float, optional
@@ -479,7 +480,7 @@ class Tracker:
             A plot of a radar that does not exist, or a time that is not finite.
         """
         found = self._track(plots, time)
-        return found.rows(found.confirmed)
+        return found if found.confirmed.all() else found.rows(found.confirmed)
 
     def _track(self, plots: Plots, time: float | None) -> TrackTable:
         """Return all rows, tentative tracks included."""

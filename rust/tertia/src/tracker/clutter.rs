@@ -15,8 +15,10 @@ const NEAREST_LIMIT: f64 = 1e4;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clutter {
     known: Option<f64>,
-    /// Plots in a scan that belong to nothing.
+    /// Plots in a scan that belong to nothing: the mean of all scans, then of the last ones.
     count: f64,
+    /// Scans in the mean.
+    scans: f64,
     farthest: f64,
 }
 
@@ -24,13 +26,22 @@ impl Clutter {
     /// A density that is not a number is estimated.
     pub fn new(density: f64) -> Self {
         let known = (!density.is_nan()).then_some(density);
-        Self { known, count: FEWEST, farthest: NEAREST_LIMIT }
+        Self { known, count: FEWEST, scans: 0.0, farthest: NEAREST_LIMIT }
     }
 
     /// Such plots per square metre and scan, new targets included.
     pub fn density(&self, radar: &Radar) -> f64 {
+        self.known.unwrap_or_else(|| self.count.max(FEWEST) / self.area(radar))
+    }
+
+    /// Such plots per scan.
+    pub fn plots(&self, radar: &Radar) -> f64 {
+        self.density(radar) * self.area(radar)
+    }
+
+    fn area(&self, radar: &Radar) -> f64 {
         let radius = radar.range_max.min(self.farthest);
-        self.known.unwrap_or_else(|| self.count.max(FEWEST) / (PI * radius * radius))
+        PI * radius * radius
     }
 
     pub fn saw(&mut self, distance: f64) {
@@ -40,7 +51,8 @@ impl Clutter {
     /// So many plots belonged to nothing in a time of so many scans.
     pub fn count(&mut self, plots: usize, scans: f64) {
         if scans > 0.0 {
-            let share = -(-scans / MEMORY).exp_m1();
+            self.scans += scans;
+            let share = (scans / self.scans).max(-(-scans / MEMORY).exp_m1());
             self.count += share * (plots as f64 / scans - self.count);
         }
     }

@@ -10,8 +10,6 @@ use std::f64::consts::PI;
 
 /// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
 const BEAM: f64 = 0.1;
-/// Height or identity speak against a plot that the guard gate could take.
-const CONTRADICTION: f64 = -3.0;
 
 /// A track that may have been seen by a radar, and the plots that may be of it.
 #[derive(Clone, Copy, Debug)]
@@ -214,11 +212,18 @@ impl Scan {
         }
         let Self { assigner, pairs, columns, .. } = self;
         let choice = assigner.assign(pairs, group.len(), columns.len());
-        for (claim, column) in group.iter().zip(choice) {
+        for (row, (claim, column)) in group.iter().zip(choice).enumerate() {
             if let Some(column) = column {
                 let plot = columns[*column as usize];
                 self.taken[plot] = true;
                 let track = &mut sky.tracks[claim.track];
+                if !confirmed {
+                    // the score is that against a miss, the evidence that against a false plot
+                    let radar = &sky.settings.radars[self.plots[plot].radar];
+                    let own = |pair: &&Pair| pair.row == row as u32 && pair.column == *column;
+                    let gain = pairs.iter().find(own).map_or(0.0, |pair| pair.gain);
+                    track.credit(gain + (1.0 - radar.detection_probability).ln());
+                }
                 track.correct(&self.plots[plot], sky.settings);
                 tell(self.plots[plot].index, Fate::Track(track.number));
                 sky.rows.push(Row::of(track, self.plots[plot].radar, Some(self.plots[plot].index)));
@@ -233,18 +238,18 @@ impl Scan {
         }
     }
 
-    /// Takes the nearest plot that is left in the guard gate.
+    /// Takes the likeliest plot that is left in the guard gate.
     fn guard(&mut self, sky: &mut Sky<'_>, claim: &Claim, tell: &mut impl FnMut(usize, Fate)) {
         let track = &mut sky.tracks[claim.track];
-        let near = self.claimed[claim.start..claim.end].iter().filter(|&&plot| {
-            !self.taken[plot]
-                && !self.deferred[plot]
-                && track.also(&self.plots[plot], sky.settings) > CONTRADICTION
+        let radar = self.plots[claim.root].radar;
+        let others = sky.clutter[radar].density(&sky.settings.radars[radar]);
+        let free = |&&plot: &&usize| !self.taken[plot] && !self.deferred[plot];
+        let left = self.claimed[claim.start..claim.end].iter().filter(free);
+        let scores = left.filter_map(|&plot| {
+            Some((track.guarded_score(&self.plots[plot], others, sky.settings)?, plot))
         });
-        let distances =
-            near.map(|&plot| (track.guarded_distance(&self.plots[plot], sky.settings), plot));
-        let nearest = distances.min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, plot)) = nearest.filter(|(d, _)| *d <= sky.settings.guard) else { return };
+        let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let Some((_, plot)) = best.filter(|(score, _)| *score > 0.0) else { return };
         self.taken[plot] = true;
         track.take_guarded(&self.plots[plot], sky.settings);
         tell(self.plots[plot].index, Fate::Track(track.number));
@@ -260,7 +265,8 @@ impl Scan {
                 continue;
             }
             unused[plot.radar] += 1;
-            let track = Track::new(*sky.next_number, plot, sky.settings);
+            let false_plots = sky.clutter[plot.radar].plots(&sky.settings.radars[plot.radar]);
+            let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             *sky.next_number += 1;
             tell(plot.index, Fate::Track(track.number));
             sky.rows.push(Row::of(&track, plot.radar, Some(plot.index)));

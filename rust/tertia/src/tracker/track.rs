@@ -21,17 +21,23 @@ const IDENTITIES: f64 = 4096.0;
 
 /// Acceleration in the models' own noise, at most, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;
+/// No more than one false track is confirmed in so many scans.
+const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
+/// How often a target accelerates so much that the guard gate is needed.
+const UNNOTICED: f64 = 0.05;
 /// Plots by which the plan of a track is looked for, and after which again.
 const SEARCH_PLOTS: usize = 10;
 const SEARCH_AGAIN: usize = 20;
 
 /// How far a track is believed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Stage {
-    /// So many plots and misses so far.
+    /// So many plots and misses so far, and the logarithm of how much likelier this is a target than
+    /// a chain of false plots, above what is asked for.
     Tentative {
         hits: usize,
         misses: usize,
+        evidence: f64,
     },
     Confirmed,
 }
@@ -83,8 +89,9 @@ struct SearchState {
 }
 
 impl Track {
-    /// A track from one plot: any velocity up to about `speed_max`.
-    pub fn new(number: u64, plot: &Measured, settings: &Settings) -> Self {
+    /// A track from one plot: any velocity up to about `speed_max`. It will be confirmed as a target
+    /// that is likelier than the chains which so many false plots per scan make.
+    pub fn new(number: u64, plot: &Measured, false_plots: f64, settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
         let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
         let v = (0.5 * settings.speed_max).powi(2);
@@ -98,7 +105,11 @@ impl Track {
         let estimate = Estimate { mean: SVector::from([x, y, 0.0, 0.0]), covariance };
         let mut track = Self {
             number,
-            stage: Stage::Tentative { hits: 0, misses: 0 },
+            stage: Stage::Tentative {
+                hits: 0,
+                misses: 0,
+                evidence: -(SCANS_PER_FALSE_TRACK * false_plots.max(1.0)).ln(),
+            },
             time: plot.time,
             seen: plot.time,
             filter: Filter::Straight(estimate),
@@ -201,13 +212,28 @@ impl Track {
         Some(position + self.also(plot, settings))
     }
 
-    /// Distance squared of a plot, with the target accelerating unnoticed since it was last seen.
-    pub fn guarded_distance(&self, plot: &Measured, settings: &Settings) -> f64 {
-        let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
+    /// As `score`, with the target accelerating unnoticed since it was last seen.
+    pub fn guarded_score(&self, plot: &Measured, others: f64, settings: &Settings) -> Option<f64> {
+        let radar = &settings.radars[plot.radar];
+        let (z, r) = self.brought_here(plot, radar);
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let wide = (0.5 * settings.guard_acceleration * self.gap(settings).powi(2)).powi(2);
         let s = self.estimate.position_covariance().plus(r);
-        s.plus(Plane { xx: wide, xy: 0.0, yy: wide }).inverse().form(y)
+        let s = s.plus(Plane { xx: wide, xy: 0.0, yy: wide });
+        let d = s.inverse().form(y);
+        if d > settings.guard {
+            return None;
+        }
+        let p = radar.detection_probability;
+        let spread = (1.0 - p) * others * std::f64::consts::TAU * s.determinant().sqrt();
+        Some((UNNOTICED * p / spread).ln() - 0.5 * d + self.also(plot, settings))
+    }
+
+    /// Takes the score of a plot as evidence.
+    pub fn credit(&mut self, gain: f64) {
+        if let Stage::Tentative { evidence, .. } = &mut self.stage {
+            *evidence += gain;
+        }
     }
 
     /// Seconds without a plot, five scans at most.
@@ -340,9 +366,9 @@ impl Track {
                 self.expected.push(Expected { radar: plot.radar, time: next, seen: plot.time });
             }
         }
-        if let Stage::Tentative { hits, .. } = &mut self.stage {
+        if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += 1;
-            if *hits >= settings.initiation.0 {
+            if *hits >= settings.initiation.0 && *evidence >= 0.0 {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }
@@ -382,8 +408,9 @@ impl Track {
                 self.expected[i].time += station.period;
                 self.predict(time, station.period, settings);
                 if station.covers(self.estimate.position()) {
-                    if let Stage::Tentative { misses, .. } = &mut self.stage {
+                    if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
                         *misses += 1;
+                        *evidence += (1.0 - station.detection_probability).ln();
                     }
                     self.follow(station.period, settings);
                     missed(self, radar);
