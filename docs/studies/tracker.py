@@ -227,6 +227,11 @@ def delay(record: Recording, found: Errors) -> float:
     return float(np.mean(delays)) if delays else np.inf
 
 
+def flagged(seconds: float) -> str:
+    """Format a delay; a model without turns flags none."""
+    return f"{seconds:.0f} s" if np.isfinite(seconds) else "–"
+
+
 def peak(record: Recording, found: Errors, kept: BoolArray) -> float:
     """Mean over flights of the largest error in a turn."""
     size = np.hypot(*found.position.T)
@@ -279,7 +284,7 @@ def conforming() -> str:
                     f"{ratio(found, plain, 'prediction', kept & turning):.2f}",
                     f"{ratio(found, plain, 'position', kept):.2f}",
                     f"{peak(record, found, kept & turning) / highest:.2f}",
-                    f"{delay(record, found):.0f} s",
+                    flagged(delay(record, found)),
                     f"{np.nanmean(found.turning[straight] > 0.5):.1%}",
                     f"{np.nanmean(found.normalised[kept]) / 2:.2f}",
                     f"{np.mean(found.lost):.1%}",

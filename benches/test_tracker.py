@@ -1,0 +1,33 @@
+"""Scans of plots through the Python interface."""
+
+import pytest
+from tertia import simulate
+from tertia.tracker import Tracker, track
+
+RADAR = simulate.set_up("middle").radar
+
+
+def recording(aircraft):
+    traffic = simulate.dense_traffic(aircraft, duration=120.0, rng=1)
+    return simulate.radar_plots(traffic, [RADAR], clutter=50, rng=2).plots
+
+
+@pytest.mark.parametrize("aircraft", [10, 100, 1000])
+def test_a_recording(benchmark, aircraft):
+    plots = recording(aircraft)
+    benchmark.extra_info["plots"] = len(plots)
+    assert len(benchmark(track, plots, [RADAR])) > aircraft
+
+
+def test_a_plot_at_a_time(benchmark):
+    plots = recording(1)
+    pieces = [plots[[k]] for k in range(len(plots))]
+
+    def run():
+        tracker = Tracker([RADAR])
+        for piece in pieces:
+            tracker.update(piece)
+        return tracker
+
+    benchmark.extra_info["plots"] = len(plots)
+    assert benchmark(run).ahead(0.0) is not None
