@@ -1,6 +1,7 @@
 """Scans of plots through the Python interface."""
 
 import pytest
+
 from tertia import simulate
 from tertia.tracker import Tracker, track
 
