@@ -113,6 +113,10 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "consistency": trajectory.consistency,
         "biases": trajectory.biases,
         "finders": trajectory.finders,
+        "claims": trajectory.claims,
+        "windows": trajectory.windows,
+        "groups": trajectory.groups,
+        "decoded": trajectory.decoded,
     },
     "smoothing.md": {
         "degree coverage": smoothing.degree_coverage,

@@ -5,20 +5,18 @@ from typing import Any
 
 import make_stations
 import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown
 from tertia import plot
-from tertia.location import Kind, Station
+from tertia.location import Kind, Station, locate
+from tertia.smoothing import local_polynomial
 from tertia.trajectory import Trajectory, reconstruct
 
 PLACES = np.array([[1.0, 1000.0, 2.0], [2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0]])
 SIGMA_R, SIGMA_A = 10.0, np.deg2rad(0.3)
-STATIONS = [
-    Station(place, range_sigma=SIGMA_R, azimuth_sigma=SIGMA_A, elevation_sigma=SIGMA_A)
-    for place in PLACES
-]
 INSTANTS = np.arange(60.0)
 RUNS = 50
 FIRST, MARGIN = 28, 7
@@ -68,6 +66,86 @@ BIASES: dict[Kind, FloatArray] = {
     "azimuth": np.deg2rad([0.3, -0.5, 0.1]),
     "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
 }
+# the paper's claims: fixed degree, radii of circles round the first station
+CLAIM_RUNS, ONE_DEGREE, RADII = 40, 3, (500.0, 1000.0)
+# turns in radians a second and noise in units of what the stations have
+WINDOWS, WINDOW_RUNS, GROUPS = np.arange(5, 42, 2), 20, (1, 2, 3, 4)
+WINDOW_CASES = ((0.0, 1.0), (0.01, 1.0), (0.05, 1.0), (0.05, 0.1), (0.1, 0.1), (0.2, 0.1))
+RUN_LENGTHS, RUN_RUNS = (1, 2, 4, 7, 13), 8
+# the paper's figure 2: what it prints of ten instants; the words for a fault displace Smooth_R
+PAPER_INSTANTS, PAPER_SIGMA, PAPER_RUNS = np.arange(47, 57), 50.0, 40
+PAPER_ADDED = np.array([[2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0], [-500.0, 200.0, 20.0]])
+IDEAL_R = np.array(
+    [
+        1174.0134,
+        1149.3656,
+        1131.257,
+        1121.334,
+        1120.7431,
+        1131.1618,
+        1155.9935,
+        1201.6753,
+        1278.9189,
+        1403.3963,
+    ]
+)
+REAL_R = np.array(
+    [
+        1188.856,
+        1141.1088,
+        1114.3564,
+        1335.2803,
+        778.8312,
+        1379.6484,
+        1160.9711,
+        1162.57,
+        1236.0229,
+        1444.4121,
+    ]
+)
+SMOOTH_R = np.array(
+    [
+        1190.3362,
+        1163.4746,
+        1163.4746,
+        np.nan,
+        np.nan,
+        np.nan,
+        1146.3116,
+        1291.7393,
+        1437.167,
+        1582.5947,
+    ]
+)
+FINAL = np.array(
+    [
+        [999.86, 598.2, 469.98],
+        [978.62, 782.71, 469.78],
+        [979.51, 877.03, 479.93],
+        [980.34, 976.81, 490.1],
+        [980.15, 1082.79, 499.81],
+        [979.03, 1197.59, 509.09],
+        [999.7, 1244.38, 529.94],
+        [999.11, 1395.97, 539.55],
+        [999.57, 1580.62, 549.72],
+        [1000.41, 1812.52, 560.24],
+    ]
+)
+
+
+def network(
+    places: FloatArray = PLACES, range_sigma: float = SIGMA_R, angle_sigma: float = SIGMA_A
+) -> list[Station]:
+    """Return stations that measure everything."""
+    return [
+        Station(
+            place,
+            range_sigma=range_sigma,
+            azimuth_sigma=angle_sigma,
+            elevation_sigma=angle_sigma,
+        )
+        for place in places
+    ]
 
 
 def track() -> FloatArray:
@@ -87,13 +165,19 @@ def motion() -> tuple[FloatArray, FloatArray, FloatArray]:
     )
 
 
-def measure(position: FloatArray, rng: np.random.Generator) -> dict[Kind, FloatArray]:
+def measure(
+    position: FloatArray,
+    rng: np.random.Generator,
+    places: FloatArray = PLACES,
+    range_sigma: float = SIGMA_R,
+    angle_sigma: float = SIGMA_A,
+) -> dict[Kind, FloatArray]:
     """Return what the stations measure."""
-    east, north, up = np.moveaxis(position[:, np.newaxis] - PLACES, -1, 0)
+    east, north, up = np.moveaxis(position[:, np.newaxis] - places, -1, 0)
     ideal: dict[Kind, tuple[FloatArray, float]] = {
-        "range": (np.sqrt(east**2 + north**2 + up**2), SIGMA_R),
-        "azimuth": (np.arctan2(east, north), SIGMA_A),
-        "elevation": (np.arctan2(up, np.hypot(east, north)), SIGMA_A),
+        "range": (np.sqrt(east**2 + north**2 + up**2), range_sigma),
+        "azimuth": (np.arctan2(east, north), angle_sigma),
+        "elevation": (np.arctan2(up, np.hypot(east, north)), angle_sigma),
     }
     return {
         kind: values + sigma * rng.standard_normal(values.shape)
@@ -103,8 +187,11 @@ def measure(position: FloatArray, rng: np.random.Generator) -> dict[Kind, FloatA
 
 def reconstructed(measured: dict[Kind, FloatArray], **options: Any) -> Trajectory:
     """Reconstruct the track."""
-    given: dict[str, Any] = {str(kind): values for kind, values in measured.items()}
-    return reconstruct(STATIONS, INSTANTS, **given, **options)
+    return reconstruct(network(), INSTANTS, **_named(measured), **options)
+
+
+def _named(measured: dict[Kind, FloatArray]) -> dict[str, Any]:
+    return {str(kind): values for kind, values in measured.items()}
 
 
 @functools.cache
@@ -268,6 +355,225 @@ def biases() -> str:
             normalised.append(_normalised(found, 0, truth))
         rows.append([name, f"{np.sqrt(np.mean(squares)):.2f}", _told(np.array(normalised))])
     return markdown(["", "RMSE, m", "NEES per axis"], rows)
+
+
+def turning(rate: float) -> FloatArray:
+    """Return 60 instants of a level turn from the same place with the same first heading."""
+    chord = 20.0 * INSTANTS * np.sinc(rate * INSTANTS / (2 * np.pi))
+    heading = 0.5 - rate * INSTANTS / 2
+    moved = [chord * np.cos(heading), chord * np.sin(heading), np.zeros(len(INSTANTS))]
+    turned: FloatArray = track()[0] + np.column_stack(moved)
+    return turned
+
+
+def circling(radius: float) -> FloatArray:
+    """Return 60 instants of a circle round the first station at 20 m/s."""
+    phase = 20.0 / radius * INSTANTS
+    moved = [radius * np.sin(phase), radius * np.cos(phase), np.full(len(INSTANTS), 300.0)]
+    circle: FloatArray = PLACES[0] + np.column_stack(moved)
+    return circle
+
+
+def paper_track(instants: npt.NDArray[np.int64]) -> FloatArray:
+    """Return the track of the paper's figure 2."""
+    j = instants - 49.0
+    north = 0.1 * j**4 + 1.6 * j**2 + 100.4 * j + 791.2
+    return np.column_stack([np.full(len(j), 1000.0), north, 10.0 * instants])
+
+
+def claims() -> str:
+    """Tabulate errors of both orders, with those of an independent simulation."""
+    cases: list[tuple[str, FloatArray, int, str]] = [
+        (
+            f"the paper's, instants {first} to {last}",
+            paper_track(np.arange(first, last + 1)),
+            window,
+            "4.5 to 5.2",
+        )
+        for first, last, window in ((47, 56, 9), (40, 59, 13), (40, 60, 13), (40, 61, 13))
+    ]
+    cases += [
+        (f"turn, {rate} rad/s", turning(rate), 13, "1.02 to 1.13")
+        for rate in (0.005, 0.01, 0.02, 0.05)
+    ]
+    cases += [
+        (f"circle round a station, {radius:.0f} m", circling(radius), 13, "0.83")
+        for radius in RADII
+    ]
+    rows = []
+    for name, truth, window, independent in cases:
+        fixes, space, time = _orders(truth, window, "adaptive")
+        told = [f"{np.sqrt(np.mean(squares)):.2f}" for squares in (fixes, space, time)]
+        _, *fixed = _orders(truth, window, ONE_DEGREE)
+        ratios = [_ratio(time, space), _ratio(fixed[1], fixed[0])]
+        rows.append([name, str(window), *told, ratios[0], independent, ratios[1]])
+    return markdown(
+        [
+            "track",
+            "window",
+            "not smoothed, m",
+            "A, m",
+            "B, m",
+            "B over A",
+            "independent",
+            f"B over A, degree {ONE_DEGREE}",
+        ],
+        rows,
+    )
+
+
+def _orders(truth: FloatArray, window: int, degree: int | str) -> tuple[FloatArray, ...]:
+    """Return mean squared errors of every run: not smoothed, space first, time first."""
+    squares = []
+    for run in range(CLAIM_RUNS):
+        measured = _named(measure(truth, generator(94, run)))
+        options: dict[str, Any] = {
+            "spatial": "least-squares",
+            "smoother": "local-polynomial",
+            "window": window,
+            "degree": degree,
+        }
+        times = np.arange(len(truth))
+        space = reconstruct(network(), times, **measured, **options)
+        time = reconstruct(network(), times, **measured, **options, order="temporal-first")
+        found = (space.fixes.position, space.position, time.position)
+        squares.append([_mean_square(position, truth, slice(None)) for position in found])
+    return tuple(np.array(squares).T)
+
+
+def _ratio(above: FloatArray, below: FloatArray) -> str:
+    """Return the ratio of root mean squares, with its standard error from paired runs."""
+    ratio = float(np.sqrt(np.mean(above) / np.mean(below)))
+    relative = above / np.mean(above) - below / np.mean(below)
+    error = ratio / 2 * float(np.std(relative)) / np.sqrt(len(relative))
+    return f"{ratio:.3f} ± {error:.3f}"
+
+
+def windows() -> str:
+    """Tabulate the window with the least error near faults, by turn, noise and number of faults."""
+    rows = []
+    for rate, noise in WINDOW_CASES:
+        truth = turning(rate)
+        cells = []
+        for number in GROUPS:
+            errors = _window_errors(truth, noise, number)
+            at = int(np.argmin(errors))
+            window = int(WINDOWS[at])
+            more = "≥ " if window == WINDOWS[-1] else ""
+            loss = errors[WINDOWS == 13][0] / errors[at]
+            cells.append(f"{more}{window}; {more}{window / number:.1f}; {loss:.2f}")
+        rows.append([f"{rate:g} rad/s", f"{noise * SIGMA_R:g} m", *cells])
+    head = ["turn", "σ of ranges", *(f"{number} same" for number in GROUPS)]
+    return markdown(head, rows)
+
+
+def _window_errors(truth: FloatArray, noise: float, number: int) -> FloatArray:
+    """Return root mean square errors near faults for every window."""
+    sigmas = noise * SIGMA_R, noise * SIGMA_A
+    near = slice(FIRST - MARGIN, FIRST + number + MARGIN)
+    squares = []
+    for run in range(WINDOW_RUNS):
+        measured = measure(truth, generator(95, run), PLACES, *sigmas)
+        measured["range"][FIRST : FIRST + number, 0] += 5 * sigmas[0]
+        fixes = locate(network(PLACES, *sigmas), method="least-squares", **_named(measured))
+        variances = fixes.sigma.T**2
+        squares.append(
+            [
+                _mean_square(
+                    local_polynomial(fixes.position.T, int(window), variances=variances).value.T,
+                    truth,
+                    near,
+                )
+                for window in WINDOWS
+            ]
+        )
+    errors: FloatArray = np.sqrt(np.mean(squares, axis=0))
+    return errors
+
+
+def groups() -> str:
+    """Tabulate what is left of a run of faults in the middle of it."""
+    methods = {name: options for name, (options, _) in METHODS.items()}
+    truth = track()
+    clean = [measure(truth, generator(97, run)) for run in range(RUN_RUNS)]
+    before = {name: _reconstructed_all(clean, options) for name, options in methods.items()}
+    rows: dict[str, list[str]] = {name: [name] for name in methods}
+    plain = "least squares, RTS"
+    for length in RUN_LENGTHS:
+        middle = FIRST + length // 2
+        wrong = [_with_run(measured, length) for measured in clean]
+        after = {name: _reconstructed_all(wrong, options) for name, options in methods.items()}
+        pairs = zip(after[plain], before[plain], strict=True)
+        moved = np.array([(new.fixes.position - old.fixes.position)[middle] for new, old in pairs])
+        for name in methods:
+            pairs = zip(after[name], before[name], strict=True)
+            left = np.array([(new.position - old.position)[middle] for new, old in pairs])
+            rows[name].append(f"{np.sum(left * moved) / np.sum(moved**2):.0%}")
+    return markdown(["", *map(str, RUN_LENGTHS)], rows.values())
+
+
+def _reconstructed_all(
+    measured: list[dict[Kind, FloatArray]], options: dict[str, Any]
+) -> list[Trajectory]:
+    return [reconstructed(one, **options) for one in measured]
+
+
+def _with_run(measured: dict[Kind, FloatArray], length: int) -> dict[Kind, FloatArray]:
+    """Return the measurements with a run of faults of the first station's range."""
+    wrong = measured["range"].copy()
+    wrong[FIRST : FIRST + length, 0] += 5 * SIGMA_R
+    return {**measured, "range": wrong}
+
+
+def decoded() -> str:
+    """Tabulate the paper's figure 2 beside what follows from its track, and the default."""
+    truth = paper_track(PAPER_INSTANTS)
+    ideal = np.linalg.norm(truth - PLACES[0], axis=-1)
+    places = np.vstack([PLACES[:1], PAPER_ADDED])
+    left, squares, claimed, normalised = [], [], [], []
+    for run in range(PAPER_RUNS):
+        measured = measure(truth, generator(96, run), places, PAPER_SIGMA)
+        measured["range"][:, 0] = REAL_R
+        found = reconstruct(network(places, PAPER_SIGMA), PAPER_INSTANTS, **_named(measured))
+        covariance, error = found.covariance[:, :3, :3], found.position - truth
+        solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
+        left.append(np.asarray(found.outliers.range)[:, 0])
+        squares.append(np.sum(error**2, axis=-1))
+        claimed.append(np.sum(found.sigma**2, axis=-1))
+        normalised.append(np.sum(error * solved, axis=-1) / 3)
+    rms, sigma = (np.sqrt(np.mean(values, axis=0)) for values in (squares, claimed))
+    rows = [
+        [
+            str(instant),
+            f"{truth[i, 1]:.1f}",
+            f"{IDEAL_R[i]:.4f}",
+            f"{ideal[i]:.4f}",
+            f"{REAL_R[i]:.4f}",
+            f"{(REAL_R[i] - ideal[i]) / PAPER_SIGMA:+.2f}",
+            "–" if np.isnan(SMOOTH_R[i]) else f"{SMOOTH_R[i] - ideal[i]:+.1f}",
+            f"{np.linalg.norm(FINAL[i] - truth[i]):.1f}",
+            f"{np.mean(left, axis=0)[i]:.0%}",
+            f"{rms[i]:.1f} ({sigma[i]:.1f})",
+            f"{np.mean(normalised, axis=0)[i]:.2f}",
+        ]
+        for i, instant in enumerate(PAPER_INSTANTS)
+    ]
+    return markdown(
+        [
+            "i",
+            "y",
+            "Ideal_R",
+            "computed",
+            "Real_R",
+            "over σ",
+            "Smooth_R off",
+            "Final off",
+            "left out",
+            "default off (claimed)",
+            "NEES per axis",
+        ],
+        rows,
+    )
 
 
 def track_figure() -> Figure:
