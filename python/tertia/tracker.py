@@ -346,8 +346,8 @@ class Tracker:
     manoeuvres : Manoeuvres, optional
         Parameters of "imm-plan", "imm" and "cv".
     initiation : (int, int)
-        Plots that confirm a track, and scans in which they must come. More are asked for in clutter:
-        so that false plots make one false track in a thousand scans.
+        Plots that confirm a track, and scans in which they must come. More are asked for in
+        clutter, so that false plots make one false track in a thousand scans.
     coasting : int
         Scans without a plot after which a track ends.
     clutter_density : float, optional
