@@ -149,19 +149,21 @@ def network(
 
 
 def track() -> FloatArray:
-    """Return the smooth turn: 20 m/s, 0.01 rad/s, level."""
+    """Return the smooth turn amid the stations: 25 m/s, 0.005 rad/s, level."""
     return motion()[0]
 
 
 def motion() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return its positions, velocities and accelerations."""
-    heading = 0.5 - 0.01 * INSTANTS
-    radius = -2000.0
+    speed, rate, middle = 25.0, 0.005, 0.5
+    heading = middle + rate * (INSTANTS - np.mean(INSTANTS))
+    radius = speed / rate
     sine, cosine, zero = np.sin(heading), np.cos(heading), np.zeros(len(INSTANTS))
+    east, north = 1200 - radius * np.sin(middle), 1250 + radius * np.cos(middle)
     return (
-        np.column_stack([radius * sine, 500 + radius * (1 - cosine), zero + 300.0]),
-        np.column_stack([20.0 * cosine, 20.0 * sine, zero]),
-        np.column_stack([0.2 * sine, -0.2 * cosine, zero]),
+        np.column_stack([east + radius * sine, north - radius * cosine, zero + 300.0]),
+        np.column_stack([speed * cosine, speed * sine, zero]),
+        np.column_stack([-speed * rate * sine, speed * rate * cosine, zero]),
     )
 
 
