@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 _State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, bytes]"
+_T = TypeVar("_T")
 Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window"]
 
 # identity of a plot that has none
@@ -197,7 +198,10 @@ class Fate(enum.IntEnum):
 
 
 _REASONS = {
-    Fate.INVALID: "time, range or azimuth is not a finite number, or the range is not positive",
+    Fate.INVALID: (
+        "time, range or azimuth is not a finite number, or enormous (over 1e11 s or 1e9 m), or the "
+        "range is not positive"
+    ),
     Fate.LATE: "the plot is more than a scan older than those that came before",
     Fate.AT_RADAR: "the plot is straight above the radar",
     Fate.OUT_OF_RANGE: "the plot is farther away than the radar sees",
@@ -417,24 +421,22 @@ class Tracker:
         identity_error: float = 1e-3,
         clock_period: float | None = None,
     ) -> None:
-        self.radars = tuple(radars)
-        self.plans = tuple(plans)
+        self.radars = _each(radars, Radar, "radars")
+        self.plans = _each(plans, FlightPlan, "plans")
         self.clock_period = None
         if clock_period is not None:
             self.clock_period = float(positive(real(clock_period, "clock_period"), "clock_period"))
-        for i, plan in enumerate(self.plans):
-            if not isinstance(plan, FlightPlan):
-                raise TypeError(f"plans[{i}] is {plan!r}; it must be a FlightPlan")
         if self.plans and motion != "imm-plan":
             raise ValueError(f"motion {motion!r} takes no plans; they are for 'imm-plan'")
-        for i, radar in enumerate(self.radars):
-            if not isinstance(radar, Radar):
-                raise TypeError(f"radars[{i}] is {radar!r}; it must be a Radar")
         if not self.radars:
             raise ValueError("radars is empty; there must be at least one")
         probability = real(gate_probability, "gate_probability")
         if not 0.0 < probability < 1.0:
             raise ValueError(f"gate_probability is {probability}; it must be between 0 and 1")
+        if manoeuvres is not None and not isinstance(manoeuvres, Manoeuvres):
+            raise TypeError(f"manoeuvres is {manoeuvres!r}; it must be Manoeuvres")
+        if not isinstance(initiation, Sequence) or len(initiation) != 2:
+            raise TypeError(f"initiation is {initiation!r}; it must be a pair: plots, scans")
         plots, scans = (integer(count, "initiation", 2) for count in initiation)
         density = np.nan if clutter_density is None else real(clutter_density, "clutter_density")
         if clutter_density is not None:
@@ -484,8 +486,6 @@ class Tracker:
 
     def _track(self, plots: Plots, time: float | None) -> TrackTable:
         """Return all rows, tentative tracks included."""
-        if not isinstance(plots, Plots):
-            raise TypeError(f"plots is {plots!r}; it must be Plots")
         _require_radars(plots, len(self.radars))
         numbers, integers, flags, fates = self._core.track(
             self._since_the_first_day(plots.time),
@@ -548,8 +548,16 @@ class Tracker:
             Numbers of the tracks.
         position : ndarray of shape (T, 2)
             East and north in metres: along the plan where it is believed, straight on otherwise.
+
+        Raises
+        ------
+        ValueError
+            Seconds that are not finite.
+        TypeError
+            Seconds that are not a number.
         """
-        tracks, positions = self._core.ahead(real(seconds, "seconds"))
+        interval = float(finite(real(seconds, "seconds"), "seconds"))
+        tracks, positions = self._core.ahead(interval)
         return tracks, positions
 
     def __getstate__(self) -> _State:
@@ -605,7 +613,19 @@ def track(
     return found.rows(np.isin(found.track, found.track[found.confirmed]))
 
 
+def _each(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
+    """Return a sequence of objects of a kind."""
+    if not isinstance(values, Sequence):
+        raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
+    for i, value in enumerate(values):
+        if not isinstance(value, kind):
+            raise TypeError(f"{name}[{i}] is {value!r}; it must be a {kind.__name__}")
+    return tuple(values)
+
+
 def _require_radars(plots: Plots, count: int) -> None:
+    if not isinstance(plots, Plots):
+        raise TypeError(f"plots is {plots!r}; it must be Plots")
     wrong = np.flatnonzero((plots.radar < 0) | (plots.radar >= count))
     if len(wrong):
         raise ValueError(
@@ -636,6 +656,8 @@ def cartesian(plots: Plots, radars: Sequence[Radar]) -> tuple[FloatArray, FloatA
     ------
     ValueError
         A plot of a radar that does not exist.
+    TypeError
+        Plots that are none.
 
     Examples
     --------
@@ -697,6 +719,11 @@ def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:
     """Return `value` as int64 numbers."""
     array = np.asarray(value)
-    if array.dtype.kind not in "iu":
+    if array.dtype.kind not in "iu" and array.size:
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
+    large = np.flatnonzero(array > np.iinfo(np.int64).max)
+    if len(large):
+        raise ValueError(
+            f"{name}[{large[0]}] is {array.flat[large[0]]}; it must be less than 2**63"
+        )
     return array.astype(np.int64)

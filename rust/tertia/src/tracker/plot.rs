@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
 pub(super) const HEIGHT_SIGMA: f64 = 15.0;
+/// Later, seconds are not told apart well enough (3000 years), and farther is nothing, m.
+const LATEST: f64 = 1e11;
+const FARTHEST: f64 = 1e9;
 /// Below this share of its range a target is straight above the radar.
 const LEAST_GROUND_SHARE: f64 = 1e-3;
 
@@ -109,7 +112,7 @@ pub struct Plot {
 pub enum Fate {
     /// It belongs to this track.
     Track(u64),
-    /// A number of it is not finite, or its range is not positive.
+    /// A number of it is not finite or enormous, or its range is not positive.
     Invalid,
     /// It is older than what has been processed.
     Late,
@@ -145,7 +148,8 @@ impl Measured {
     /// The plot in the plane, or why it cannot be used.
     pub fn new(index: usize, plot: &Plot, radar: &Radar) -> std::result::Result<Self, Fate> {
         let finite = plot.time.is_finite() && plot.range.is_finite() && plot.azimuth.is_finite();
-        if !finite || plot.range <= 0.0 || plot.height.is_infinite() {
+        let far = plot.time.abs() > LATEST || plot.range > FARTHEST || plot.height.abs() > FARTHEST;
+        if !finite || far || plot.range <= 0.0 || plot.height.is_infinite() {
             return Err(Fate::Invalid);
         }
         if plot.range > radar.range_max {
