@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, integer, positive, real, samples
+from tertia.association import GUARD, INNER, OUTER, gate_threshold
 from tertia.flightplan import FlightPlan
 
 __all__ = [
@@ -41,8 +42,8 @@ NO_IDENTITY = -1
 _PATIENCE = 0.25
 # manoeuvre frequency and acceleration
 _SINGER = (1 / 60, 3.0)
-# plots in straight flight and after a manoeuvre; inner, outer and guard gate, and the sum of three
-_WINDOW = (20, 3, 2.099644248997, 5.991464547108, 12.429216196844, 20.79)
+# plots in straight flight and after a manoeuvre
+_WINDOW = (20, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -416,7 +417,7 @@ class Tracker:
         coasting: int = 5,
         clutter_density: float | None = None,
         speed_max: float = 350.0,
-        gate_probability: float = 0.998,
+        gate_probability: float = GUARD,
         guard_acceleration: float = 5.0,
         identity_error: float = 1e-3,
         clock_period: float | None = None,
@@ -446,7 +447,7 @@ class Tracker:
             {
                 "motion": "imm" if motion == "imm-plan" else motion,
                 "parameters": _parameters(motion, manoeuvres or Manoeuvres()),
-                "guard": -2.0 * np.log1p(-probability),
+                "guard": gate_threshold(probability),
                 "guard_acceleration": real(guard_acceleration, "guard_acceleration"),
                 "initiation": (plots, scans),
                 "coasting": integer(coasting, "coasting", 1),
@@ -713,7 +714,11 @@ def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
         return list(astuple(manoeuvres))
     if motion == "cv":
         return [manoeuvres.straight_sigma]
-    return list(_SINGER if motion == "singer" else _WINDOW)
+    if motion == "singer":
+        return list(_SINGER)
+    # the gates, and the sum of the distances of three plots
+    gates = [gate_threshold(probability) for probability in (INNER, OUTER, GUARD)]
+    return [*_WINDOW, *gates, gate_threshold(GUARD, 6)]
 
 
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:
