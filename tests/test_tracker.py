@@ -299,6 +299,41 @@ def test_a_missed_scan_is_a_row_without_plot():
     assert trace[missed] > trace[missed - 1]
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_targets_that_a_beam_passes_at_once_are_no_clutter(whole):
+    # four plots in a fortieth of a scan, three in the next
+    time = 4.0 * np.arange(3)
+    at = np.array([[-15e3, 42e3], [-5e3, 42e3], [5e3, 42e3], [15e3, 42e3]])
+    position = at[:, np.newaxis] + np.multiply.outer(time, [0.0, 200.0])
+    rows = np.ones((4, 3), dtype=bool)
+    rows[3, 1] = False
+    distance, azimuth = polar(position[rows])
+    when = np.broadcast_to(time + 0.025 * np.arange(4)[:, np.newaxis], (4, 3))[rows]
+    plots = Plots(when, distance, azimuth)
+    if whole:
+        found = track(plots, [RADAR])
+    else:
+        tracker = Tracker([RADAR])
+        tables = [tracker.update(plots[(when > t - 1) & (when < t + 1)]) for t in time]
+        found = tables[-1]
+    assert np.unique(found.track[found.confirmed]).size == 3
+
+
+def test_a_large_error_of_a_plot_is_no_manoeuvre():
+    time = 4.0 * np.arange(60)
+    position = np.array([10e3, 30e3]) + np.outer(time, [120.0, -80.0])
+    distance, azimuth = noisy(position, RADAR, np.random.default_rng(4))
+    usual = track(Plots(time, distance, azimuth), [RADAR], "cv")
+    # 4 sigma of the innovation beyond the gate of 3.5, and far less than a manoeuvre would make
+    distance[-1] = np.hypot(*position[-1]) + 4.0 * RADAR.range_sigma * 1.05
+    found = track(Plots(time, distance, azimuth), [RADAR], "cv")
+    at = found.innovation[-1]
+    assert at @ np.linalg.solve(found.innovation_covariance[-1], at) > 12.43
+    assert found.plot[-1] == 59
+    # as by a Kalman filter: the covariance does not depend on the plot
+    np.testing.assert_allclose(found.covariance[-1], usual.covariance[-1], rtol=0.01)
+
+
 def test_crossing_targets_keep_their_tracks():
     swapped = 0
     for seed in range(20):

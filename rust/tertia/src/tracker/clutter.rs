@@ -15,10 +15,11 @@ const NEAREST_LIMIT: f64 = 1e4;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clutter {
     known: Option<f64>,
-    /// Plots in a scan that belong to nothing: the mean of all scans, then of the last ones.
-    count: f64,
-    /// Scans in the mean.
+    /// Plots that belong to nothing, and the scans in which they came: those long ago count less.
+    plots: f64,
     scans: f64,
+    /// Until when they are counted, s.
+    until: f64,
     farthest: f64,
 }
 
@@ -26,12 +27,14 @@ impl Clutter {
     /// A density that is not a number is estimated.
     pub fn new(density: f64) -> Self {
         let known = (!density.is_nan()).then_some(density);
-        Self { known, count: FEWEST, scans: 0.0, farthest: NEAREST_LIMIT }
+        let until = f64::NEG_INFINITY;
+        Self { known, plots: 0.0, scans: 0.0, until, farthest: NEAREST_LIMIT }
     }
 
     /// Such plots per square metre and scan, new targets included.
     pub fn density(&self, radar: &Radar) -> f64 {
-        self.known.unwrap_or_else(|| self.count.max(FEWEST) / self.area(radar))
+        let count = self.plots / self.scans.max(f64::MIN_POSITIVE);
+        self.known.unwrap_or_else(|| count.max(FEWEST) / self.area(radar))
     }
 
     /// Such plots per scan.
@@ -48,12 +51,19 @@ impl Clutter {
         self.farthest = self.farthest.max(distance);
     }
 
-    /// So many plots belonged to nothing in a time of so many scans.
-    pub fn count(&mut self, plots: usize, scans: f64) {
-        if scans > 0.0 {
-            self.scans += scans;
-            let share = (scans / self.scans).max(-(-scans / MEMORY).exp_m1());
-            self.count += share * (plots as f64 / scans - self.count);
-        }
+    /// So many plots belonged to nothing from `begin` to `end`, and in the scan before, if nothing
+    /// is known of that.
+    pub fn count(&mut self, plots: usize, [begin, end]: [f64; 2], period: f64) {
+        let scans = (end - self.until.max(begin - period)).max(0.0) / period;
+        self.until = self.until.max(end);
+        let kept = (-scans / MEMORY).exp();
+        self.plots = kept * self.plots + plots as f64;
+        self.scans = kept * self.scans + scans;
+    }
+
+    /// A plot of this time, which had been counted, belongs to a target.
+    pub fn discount(&mut self, time: f64, period: f64) {
+        let age = (self.until - time).max(0.0) / period;
+        self.plots = (self.plots - (-age / MEMORY).exp()).max(0.0);
     }
 }

@@ -225,6 +225,10 @@ impl Scan {
                     track.credit(gain + (1.0 - radar.detection_probability).ln());
                 }
                 track.correct(&self.plots[plot], sky.settings);
+                if !confirmed && track.is_confirmed() {
+                    let (radar, time) = track.begun;
+                    sky.clutter[radar].discount(time, sky.settings.radars[radar].period);
+                }
                 tell(self.plots[plot].index, Fate::Track(track.number));
                 sky.rows.push(Row::of(track, self.plots[plot].radar, Some(self.plots[plot].index)));
             }
@@ -246,12 +250,18 @@ impl Scan {
         let free = |&&plot: &&usize| !self.taken[plot] && !self.deferred[plot];
         let left = self.claimed[claim.start..claim.end].iter().filter(free);
         let scores = left.filter_map(|&plot| {
-            Some((track.guarded_score(&self.plots[plot], others, sky.settings)?, plot))
+            let (score, accelerated) =
+                track.guarded_score(&self.plots[plot], others, sky.settings)?;
+            Some((score, plot, accelerated))
         });
         let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        let Some((_, plot)) = best.filter(|(score, _)| *score > 0.0) else { return };
+        let Some((_, plot, accelerated)) = best.filter(|best| best.0 > 0.0) else { return };
         self.taken[plot] = true;
-        track.take_guarded(&self.plots[plot], sky.settings);
+        if accelerated {
+            track.take_guarded(&self.plots[plot], sky.settings);
+        } else {
+            track.correct(&self.plots[plot], sky.settings);
+        }
         tell(self.plots[plot].index, Fate::Track(track.number));
         sky.rows.push(Row::of(track, self.plots[plot].radar, Some(self.plots[plot].index)));
     }
@@ -278,9 +288,7 @@ impl Scan {
         };
         for (radar, count) in unused.into_iter().enumerate() {
             let period = sky.settings.radars[radar].period;
-            // one beam more than there is between first and last
-            let scans = ((last.time - first.time) / period).max(0.0);
-            sky.clutter[radar].count(count, scans);
+            sky.clutter[radar].count(count, [first.time, last.time], period);
         }
     }
 }

@@ -67,6 +67,8 @@ pub(super) struct Track {
     pub time: f64,
     /// Of the last plot.
     pub seen: f64,
+    /// Radar and time of the first plot.
+    pub begun: (usize, f64),
     pub filter: Filter,
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
@@ -112,6 +114,7 @@ impl Track {
             },
             time: plot.time,
             seen: plot.time,
+            begun: (plot.radar, plot.time),
             filter: Filter::Straight(estimate),
             estimate,
             innovation: ([0.0; 2], r),
@@ -194,28 +197,20 @@ impl Track {
     /// gate.
     #[inline]
     pub fn score(&self, plot: &Measured, others: f64, settings: &Settings) -> Option<f64> {
-        let radar = &settings.radars[plot.radar];
-        let (z, r) = self.brought_here(plot, radar);
-        let (mut density, mut nearest) = (0.0, f64::INFINITY);
-        self.filter.components(|component| {
-            let s = component.covariance.plus(r);
-            let y = [z[0] - component.position[0], z[1] - component.position[1]];
-            let d = s.inverse().form(y);
-            nearest = f64::min(nearest, d);
-            density += component.probability * (-0.5 * d).exp() / s.determinant().sqrt();
-        });
-        if nearest > settings.guard {
-            return None;
-        }
-        let p = radar.detection_probability;
-        let position = (p * density / ((1.0 - p) * others * std::f64::consts::TAU)).ln();
-        Some(position + self.also(plot, settings))
+        let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
+        let (density, nearest) = self.density(z, r);
+        (nearest <= settings.guard).then(|| self.likelier(density.ln(), plot, others, settings))
     }
 
-    /// As `score`, with the target accelerating unnoticed since it was last seen.
-    pub fn guarded_score(&self, plot: &Measured, others: f64, settings: &Settings) -> Option<f64> {
-        let radar = &settings.radars[plot.radar];
-        let (z, r) = self.brought_here(plot, radar);
+    /// As `score`, perhaps with the target accelerating unnoticed since it was last seen, and
+    /// whether that is likelier than a large error of the plot.
+    pub fn guarded_score(
+        &self,
+        plot: &Measured,
+        others: f64,
+        settings: &Settings,
+    ) -> Option<(f64, bool)> {
+        let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let wide = (0.5 * settings.guard_acceleration * self.gap(settings).powi(2)).powi(2);
         let s = self.estimate.position_covariance().plus(r);
@@ -224,9 +219,35 @@ impl Track {
         if d > settings.guard {
             return None;
         }
-        let p = radar.detection_probability;
-        let spread = (1.0 - p) * others * std::f64::consts::TAU * s.determinant().sqrt();
-        Some((UNNOTICED * p / spread).ln() - 0.5 * d + self.also(plot, settings))
+        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
+        let straight = self.density(z, r).0.ln();
+        let density = accelerated.max(straight);
+        // the paper asks no further
+        let always = matches!(settings.motion, Motion::Window(_));
+        Some((self.likelier(density, plot, others, settings), always || accelerated >= straight))
+    }
+
+    /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
+    #[inline]
+    fn density(&self, z: [f64; 2], r: Plane) -> (f64, f64) {
+        let (mut density, mut nearest) = (0.0, f64::INFINITY);
+        self.filter.components(|component| {
+            let s = component.covariance.plus(r);
+            let y = [z[0] - component.position[0], z[1] - component.position[1]];
+            let d = s.inverse().form(y);
+            nearest = f64::min(nearest, d);
+            density += component.probability * (-0.5 * d).exp() / s.determinant().sqrt();
+        });
+        (density, nearest)
+    }
+
+    /// Logarithm of how much likelier the plot is of this target than any other, by the logarithm of
+    /// its `density`.
+    #[inline]
+    fn likelier(&self, density: f64, plot: &Measured, others: f64, settings: &Settings) -> f64 {
+        let p = settings.radars[plot.radar].detection_probability;
+        let spread = (1.0 - p) * others * std::f64::consts::TAU;
+        (p / spread).ln() + density + self.also(plot, settings)
     }
 
     /// Takes the score of a plot as evidence.
@@ -257,7 +278,7 @@ impl Track {
         height + identity
     }
 
-    /// Corrects by a plot of the guard gate.
+    /// Corrects by a plot for which the target accelerated.
     pub fn take_guarded(&mut self, plot: &Measured, settings: &Settings) {
         self.filter.widen(settings.guard_acceleration, self.gap(settings));
         self.estimate = self.filter.estimate();
