@@ -299,24 +299,24 @@ def test_a_missed_scan_is_a_row_without_plot():
     assert trace[missed] > trace[missed - 1]
 
 
-@pytest.mark.parametrize("whole", [True, False])
-def test_targets_that_a_beam_passes_at_once_are_no_clutter(whole):
+def test_targets_that_a_beam_passes_at_once_are_no_clutter():
     # four plots in a fortieth of a scan, three in the next
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, range_max=80e3)
     time = 4.0 * np.arange(3)
-    at = np.array([[-15e3, 42e3], [-5e3, 42e3], [5e3, 42e3], [15e3, 42e3]])
-    position = at[:, np.newaxis] + np.multiply.outer(time, [0.0, 200.0])
+    at = np.array([[-15e3, 60e3], [-5e3, 60e3], [5e3, 60e3], [15e3, 60e3]])
+    position = at[:, np.newaxis] + np.multiply.outer(time, [0.0, 230.0])
     rows = np.ones((4, 3), dtype=bool)
     rows[3, 1] = False
-    distance, azimuth = polar(position[rows])
     when = np.broadcast_to(time + 0.025 * np.arange(4)[:, np.newaxis], (4, 3))[rows]
-    plots = Plots(when, distance, azimuth)
-    if whole:
-        found = track(plots, [RADAR])
-    else:
-        tracker = Tracker([RADAR])
+    confirmed = 0
+    for seed in range(20):
+        distance, azimuth = noisy(position[rows], radar, np.random.default_rng(seed))
+        plots = Plots(when, distance, azimuth)
+        tracker = Tracker([radar])
         tables = [tracker.update(plots[(when > t - 1) & (when < t + 1)]) for t in time]
-        found = tables[-1]
-    assert np.unique(found.track[found.confirmed]).size == 3
+        confirmed += np.unique(tables[-1].track[tables[-1].confirmed]).size
+    # of three in each run; were they taken for clutter, a third would not be
+    assert confirmed >= 58
 
 
 def test_a_large_error_of_a_plot_is_no_manoeuvre():
