@@ -10,6 +10,9 @@ of record batches, as `mapInArrow` of Spark and readers of large files have.
 
 from tertia.tables._bearings import bearings
 from tertia.tables._fuse import fuse
-from tertia.tables._screen import screen
+from tertia.tables._screen import Rule, screen
+from tertia.tables._smooth import smooth
+from tertia.tables._stream import stream
+from tertia.tables._track import track
 
-__all__ = ["bearings", "fuse", "screen"]
+__all__ = ["Rule", "bearings", "fuse", "screen", "smooth", "stream", "track"]

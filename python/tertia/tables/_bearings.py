@@ -61,11 +61,12 @@ def bearings(
     >>> from tertia.simulate import direction_finder
     >>> from tertia.tables import bearings
     >>> table = pl.concat(
-    ...     pl.DataFrame({"station": name, "bearing_deg": direction_finder(60, bearing=b, rng=1).theta})
-    ...     for name, b in [("A", 359.0), ("B", 80.0)]
+    ...     pl.DataFrame({"station": name, "bearing_deg": record.theta})
+    ...     for name, angle in [("A", 359.0), ("B", 80.0)]
+    ...     for record in [direction_finder(60, bearing=angle, rng=1)]
     ... )
     >>> bearings(table, by="station").select("station", "count", "anomalous", "note").rows()
-    [('A', 60, 3, None), ('B', 60, 3, None)]
+    [('A', 60, 4, None), ('B', 60, 4, None)]
     """
     keys = as_names(by)
     require_options(keys, column, options)

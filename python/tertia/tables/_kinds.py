@@ -86,6 +86,37 @@ def take(table: Any, columns: Iterable[str], keys: Sequence[str] = ()) -> Taken:
     return Taken(table, frame, keys)
 
 
+def height(table: Any) -> int:
+    """Return the number of rows."""
+    return len(table) if hasattr(table, "__len__") else int(table.num_rows)
+
+
+def part(table: Table, start: int, stop: int | None = None) -> Table:
+    """Return consecutive rows."""
+    rows = slice(start, stop)
+    if _is_of("pandas", "DataFrame", table):
+        return table.iloc[rows]  # type: ignore[attr-defined,no-any-return]
+    return table[rows]  # type: ignore[index,no-any-return]
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Return the rows of tables of one kind."""
+    first: Any = tables[0]
+    if len(tables) == 1:
+        return tables[0]
+    if isinstance(first, pl.DataFrame):
+        return pl.concat(tables)  # type: ignore[type-var]
+    if _is_of("pandas", "DataFrame", first):
+        import pandas as pd  # noqa: PLC0415  # the caller has it
+
+        return pd.concat(tables)  # type: ignore[no-any-return]
+    import pyarrow as pa  # noqa: PLC0415  # the caller has it
+
+    if _is_of("pyarrow", "Table", first):
+        return pa.concat_tables(tables)  # type: ignore[no-any-return]
+    return _like(first, pa.Table.from_batches(tables))  # type: ignore[no-any-return]
+
+
 def names(table: Any) -> list[Any]:
     """Return the names of the columns."""
     if isinstance(table, pl.DataFrame) or _is_of("pandas", "DataFrame", table):
