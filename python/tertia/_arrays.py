@@ -43,8 +43,10 @@ def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     pandas = sys.modules.get("pandas")
     if pandas is None:
         return array
-    missing = np.frompyfunc(lambda item: item is pandas.NA, 1, 1)(array)
-    return np.where(missing.astype(bool), None, array)
+    found = array.copy()
+    is_na = np.frompyfunc(lambda item: item is pandas.NA, 1, 1)
+    found[np.asarray(is_na(array), dtype=bool)] = None
+    return found
 
 
 def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
