@@ -43,7 +43,7 @@ def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     pandas = sys.modules.get("pandas")
     if pandas is None:
         return array
-    found = array.copy()
+    found: npt.NDArray[Any] = array.copy()
     is_na = np.frompyfunc(lambda item: item is pandas.NA, 1, 1)
     found[np.asarray(is_na(array), dtype=bool)] = None
     return found
