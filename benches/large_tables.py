@@ -120,8 +120,8 @@ def main():
                 rows, seconds, cpu, peak = map(float, done.stdout.split())
                 print(
                     f"{kind} ({size:.1f} GB), {task}: {options.rows:.0e} rows in {seconds:.0f} s, "
-                    f"{options.rows / seconds:,.0f} rows/s ({cpu:.0f} s of CPU), {rows:.0f} rows out, "
-                    f"peak {peak:.0f} MB",
+                    f"{options.rows / seconds:,.0f} rows/s ({cpu:.0f} s of CPU), "
+                    f"{rows:.0f} rows out, peak {peak:.0f} MB",
                     flush=True,
                 )
     return None

@@ -35,10 +35,10 @@ def stream(
     **options
         As of the function.
 
-    Yields
-    ------
-    table of the same kind
-        What the function returns for the groups that are complete.
+    Returns
+    -------
+    iterator of tables of the same kind
+        Each is what the function returns for groups that are complete.
 
     Raises
     ------
