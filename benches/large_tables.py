@@ -80,7 +80,8 @@ def batches(path):
     if path.suffix == ".csv":
         # 8 MB at a time
         return pa.csv.open_csv(path, pa.csv.ReadOptions(block_size=2**23))
-    return pa.parquet.ParquetFile(path).iter_batches(batch_size=2**17)
+    # buffered it would end up in memory as a whole
+    return pa.parquet.ParquetFile(path, pre_buffer=False).iter_batches(batch_size=2**17)
 
 
 def work(task, path):
