@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 import tertia
 from tertia import cli
 from tertia.cli import _bearing, _tables
+from tertia.tables._bearings import RESULTS
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "bearings.csv"
@@ -79,7 +80,7 @@ def test_numbers_are_those_of_the_library_for_every_method(
         write(column(theta)), tmp_path, "--method", method, "--group-size", 7, "--k", 2.2
     )
     expected = tertia.estimate_bearing(theta, method=method, group_size=7, k=2.2)  # type: ignore[arg-type]
-    assert table.columns == list(_bearing.RESULTS)
+    assert table.columns == list(RESULTS)
     assert table.rows() == [
         (
             60,

@@ -16,9 +16,10 @@ import pytest
 from typer.testing import CliRunner
 
 from tertia import cli, metrics, simulate
-from tertia.cli import _fit, _fuse
+from tertia.cli import _fuse
 from tertia.fusion import FusionMethod, FusionResult, fuse_series
 from tertia.kalman import SingerModel, fit_noise
+from tertia.tables import _fit
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "radars.csv"

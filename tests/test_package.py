@@ -1,5 +1,6 @@
 """The package as it is installed."""
 
+import importlib
 import importlib.metadata
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from tertia import (
     screening,
     simulate,
     smoothing,
+    tables,
     tracker,
     trajectory,
     weights,
@@ -43,6 +45,7 @@ MODULES = [
     screening,
     simulate,
     smoothing,
+    tables,
     tertia,
     tracker,
     trajectory,
@@ -63,6 +66,7 @@ ALIASES = {
     "Method",
     "Motion",
     "Order",
+    "Rule",
     "ScenarioName",
     "Score",
     "SetUpName",
@@ -93,7 +97,10 @@ def test_importing_needs_numpy_alone():
         "typer",
         "rich",
         "pandas",
+        "pyarrow",
         "pyproj",
+        "sklearn",
+        "stonesoup",
         "numpy.random",
     ):
         assert name not in loaded
@@ -128,6 +135,13 @@ def test_it_is_the_wheel_that_is_tested():
     assert (installed.parent / "_core.pyi").is_file()
 
 
+@pytest.mark.parametrize("name", ["sklearn", "stonesoup", "traffic"])
+def test_what_is_for_other_libraries_is_documented(name):
+    pytest.importorskip({"traffic": "traffic.core"}.get(name, name), exc_type=ImportError)
+    module = importlib.import_module(f"tertia.interop.{name}")
+    test_every_public_name_exists_and_is_documented(module)
+
+
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
 def test_every_public_name_exists_and_is_documented(module):
     assert module.__doc__
@@ -150,6 +164,7 @@ def test_every_public_name_exists_and_is_documented(module):
         screening,
         simulate,
         smoothing,
+        tables,
         weights,
     ],
     ids=lambda module: module.__name__,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import sys
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -18,7 +19,7 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 def samples(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return `value` as float64 numbers; a masked measurement is nan."""
+    """Return `value` as float64 numbers; a masked measurement, None and pandas' NA are nan."""
     if type(value) is _ARRAY and value.dtype is _FLOAT64:
         return value
     if isinstance(value, np.ma.MaskedArray):
@@ -32,13 +33,27 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
     if array.dtype.kind not in "iufO":
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold real numbers")
     if array.dtype.kind == "O":
+        array = _without_na(array)
         _refuse_objects(array, name)
     return np.asarray(array, dtype=np.float64)
+
+
+def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the objects with None in place of pandas' NA, as data frames of nullable columns."""
+    pandas = sys.modules.get("pandas")
+    if pandas is None:
+        return array
+    found: npt.NDArray[Any] = array.copy()
+    is_na = np.frompyfunc(lambda item: item is pandas.NA, 1, 1)
+    found[np.asarray(is_na(array), dtype=bool)] = None
+    return found
 
 
 def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
     """Fail with the first object that is neither a real number nor None."""
     for index, item in np.ndenumerate(array):
+        if isinstance(item, (bool, np.bool_)):
+            raise TypeError(f"{_place(name, index)} is {item}; it must be a real number")
         if item is not None:
             real(item, _place(name, index))
 

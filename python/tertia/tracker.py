@@ -724,6 +724,9 @@ def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:
     """Return `value` as int64 numbers."""
     array = np.asarray(value)
+    if array.dtype.kind == "O":
+        # nullable columns of older pandas
+        array = np.asarray(array.tolist())
     if array.dtype.kind not in "iu" and array.size:
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
     large = np.flatnonzero(array > np.iinfo(np.int64).max)

@@ -1,18 +1,15 @@
 """`tertia bearing`: bearings with their sigmas."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import polars as pl
 import typer
 
 import tertia
-from tertia import plot
+from tertia import plot, tables
 from tertia._arrays import FloatArray
 from tertia.bearing import BearingEstimate, Method
 from tertia.cli import _tables
@@ -26,8 +23,10 @@ from tertia.cli._terminal import (
     group_name,
     note,
     print_table,
-    tracked,
+    working,
 )
+from tertia.tables._bearings import require_options
+from tertia.tables._columns import layout
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -39,37 +38,7 @@ EXAMPLES = (
     "tertia bearing recording.csv --by target --output out.parquet --plot out.png",
     "tertia bearing ranges.csv --column range_m --period 0 --method corrected",
 )
-RESULTS = {
-    "count": pl.Int64,
-    "missing": pl.Int64,
-    "value": pl.Float64,
-    "sigma": pl.Float64,
-    "anomalous": pl.Int64,
-    "polarity": pl.Float64,
-    "note": pl.String,
-}
 _MAX_PANELS = 16
-
-
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """The measurements of one group (nan: missing), and what came of them."""
-
-    name: str
-    theta: FloatArray
-    estimate: BearingEstimate | None
-    note: str | None
-
-    def row(self) -> tuple[int | float | str | None, ...]:
-        """Return the values of the result columns."""
-        missing = int(np.isnan(self.theta).sum())
-        counts = (self.theta.size - missing, missing)
-        if self.estimate is None:
-            return (*counts, None, None, None, None, self.note)
-        value, sigma, polarity = map(
-            float, (self.estimate.value, self.estimate.sigma, self.estimate.polarity)
-        )
-        return (*counts, value, sigma, int(self.estimate.outlier.sum()), polarity, self.note)
 
 
 def bearing(
@@ -96,70 +65,35 @@ def bearing(
     The measurements of a group must be in the order in which they came. Missing ones (empty, NA,
     nan, null, None, -) are left out and counted.
     """
-    wrap = period or None
-    estimate = partial(
-        tertia.estimate_bearing,
-        period=wrap,
-        method=method,
-        group_size=group_size,
-        k=k,
-        nan_policy="omit",
-    )
-    _check_options(estimate)
+    wrap, keys = period or None, list(dict.fromkeys(by or []))
+    options: dict[str, Any] = {"period": wrap, "method": method, "group_size": group_size, "k": k}
+    try:
+        require_options(keys, column, options)
+    except ValueError as error:
+        fail(str(error), WRONG_USAGE)
     _tables.check_suffixes(output, plot_file)
-    keys, samples = _read_samples(file, column, list(dict.fromkeys(by or [])))
-    groups = _estimate_all(estimate, keys, samples, column)
-    results = pl.DataFrame([group.row() for group in groups], RESULTS, orient="row")
-    table = pl.DataFrame([*keys, *results])
+    frame = _read(file, column, keys)
+    with working("Estimating"):
+        table = tables.bearings(frame, column, by=keys, **options)
     if output is None:
-        _print(table, keys.columns)
+        _print(table, keys)
     else:
         _tables.write(table, output)
     if plot_file is not None:
-        _draw(groups, plot_file, column, wrap, group_size)
+        drawn = _drawn(frame, table, column, keys, options)
+        if drawn:
+            _tables.save(_figure(drawn, column, wrap, group_size), plot_file)
     _report(table)
 
 
-def _check_options(estimate: Callable[..., BearingEstimate]) -> None:
-    """Let the library judge the options before the work, on a sample that suits every method."""
-    try:
-        estimate([0.0] * 5)
-    except ValueError as error:
-        fail(str(error), WRONG_USAGE)
-
-
-def _read_samples(path: Path, column: str, by: list[str]) -> tuple[pl.DataFrame, list[FloatArray]]:
-    """Return the values of `by` and the measurements of each group, nan where missing."""
-    for name in by:
-        if name in {column, *RESULTS}:
-            fail(f"cannot group by {name}: the results have a column of this name", WRONG_USAGE)
+def _read(path: Path, column: str, by: list[str]) -> pl.DataFrame:
+    """Return the values of `by` and the measurements, nan where missing."""
     frame = _tables.read(path, [column, *by])
     is_row = _tables.is_row(frame, path)
     frame = frame.select(*by, _tables.numbers(frame[column], path)).filter(is_row)
     if frame.is_empty():
         fail(f"{path} is empty")
-    if by:
-        frame = frame.group_by(by, maintain_order=True).agg(column)
-    else:
-        frame = frame.select(pl.col(column).implode())
-    return frame.select(by), [sample.to_numpy() for sample in frame[column]]
-
-
-def _estimate_all(
-    estimate: Callable[[FloatArray], BearingEstimate],
-    keys: pl.DataFrame,
-    samples: list[FloatArray],
-    column: str,
-) -> list[_Group]:
-    def group(name: str, theta: FloatArray) -> _Group:
-        try:
-            return _Group(name, theta, estimate(theta), None)
-        except ValueError as error:
-            return _Group(name, theta, None, str(error).replace("theta", column))
-
-    names = [group_name(keys.columns, values) for values in keys.iter_rows()] or [""]
-    pairs = list(zip(names, samples, strict=True))
-    return [group(name, theta) for name, theta in tracked(pairs, "Estimating")]
+    return frame
 
 
 def _print(table: pl.DataFrame, by: list[str]) -> None:
@@ -178,17 +112,23 @@ def _cells(row: dict[str, object]) -> dict[str, str]:
     return cells
 
 
-def _draw(
-    groups: list[_Group], path: Path, column: str, period: float | None, group_size: int
-) -> None:
-    """Draw one panel per group that could be estimated."""
-    drawable = [(g.name, g.theta, g.estimate) for g in groups if g.estimate is not None]
-    drawn = drawable[:_MAX_PANELS]
-    if not drawn:
-        return
-    if len(drawable) > len(drawn):
-        note(f"only the first {len(drawn)} of {len(drawable)} groups are drawn")
-    _tables.save(_figure(drawn, column, period, group_size), path)
+def _drawn(
+    frame: pl.DataFrame, table: pl.DataFrame, column: str, by: list[str], options: dict[str, Any]
+) -> list[tuple[str, FloatArray, BearingEstimate]]:
+    """Return the names, measurements and estimates of the groups that are drawn."""
+    estimated = table["note"].is_null().arg_true()
+    if len(estimated) > _MAX_PANELS:
+        note(f"only the first {_MAX_PANELS} of {len(estimated)} groups are drawn")
+    groups = layout(frame, by)
+    samples = np.split(frame[column].to_numpy()[groups.order], np.cumsum(groups.lengths)[:-1])
+    return [
+        (
+            group_name(by, groups.keys.row(k)) if by else "",
+            samples[k],
+            tertia.estimate_bearing(samples[k], nan_policy="omit", **options),
+        )
+        for k in estimated[:_MAX_PANELS]
+    ]
 
 
 def _figure(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,21 +14,27 @@ import typer
 from tertia import metrics, plot
 from tertia._arrays import FloatArray
 from tertia.cli import _tables
-from tertia.cli._noise import Given, Noise, settle
 from tertia.cli._options import By, Period, PlotFile
-from tertia.cli._plots import Columns, Group, by_group, read_plots, require_distinct
+from tertia.cli._plots import read_plots, require_distinct
 from tertia.cli._terminal import (
     MAX_ROWS,
     WRONG_USAGE,
+    as_text,
     counted,
     fail,
+    group_name,
     note,
     print_table,
     shown,
     tracked,
+    working,
 )
-from tertia.fusion import FusionMethod, FusionResult, fuse_series
-from tertia.kalman import SingerModel
+from tertia.fusion import FusionMethod, fuse_series
+from tertia.tables import _fuse as fusing
+from tertia.tables._columns import beside
+from tertia.tables._fuse import Fuse, Fused
+from tertia.tables._noise import Fitted, Given, Noise, NotFittedError, settle
+from tertia.tables._plots import Columns, Group, by_group
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
@@ -52,15 +58,6 @@ _SUMMARY = (
     "mean weight",
 )
 _MAX_GROUPS_DRAWN = 4
-
-
-@dataclass(frozen=True, slots=True)
-class _Fused:
-    """A group, its variances as stated, and what came of it."""
-
-    group: Group
-    variance: FloatArray
-    result: FusionResult
 
 
 def fuse(
@@ -121,19 +118,25 @@ def fuse(
     for name in columns.by:
         if name in _SUMMARY:
             fail(f"cannot group by {name}: the results have a column of this name", WRONG_USAGE)
-    _check_options(fuse_one, given)
+    try:
+        fusing.check_options(fuse_one, given)
+    except ValueError as error:
+        fail(str(error), WRONG_USAGE)
     _tables.check_suffixes(output, plot_file)
 
     rows = read_plots(files, columns)
     sensors = rows["sensor"].unique(maintain_order=True).to_list()
-    names = _output_columns(columns, sensors)
+    try:
+        names = fusing.output_columns(columns, sensors)
+    except ValueError as error:
+        fail(str(error), WRONG_USAGE)
     groups = by_group(rows, columns)
-    noise = settle(groups, sensors, given, column, wrap)
-    fused = [_fuse(fuse_one, group, noise) for group in tracked(groups, "Fusing")]
+    noise = _settle(groups, sensors, given, columns, wrap)
+    fused = [_fuse(fuse_one, group, noise, columns) for group in tracked(groups, "Fusing")]
 
     _print_summary(fused, columns)
     if output is not None:
-        _tables.write(pl.concat([_track(one, sensors, names) for one in fused]), output)
+        _tables.write(pl.concat([fusing.track(one, sensors, names) for one in fused]), output)
     if plot_file is not None:
         _draw(fused, plot_file, columns, wrap)
     if len(sensors) == 1:
@@ -157,42 +160,60 @@ def _stated(options: list[str]) -> dict[str | None, float]:
     return stated
 
 
-def _check_options(fuse_one: "partial[FusionResult]", given: Given) -> None:
-    """Let the library judge the options before the work."""
+def _settle(
+    groups: list[Group], sensors: list[str], given: Given, columns: Columns, period: float | None
+) -> Noise:
+    """Fit what is not given, and print it."""
+    for name in given.sigmas:
+        if name is not None and name not in sensors:
+            fail(f"--sigma names {name}; the sensors are {', '.join(sensors)}", WRONG_USAGE)
     try:
-        model = SingerModel(1.0, given.alpha or 0.0, given.acceleration_sigma or 0.0, exact=True)
-        for sigma in given.sigmas.values() or [1.0]:
-            fuse_one(np.zeros((1, 1)), sigma**2, model)
-    except ValueError as error:
-        fail(str(error), WRONG_USAGE)
+        with working("Fitting"):
+            noise = settle(groups, sensors, given, columns.angle, period)
+    except NotFittedError as error:
+        wanted = (
+            "--alpha and --acceleration-sigma"
+            if error.sensor is None
+            else f"--sigma {error.sensor}=VALUE"
+        )
+        fail(f"{error.problem}: give {wanted}")
+    if noise.fitted:
+        _print_fitted(noise.fitted)
+    return noise
 
 
-def _output_columns(columns: Columns, sensors: list[str]) -> list[str]:
-    """Return the names of the columns of the track, without those of `by`."""
-    names = [columns.time]
-    for quantity in (columns.angle, "rate", "acceleration"):
-        names += [quantity, f"{quantity}_sigma"]
-    for sensor in sensors:
-        names += [f"weight_{sensor}", f"sigma_{sensor}", f"outlier_{sensor}"]
-    require_distinct([*columns.by, *names], "the track would have two columns {}")
-    return names
+def _print_fitted(fitted: list[Fitted]) -> None:
+    names = ["fitted", "value", "relative error", "from the plots of", "left out"]
+    table = pl.DataFrame([astuple(one) for one in fitted], names, orient="row")
+
+    def cells(row: dict[str, object]) -> dict[str, str]:
+        texts = {name: as_text(value) for name, value in row.items()}
+        value, error = row["value"], row["relative error"]
+        if isinstance(value, float) and isinstance(error, float):
+            texts["value"] = f"{value:.3g}"
+            texts["relative error"] = f"{error:.0%}" if math.isfinite(error) else "not told"
+        return texts
+
+    print_table(table, cells, text=["fitted", "from the plots of"], limited="rows are shown")
 
 
-def _fuse(fuse_one: "partial[FusionResult]", group: Group, noise: Noise) -> _Fused:
-    variance = noise.variance(group)
+def _fuse(fuse_one: Fuse, group: Group, noise: Noise, columns: Columns) -> Fused:
     try:
-        result = fuse_one(group.z, variance, noise.model, times=group.times)
+        return fusing.fuse_group(fuse_one, group, noise)
     except (ValueError, np.linalg.LinAlgError) as error:
-        fail(": ".join(filter(None, [group.name, str(error)])))
-    return _Fused(group, variance, result)
+        fail(": ".join(filter(None, [_name(group, columns), str(error)])))
 
 
-def _summary(fused: list[_Fused]) -> pl.DataFrame:
+def _name(group: Group, columns: Columns) -> str:
+    return group_name(columns.by, group.values)
+
+
+def _summary(fused: list[Fused]) -> pl.DataFrame:
     """Return what is told of each sensor of each group."""
-    return pl.concat([_tables.beside(one.group.keys, _told_of_sensors(one)) for one in fused])
+    return pl.concat([beside(one.group.keys, _told_of_sensors(one)) for one in fused])
 
 
-def _told_of_sensors(one: _Fused) -> pl.DataFrame:
+def _told_of_sensors(one: Fused) -> pl.DataFrame:
     group, result = one.group, one.result
     believed = np.sqrt(result.noise_variance)
     values = [
@@ -220,45 +241,24 @@ def _median(values: FloatArray) -> float:
     return float(np.median(known)) if known.size else math.nan
 
 
-def _print_summary(fused: list[_Fused], columns: Columns) -> None:
+def _print_summary(fused: list[Fused], columns: Columns) -> None:
     table = _summary(fused)
     print_table(table, shown, text=[*columns.by, "sensor"], limited="rows are shown")
     for one in fused[:MAX_ROWS]:
         group = one.group
         told = f"{counted(group.times.size, 'step')}, median sigma of {columns.angle} "
         sigma = _median(one.result.sigma[:, 0])
-        typer.echo(f"{group.name or 'fused'}: {told}{sigma:.3g}")
+        typer.echo(f"{_name(group, columns) or 'fused'}: {told}{sigma:.3g}")
 
 
-def _track(one: _Fused, sensors: list[str], names: list[str]) -> pl.DataFrame:
-    """Return one row per time, null for what is not known, with the columns of all sensors."""
-    group, result = one.group, one.result
-    values: list[pl.Series] = [group.moments]
-    for component in range(3):
-        sigma = result.sigma[:, component]
-        known = np.isfinite(sigma)
-        # with an infinite sigma the mean is no estimate
-        values += [_tables.known(result.mean[:, component], known), _tables.known(sigma, known)]
-    for sensor in sensors:
-        if sensor in group.sensors:
-            k = group.sensors.index(sensor)
-            weight, noise = result.weights[k, :, 0], np.sqrt(result.noise_variance[k])
-            rejected = pl.Series(result.outlier[k]).set(pl.Series(np.isnan(group.z[k])), None)
-            values += [_tables.known(weight, ~np.isnan(weight)), pl.Series(noise), rejected]
-        else:
-            kinds = (pl.Float64, pl.Float64, pl.Boolean)
-            values += [pl.repeat(None, group.times.size, dtype=d, eager=True) for d in kinds]
-    return _tables.beside(group.keys, pl.DataFrame(dict(zip(names, values, strict=True))))
-
-
-def _draw(fused: list[_Fused], path: Path, columns: Columns, period: float | None) -> None:
+def _draw(fused: list[Fused], path: Path, columns: Columns, period: float | None) -> None:
     drawn = fused[:_MAX_GROUPS_DRAWN]
     if len(fused) > len(drawn):
         note(f"only the first {len(drawn)} of {len(fused)} groups are drawn")
     _tables.save(_figure(drawn, columns, period), path)
 
 
-def _figure(drawn: list[_Fused], columns: Columns, period: float | None) -> "Figure":
+def _figure(drawn: list[Fused], columns: Columns, period: float | None) -> "Figure":
     """Draw one column of panels per group."""
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
@@ -278,7 +278,7 @@ def _figure(drawn: list[_Fused], columns: Columns, period: float | None) -> "Fig
             sensors=group.sensors,
             figure=part,
         )
-        top.set_title(": ".join(filter(None, [group.name, top.get_title()])))
+        top.set_title(": ".join(filter(None, [_name(group, columns), top.get_title()])))
         top.set_ylabel(f"{columns.angle}, plot − fused")
         bottom.set_xlabel(columns.time)
         if at:

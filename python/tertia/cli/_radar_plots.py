@@ -8,21 +8,18 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray, IntArray
 from tertia.cli import _tables
 from tertia.cli._measurements import doubt_degrees, numbers_of_names
 from tertia.cli._radars import RadarSites
 from tertia.cli._terminal import WRONG_USAGE, fail, note
+from tertia.tables._track_rows import IDENTITIES, Clock, Identities
 from tertia.tracker import NO_IDENTITY, Plots
 
 TIME, AZIMUTH, RADAR = "time_s", "azimuth_deg", "radar"
 # columns of which one is taken, the first that is there, and their units
 _RANGES = {"range_m": 1.0, "range_nm": 1852.0}
 _HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
-# and their bases: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal digits
-_IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
-_DIGITS = {16: "{:06X}", 8: "{:04o}"}
-NAMES = (TIME, AZIMUTH, RADAR, *_RANGES, *_HEIGHTS, *_IDENTITIES)
+NAMES = (TIME, AZIMUTH, RADAR, *_RANGES, *_HEIGHTS, *IDENTITIES)
 # as many plots tell whether a unit is right: medians below or above which it hardly is
 _DOUBTFUL_COUNT = 20
 _LEAST_RANGE = 1000.0
@@ -31,48 +28,6 @@ _MOST = {
     "height_m": (20_000.0, "metres", "feet"),
     "flight_level": (1000.0, "hundreds of feet", "feet"),
 }
-_DAY = 86_400
-
-
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """Times of the files, and the seconds that stand for them.
-
-    Dates become seconds since the midnight before the first of them.
-    """
-
-    dtype: pl.DataType
-    midnight: int
-    ticks: float
-
-    @property
-    def dated(self) -> bool:
-        """Whether the times are dates."""
-        return isinstance(self.dtype, pl.Datetime)
-
-    @classmethod
-    def of(cls, moments: pl.Series) -> "Clock":
-        """Return that of some times."""
-        if not isinstance(moments.dtype, pl.Datetime):
-            return cls(moments.dtype, 0, 1.0)
-        ticks = _tables.PER_SECOND[moments.dtype.time_unit]
-        day = int(_DAY * ticks)
-        return cls(moments.dtype, int(moments.to_physical().to_numpy().min()) // day * day, ticks)
-
-    def seconds(self, moments: pl.Series) -> FloatArray:
-        """Return times as seconds."""
-        if not self.dated:
-            return np.asarray(moments.to_numpy(), dtype=np.float64)
-        since: FloatArray = (moments.to_physical().to_numpy() - self.midnight) / self.ticks
-        return since
-
-    def moments(self, seconds: FloatArray) -> pl.Series:
-        """Return seconds as times."""
-        if not self.dated:
-            return pl.Series(seconds)
-        ticks = self.midnight + np.rint(seconds * self.ticks).astype(np.int64)
-        moments: pl.Series = pl.Series(ticks).cast(self.dtype)
-        return moments
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +36,7 @@ class Recording:
 
     plots: Plots
     clock: Clock
-    identity: str
-
-    def identities(self, numbers: IntArray) -> pl.Series:
-        """Return identities as they are in the files, null where there is none."""
-        digits = _DIGITS.get(_IDENTITIES[self.identity])
-        if digits is None:
-            return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)
-        texts = [None if n == NO_IDENTITY else digits.format(n) for n in numbers.tolist()]
-        return pl.Series(texts, dtype=pl.String)
+    identities: Identities
 
 
 def column_names(options: Sequence[str]) -> dict[str, str]:
@@ -111,7 +58,7 @@ def read_recording(
 ) -> Recording:
     """Return the plots of all files, by these radars."""
     opened = [_File(path, _read(path, columns), columns) for path in files]
-    identities = [one.first_of(_IDENTITIES) for one in opened]
+    identities = [one.first_of(IDENTITIES) for one in opened]
     for path, name in zip(files, identities, strict=True):
         if name != identities[0]:
             told = f"{identities[0] or 'no identities'}, {path} {name or 'none'}"
@@ -133,7 +80,7 @@ def read_recording(
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
     )
-    return Recording(plots, clock, identities[0] or "identity")
+    return Recording(plots, clock, Identities(identities[0] or "identity"))
 
 
 def _read(path: Path, columns: Mapping[str, str]) -> pl.DataFrame:
@@ -213,19 +160,20 @@ def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
 
 def _identities(file: _File) -> pl.Series:
     """Return identities as numbers, -1 where there is none."""
-    name = file.first_of(_IDENTITIES)
+    name = file.first_of(IDENTITIES)
     if name is None:
         return pl.repeat(NO_IDENTITY, file.frame.height, eager=True, dtype=pl.Int64)
-    base, column = _IDENTITIES[name], file[name]
+    column = file[name]
     if column.dtype.is_float():
         column = _tables.numbers(column, file.path).fill_nan(None).cast(pl.Int64, strict=False)
     text = _tables.without_marks(column.cast(pl.String))
-    found: pl.Series = text.str.to_integer(base=base, strict=False)
-    wrong = (text.is_not_null() & ~(found >= 0).fill_null(False)).arg_true()
+    found = Identities(name).numbers(text)
+    wrong = (text.is_not_null() & found.is_null()).arg_true()
     if len(wrong):
         kinds = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
         place = _tables.place(file.path, wrong[0])
-        fail(f"{place}: {file[name].name} is {text[wrong[0]]!r}; it must be {kinds[base]}")
+        kind = kinds[IDENTITIES[name]]
+        fail(f"{place}: {file[name].name} is {text[wrong[0]]!r}; it must be {kind}")
     return found.fill_null(NO_IDENTITY)
 
 

@@ -9,13 +9,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-import numpy as np
 import polars as pl
 import polars.selectors as cs
 import typer
 
-from tertia._arrays import BoolArray, FloatArray
 from tertia.cli._terminal import WRONG_USAGE, counted, fail
+from tertia.tables import _columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,8 +35,9 @@ _WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
 # %.f is a fraction of a second or nothing, %#z an offset or Z
 _LOCAL_TIMES = ("%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
 _ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z")
+PER_SECOND = _columns.PER_SECOND
+beside, known, seconds = _columns.beside, _columns.known, _columns.seconds
 _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
-PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 def check_suffixes(output: Path | None, plot_file: Path | None, *others: Path | None) -> None:
@@ -151,15 +151,6 @@ def _zone(column: pl.Series) -> str | None:
     return column.dtype.time_zone if isinstance(column.dtype, pl.Datetime) else None
 
 
-def seconds(moments: pl.Series) -> FloatArray:
-    """Return times as numbers; dates as seconds from the earliest."""
-    if not isinstance(moments.dtype, pl.Datetime):
-        return np.asarray(moments.to_numpy(), dtype=np.float64)
-    ticks = moments.to_physical().to_numpy()
-    since: FloatArray = (ticks - ticks.min()) / PER_SECOND[moments.dtype.time_unit]
-    return since
-
-
 def without_marks(column: pl.Series) -> pl.Series:
     """Return text without spaces around it, null where it says that there is nothing."""
     column = column.str.strip_chars()
@@ -249,13 +240,3 @@ def _kind(time: pl.Series) -> str:
     if not isinstance(time.dtype, pl.Datetime):
         return "numbers"
     return "dates" if time.dtype.time_zone is None else "dates with a time zone"
-
-
-def beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with the keys of its group in every row."""
-    return keys.join(table, how="cross") if keys.width else table
-
-
-def known(values: FloatArray, known: BoolArray) -> pl.Series:
-    """Return numbers, null where they are not known."""
-    return pl.Series(values).set(pl.Series(~known), None)

@@ -18,7 +18,7 @@ def write_report(tracked: Tracked, radars: pl.DataFrame, folder: Path) -> None:
     _tables.make_folder(folder)
     summary = figures(tracked) | {"radars": radars.to_dicts()}
     _tables.write_json(summary, folder / SUMMARY)
-    tracks = one_row_per_track(tracked.rows(), tracked.recording.identity)
+    tracks = one_row_per_track(tracked.rows(), tracked.recording.identities.name)
     for table, name in zip((radars, tracks), TABLES, strict=True):
         _tables.write(table, folder / name)
     draw(tracked, folder / PICTURES[0])

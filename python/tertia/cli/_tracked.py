@@ -12,8 +12,8 @@ from tertia import plot
 from tertia.cli import _tables
 from tertia.cli._radar_plots import Recording
 from tertia.cli._radars import RadarSites
-from tertia.cli._track_rows import track_rows
 from tertia.flightplan import FlightPlan
+from tertia.tables._track_rows import track_rows
 from tertia.tracker import Fate, TrackTable
 
 _FIGURE_SIZE = (11.0, 9.0)
@@ -37,7 +37,15 @@ class Tracked:
 
     def rows(self) -> pl.DataFrame:
         """Return the rows of the tracks as they are in files."""
-        return track_rows(self.table, self.recording, self.sites, self.plans)
+        recording, sites = self.recording, self.sites
+        return track_rows(
+            self.table,
+            clock=recording.clock,
+            identities=recording.identities,
+            radars=sites.names,
+            plans=self.plans,
+            geodetic=sites.places.geodetic(self.table.position),
+        )
 
 
 def radar_rows(tracked: Tracked) -> pl.DataFrame:

@@ -1,16 +1,16 @@
 """What is assumed of plots and motion: as given, else fitted from the recording."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 
 from tertia._arrays import FloatArray
-from tertia.cli._fit import SensorFit, best_motion, fit_sensor
-from tertia.cli._plots import Group
-from tertia.cli._terminal import WRONG_USAGE, as_text, fail, print_table, tracked
 from tertia.kalman import SingerModel
+from tertia.tables._fit import SensorFit, best_motion, fit_sensor
+from tertia.tables._plots import Group
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,23 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True)
+class Fitted:
+    """A number that was fitted, its relative error, and the plots that tell it."""
+
+    name: str
+    value: float
+    relative_error: float
+    sensor: str
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True)
 class Noise:
     """The motion of the targets, and the sigmas of sensors that do not state one per plot."""
 
     model: SingerModel
     sigmas: dict[str, float]
+    fitted: list[Fitted]
 
     def variance(self, group: Group) -> FloatArray:
         """Return the variances of the plots of a group, (K, steps)."""
@@ -49,33 +61,37 @@ class Noise:
         return variance
 
 
+class NotFittedError(ValueError):
+    """Too little to fit what is not given: the sigma of a sensor, or (None) the motion."""
+
+    def __init__(self, problem: str, sensor: str | None) -> None:
+        wanted = "alpha and acceleration_sigma" if sensor is None else f"the sigma of {sensor}"
+        super().__init__(f"{problem}: give {wanted}")
+        self.problem, self.sensor = problem, sensor
+
+
 def settle(
     groups: list[Group], sensors: list[str], given: Given, angle: str, period: float | None
 ) -> Noise:
-    """Fit what is not given, and print it."""
-    for name in given.sigmas:
-        if name is not None and name not in sensors:
-            fail(f"--sigma names {name}; the sensors are {', '.join(sensors)}", WRONG_USAGE)
+    """Fit what is not given; raises NotFittedError where there is too little for that."""
     unknown = given.unknown(sensors)
     alpha, acceleration_sigma = given.alpha, given.acceleration_sigma
     seek_motion = alpha is None or acceleration_sigma is None
     fits, problems = _fit(groups, sensors if seek_motion else unknown, angle, period)
     for name in unknown:
         if name in problems:
-            fail(f"{problems[name]}: give --sigma {name}=VALUE")
-    found = [_sigma_row(fits[name]) for name in unknown]
+            raise NotFittedError(problems[name], name)
+    fitted = [_sigma(fits[name]) for name in unknown]
     if seek_motion:
         if not fits:
-            fail(f"{next(iter(problems.values()))}: give --alpha and --acceleration-sigma")
+            raise NotFittedError(next(iter(problems.values())), None)
         best = best_motion(list(fits.values()))
         if alpha is None:
             alpha = best.noise.alpha
-            found.append(_motion_row("alpha", alpha, 0, best))
+            fitted.append(_motion("alpha", alpha, 0, best))
         if acceleration_sigma is None:
             acceleration_sigma = best.noise.acceleration_sigma
-            found.append(_motion_row("acceleration sigma", acceleration_sigma, 1, best))
-    if found:
-        _print(found)
+            fitted.append(_motion("acceleration sigma", acceleration_sigma, 1, best))
     sigmas = {name: fits[name].noise.measurement_sigma for name in unknown}
     if given.sigma_column is None:
         sigmas |= {
@@ -83,7 +99,8 @@ def settle(
             for n in sensors
             if n not in sigmas
         }
-    return Noise(SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True), sigmas)
+    model = SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True)
+    return Noise(model, sigmas, fitted)
 
 
 def _fit(
@@ -91,7 +108,7 @@ def _fit(
 ) -> tuple[dict[str, SensorFit], dict[str, str]]:
     """Return the fits of sensors that can be fitted, and why others cannot."""
     fits, problems = {}, {}
-    for name in tracked(sensors, "Fitting"):
+    for name in sensors:
         series = [
             (group.times, group.z[group.sensors.index(name)])
             for group in groups
@@ -104,29 +121,11 @@ def _fit(
     return fits, problems
 
 
-_Row = tuple[str, float, float, str, int]
-
-
-def _sigma_row(fit: SensorFit) -> _Row:
+def _sigma(fit: SensorFit) -> Fitted:
     noise = fit.noise
     name = f"sigma of {fit.sensor}"
-    return name, noise.measurement_sigma, noise.relative_errors[2], fit.sensor, fit.left_out
+    return Fitted(name, noise.measurement_sigma, noise.relative_errors[2], fit.sensor, fit.left_out)
 
 
-def _motion_row(name: str, value: float, which: int, fit: SensorFit) -> _Row:
-    return name, value, fit.noise.relative_errors[which], fit.sensor, fit.left_out
-
-
-def _print(rows: list[_Row]) -> None:
-    names = ["fitted", "value", "relative error", "from the plots of", "left out"]
-    table = pl.DataFrame(rows, names, orient="row")
-
-    def cells(row: dict[str, object]) -> dict[str, str]:
-        texts = {name: as_text(value) for name, value in row.items()}
-        value, error = row["value"], row["relative error"]
-        if isinstance(value, float) and isinstance(error, float):
-            texts["value"] = f"{value:.3g}"
-            texts["relative error"] = f"{error:.0%}" if math.isfinite(error) else "not told"
-        return texts
-
-    print_table(table, cells, text=["fitted", "from the plots of"], limited="rows are shown")
+def _motion(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
+    return Fitted(name, value, fit.noise.relative_errors[which], fit.sensor, fit.left_out)

@@ -1,0 +1,8 @@
+"""Other libraries' own kinds of objects, for those who work with them anyway.
+
+`tertia.interop.sklearn` has estimators of scikit-learn, `tertia.interop.stonesoup` components of
+Stone Soup, `tertia.interop.traffic` smooths flights of traffic. Each needs an extra of its name.
+Tables are in `tertia.tables`.
+"""
+
+__all__: list[str] = []

@@ -1,0 +1,342 @@
+"""Components of Stone Soup: the tracker, an updater, and the motion of Singer.
+
+`PlotTracker` makes Stone Soup's tracks of its detections with `tertia.tracker`. `Updater` updates
+states with `tertia.weights`, and `SingerMotion` moves them with `tertia.kalman`, in trackers that
+are made of Stone Soup's own components. The state of a track is `[x, vx, y, vy]`, x to the east and
+y to the north, in metres. Needs the extra `stonesoup`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+from stonesoup.base import Property
+from stonesoup.models.base import TimeVariantModel
+from stonesoup.models.measurement.linear import LinearGaussian
+from stonesoup.models.measurement.nonlinear import CartesianToBearingRange
+from stonesoup.models.transition.linear import (
+    CombinedLinearGaussianTransitionModel,
+    LinearGaussianTransitionModel,
+)
+from stonesoup.predictor.kalman import KalmanPredictor
+from stonesoup.tracker import Tracker as TrackerBase
+from stonesoup.types.array import CovarianceMatrix, StateVector
+from stonesoup.types.hypothesis import SingleHypothesis
+from stonesoup.types.prediction import GaussianStatePrediction
+from stonesoup.types.track import Track
+from stonesoup.types.update import GaussianStateUpdate, Update
+from stonesoup.updater.kalman import ExtendedKalmanUpdater
+
+from tertia import weights
+from tertia._arrays import FloatArray
+from tertia.kalman import SingerModel
+from tertia.tracker import Plots, Radar, Tracker, TrackTable
+
+__all__ = ["PlotTracker", "SingerMotion", "Updater", "plots", "predictor", "radar"]
+
+# a radar so far away, in metres, measures x and y: its beam bends by a metre in 20 km
+_FAR = 1e8
+# where its components are in the state of a track
+_ORDER = [0, 2, 1, 3]
+
+
+def radar(model: Any, period: float, **options: Any) -> Radar:
+    """Return the radar that measures as a measurement model says.
+
+    Parameters
+    ----------
+    model : CartesianToBearingRange or LinearGaussian
+        Of range and bearing, without correlation; or of x and y, which become range and azimuth of
+        a radar 1e8 m away, along the axes of the covariance.
+    period : float
+        Seconds from scan to scan.
+    **options
+        As of `tertia.tracker.Radar`.
+
+    Returns
+    -------
+    tertia.tracker.Radar
+
+    Raises
+    ------
+    ValueError
+        A covariance that is no radar's, or a sensor that is tilted.
+    TypeError
+        A model of another kind.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stonesoup.models.measurement.nonlinear import CartesianToBearingRange
+    >>> from tertia.interop.stonesoup import radar
+    >>> model = CartesianToBearingRange(4, (0, 2), np.diag([np.radians(0.1) ** 2, 50.0**2]))
+    >>> radar(model, 4.0).range_sigma
+    50.0
+    """
+    covariance = np.asarray(model.noise_covar, dtype=np.float64)
+    if isinstance(model, CartesianToBearingRange):
+        if covariance[0, 1] != 0 or np.any(np.asarray(model.rotation_offset, dtype=float)[:2]):
+            raise ValueError("bearing and range must not be correlated, nor the sensor tilted")
+        place = np.asarray(model.translation_offset, dtype=np.float64)[:2, 0]
+        bearing, distance = np.sqrt(np.diag(covariance)).tolist()
+        return Radar(place, range_sigma=distance, azimuth_sigma=bearing, period=period, **options)
+    if not isinstance(model, LinearGaussian) or covariance.shape != (2, 2):
+        raise TypeError(
+            f"the measurement model is a {type(model).__name__}; it must be of bearing and range, "
+            "or of x and y"
+        )
+    across, along = np.sqrt(np.linalg.eigvalsh(covariance)).tolist()
+    return Radar(
+        -_FAR * _line_of_sight(model),
+        range_sigma=along,
+        azimuth_sigma=across / _FAR,
+        period=period,
+        **options,
+    )
+
+
+def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> Plots:
+    """Return detections as plots of the radars of these measurement models.
+
+    Parameters
+    ----------
+    detections : iterable of Detection
+        Each with its measurement model.
+    models : sequence of measurement models
+        Those of all sensors: a plot's radar is the index of its own.
+    start : datetime
+        When time is 0.
+
+    Returns
+    -------
+    tertia.tracker.Plots
+
+    Raises
+    ------
+    ValueError
+        A detection whose model is none of these.
+    TypeError
+        A model of another kind than `radar` takes.
+
+    Examples
+    --------
+    >>> from datetime import datetime
+    >>> import numpy as np
+    >>> from stonesoup.models.measurement.nonlinear import CartesianToBearingRange
+    >>> from stonesoup.types.detection import Detection
+    >>> from tertia.interop.stonesoup import plots
+    >>> model = CartesianToBearingRange(4, (0, 2), np.diag([1e-6, 2500.0]))
+    >>> start = datetime(2024, 1, 1)
+    >>> seen = plots([Detection([0.0, 1e4], start, measurement_model=model)], [model], start)
+    >>> np.degrees(seen.azimuth), seen.range
+    (array([90.]), array([10000.]))
+    """
+    rows = [_row(detection, models, start) for detection in detections]
+    time, distance, azimuth, index = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    return Plots(time, distance, azimuth, radar=index.astype(np.int64))
+
+
+def _row(detection: Any, models: Sequence[Any], start: datetime) -> tuple[float, ...]:
+    model = detection.measurement_model
+    index = next((k for k, known in enumerate(models) if _measures_alike(model, known)), None)
+    if index is None:
+        raise ValueError("a detection has a measurement model that is not among those given")
+    seconds = (detection.timestamp - start).total_seconds()
+    first, second = (float(value) for value in detection.state_vector[:, 0])
+    if isinstance(model, LinearGaussian):
+        line = _line_of_sight(model)
+        east, north = np.array([first, second]) + _FAR * line
+        return seconds, math.hypot(east, north), math.atan2(east, north), index
+    turned = float(np.asarray(model.rotation_offset, dtype=float)[2, 0])
+    return seconds, second, math.pi / 2 - (first + turned), index
+
+
+def _line_of_sight(model: Any) -> FloatArray:
+    """Return the direction in which x and y have their largest error."""
+    vectors: FloatArray = np.linalg.eigh(np.asarray(model.noise_covar, dtype=np.float64))[1]
+    return vectors[:, 1]
+
+
+def _measures_alike(first: Any, second: Any) -> bool:
+    if first is second:
+        return True
+    names = ("noise_covar", "translation_offset", "rotation_offset")
+    return type(first) is type(second) and all(
+        np.array_equal(getattr(first, name, 0.0), getattr(second, name, 0.0)) for name in names
+    )
+
+
+class PlotTracker(TrackerBase):  # type: ignore[misc]
+    """Tracks of detections by `tertia.tracker.Tracker`, as one of Stone Soup's trackers.
+
+    Parameters
+    ----------
+    detector : DetectionReader
+        Where detections come from. A step is a scan or a part of one.
+    measurement_models : sequence of measurement models
+        Those of all sensors: see `radar`. Sensors that measure x and y need `clutter_density` among
+        the options, for what area they see is not known.
+    period : float
+        Seconds from scan to scan.
+    options : mapping, optional
+        As of `tertia.tracker.Tracker`; of its motions all but "imm-plan".
+
+    Notes
+    -----
+    `tracks` are those that are confirmed and have not ended. Each of their states is an update with
+    the detection, or a prediction where a scan missed the target.
+    """
+
+    detector: Any = Property(doc="Where detections come from.")
+    measurement_models: Any = Property(doc="Measurement models of all sensors.")
+    period: Any = Property(doc="Seconds from scan to scan.")
+    options: Any = Property(default=None, doc="Options of the tracker.")
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        options: dict[str, Any] = {"motion": "imm", **(self.options or {})}
+        cartesian = [isinstance(model, LinearGaussian) for model in self.measurement_models]
+        if any(cartesian) and options.get("clutter_density") is None:
+            raise ValueError("options must have clutter_density where a sensor measures x and y")
+        radars = [radar(model, self.period) for model in self.measurement_models]
+        self._tracker = Tracker(radars, **options)
+        self._start: datetime | None = None
+        self._detections: list[Any] = []
+        self._tracks: dict[int, Any] = {}
+
+    @property
+    def tracks(self) -> set[Any]:
+        """The tracks of now."""
+        numbers, _ = self._tracker.ahead(0.0)
+        return {self._tracks[number] for number in numbers.tolist() if number in self._tracks}
+
+    def __iter__(self) -> Iterator[tuple[datetime, set[Any]]]:
+        """Begin to take detections."""
+        self._steps = iter(self.detector)
+        return self
+
+    def __next__(self) -> tuple[datetime, set[Any]]:
+        """Take the detections of the next step."""
+        time, detections = next(self._steps)
+        if self._start is None:
+            self._start = time
+        seen = sorted(detections, key=lambda detection: detection.timestamp)
+        taken = plots(seen, self.measurement_models, self._start)
+        self._detections += seen
+        until = (time - self._start).total_seconds()
+        self._append(self._tracker.update(taken, time=max([until, *taken.time])))
+        return time, self.tracks
+
+    def _append(self, table: TrackTable) -> None:
+        means = np.hstack([table.position, table.velocity])[:, _ORDER]
+        covariances = table.covariance[:, _ORDER][:, :, _ORDER]
+        assert self._start is not None
+        for row in range(len(table)):
+            moment = self._start + timedelta(seconds=float(table.time[row]))
+            mean = StateVector(means[row])
+            covariance = CovarianceMatrix(covariances[row])
+            state = GaussianStatePrediction(mean, covariance, timestamp=moment)
+            if table.plot[row] >= 0:
+                hypothesis = SingleHypothesis(None, self._detections[table.plot[row]])
+                state = GaussianStateUpdate(
+                    mean, covariance, timestamp=moment, hypothesis=hypothesis
+                )
+            self._tracks.setdefault(int(table.track[row]), Track()).append(state)
+
+
+class SingerMotion(LinearGaussianTransitionModel, TimeVariantModel):  # type: ignore[misc]
+    """An axis of a target with a `tertia.kalman.SingerModel`: position, velocity, acceleration.
+
+    In closed form, as printed or exact, and right to the last digits for any interval.
+
+    Parameters
+    ----------
+    model : SingerModel
+        How the acceleration fades.
+    """
+
+    model: Any = Property(doc="How the acceleration fades.")
+
+    @property
+    def ndim_state(self) -> int:
+        """Three: position, velocity, acceleration."""
+        return 3
+
+    def matrix(self, time_interval: timedelta, **kwargs: Any) -> FloatArray:
+        """Return F over the interval."""
+        return self.model.transition(time_interval.total_seconds())  # type: ignore[no-any-return]
+
+    def covar(self, time_interval: timedelta, **kwargs: Any) -> Any:
+        """Return Q over the interval."""
+        return CovarianceMatrix(self.model.process_noise(time_interval.total_seconds()))
+
+
+def predictor(model: SingerModel, axes: int = 2) -> Any:
+    """Return Stone Soup's predictor of a target with this model in each of its axes.
+
+    Parameters
+    ----------
+    model : SingerModel
+        How the acceleration fades.
+    axes : int
+        Number of axes; the state is position, velocity and acceleration of the first, then of the
+        next.
+
+    Returns
+    -------
+    stonesoup.predictor.kalman.KalmanPredictor
+
+    Raises
+    ------
+    TypeError
+        A model of another kind.
+
+    Examples
+    --------
+    >>> from tertia.interop.stonesoup import predictor
+    >>> from tertia.kalman import SingerModel
+    >>> predictor(SingerModel(1.0, 0.05, 1.0, exact=True)).transition_model.ndim_state
+    6
+    """
+    if not isinstance(model, SingerModel):
+        raise TypeError(f"model is {model!r}; it must be a SingerModel")
+    motions = [SingerMotion(model) for _ in range(axes)]
+    return KalmanPredictor(CombinedLinearGaussianTransitionModel(motions))
+
+
+class Updater(ExtendedKalmanUpdater):  # type: ignore[misc]
+    """Stone Soup's updater, with `tertia.weights.combine_scalar` for its arithmetic.
+
+    The components of a measurement are made independent and added one by one, each as information
+    of rank one, in Joseph's form: covariances stay positive and symmetric. Measurements may be
+    linear, or are linearised as by the `ExtendedKalmanUpdater`.
+    """
+
+    def update(self, hypothesis: Any, **kwargs: Any) -> Any:
+        """Return the state with the measurement of a hypothesis."""
+        prediction, measurement = hypothesis.prediction, hypothesis.measurement
+        model = self._check_measurement_model(measurement.measurement_model)
+        if hypothesis.measurement_prediction is None:
+            hypothesis.measurement_prediction = self.predict_measurement(
+                prediction, measurement_model=model, **kwargs
+            )
+        innovation = measurement.state_vector - hypothesis.measurement_prediction.state_vector
+        rows = np.column_stack([self._measurement_matrix(prediction, model), innovation])
+        root = np.linalg.cholesky(np.asarray(model.covar(), dtype=np.float64))
+        independent = np.linalg.solve(root, rows.astype(np.float64))
+        change = np.zeros(independent.shape[1] - 1)
+        covariance = np.asarray(prediction.covar, dtype=np.float64)
+        for *h, z in independent:
+            found = weights.combine_scalar(change, covariance, h, z, 1.0)
+            change, covariance = found.value, found.covariance
+        return Update.from_state(
+            prediction,
+            (prediction.state_vector + change[:, np.newaxis]).view(StateVector),
+            CovarianceMatrix(covariance),
+            timestamp=measurement.timestamp,
+            hypothesis=hypothesis,
+        )

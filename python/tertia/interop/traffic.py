@@ -1,0 +1,242 @@
+"""Flights of traffic, smoothed with what their errors are.
+
+`smooth` replaces the positions and altitudes of a `traffic.core.Flight` by those that all of them
+together make likely, and ground speed, track and vertical rate by those of the smoothed path. Needs
+the extra `traffic` (traffic, pyproj).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+from traffic.core import Flight
+
+from tertia import smoothing
+from tertia._arrays import BoolArray, FloatArray, positive, real
+from tertia.geo import LocalFrame
+from tertia.tables._fit import fit_sensor
+
+__all__ = ["smooth"]
+
+_FOOT, _KNOT, _RADIUS = 0.3048, 1852.0 / 3600.0, 6_371_000.0
+# metres per second: vertical rates are in feet per minute
+_FOOT_PER_MINUTE = _FOOT / 60.0
+# sum of squared residuals in units of their variances: no flight has one by noise alone
+_GATE = 36.0
+_MOST_PASSES = 10
+_FEWEST = 10
+# these tell the noise to a few percent
+_STRETCH, _STRETCHES = 500, 4
+
+
+def smooth(
+    flight: Flight,
+    *,
+    position_sigma: float | None = None,
+    altitude_sigma: float | None = None,
+) -> Flight:
+    """Smooth the path of a flight, without its outliers and over its gaps.
+
+    Parameters
+    ----------
+    flight : traffic.core.Flight
+        With `timestamp`, `latitude` and `longitude` and, if known, `altitude`, in the units of
+        traffic: degrees, feet, knots, feet per minute. Missing values may be anywhere.
+    position_sigma : float, optional
+        Standard deviation of the positions in metres, east and north alike. By default fitted.
+    altitude_sigma : float, optional
+        That of the altitudes in feet, likewise.
+
+    Returns
+    -------
+    traffic.core.Flight
+        The same rows, by time, with `latitude`, `longitude`, `groundspeed`, `track` and, with
+        altitudes, `altitude` and `vertical_rate` of the smoothed path, where something was missing
+        too; nan where nothing tells them. Besides `groundspeed_sigma`, `track_sigma`,
+        `altitude_sigma` and `vertical_rate_sigma` in the same units; `position_sigma_m`,
+        `velocity_sigma_m_s` and `position_velocity_covariance_m2_s` of each horizontal axis (east
+        and north have the same errors, and independent ones), `altitude_vertical_rate_covariance`
+        in feet squared per minute; `position_outlier` and `altitude_outlier`: what was left out.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 10 positions, a sigma that is not positive, or noise that cannot be fitted.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Positions are smoothed as `tertia.smoothing.smooth` does it, in space, on the ellipsoid, so that
+    flights may be long; altitudes by themselves. What is far from the path that the others make
+    (6 sigma) is left out, and looked at again until nothing changes. Speeds that were reported are
+    not used: they are a check.
+
+    The jerk is that of the whole flight. It comes at the ends of turns, so there errors are larger
+    than told, and smaller in straight flight: in a flight of seven minutes with one turn, sampled
+    every second, rms errors were 0.9 sigma of position, 0.7 of ground speed and 1.6 of track.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from tertia.interop.traffic import smooth
+    >>> time = pd.date_range("2024-01-01", periods=60, freq="s", tz="UTC")
+    >>> data = {"timestamp": time, "latitude": 52.0, "longitude": [4 + 2e-3 * k for k in range(60)]}
+    >>> data |= {"callsign": "TEST", "icao24": "abcdef"}
+    >>> path = smooth(Flight(pd.DataFrame(data)), position_sigma=10.0)
+    >>> round(float(path.data["groundspeed"].iloc[30]))
+    267
+    """
+    data = flight.data.sort_values("timestamp", kind="stable").reset_index(drop=True)
+    moments = data["timestamp"]
+    times = (moments - moments.iloc[0]).dt.total_seconds().to_numpy(dtype=np.float64)
+    columns: dict[str, FloatArray | BoolArray] = {}
+    height = np.zeros(len(data))
+    if "altitude" in data.columns:
+        columns, height = _vertical(times, _numbers(data, "altitude"), altitude_sigma)
+    columns |= _horizontal(
+        times, _numbers(data, "latitude"), _numbers(data, "longitude"), height, position_sigma
+    )
+    return Flight(data.assign(**columns))
+
+
+def _numbers(data: pd.DataFrame, name: str) -> FloatArray:
+    values: FloatArray = data[name].to_numpy(dtype=np.float64, na_value=np.nan)
+    return values
+
+
+def _vertical(
+    times: FloatArray, altitude: FloatArray, sigma: float | None
+) -> tuple[dict[str, FloatArray | BoolArray], FloatArray]:
+    """Return the columns of the vertical motion, and the heights in metres."""
+    y = altitude[:, np.newaxis] * _FOOT
+    known = None if sigma is None else _positive(sigma, "altitude_sigma") * _FOOT
+    found, outlier = _robust(times, y, y, known, "altitude")
+    value, deviation = found.mean / _FOOT, found.sigma / _FOOT
+    covariance = found.covariance[:, 0, 1] / (_FOOT * _FOOT_PER_MINUTE)
+    columns: dict[str, FloatArray | BoolArray] = {
+        "altitude": value[:, 0],
+        "altitude_sigma": _known(deviation[:, 0]),
+        "vertical_rate": value[:, 1] * 60.0,
+        "vertical_rate_sigma": _known(deviation[:, 1] * 60.0),
+        "altitude_vertical_rate_covariance": np.where(
+            np.isfinite(deviation[:, 1]), covariance, np.nan
+        ),
+        "altitude_outlier": outlier,
+    }
+    return columns, np.nan_to_num(found.mean[:, 0])
+
+
+def _horizontal(
+    times: FloatArray,
+    latitude: FloatArray,
+    longitude: FloatArray,
+    height: FloatArray,
+    sigma: float | None,
+) -> dict[str, FloatArray | BoolArray]:
+    there = np.flatnonzero(~np.isnan(latitude + longitude))
+    if len(there) < _FEWEST:
+        raise ValueError(f"the flight has {len(there)} positions; it must have {_FEWEST}")
+    middle = there[len(there) // 2]
+    frame = LocalFrame(latitude[middle], longitude[middle])
+    places = frame.to_local(latitude, longitude)
+    known = None if sigma is None else _positive(sigma, "position_sigma")
+    # the vertical has no noise, so it tells nothing about noise and motion
+    found, outlier = _robust(times, places, places[:, :2], known, "position")
+    north, east, _ = (np.asarray(value) for value in frame.to_geodetic(found.position))
+    velocity = np.einsum("nij,nj->ni", frame.axes(north, east), found.velocity)[:, :2]
+    # along the surface; at height the path is longer
+    velocity *= (1.0 + height / _RADIUS)[:, np.newaxis]
+    speed = np.hypot(*velocity.T)
+    position_sigma, velocity_sigma = _known(found.sigma[:, 0]), _known(found.sigma[:, 3])
+    with np.errstate(divide="ignore"):
+        track_sigma = np.degrees(velocity_sigma / speed)
+    return {
+        "latitude": north,
+        "longitude": east,
+        "groundspeed": speed / _KNOT,
+        "track": np.degrees(np.arctan2(*velocity.T)) % 360.0,
+        "groundspeed_sigma": velocity_sigma / _KNOT,
+        "track_sigma": np.minimum(track_sigma, 180.0),
+        "position_sigma_m": position_sigma,
+        "velocity_sigma_m_s": velocity_sigma,
+        "position_velocity_covariance_m2_s": np.where(
+            np.isnan(velocity_sigma), np.nan, found.covariance[:, 0, 3]
+        ),
+        "position_outlier": outlier,
+    }
+
+
+def _robust(
+    times: FloatArray, y: FloatArray, telling: FloatArray, sigma: float | None, name: str
+) -> tuple[smoothing.TrackSmooth, BoolArray]:
+    """Smooth all axes of y without outliers; the axes `telling` tell the noise and the jerk."""
+    far = _coarse(times, y)
+    variance = _variance(times, np.where(far[:, np.newaxis], np.nan, telling), sigma, name)
+    missing = np.isnan(y).any(axis=1)
+    for _ in range(_MOST_PASSES):
+        left = (far | missing)[:, np.newaxis]
+        jerk = smoothing.smooth(np.where(left, np.nan, telling), variance, times=times).jerk
+        found = smoothing.smooth(np.where(left, np.nan, y), variance, times=times, jerk=jerk)
+        again = _far(y, found, variance, far)
+        if np.array_equal(again, far):
+            break
+        far = again
+    return found, far
+
+
+def _coarse(times: FloatArray, y: FloatArray) -> BoolArray:
+    """Return what is far off the line between its neighbours' medians, as wrong decodings are."""
+    far = np.zeros(len(y), dtype=bool)
+    there = np.flatnonzero(~np.isnan(y).any(axis=1))
+    if len(there) < _FEWEST:
+        return far
+    half = _FEWEST // 2
+    near = np.clip(
+        np.arange(len(there))[:, np.newaxis] + np.arange(-half, half + 1), 0, len(there) - 1
+    )
+    off = y[there] - np.median(y[there][near], axis=1)
+    distance = np.sqrt(np.sum(off**2, axis=1))
+    typical = np.median(distance[near], axis=1)
+    # a factor that no turn and no gap of a few rows reaches
+    far[there] = distance > 30.0 * typical + 1000.0
+    return far
+
+
+def _variance(times: FloatArray, y: FloatArray, sigma: float | None, name: str) -> float:
+    if sigma is not None:
+        return sigma**2
+    fits = []
+    starts = np.unique(np.linspace(0, max(0, len(y) - _STRETCH), _STRETCHES).astype(np.int64))
+    for axis in y.T:
+        series = [(times[k : k + _STRETCH], axis[k : k + _STRETCH]) for k in starts]
+        try:
+            fits.append(fit_sensor(name, series, None).noise.measurement_sigma)
+        except ValueError as error:
+            raise ValueError(f"{name} {str(error).removeprefix('z ')}: give {name}_sigma") from None
+    return float(np.mean(np.square(fits)))
+
+
+def _far(
+    y: FloatArray, found: smoothing.TrackSmooth, variance: float, left_out: BoolArray
+) -> BoolArray:
+    """Return which rows are far from the path that all the others make."""
+    off = y - found.position
+    uncertain = np.diagonal(found.position_covariance, axis1=-2, axis2=-1)
+    # what was left out has an error of its own, what was used shares its own with the path
+    spread = np.where(left_out[:, np.newaxis], variance + uncertain, variance - uncertain)
+    with np.errstate(invalid="ignore"):
+        squares = np.sum(off**2 / np.maximum(spread, 1e-6 * variance), axis=1)
+        far: BoolArray = squares > _GATE
+    return far
+
+
+def _positive(value: float, name: str) -> float:
+    return float(positive(real(value, name), name))
+
+
+def _known(sigma: FloatArray) -> FloatArray:
+    """Return standard deviations, nan where nothing is known."""
+    return np.where(np.isfinite(sigma), sigma, math.nan)

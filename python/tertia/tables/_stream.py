@@ -1,0 +1,100 @@
+"""Groups that arrive in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import polars as pl
+
+from tertia.tables._columns import as_names
+from tertia.tables._kinds import Table, height, joined, part, take
+
+
+def stream(
+    function: Callable[..., Table],
+    batches: Iterable[Table],
+    *,
+    by: str | Sequence[str] = (),
+    **options: Any,
+) -> Iterator[Table]:
+    """Apply a function of this module to a table that arrives in batches.
+
+    As much is in memory as a batch and the rows of a group that is not complete.
+
+    Parameters
+    ----------
+    function : callable
+        `bearings`, `screen`, `fuse` or `smooth`.
+    batches : iterable of tables of one kind
+        Consecutive rows. Those of a group come one after the other, in as many batches as they
+        take.
+    by : str or sequence of str
+        Columns whose values tell the groups; by default all rows are one, which is complete when
+        the batches end.
+    **options
+        As of the function.
+
+    Returns
+    -------
+    iterator of tables of the same kind
+        Each is what the function returns for groups that are complete.
+
+    Raises
+    ------
+    ValueError
+        A group whose rows go on after those of another one, or as the function.
+    TypeError
+        As the function.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> from tertia.tables import bearings, stream
+    >>> rows = [("A", 10.0)] * 3 + [("A", 11.0)] * 3 + [("B", 50.0)] * 6
+    >>> table = pl.DataFrame(rows, ["station", "bearing_deg"], orient="row")
+    >>> batches = [table[:5], table[5:7], table[7:]]
+    >>> for found in stream(bearings, batches, by="station", method="mean"):
+    ...     print(found["station"].to_list(), found["value"].round(1).to_list())
+    ['A'] [10.5]
+    ['B'] [50.0]
+    """
+    keys, begun = as_names(by), set[int]()
+    held: list[Table] = []
+    last: str | None = None
+    for batch in batches:
+        frame = take(batch, keys).frame
+        if not height(batch):
+            continue
+        starts, groups = _runs(frame, keys)
+        goes_on = groups[0] == last
+        _begin(groups[1:] if goes_on else groups, begun)
+        last = groups[-1]
+        if len(groups) == 1 and (goes_on or not held):
+            held.append(batch)
+            continue
+        complete = part(batch, 0, starts[-1])
+        yield function(joined([*held, complete]), by=keys, **options)
+        held = [part(batch, starts[-1])]
+    if held:
+        yield function(joined(held), by=keys, **options)
+
+
+def _runs(frame: pl.DataFrame, by: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Return where the groups of a batch begin, and what they are called."""
+    if not by:
+        return [0], [""]
+    run = frame.select(pl.struct(by).rle_id().alias("")).get_column("")
+    starts = run.search_sorted(pl.arange(0, int(run[-1]) + 1, eager=True)).to_list()
+    named = list(map(str, frame[starts].rows()))
+    return starts, named
+
+
+def _begin(groups: Sequence[str], begun: set[int]) -> None:
+    """Refuse a group that ended before; of so many of them only hashes are kept."""
+    for group in groups:
+        if hash(group) in begun:
+            raise ValueError(
+                f"the rows of the group {group} do not come one after the other: sort them by it"
+            )
+        begun.add(hash(group))
