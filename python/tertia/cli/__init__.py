@@ -11,14 +11,14 @@ import tertia
 try:
     import typer
 
-    from tertia.cli import _bearing, _evaluate, _fuse, _locate, _track, _trajectory
+    from tertia.cli import _bearing, _evaluate, _fuse, _locate, _simulate, _track, _trajectory
 except ModuleNotFoundError:
     # here and not in `main`, because the commands are declared with these libraries
     sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
 
 __all__ = ["main"]
 
-_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _track, _evaluate)
+_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _track, _evaluate, _simulate)
 
 app = typer.Typer(
     name="tertia",
@@ -61,3 +61,4 @@ app.command(epilog=_epilog(*_locate.EXAMPLES))(_locate.locate)
 app.command(epilog=_epilog(*_trajectory.EXAMPLES))(_trajectory.trajectory)
 app.command(epilog=_epilog(*_track.EXAMPLES))(_track.track)
 app.command(epilog=_epilog(*_evaluate.EXAMPLES))(_evaluate.evaluate)
+app.command(epilog=_epilog(*_simulate.EXAMPLES))(_simulate.simulate)
