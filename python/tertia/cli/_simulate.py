@@ -84,7 +84,9 @@ def simulate(
             "azimuths.csv": _azimuth_rows(seen, stated, plans),
             "bearings.csv": _bearings(finder, random),
         }
-    told = {
+    worse = {str(finder[-1].name): {"sigma_deg": _WORSE_FINDER * _FINDER_SIGMA}}
+    left = _left(traffic, duration)
+    told: dict[str, Any] = {
         "set_up": set_up,
         "seed": seed,
         "duration_s": duration,
@@ -93,10 +95,10 @@ def simulate(
         "clutter": int((seen["target"] < 0).sum()),
         "outliers": int(seen["outlier"].sum()),
         "duplicates": int(seen["duplicate"].sum()),
-        "left_their_plan_s": _left(traffic, duration),
+        "left_their_plan_s": left,
         "radar_faults": faults,
         "emitters_m": {name: list(place) for name, place in _EMITTERS.items()},
-        "finder_faults": {str(finder[-1].name): {"sigma_deg": _WORSE_FINDER * _FINDER_SIGMA}},
+        "finder_faults": worse,
     }
     _tables.make_folder(folder)
     for name, table in tables.items():
@@ -109,11 +111,11 @@ def simulate(
         _tables.write_text(text, folder / name)
     _tables.write_json(told, folder / "scene.json")
     typer.echo(
-        f"{aircraft} aircraft on plans, {len(told['left_their_plan_s'])} of them left theirs; "
+        f"{aircraft} aircraft on plans, {len(left)} of them left theirs; "
         f"{counted(radars, 'radar')}, {counted(seen.height, 'plot')}, of which {told['clutter']} "
         f"are false and {told['outliers']} outliers"
     )
-    for name, fault in (faults | told["finder_faults"]).items():
+    for name, fault in (faults | worse).items():
         listed = ", ".join(f"{key} {value:g}" for key, value in fault.items())
         typer.echo(f"  {name} is worse than it says: {listed}")
     return told
