@@ -9,7 +9,7 @@ import typer
 
 from tertia.cli import _tables
 from tertia.cli._judged import read_pair
-from tertia.cli._options import PlotFile
+from tertia.cli._options import PlotFile, RequiredPeriod, TargetDistance, check_judging
 from tertia.cli._terminal import WRONG_USAGE, fail, note, print_table, shown, working
 from tertia.report._evaluation import (
     PARTS,
@@ -45,15 +45,8 @@ def evaluate(
         Path,
         typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m."),
     ],
-    period: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds between updates that are required; by default those of the fastest radar."
-        ),
-    ] = None,
-    distance: Annotated[
-        float, typer.Option(help="A track farther from a target does not show it, in metres.")
-    ] = 1000.0,
+    period: RequiredPeriod = None,
+    distance: TargetDistance = 1000.0,
     output: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the figures as .csv, .json or .parquet."),
@@ -62,16 +55,13 @@ def evaluate(
         Path | None, typer.Option(metavar="FILE", help="Write one row per target.")
     ] = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Judge tracks by the truth: how often, how well, and how many false ones.
 
     Confirmed tracks count, and of them the rows with a plot. Between its times a target flies
     straight; before its first and after its last it is not there.
     """
-    if not 0 < distance < np.inf:
-        fail(f"--distance is {distance:g}; it must be a positive number", WRONG_USAGE)
-    if period is not None and not 0 < period < np.inf:
-        fail(f"--period is {period:g}; it must be a positive number", WRONG_USAGE)
+    check_judging(distance, period)
     _tables.check_suffixes(output, plot_file, targets)
     rows, real = read_pair(tracks, truth)
     usual = usual_periods(rows)
@@ -92,6 +82,7 @@ def evaluate(
         _tables.write(_by_target(judged), targets)
     if plot_file is not None:
         _draw(judged, plot_file)
+    return {"figures": told.to_dicts()}
 
 
 def _judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> Judged:

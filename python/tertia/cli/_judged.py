@@ -1,5 +1,6 @@
 """Tracks and the truth, read from files."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,18 @@ def read_pair(tracks: Path, truth: Path) -> tuple[Rows, Truth]:
         _rows(shown, tracks, seconds[: shown.height]),
         _truth(real, truth, seconds[shown.height :]),
     )
+
+
+def read_truth(
+    path: Path, dates: pl.DataType | None, seconds: Callable[[pl.Series], FloatArray]
+) -> Truth:
+    """Return the truth; `seconds` turns times into those of the plots, which hold `dates`."""
+    real = _read(path, ["time_s", "target", *_PLACE])
+    times = _times(real, path)
+    if isinstance(times.dtype, pl.Datetime) != (dates is not None):
+        kinds = ("numbers", "dates")[:: 1 if dates is None else -1]
+        fail(f"time_s of the plots holds {kinds[0]}, that of {path} {kinds[1]}")
+    return _truth(real, path, seconds(times if dates is None else times.cast(dates)))
 
 
 def _read(path: Path, columns: list[str]) -> pl.DataFrame:

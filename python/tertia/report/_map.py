@@ -38,7 +38,8 @@ def map_of(told: Analysis) -> dict[str, Any]:
     size = float(np.median(axes[:, 0])) if len(own) else 1.0
     wanted = _SHARE * span / max(size, 1e-9)
     factor = _FACTORS[int(np.argmin(np.abs(np.log(np.array(_FACTORS) / max(wanted, 1e-9)))))]
-    tracks = [_track(told, own, index, axes) for index in rows]
+    away = {one.track: (one.left, one.back) for one in told.followed if np.isfinite(one.left)}
+    tracks = [_track(told, own, index, axes, away) for index in rows]
     known = told.plots.time[np.isfinite(told.plots.time)]
     first, last = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     layout = plane()
@@ -78,8 +79,15 @@ def _axes(covariance: FloatArray) -> FloatArray:
     return np.column_stack([half[:, 1], half[:, 0], angle])
 
 
-def _track(told: Analysis, table: TrackTable, index: IntArray, axes: FloatArray) -> dict[str, Any]:
+def _track(
+    told: Analysis,
+    table: TrackTable,
+    index: IntArray,
+    axes: FloatArray,
+    away: dict[int, tuple[float, float]],
+) -> dict[str, Any]:
     rows = table.rows(index)
+    left, back = away.get(int(rows.track[0]), (np.inf, np.inf))
     followed = rows.plan[rows.plan >= 0]
     name = f"track {rows.track[0]}"
     if len(followed):
@@ -93,7 +101,7 @@ def _track(told: Analysis, table: TrackTable, index: IntArray, axes: FloatArray)
         "y": numbers(rows.position[:, 1] / 1e3, 6),
         "v": numbers(np.hypot(*rows.velocity.T), 3),
         "e": [numbers(column, 3) for column in (axes[index].T / [[1e3], [1e3], [1.0]])],
-        "off": [bool(x) for x in (rows.plan >= 0) & ~rows.conforming],
+        "off": [bool(x) for x in (rows.time >= left) & ~(rows.time >= back)],
     }
 
 

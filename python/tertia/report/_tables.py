@@ -311,8 +311,8 @@ def _plan_table(told: Analysis) -> Table:
         "back_s": "back (s)",
     }
     caption = (
-        "Conformance: a plan counts as left where five plots or more do not fit it, for three scans "
-        "of the slowest radar or longer."
+        "Conformance: a plan counts as left where five plots or more do not fit it, for three "
+        "scans of the slowest radar or longer."
     )
     return _table("plan-table", caption, columns, plan_rows(told))
 
