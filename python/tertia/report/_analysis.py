@@ -20,6 +20,7 @@ from tertia.report._radars import (
     Noise,
     Updates,
     biases,
+    corrected,
     innovations,
     noise,
     stretches,
@@ -39,8 +40,8 @@ from tertia.tracker import Plots, Radar, TrackTable
 Progress = Callable[[str, float], None]
 
 TOGETHER, FOUND = "all radars together", "all radars, noise as found"
-OPTIMAL, OPTIMAL_FOUND = "tracks fused, noise as stated", "tracks fused, noise as found"
-INTERSECTION = "covariance intersection"
+OPTIMAL, OPTIMAL_FOUND = "tracks fused, as stated", "tracks fused, as found"
+INTERSECTION = "covariance intersection, as found"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,16 +116,16 @@ def analyse(
     joint_found = run(plots, [one.radar for one in found])
     tell("fusion")
     fused = told = None
+    shift = Biases(*np.full((2, len(radars), 2), np.nan))
     if several:
         told = common(joint, single, radars)
     if told is not None and len(told.time):
         better = common(joint, [one.table for one in found], radars)
-        fused = _fuse(told, better, joint_found, joint)
+        shift = biases(told, radars)
+        fused = _fuse(told, corrected(better, found, shift))
     tell("plots")
     seen = [innovations(joint, k) for k in range(len(radars))]
     counts = [updates(joint, plots, k, seen[k], edges) for k in range(len(radars))]
-    nothing = np.full((len(radars), 2), np.nan)
-    shift = Biases(nothing, nothing) if told is None else biases(told, radars)
     tell("plans")
     plan_rows = followed(joint, plans, slowest)
     tell("truth")
@@ -162,7 +163,7 @@ def analyse(
     )
 
 
-def _fuse(told: Common, better: Common, joint_found: TrackTable, joint: TrackTable) -> Fusion:
+def _fuse(told: Common, better: Common) -> Fusion:
     """Fuse at the instants at which the radars have tracks, whichever noise is believed."""
     keys = [set(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in (told, better)]
     both = keys[0] & keys[1]

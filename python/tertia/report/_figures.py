@@ -213,7 +213,7 @@ def fusion_panels(told: Analysis, time: str) -> list[Panel]:
         return []
     data, titles = [], []
     for i, one in enumerate(told.fusion.ways.values()):
-        titles.append(("weight, as stated", "weight, as found", "weight, intersection")[i])
+        titles.append(("as stated", "as found", "intersection")[i])
         middle = (told.edges[:-1] + told.edges[1:]) / 2
         which = np.clip(
             np.searchsorted(told.edges, told.fusion.told.time, side="right") - 1,
@@ -243,8 +243,8 @@ def fusion_panels(told: Analysis, time: str) -> list[Panel]:
         layout["yaxis" if i == 0 else f"yaxis{i + 1}"]["range"] = [0.0, 1.0]
     caption = (
         "Mean weight of a radar's track in the fused position where it has one. Above: the best "
-        "weights for the noise as stated; middle: for the noise as found; below: covariance "
-        "intersection, which holds however the errors are correlated."
+        "weights for the noise as stated; middle: for the noise as found in each stretch of time; "
+        "below: covariance intersection for that, which holds however the errors are correlated."
     )
     return [Panel("weights", "Weights along time", caption, {"data": data, "layout": layout})]
 
@@ -468,11 +468,7 @@ def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:
 def plane() -> dict[str, Any]:
     """Return the layout of a map."""
     return {
-        "xaxis": {"title": {"text": "east (km)"}, "constrain": "domain"},
-        "yaxis": {
-            "title": {"text": "north (km)"},
-            "scaleanchor": "x",
-            "constrain": "domain",
-        },
+        "xaxis": {"title": {"text": "east (km)"}},
+        "yaxis": {"title": {"text": "north (km)"}, "scaleanchor": "x"},
         "hovermode": "closest",
     }

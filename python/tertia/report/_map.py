@@ -8,7 +8,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray, IntArray
 from tertia.report._analysis import Analysis
-from tertia.report._figures import COLOURS, GREY, MARKS, joined, line, numbers, plane
+from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane
 from tertia.tracker import TrackTable, cartesian
 
 # rows of tracks, plots and positions of the truth in a page at most
@@ -18,6 +18,8 @@ _PATH = 60
 # an ellipse of the middle size takes so much of the picture; factors by which they are enlarged
 _SHARE, _FACTORS = 0.012, (1, 2, 5, 10, 20, 50, 100, 200, 500)
 _ELLIPSE = 5.991465
+# share of the extent that is left free around it
+_ROOM = 0.06
 
 
 def map_of(told: Analysis) -> dict[str, Any]:
@@ -31,7 +33,7 @@ def map_of(told: Analysis) -> dict[str, Any]:
         data.append(_truth(told))
     if len(told.radars) > 1:
         for k, (name, table) in enumerate(zip(told.names, told.single, strict=True)):
-            data.append(_lines(f"tracks of {name} alone", table, k + 1))
+            data.append(_lines(f"{name} alone", table, k + 1))
     data += [_lines("tracks", joint, 0, visible=True), _radars(told)]
     span = max(np.ptp(own.position, axis=0).max() if len(own) else 1.0, 1.0)
     axes = _axes(own.covariance[:, :2, :2])
@@ -43,6 +45,13 @@ def map_of(told: Analysis) -> dict[str, Any]:
     known = told.plots.time[np.isfinite(told.plots.time)]
     first, last = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     layout = plane()
+    places = np.array([radar.position[:2] for radar in told.radars])
+    # false plots may be farther away
+    seen = np.concatenate([own.position, places]) / 1e3
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    room = _ROOM * max(float(np.max(high - low)), 1.0)
+    for axis, first_one, last_one in zip(("xaxis", "yaxis"), low - room, high + room, strict=True):
+        layout[axis]["range"] = [float(first_one), float(last_one)]
     return {
         "data": data,
         "layout": layout,
@@ -192,8 +201,8 @@ def _radars(told: Analysis) -> dict[str, Any]:
         "cliponaxis": False,
         "hoverinfo": "text",
         "marker": {
-            "symbol": [MARKS[k % len(MARKS)] for k in range(count)],
-            "size": 11,
+            "symbol": "triangle-up",
+            "size": 14,
             "color": [COLOURS[k % len(COLOURS)] for k in range(count)],
             "line": {"width": 1, "color": GREY},
         },

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -199,7 +199,11 @@ def updates(
     joint: TrackTable, plots: Plots, k: int, found: Innovations, edges: FloatArray
 ) -> Updates:
     """Count them by stretches of time."""
-    rows = joint.confirmed & (joint.radar == k)
+    # behind the last plot of a track nothing is missed
+    last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
+    taken = joint.plot >= 0
+    np.maximum.at(last, joint.track[taken], joint.time[taken])
+    rows = joint.confirmed & (joint.radar == k) & (joint.time <= last[joint.track])
     hit = rows & (joint.plot >= 0)
     own = (plots.radar == k) & np.isfinite(plots.time)
     used = np.zeros(len(plots), dtype=bool)
@@ -286,3 +290,28 @@ def _pair(
         design[:, :, 2 * k + 1] = sign * np.stack([offset[:, 1], -offset[:, 0]], axis=-1)
     off = state[:, i, :2] - state[:, j, :2]
     return root @ design, (root @ off[..., np.newaxis])[..., 0], told.track[both]
+
+
+def corrected(told: Common, found: Sequence[Noise], shift: Biases) -> Common:
+    """Return tracks without biases, and with covariances as they are in each stretch of time.
+
+    The tracks are those with the noise of all time; along the range and across it, their standard
+    deviations grow or shrink as that of the noise. A bias that is unknown remains.
+    """
+    state, spread = told.state.copy(), told.covariance.copy()
+    bias = np.nan_to_num(shift.value)
+    for k, one in enumerate(found):
+        with np.errstate(invalid="ignore"):
+            factor = one.sigma_along / one.sigma
+        factor[~np.isfinite(factor)] = 1.0
+        own = factor[in_stretches(told.time, one.edges)]
+        offset = told.state[:, k, :2] - one.radar.position[:2]
+        distance = np.maximum(np.hypot(*offset.T), 1.0)[:, np.newaxis]
+        toward = offset / distance
+        axes = np.stack([toward, np.stack([toward[:, 1], -toward[:, 0]], axis=-1)], axis=1)
+        state[:, k, :2] -= bias[k, 0] * axes[:, 0] + bias[k, 1] * distance * axes[:, 1]
+        scale = np.zeros((len(own), 4, 4))
+        scale[:, :2, :2] = np.einsum("nia,ni,nib->nab", axes, own, axes)
+        scale[:, 2:, 2:] = scale[:, :2, :2]
+        spread[:, k] = scale @ spread[:, k] @ scale
+    return replace(told, state=state, covariance=(spread + np.swapaxes(spread, -1, -2)) / 2)
