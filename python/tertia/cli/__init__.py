@@ -21,7 +21,7 @@ try:
         _track,
         _trajectory,
     )
-    from tertia.cli._command import command
+    from tertia.cli._command import command, written_out
 except ModuleNotFoundError:
     # here and not in `main`, because the commands are declared with these libraries
     sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
@@ -41,7 +41,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command `tertia`."""
-    app(prog_name="tertia")
+    with written_out():
+        app(prog_name="tertia")
 
 
 def _epilog(*examples: str) -> str:

@@ -8,15 +8,15 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from tertia.cli._terminal import INTERRUPTED, fail, note
+from tertia.cli._terminal import FAILED, INTERRUPTED, note
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
 _Json = Annotated[
     bool,
     typer.Option("--json", help="Print what is told as JSON on stdout; all else goes to stderr."),
@@ -24,7 +24,7 @@ _Json = Annotated[
 
 
 def command(function: Callable[..., Any]) -> Callable[..., None]:
-    """Return a command that ends in one line where it is interrupted or cannot write.
+    """Return a command that ends in one line where it is interrupted.
 
     If the function returns something, the command has the option --json, which prints that.
     """
@@ -41,17 +41,9 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
                 with contextlib.redirect_stdout(sys.stderr):
                     found = function(**options)
                 typer.echo(json.dumps(_plain(found), ensure_ascii=False, allow_nan=False))
-            sys.stdout.flush()
         except KeyboardInterrupt:
             note("tertia: interrupted")
             raise typer.Exit(INTERRUPTED) from None
-        except OSError as error:
-            if error.errno not in _FULL:
-                raise
-            # what is left in the buffer must not fail again at the end
-            with contextlib.suppress(OSError, ValueError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            fail(f"cannot write the output: {error.strerror}")
 
     if machine:
         option = inspect.Parameter(
@@ -61,6 +53,24 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
         run.__signature__ = told.replace(parameters=parameters)  # type: ignore[attr-defined]
         run.__annotations__ = function.__annotations__ | {"json": _Json}
     return run
+
+
+@contextlib.contextmanager
+def written_out() -> Iterator[None]:
+    """End in one line where what is printed cannot be written, silently where nobody reads it."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        # what is left in the buffer must not fail again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno != errno.EPIPE:
+            note(f"tertia: cannot write the output: {error.strerror}")
+        sys.exit(FAILED)
 
 
 def _plain(value: Any) -> Any:

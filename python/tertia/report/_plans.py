@@ -64,7 +64,18 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], period: float) -> l
             continue
         left, back = _departure(time, on, _SCANS * period)
         found.append(Followed(int(number), plan, names[plan], time, offset, on, left, back))
-    return sorted(found, key=lambda one: (one.plan, one.time[0]))
+    return sorted(_flights(found), key=lambda one: (one.plan, one.time[0]))
+
+
+def _flights(found: Sequence[Followed]) -> list[Followed]:
+    """Leave out tracks beside a longer one of the same plan: they are not the flight."""
+    kept: list[Followed] = []
+    for one in sorted(found, key=lambda one: -len(one.time)):
+        middle = float(np.median(one.time))
+        beside = (o for o in kept if o.plan == one.plan and o.time[0] < middle < o.time[-1])
+        if next(beside, None) is None:
+            kept.append(one)
+    return kept
 
 
 def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:

@@ -116,6 +116,8 @@ def _partners(table: TrackTable, joint: TrackTable) -> dict[int, list[int]]:
     """Return the tracks of one radar that belong to each joint track."""
     found: dict[int, list[int]] = {}
     used = table.plot >= 0
+    if not np.any(used):
+        return found
     theirs = joint.track_of_plot[table.plot[used]]
     mine = table.track[used]
     order = np.argsort(mine, kind="stable")
