@@ -27,8 +27,8 @@ _LEAVING: tuple[FlightScenario, ...] = ("straight-on", "hijack", "vectoring", "s
 _EVERY = 5
 _FIRST_CODE, _CODES, _FIRST_FLIGHT = 0o1001, 3000, 101
 _TRUTH_STEP = 2.0
-# aircraft start within this share of the time
-_STARTS = 0.4
+# aircraft start within this share of the time, or until so many seconds before its end
+_STARTS, _LAST_START = 0.4, 600.0
 # of the farthest route: how far the other radars are from the first
 _RING = 0.35
 # periods and noise of the radars, in those of the set-up; then they repeat
@@ -145,7 +145,8 @@ def _radars(scene: SetUp, count: int) -> list[Radar]:
 def _plans(
     name: SetUpName, count: int, duration: float, random: np.random.Generator
 ) -> list[FlightPlan]:
-    starts = np.round(np.sort(random.uniform(0.0, _STARTS * duration, count)))
+    last = max(_STARTS * duration, duration - _LAST_START)
+    starts = np.round(np.sort(random.uniform(0.0, last, count)))
     return [
         FlightPlan(
             np.round(plan.waypoints),

@@ -14,8 +14,8 @@ from tertia.tracker import Fate, Plots, Radar, TrackTable
 
 Run = Callable[[Plots, Sequence[Radar]], TrackTable]
 
-# a track says something for so many of its radar's periods
-_AGE = 1.5
+# so many of its radar's periods after its last plot a track says something: one may be missed
+_AGE = 2.5
 # metres per second squared: what a target may do since its last plot, straight on and in a turn
 _STRAIGHT, _TURN = 0.1, 3.0
 # instants of tracks that are fused at most
@@ -87,16 +87,18 @@ def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Rad
     step = max(periods)
     partners = [_partners(table, joint) for table in single]
     targets = np.unique(joint.track[joint.confirmed])
-    rows = {int(j): _rows_of(joint, [int(j)]) for j in targets}
+    slowest = _AGE * max(periods)
+    rows = {int(j): _rows_of(joint, [int(j)], slowest) for j in targets}
+    rows = {j: own for j, own in rows.items() if len(own)}
     spans = [(joint.time[own[0]], joint.time[own[-1]]) for own in rows.values()]
     expected = sum((last - first) / step for first, last in spans)
     step *= max(1.0, expected / _INSTANTS)
     parts: list[tuple[FloatArray, ...]] = []
     for (j, own), (first, last) in zip(rows.items(), spans, strict=True):
         instants = np.arange(np.ceil(first / step), np.floor(last / step) + 1) * step
-        told = _at(joint, own, instants, _AGE * max(periods))
+        told = _at(joint, own, instants, slowest)
         others = [
-            _at(table, _rows_of(table, which.get(j, [])), instants, _AGE * period)
+            _at(table, _rows_of(table, which.get(j, []), _AGE * period), instants, _AGE * period)
             for table, which, period in zip(single, partners, periods, strict=True)
         ]
         state = np.stack([one[0] for one in others], axis=1)
@@ -130,10 +132,12 @@ def _partners(table: TrackTable, joint: TrackTable) -> dict[int, list[int]]:
     return found
 
 
-def _rows_of(table: TrackTable, tracks: Sequence[int]) -> IntArray:
-    """Return the rows of some tracks once they are confirmed, in order of time."""
+def _rows_of(table: TrackTable, tracks: Sequence[int], age: float) -> IntArray:
+    """Return the rows of some tracks in order of time: confirmed, and soon after their plots."""
     own = np.flatnonzero(np.isin(table.track, tracks) & table.confirmed)
-    return own[np.argsort(table.time[own], kind="stable")]
+    own = own[np.argsort(table.time[own], kind="stable")]
+    last = np.maximum.accumulate(np.where(table.plot[own] >= 0, table.time[own], -np.inf))
+    return own[table.time[own] - last <= age]
 
 
 def _at(
