@@ -265,7 +265,10 @@ def biases(told: Common, radars: Sequence[Radar]) -> Biases:
     by_track = np.zeros((group.max() + 1, 2 * count))
     np.add.at(by_track, group, score)
     inverse = np.linalg.inv(information)
-    spread = inverse @ (by_track.T @ by_track + np.eye(2 * count)) @ inverse
+    # as many of the tracks' differences as there are biases are used up
+    groups = len(by_track)
+    meat = by_track.T @ by_track * (groups / max(groups - 2 * count, 1))
+    spread = inverse @ (meat + np.eye(2 * count)) @ inverse
     # what the prior holds, the sum of scores does not see
     error = np.sqrt(np.maximum(np.diagonal(spread), np.diagonal(inverse)))
     unknown = error > _UNKNOWN
