@@ -3,13 +3,30 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 WHEEL := dist/.installed
-SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name Cargo.toml)
+SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.html' -o -name Cargo.toml)
 
 .PHONY: demo test lint figures bench clean
 
+# a recording of your own: make demo PLOTS="a.csv b.csv" RADARS=radars.toml, and if there are any PLANS=,
+# TRUTH=, and OPTIONS= as tertia report --help tells them
+PLOTS :=
+RADARS :=
+PLANS :=
+TRUTH :=
+OPTIONS :=
+
 demo: $(WHEEL)
-	$(BIN)/tertia bearing examples/bearings.csv --column bearing_deg --by target --plot bearings.png
-	@echo "The picture is in bearings.png"
+ifeq ($(PLOTS),)
+	$(BIN)/tertia simulate demo
+	$(BIN)/tertia report demo/plots.csv --radars demo/radars.toml --plans demo/plans.json \
+		--truth demo/truth.csv --bearings demo/bearings.csv --stations demo/stations.toml --by target \
+		--output demo/report.html
+else
+	mkdir -p demo
+	$(BIN)/tertia report $(PLOTS) $(if $(RADARS),--radars $(RADARS)) $(if $(PLANS),--plans $(PLANS)) \
+		$(if $(TRUTH),--truth $(TRUTH)) $(OPTIONS) --output demo/report.html
+endif
+	@echo "The report is in demo/report.html: open it in a browser"
 
 test: $(WHEEL) $(VENV)/.test
 	cargo test --workspace
@@ -48,7 +65,7 @@ $(WHEEL): $(BIN)/python $(SOURCES)
 	rm -rf dist
 	$(BIN)/maturin build --quiet --release --out dist
 	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps dist/tertia-*.whl
-	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,geo,io,plot]"
+	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,geo,io,plot,report]"
 	touch $@
 
 $(VENV)/.test $(VENV)/.bench: $(VENV)/.%: pyproject.toml $(BIN)/python

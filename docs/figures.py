@@ -18,6 +18,7 @@ from studies import (
     instant,
     location,
     paper,
+    report,
     screening,
     smoothing,
     tracker,
@@ -73,6 +74,9 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "zeros": association.zeros,
         "ambiguity": association.ambiguity,
         "updates": association.updates,
+    },
+    "report.md": {
+        "coverage": report.coverage,
     },
     "fusion.md": {
         "paper weights": fusion.paper_weights,

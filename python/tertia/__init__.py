@@ -9,7 +9,8 @@ positions along time, `tertia.trajectory` does both for what stations measured a
 to which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads
 these, `tertia.tracker` makes tracks of scans of plots, `tertia.metrics` tells whether errors are
 as claimed and how good tracks are, `tertia.simulate` makes records to try them on. `tertia.plot`
-needs the extra `plot`, `tertia.geo` the extra `geo`, the command `tertia` the extra `cli`.
+needs the extra `plot`, `tertia.geo` the extra `geo`, `tertia.report`, which tells what is in a
+recording on one page, the extra `report`, the command `tertia` the extra `cli`.
 """
 
 import warnings

@@ -11,19 +11,29 @@ import tertia
 try:
     import typer
 
-    from tertia.cli import _bearing, _evaluate, _fuse, _locate, _track, _trajectory
+    from tertia.cli import (
+        _bearing,
+        _evaluate,
+        _fuse,
+        _locate,
+        _report,
+        _simulate,
+        _track,
+        _trajectory,
+    )
+    from tertia.cli._command import command, written_out
 except ModuleNotFoundError:
     # here and not in `main`, because the commands are declared with these libraries
     sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
 
 __all__ = ["main"]
 
-_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _track, _evaluate)
+_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _track, _evaluate, _report, _simulate)
 
 app = typer.Typer(
     name="tertia",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
@@ -31,7 +41,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command `tertia`."""
-    app(prog_name="tertia")
+    with written_out():
+        app(prog_name="tertia")
 
 
 def _epilog(*examples: str) -> str:
@@ -55,9 +66,11 @@ def _tertia(
     """One estimate with an error bar from measurements that are sometimes wrong."""
 
 
-app.command(epilog=_epilog(*_bearing.EXAMPLES))(_bearing.bearing)
-app.command(epilog=_epilog(*_fuse.EXAMPLES))(_fuse.fuse)
-app.command(epilog=_epilog(*_locate.EXAMPLES))(_locate.locate)
-app.command(epilog=_epilog(*_trajectory.EXAMPLES))(_trajectory.trajectory)
-app.command(epilog=_epilog(*_track.EXAMPLES))(_track.track)
-app.command(epilog=_epilog(*_evaluate.EXAMPLES))(_evaluate.evaluate)
+app.command(epilog=_epilog(*_bearing.EXAMPLES))(command(_bearing.bearing))
+app.command(epilog=_epilog(*_fuse.EXAMPLES))(command(_fuse.fuse))
+app.command(epilog=_epilog(*_locate.EXAMPLES))(command(_locate.locate))
+app.command(epilog=_epilog(*_trajectory.EXAMPLES))(command(_trajectory.trajectory))
+app.command(epilog=_epilog(*_track.EXAMPLES))(command(_track.track))
+app.command(epilog=_epilog(*_evaluate.EXAMPLES))(command(_evaluate.evaluate))
+app.command(epilog=_epilog(*_report.EXAMPLES))(command(_report.report))
+app.command(epilog=_epilog(*_simulate.EXAMPLES))(command(_simulate.simulate))

@@ -1,6 +1,5 @@
 """`tertia evaluate`: tracks against the truth."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,12 +7,20 @@ import numpy as np
 import polars as pl
 import typer
 
-from tertia import metrics
-from tertia._arrays import FloatArray
 from tertia.cli import _tables
-from tertia.cli._judged import Rows, Truth, gospa, read_pair, usual_periods
-from tertia.cli._options import PlotFile
+from tertia.cli._judged import read_pair
+from tertia.cli._options import PlotFile, RequiredPeriod, TargetDistance, check_judging
 from tertia.cli._terminal import WRONG_USAGE, fail, note, print_table, shown, working
+from tertia.report._evaluation import (
+    PARTS,
+    Judged,
+    Rows,
+    Truth,
+    figures,
+    judge,
+    rmse,
+    usual_periods,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,29 +30,7 @@ EXAMPLES = (
     "tertia evaluate tracks.parquet --truth truth.csv --period 4 --output figures.json",
     "tertia evaluate tracks.csv --truth truth.csv --targets targets.csv --plot errors.png",
 )
-# 95 % of chi-squared with two degrees of freedom
-_MOST_NEES = 5.991464547107979
 _KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
-_PARTS = ("GOSPA", "localisation", "missed", "false")
-
-
-@dataclass(frozen=True, slots=True)
-class _Judged:
-    """Tracks, the truth, and what was found."""
-
-    rows: Rows
-    truth: Truth
-    told: metrics.Surveillance
-    along: FloatArray
-    across: FloatArray
-    nees: FloatArray | None
-    instants: FloatArray
-    gospa: FloatArray
-
-    @property
-    def time(self) -> FloatArray:
-        """Times of the updates."""
-        return self.rows.time[self.rows.updated]
 
 
 def evaluate(
@@ -60,15 +45,8 @@ def evaluate(
         Path,
         typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m."),
     ],
-    period: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds between updates that are required; by default those of the fastest radar."
-        ),
-    ] = None,
-    distance: Annotated[
-        float, typer.Option(help="A track farther from a target does not show it, in metres.")
-    ] = 1000.0,
+    period: RequiredPeriod = None,
+    distance: TargetDistance = 1000.0,
     output: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the figures as .csv, .json or .parquet."),
@@ -77,16 +55,13 @@ def evaluate(
         Path | None, typer.Option(metavar="FILE", help="Write one row per target.")
     ] = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Judge tracks by the truth: how often, how well, and how many false ones.
 
     Confirmed tracks count, and of them the rows with a plot. Between its times a target flies
     straight; before its first and after its last it is not there.
     """
-    if not 0 < distance < np.inf:
-        fail(f"--distance is {distance:g}; it must be a positive number", WRONG_USAGE)
-    if period is not None and not 0 < period < np.inf:
-        fail(f"--period is {period:g}; it must be a positive number", WRONG_USAGE)
+    check_judging(distance, period)
     _tables.check_suffixes(output, plot_file, targets)
     rows, real = read_pair(tracks, truth)
     usual = usual_periods(rows)
@@ -97,7 +72,7 @@ def evaluate(
     with working("Judging the tracks"):
         judged = _judge(rows, real, periods, distance)
 
-    told = _figures(judged, required)
+    told = _table(judged, required)
     print_table(told, shown, text=["figure", "unit"], limited="figures are shown")
     if not np.any(judged.told.matching.matched):
         note(f"no track is within {distance:g} m of a target: are the origins the same?")
@@ -107,81 +82,24 @@ def evaluate(
         _tables.write(_by_target(judged), targets)
     if plot_file is not None:
         _draw(judged, plot_file)
+    return {"figures": told.to_dicts()}
 
 
-def _judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> _Judged:
-    updated = rows.updated
+def _judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> Judged:
     try:
-        told = metrics.surveillance(
-            rows.time[updated],
-            rows.track[updated],
-            rows.position[updated],
-            truth_time=truth.time,
-            target=truth.target,
-            truth_position=truth.position,
-            period=periods[0],
-            distance=distance,
-        )
+        return judge(rows, truth, periods, distance)
+    except np.linalg.LinAlgError:
+        fail("a covariance of the tracks is not positive definite")
     except ValueError as error:
         fail(str(error))
-    matching = told.matching
-    course = truth.course(matching.target, rows.time[updated])
-    along, across = metrics.track_errors(matching.error, course)
-    nees = None
-    if rows.covariance is not None:
-        try:
-            nees = np.asarray(metrics.nees(matching.error, rows.covariance[updated]))
-        except np.linalg.LinAlgError:
-            fail("a covariance of the tracks is not positive definite")
-    instants, parts = gospa(rows, truth, periods, distance)
-    return _Judged(rows, truth, told, np.asarray(along), np.asarray(across), nees, instants, parts)
 
 
-def _figures(judged: _Judged, period: float) -> pl.DataFrame:
-    told, truth = judged.told, judged.truth
-    latency = told.latency[~np.isnan(told.latency)]
-    confirmed = len(np.unique(judged.rows.track))
-    mean = judged.gospa[:, 0].mean()
-    roots = np.sqrt(np.mean(judged.gospa[:, 1:] ** 2, axis=0))
-    figures: list[tuple[str, float | None, str]] = [
-        ("targets", len(truth.names), ""),
-        ("missed targets", told.missed_targets, ""),
-        ("tracks", confirmed, ""),
-        ("false tracks", told.false_tracks, ""),
-        ("false updates", told.false_updates, ""),
-        ("identity switches", told.switches, ""),
-        ("update period", period, "s"),
-        ("probability of update", told.probability_of_update, ""),
-        ("share missed in long gaps", told.long_gap_ratio, ""),
-        ("latency, median", _or_none(np.median, latency), "s"),
-        ("latency, largest", _or_none(np.max, latency), "s"),
-        ("RMSE", told.rmse, "m"),
-        ("RMSE along track", _rmse(judged.along), "m"),
-        ("RMSE across track", _rmse(judged.across), "m"),
-        ("GOSPA, mean", mean, "m"),
-        *((f"GOSPA, {name}", value, "m") for name, value in zip(_PARTS[1:], roots, strict=True)),
-    ]
-    if judged.nees is not None:
-        known = judged.nees[~np.isnan(judged.nees)]
-        figures += [
-            ("NEES per axis", _or_none(np.mean, known / 2), ""),
-            ("share within the 95 % ellipse", _or_none(np.mean, known <= _MOST_NEES), ""),
-        ]
+def _table(judged: Judged, period: float) -> pl.DataFrame:
     columns: dict[str, Any] = {"figure": pl.String, "value": pl.Float64, "unit": pl.String}
-    table = pl.DataFrame(figures, columns, orient="row", strict=False)
-    return table.with_columns(pl.col("value").fill_nan(None))
+    return pl.DataFrame(figures(judged, period), columns, orient="row", strict=False)
 
 
-def _or_none(of: Any, values: Any) -> float | None:
-    return float(of(values)) if len(values) else None
-
-
-def _rmse(errors: FloatArray) -> float | None:
-    known = errors[~np.isnan(errors)]
-    return float(metrics.rmse(known)) if known.size else None
-
-
-def _by_target(judged: _Judged) -> pl.DataFrame:
+def _by_target(judged: Judged) -> pl.DataFrame:
     told, matching = judged.told, judged.told.matching
     rows = []
     for k, name in enumerate(judged.truth.names):
@@ -196,21 +114,21 @@ def _by_target(judged: _Judged) -> pl.DataFrame:
                 "switches": int(matching.switches[k]),
                 "probability_of_update": (expected - missed) / expected if expected else None,
                 "latency_s": float(told.latency[k]),
-                "rmse_m": _rmse(np.hypot(*matching.error[own].T)),
-                "rmse_along_m": _rmse(judged.along[own]),
-                "rmse_across_m": _rmse(judged.across[own]),
+                "rmse_m": rmse(np.hypot(*matching.error[own].T)),
+                "rmse_along_m": rmse(judged.along[own]),
+                "rmse_across_m": rmse(judged.across[own]),
             }
         )
     return pl.DataFrame(rows).with_columns(pl.col("latency_s").fill_nan(None))
 
 
-def _draw(judged: _Judged, path: Path) -> None:
+def _draw(judged: Judged, path: Path) -> None:
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
     figure = Figure(figsize=(13.0, 7.0), layout="constrained")
     panels = figure.subplot_mosaic([["plan", "gospa"], ["plan", "errors"]])
     _draw_plan(panels["plan"], judged)
-    for name, values, line in zip(_PARTS, judged.gospa.T, ("-", ":", "--", "-."), strict=True):
+    for name, values, line in zip(PARTS, judged.gospa.T, ("-", ":", "--", "-."), strict=True):
         panels["gospa"].plot(judged.instants, values, line, linewidth=1, label=name)
     panels["gospa"].set(ylabel="GOSPA and roots of its parts (m)", ylim=(0.0, None))
     for label, values, mark in (("along", judged.along, "."), ("across", judged.across, "x")):
@@ -222,7 +140,7 @@ def _draw(judged: _Judged, path: Path) -> None:
     _tables.save(figure, path)
 
 
-def _draw_plan(ax: "Axes", judged: _Judged) -> None:
+def _draw_plan(ax: "Axes", judged: Judged) -> None:
     rows, matched = judged.rows, judged.told.matching.matched
     for k, _, position in judged.truth.along():
         ax.plot(*position.T / 1e3, color=_TRUE, linewidth=3, label="_truth" if k else "truth")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import astuple
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import polars as pl
@@ -100,7 +100,7 @@ def fuse(
         typer.Option(metavar="FILE", help="Write the track as .csv, .json or .parquet."),
     ] = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Fuse the plots of several sensors into one track, and tell what each sensor is worth.
 
     One row per plot; rows may come in any order. A missing plot (empty, NA, nan, null, None, -)
@@ -141,6 +141,7 @@ def fuse(
         _draw(fused, plot_file, columns, wrap)
     if len(sensors) == 1:
         note(f"{sensors[0]} is the only sensor: its filtered track, nothing to fuse")
+    return {"sensors": _summary(fused).to_dicts()}
 
 
 def _stated(options: list[str]) -> dict[str | None, float]:

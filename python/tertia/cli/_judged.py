@@ -1,74 +1,19 @@
-"""Tracks and the truth, read from files, and what one says of the other."""
+"""Tracks and the truth, read from files."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from tertia import metrics
-from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.cli import _tables
 from tertia.cli._terminal import fail
+from tertia.report._evaluation import Rows, Truth
 
-# a track that ends is in the picture for so many of its radars' periods
-_AGE = 1.5
-# of a period: times in files are rounded
-_ROUNDING = 1e-6
 _PLACE = ("east_m", "north_m")
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _SPREAD = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
-
-
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """Rows of tracks: seconds, metres; nan where unknown. Tracks and radars have numbers."""
-
-    time: FloatArray
-    track: IntArray
-    radar: IntArray
-    position: FloatArray
-    velocity: FloatArray
-    covariance: FloatArray | None
-    updated: BoolArray
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Where targets were: seconds, metres; `target` numbers the names."""
-
-    time: FloatArray
-    target: IntArray
-    position: FloatArray
-    names: list[str]
-
-    def along(self) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-        """Yield each target with its times and positions, in order."""
-        order = np.lexsort((self.time, self.target))
-        starts = np.searchsorted(self.target[order], np.arange(1, len(self.names)))
-        for k, rows in enumerate(np.split(order, starts)):
-            yield k, self.time[rows], self.position[rows]
-
-    def at(self, instants: FloatArray) -> FloatArray:
-        """Return where all targets are, (K, T, 2), nan while they are not there."""
-        found = np.full((len(self.names), len(instants), 2), np.nan)
-        for k, time, position in self.along():
-            for axis in range(2):
-                found[k, :, axis] = np.interp(
-                    instants, time, position[:, axis], left=np.nan, right=np.nan
-                )
-        return found
-
-    def course(self, target: IntArray, time: FloatArray) -> FloatArray:
-        """Return courses of targets, (N,), nan for target -1."""
-        found = np.full(len(time), np.nan)
-        for k, moments, position in self.along():
-            own = target == k
-            if len(moments) > 1 and np.any(own):
-                velocity = np.gradient(position, moments, axis=0)
-                found[own] = np.arctan2(*(np.interp(time[own], moments, v) for v in velocity.T))
-        return found
 
 
 def read_pair(tracks: Path, truth: Path) -> tuple[Rows, Truth]:
@@ -84,6 +29,18 @@ def read_pair(tracks: Path, truth: Path) -> tuple[Rows, Truth]:
         _rows(shown, tracks, seconds[: shown.height]),
         _truth(real, truth, seconds[shown.height :]),
     )
+
+
+def read_truth(
+    path: Path, dates: pl.DataType | None, seconds: Callable[[pl.Series], FloatArray]
+) -> Truth:
+    """Return the truth; `seconds` turns times into those of the plots, which hold `dates`."""
+    real = _read(path, ["time_s", "target", *_PLACE])
+    times = _times(real, path)
+    if isinstance(times.dtype, pl.Datetime) != (dates is not None):
+        kinds = ("numbers", "dates")[:: 1 if dates is None else -1]
+        fail(f"time_s of the plots holds {kinds[0]}, that of {path} {kinds[1]}")
+    return _truth(real, path, seconds(times if dates is None else times.cast(dates)))
 
 
 def _read(path: Path, columns: list[str]) -> pl.DataFrame:
@@ -171,55 +128,3 @@ def _truth(frame: pl.DataFrame, path: Path, seconds: FloatArray) -> Truth:
         told = f"a second position of target {names[target[row]]} at time_s {frame['time_s'][row]}"
         fail(f"{_tables.place(path, row)}: {told}")
     return Truth(seconds, target, places, names)
-
-
-def usual_periods(rows: Rows) -> list[float]:
-    """Return the median time between updates of a track by the same radar, in order of time."""
-    time, track, radar = (x[rows.updated] for x in (rows.time, rows.track, rows.radar))
-    periods = []
-    for one in np.unique(radar):
-        own = radar == one
-        order = np.lexsort((time[own], track[own]))
-        gaps = np.diff(time[own][order])[np.diff(track[own][order]) == 0]
-        if len(gaps):
-            periods.append(float(np.median(gaps)))
-    return sorted(periods)
-
-
-def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
-    """Return where tracks are shown, (M, T, 2): straight on from their last rows.
-
-    A track is shown from its first row until some time after its last; nan otherwise.
-    """
-    order = np.lexsort((rows.time, rows.track))
-    _, starts = np.unique(rows.track[order], return_index=True)
-    found = []
-    for own in np.split(order, starts[1:]):
-        last = np.searchsorted(rows.time[own], instants, side="right") - 1
-        row = own[np.maximum(last, 0)]
-        age = instants - rows.time[row]
-        shown = rows.position[row] + age[:, np.newaxis] * rows.velocity[row]
-        ended = instants > rows.time[own[-1]] + lasting
-        shown[(last < 0) | ended] = np.nan
-        found.append(shown)
-    return np.array(found)
-
-
-def gospa(
-    rows: Rows, truth: Truth, periods: tuple[float, float], cutoff: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return instants, one per required period, and GOSPA and its three parts there, (T, 4).
-
-    `periods` has the required one and that of the slowest radar. The parts are roots: their
-    squares add up to that of GOSPA.
-    """
-    required, slowest = periods
-    first, last = truth.time.min(), truth.time.max()
-    instants = first + required * np.arange(np.floor((last - first) / required + _ROUNDING) + 1)
-    shown, there = pictures(rows, instants, _AGE * slowest), truth.at(instants)
-    told = np.empty((len(instants), 4))
-    for t in range(len(instants)):
-        estimates, places = (x[:, t][np.isfinite(x[:, t, 0])] for x in (shown, there))
-        one = metrics.gospa(estimates, places, cutoff)
-        told[t] = one.distance**2, one.localisation, one.missed, one.false
-    return instants, np.sqrt(told)

@@ -75,7 +75,7 @@ def locate(
     output: PositionFile = None,
     measurements: MeasurementFile = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Locate a target at every instant by ranges, azimuths, elevations or range differences.
 
     One row per station and time, with range_m, azimuth_deg, elevation_deg or range_difference_m;
@@ -103,6 +103,7 @@ def locate(
         _draw(located, sites, columns, plot_file)
     if not any(np.any(one.result.located) for one in located):
         raise typer.Exit(FAILED)
+    return {"stations": pl.concat(summaries).to_dicts()}
 
 
 def _start(text: str, sites: Sites) -> FloatArray:

@@ -185,6 +185,12 @@ def write_json(document: Mapping[str, object], path: Path) -> None:
         file.write((json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode())
 
 
+def write_text(text: str, path: Path) -> None:
+    """Write a text."""
+    with _whole(path) as file:
+        file.write(text.encode())
+
+
 def make_folder(path: Path) -> None:
     """Make a folder if it is not there, or fail."""
     try:

@@ -14,7 +14,7 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
-FAILED, WRONG_USAGE = 1, 2
+FAILED, WRONG_USAGE, INTERRUPTED = 1, 2, 130
 # a person reads no more, and rich takes a millisecond per row
 MAX_ROWS = 1000
 _UNLIMITED = 10_000

@@ -1,21 +1,31 @@
 """`tertia track`: tracks of the plots of radars."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from tertia import io, tracker
+from tertia import tracker
 from tertia.cli import _tables
-from tertia.cli._options import PlotFile
+from tertia.cli._options import (
+    ClockPeriod,
+    ColumnNames,
+    Origin,
+    PlanFile,
+    PlotFile,
+    PlotFiles,
+    RadarFile,
+    pair,
+)
+from tertia.cli._plans import read_plans
 from tertia.cli._radar_plots import Recording, column_names, read_recording
 from tertia.cli._radars import RadarSites, read_radars
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
 from tertia.cli._track_report import PICTURES, write_report
-from tertia.cli._tracked import Tracked, draw, figures, radar_rows
+from tertia.cli._tracked import Tracked, draw, figures, radar_rows, summary
 from tertia.flightplan import FlightPlan
 from tertia.tracker import Motion, Radar
 
@@ -26,37 +36,14 @@ EXAMPLES = (
 )
 _PLANE = [[0.0, 0.0], [1000.0, 0.0]]
 
-Number = TypeVar("Number", int, float)
-
 
 def track(
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="PLOTS...", help="Plots: CSV with a header, or .parquet; stacked."),
-    ],
+    files: PlotFiles,
     *,
-    radars: Annotated[
-        Path,
-        typer.Option(metavar="FILE", help="Radars: .toml, CSV with a header, .parquet."),
-    ],
-    plans: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Flight plans: .csv, .json, .geojson."),
-    ] = None,
-    origin: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LATITUDE,LONGITUDE",
-            help="Where east and north are zero, in degrees, for plans with geodetic positions; "
-            "by default as for the radars.",
-        ),
-    ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=COLUMN", help="How a column is called in the files; may be repeated."
-        ),
-    ] = None,
+    radars: RadarFile,
+    plans: PlanFile = None,
+    origin: Origin = None,
+    column: ColumnNames = None,
     motion: Annotated[Motion, typer.Option(help="How targets move.")] = "imm-plan",
     plan_prior: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")
@@ -77,10 +64,7 @@ def track(
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
     ] = 0.998,
-    clock_period: Annotated[
-        float | None,
-        typer.Option(help="Seconds after which the times begin again, as 86400."),
-    ] = None,
+    clock_period: ClockPeriod = None,
     output: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the tracks as .csv, .json or .parquet."),
@@ -90,7 +74,7 @@ def track(
         typer.Option(metavar="DIR", help="Write a summary, tables and pictures to a folder."),
     ] = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Track the targets that one radar or several see, along their flight plans if they have any.
 
     One row per plot: time_s, range_m or range_nm, azimuth_deg; radar, if there are several; and, if
@@ -100,14 +84,14 @@ def track(
     options: dict[str, Any] = {
         "plan_prior": plan_prior,
         "wind_sigma": wind_sigma,
-        "initiation": _pair(initiation, "--initiation", int),
+        "initiation": pair(initiation, "--initiation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,
         "speed_max": speed_max,
         "gate_probability": gate_probability,
         "clock_period": clock_period,
     }
-    place = None if origin is None else _pair(origin, "--origin", float)
+    place = None if origin is None else pair(origin, "--origin", float)
     _check(motion, options, with_plans=plans is not None)
     if report is not None and report.exists() and not report.is_dir():
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
@@ -117,7 +101,7 @@ def track(
     frame = sites.places.frame
     if place is None and frame is not None:
         place = frame.latitude, frame.longitude
-    filed = [] if plans is None else _read_plans(plans, place)
+    filed = [] if plans is None else read_plans(plans, place)
     recording = read_recording(files, columns, sites)
     if clock_period is not None and recording.clock.dated:
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
@@ -134,14 +118,7 @@ def track(
         write_report(tracked, told, report)
     if plot_file is not None:
         draw(tracked, plot_file)
-
-
-def _pair(text: str, option: str, kind: Callable[[str], Number]) -> tuple[Number, Number]:
-    try:
-        first, second = map(kind, text.split(","))
-    except ValueError:
-        fail(f"{option} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
-    return first, second
+    return summary(tracked, told)
 
 
 def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None:
@@ -152,20 +129,6 @@ def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None
         tracker.Tracker([radar], motion, plans=plans, **options)
     except ValueError as error:
         fail(str(error), WRONG_USAGE)
-
-
-def _read_plans(path: Path, origin: tuple[float, float] | None) -> list[FlightPlan]:
-    try:
-        plans = io.read_plans(path, origin=origin)
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror}")
-    except (ImportError, ValueError) as error:
-        fail(str(error).replace("origin must be given", "give --origin"))
-    if not plans:
-        fail(f"{path} has no plans")
-    return plans
 
 
 def _track(

@@ -6,7 +6,7 @@ import polars as pl
 
 from tertia import plot
 from tertia.cli import _tables
-from tertia.cli._tracked import Tracked, draw, figures, one_row_per_track
+from tertia.cli._tracked import Tracked, draw, one_row_per_track, summary
 
 SUMMARY = "summary.json"
 TABLES = ("radars.csv", "tracks.csv")
@@ -16,8 +16,7 @@ PICTURES = ("tracks.png", "update_probability.png")
 def write_report(tracked: Tracked, radars: pl.DataFrame, folder: Path) -> None:
     """Write all of it; files that are there are replaced."""
     _tables.make_folder(folder)
-    summary = figures(tracked) | {"radars": radars.to_dicts()}
-    _tables.write_json(summary, folder / SUMMARY)
+    _tables.write_json(summary(tracked, radars), folder / SUMMARY)
     tracks = one_row_per_track(tracked.rows(), tracked.recording.identities.name)
     for table, name in zip((radars, tracks), TABLES, strict=True):
         _tables.write(table, folder / name)

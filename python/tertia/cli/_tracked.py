@@ -98,6 +98,11 @@ def figures(tracked: Tracked) -> dict[str, Any]:
     }
 
 
+def summary(tracked: Tracked, radars: pl.DataFrame) -> dict[str, Any]:
+    """Return what is told of the whole and of each radar."""
+    return figures(tracked) | {"radars": radars.to_dicts()}
+
+
 def one_row_per_track(rows: pl.DataFrame, identity: str) -> pl.DataFrame:
     """Return what is told of each track, from the rows of all."""
     hit = pl.col("plot").is_not_null()

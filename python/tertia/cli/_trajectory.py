@@ -106,7 +106,7 @@ def trajectory(
     output: PositionFile = None,
     measurements: MeasurementFile = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Reconstruct a trajectory from ranges, azimuths, elevations or range differences.
 
     One row per station and time, with range_m, azimuth_deg, elevation_deg or range_difference_m;
@@ -134,6 +134,7 @@ def trajectory(
         _tables.write(pl.concat(tables), measurements)
     if plot_file is not None:
         _draw(found, sites, columns, plot_file)
+    return {"stations": pl.concat(summaries).to_dicts()}
 
 
 def _result_columns() -> set[str]:

@@ -1,0 +1,120 @@
+"""Emitters that direction finders hear: a bearing from each finder, and the position."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, finite, samples
+from tertia.bearing import estimate_bearing
+from tertia.location import Location, Station, locate
+
+# standard deviations by which the halves of a record differ if the emitter moves
+_MOVED = 4.0
+# bearings that an estimate of a half needs
+_FEWEST = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Emitter:
+    """What direction finders heard of an emitter.
+
+    Attributes
+    ----------
+    name : str
+        How the page calls it.
+    time : ndarray of shape (N,)
+        Seconds.
+    azimuth : ndarray of shape (N, K)
+        Bearings of K stations in radians, clockwise from north; nan where there is none.
+    """
+
+    name: str
+    time: FloatArray
+    azimuth: FloatArray
+
+    def __init__(self, name: str, time: npt.ArrayLike, azimuth: npt.ArrayLike) -> None:
+        instants, bearings = finite(time, "time"), samples(azimuth, "azimuth")
+        if instants.ndim != 1 or bearings.ndim != 2 or len(bearings) != len(instants):
+            raise ValueError(
+                f"time has shape {instants.shape} and azimuth {bearings.shape}; they must be (N,) "
+                "and (N, K)"
+            )
+        object.__setattr__(self, "name", str(name))
+        object.__setattr__(self, "time", instants)
+        object.__setattr__(self, "azimuth", bearings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """An emitter, its bearing from each station (radians, nan where unknown), and its position.
+
+    `moves` where the bearings of the two halves of the record differ; then no bearing and no
+    position stands for all of it. `instants` are the positions at the single times, if any.
+    """
+
+    emitter: Emitter
+    bearing: FloatArray
+    sigma: FloatArray
+    outlier: BoolArray
+    moves: bool
+    position: Location | None
+    instants: Location | None
+
+
+def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
+    """Estimate the bearings of an emitter, and locate it."""
+    azimuth = emitter.azimuth
+    count = len(stations)
+    if azimuth.shape[1] != count:
+        raise ValueError(
+            f"azimuth of {emitter.name} has shape {azimuth.shape}; there are {count} stations"
+        )
+    bearing, sigma = np.full(count, np.nan), np.full(count, np.nan)
+    outlier = np.zeros(azimuth.shape, dtype=bool)
+    moves = False
+    half = len(azimuth) // 2
+    for k in range(count):
+        found = _estimate(azimuth[:, k])
+        if found is None:
+            continue
+        bearing[k], sigma[k], outlier[:, k] = found
+        halves = [_estimate(part) for part in (azimuth[:half, k], azimuth[half:, k])]
+        if halves[0] is not None and halves[1] is not None:
+            (one, s, _), (other, t, _) = halves[0], halves[1]
+            moves |= abs(np.sin((one - other) / 2)) * 2 > _MOVED * np.hypot(s, t)
+    position = None if moves else _position(stations, bearing, sigma)
+    return Heard(
+        emitter, bearing, sigma, outlier, bool(moves), position, _instants(stations, azimuth)
+    )
+
+
+def _estimate(azimuth: FloatArray) -> tuple[float, float, BoolArray] | None:
+    """Return bearing, sigma and outliers in radians; None of too few."""
+    if np.sum(~np.isnan(azimuth)) < _FEWEST:
+        return None
+    found = estimate_bearing(azimuth, period=2 * np.pi, nan_policy="omit")
+    return float(found.value), float(found.sigma), found.outlier
+
+
+def _position(
+    stations: Sequence[Station], bearing: FloatArray, sigma: FloatArray
+) -> Location | None:
+    known = np.isfinite(bearing) & (sigma > 0)
+    if np.sum(known) < 2:
+        return None
+    heard = [station for station, there in zip(stations, known, strict=True) if there]
+    found = locate(heard, azimuth=bearing[known][np.newaxis], azimuth_sigma=sigma[known])
+    return found if np.all(found.located) else None
+
+
+def _instants(stations: Sequence[Station], azimuth: FloatArray) -> Location | None:
+    stated = [station.azimuth_sigma is not None for station in stations]
+    if not any(stated) or len(stations) < 2:
+        return None
+    heard = [k for k, told in enumerate(stated) if told]
+    found = locate([stations[k] for k in heard], azimuth=azimuth[:, heard])
+    return found if np.any(found.located) else None

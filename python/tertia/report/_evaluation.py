@@ -1,0 +1,214 @@
+"""Tracks beside the truth: rows of both, pictures of instants, GOSPA, the figures of all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tertia import metrics
+from tertia._arrays import BoolArray, FloatArray, IntArray
+
+# a track that ends is in the picture for so many of its radars' periods
+_AGE = 1.5
+# of a period: times in files are rounded
+_ROUNDING = 1e-6
+# 95 % of chi-squared with two degrees of freedom
+MOST_NEES = 5.991464547107979
+PARTS = ("GOSPA", "localisation", "missed", "false")
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of tracks: seconds, metres; nan where unknown. Tracks and radars have numbers."""
+
+    time: FloatArray
+    track: IntArray
+    radar: IntArray
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray | None
+    updated: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Where targets were: seconds, metres; `target` numbers the names."""
+
+    time: FloatArray
+    target: IntArray
+    position: FloatArray
+    names: list[str]
+
+    def along(self) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+        """Yield each target with its times and positions, in order."""
+        order = np.lexsort((self.time, self.target))
+        starts = np.searchsorted(self.target[order], np.arange(1, len(self.names)))
+        for k, rows in enumerate(np.split(order, starts)):
+            yield k, self.time[rows], self.position[rows]
+
+    def at(self, instants: FloatArray) -> FloatArray:
+        """Return where all targets are, (K, T, 2), nan while they are not there."""
+        found = np.full((len(self.names), len(instants), 2), np.nan)
+        for k, time, position in self.along():
+            for axis in range(2):
+                found[k, :, axis] = np.interp(
+                    instants, time, position[:, axis], left=np.nan, right=np.nan
+                )
+        return found
+
+    def course(self, target: IntArray, time: FloatArray) -> FloatArray:
+        """Return courses of targets, (N,), nan for target -1."""
+        found = np.full(len(time), np.nan)
+        for k, moments, position in self.along():
+            own = target == k
+            if len(moments) > 1 and np.any(own):
+                velocity = np.gradient(position, moments, axis=0)
+                found[own] = np.arctan2(*(np.interp(time[own], moments, v) for v in velocity.T))
+        return found
+
+
+def usual_periods(rows: Rows) -> list[float]:
+    """Return the median time between updates of a track by the same radar, in order of time."""
+    time, track, radar = (x[rows.updated] for x in (rows.time, rows.track, rows.radar))
+    periods = []
+    for one in np.unique(radar):
+        own = radar == one
+        order = np.lexsort((time[own], track[own]))
+        gaps = np.diff(time[own][order])[np.diff(track[own][order]) == 0]
+        if len(gaps):
+            periods.append(float(np.median(gaps)))
+    return sorted(periods)
+
+
+def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
+    """Return where tracks are shown, (M, T, 2): straight on from their last rows.
+
+    A track is shown from its first row until some time after its last; nan otherwise.
+    """
+    order = np.lexsort((rows.time, rows.track))
+    _, starts = np.unique(rows.track[order], return_index=True)
+    found = []
+    for own in np.split(order, starts[1:]):
+        last = np.searchsorted(rows.time[own], instants, side="right") - 1
+        row = own[np.maximum(last, 0)]
+        age = instants - rows.time[row]
+        shown = rows.position[row] + age[:, np.newaxis] * rows.velocity[row]
+        ended = instants > rows.time[own[-1]] + lasting
+        shown[(last < 0) | ended] = np.nan
+        found.append(shown)
+    return np.array(found)
+
+
+def gospa(
+    rows: Rows, truth: Truth, periods: tuple[float, float], cutoff: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return instants, one per required period, and GOSPA and its three parts there, (T, 4).
+
+    `periods` has the required one and that of the slowest radar. The parts are roots: their
+    squares add up to that of GOSPA.
+    """
+    required, slowest = periods
+    first, last = truth.time.min(), truth.time.max()
+    instants = first + required * np.arange(np.floor((last - first) / required + _ROUNDING) + 1)
+    shown, there = pictures(rows, instants, _AGE * slowest), truth.at(instants)
+    told = np.empty((len(instants), 4))
+    for t in range(len(instants)):
+        estimates, places = (x[:, t][np.isfinite(x[:, t, 0])] for x in (shown, there))
+        one = metrics.gospa(estimates, places, cutoff)
+        told[t] = one.distance**2, one.localisation, one.missed, one.false
+    return instants, np.sqrt(told)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Tracks, the truth, and what was found."""
+
+    rows: Rows
+    truth: Truth
+    told: metrics.Surveillance
+    along: FloatArray
+    across: FloatArray
+    nees: FloatArray | None
+    instants: FloatArray
+    gospa: FloatArray
+
+    @property
+    def time(self) -> FloatArray:
+        """Times of the updates."""
+        return self.rows.time[self.rows.updated]
+
+
+def judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> Judged:
+    """Judge tracks by the truth.
+
+    `periods` has the required one and that of the slowest radar.
+    """
+    updated = rows.updated
+    told = metrics.surveillance(
+        rows.time[updated],
+        rows.track[updated],
+        rows.position[updated],
+        truth_time=truth.time,
+        target=truth.target,
+        truth_position=truth.position,
+        period=periods[0],
+        distance=distance,
+    )
+    matching = told.matching
+    course = truth.course(matching.target, rows.time[updated])
+    along, across = metrics.track_errors(matching.error, course)
+    nees = None
+    if rows.covariance is not None:
+        nees = np.asarray(metrics.nees(matching.error, rows.covariance[updated]))
+    instants, parts = gospa(rows, truth, periods, distance)
+    return Judged(rows, truth, told, np.asarray(along), np.asarray(across), nees, instants, parts)
+
+
+def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]]:
+    """Return what is told of the whole: names, values and units; None where nothing is known."""
+    told, truth = judged.told, judged.truth
+    latency = told.latency[~np.isnan(told.latency)]
+    confirmed = len(np.unique(judged.rows.track))
+    mean = judged.gospa[:, 0].mean()
+    roots = np.sqrt(np.mean(judged.gospa[:, 1:] ** 2, axis=0))
+    found: list[tuple[str, float | None, str]] = [
+        ("targets", len(truth.names), ""),
+        ("missed targets", told.missed_targets, ""),
+        ("tracks", confirmed, ""),
+        ("false tracks", told.false_tracks, ""),
+        ("false updates", told.false_updates, ""),
+        ("identity switches", told.switches, ""),
+        ("update period", period, "s"),
+        ("probability of update", told.probability_of_update, ""),
+        ("share missed in long gaps", told.long_gap_ratio, ""),
+        ("latency, median", _or_none(np.median, latency), "s"),
+        ("latency, largest", _or_none(np.max, latency), "s"),
+        ("RMSE", told.rmse, "m"),
+        ("RMSE along track", rmse(judged.along), "m"),
+        ("RMSE across track", rmse(judged.across), "m"),
+        ("GOSPA, mean", mean, "m"),
+        *((f"GOSPA, {name}", value, "m") for name, value in zip(PARTS[1:], roots, strict=True)),
+    ]
+    if judged.nees is not None:
+        known = judged.nees[~np.isnan(judged.nees)]
+        found += [
+            ("NEES per axis", _or_none(np.mean, known / 2), ""),
+            ("share within the 95 % ellipse", _or_none(np.mean, known <= MOST_NEES), ""),
+        ]
+    return [
+        (name, None if value is None or np.isnan(value) else value, unit)
+        for name, value, unit in found
+    ]
+
+
+def _or_none(of: Callable[[Any], Any], values: FloatArray | BoolArray) -> float | None:
+    return float(of(values)) if len(values) else None
+
+
+def rmse(errors: FloatArray) -> float | None:
+    """Return the root mean square of what is known, None without any."""
+    known = errors[~np.isnan(errors)]
+    return float(metrics.rmse(known)) if known.size else None

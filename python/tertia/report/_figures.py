@@ -1,0 +1,474 @@
+"""The figures of a page, as Plotly reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import metrics
+from tertia._arrays import FloatArray
+from tertia.report._analysis import (
+    INTERSECTION,
+    OPTIMAL_FOUND,
+    TOGETHER,
+    Analysis,
+    mean_nees,
+)
+from tertia.report._bearings import Heard
+from tertia.report._evaluation import PARTS
+
+# of Okabe and Ito, in lightness between white and black: for light and dark pages, and for people
+# who see fewer colours
+COLOURS = ("#2a7fc1", "#d5651a", "#149174", "#b5689e", "#a17a00", "#3d8ea8", "#8a6d5a", "#7a7a7a")
+DASHES = ("solid", "dash", "dashdot", "longdash", "dot", "longdashdot", "solid", "dash")
+MARKS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
+GREY = "#8a8f98"
+# standard deviations to both sides: 95 %
+_SIDES = 1.959964
+# 95 % of chi-squared with two degrees of freedom
+_ELLIPSE = 5.991465
+_DIGITS = 5
+# tracks in the picture of plans that have a colour of their own
+_COLOURED = 8
+# points of an ellipse; of a line along time
+_CORNERS, _POINTS = 41, 2000
+
+Figure = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A figure with its name and what it says."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+def numbers(values: npt.ArrayLike, digits: int = _DIGITS) -> list[float | None]:
+    """Return numbers with so many digits as JSON has them, None where unknown."""
+    array = np.asarray(values, dtype=np.float64)
+    return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in array.tolist()]
+
+
+def line(name: str, x: npt.ArrayLike, y: npt.ArrayLike, k: int = 0, **more: Any) -> dict[str, Any]:
+    """Return a line in the colour and dashes of number k."""
+    look = {"color": COLOURS[k % len(COLOURS)], "dash": DASHES[k % len(DASHES)], "width": 2}
+    look |= more.pop("line", {})
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": numbers(x),
+        "y": numbers(y),
+        "line": look,
+        **more,
+    }
+
+
+def joined(lines: Sequence[FloatArray]) -> FloatArray:
+    """Return lines (N, 2) one after the other, with a gap after each."""
+    gap = np.full((1, 2), np.nan)
+    return np.concatenate([np.zeros((0, 2)), *(part for one in lines for part in (one, gap))])
+
+
+def rows_of(count: int, x_title: str, y_titles: Sequence[str]) -> dict[str, Any]:
+    """Return the layout of panels above each other with a common axis."""
+    gap = 0.1 if count > 1 else 0.0
+    size = (1.0 - gap * (count - 1)) / count
+    layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{count}"}}
+    if count == 1:
+        layout["xaxis"]["anchor"] = "y"
+    for i, title in enumerate(y_titles):
+        top = 1.0 - i * (size + gap)
+        key = "yaxis" if i == 0 else f"yaxis{i + 1}"
+        layout[key] = {
+            "title": {"text": title},
+            "domain": [max(top - size, 0.0), top],
+            "anchor": "x",
+            "rangemode": "tozero",
+        }
+    return layout
+
+
+def _axis(i: int) -> str:
+    return "y" if i == 0 else f"y{i + 1}"
+
+
+def radar_panels(told: Analysis, time: str) -> list[Panel]:
+    """Return noise, updates and faults along time."""
+    return [_noise(told, time), _update_probability(told, time), _faults(told, time)]
+
+
+def _noise(told: Analysis, time: str) -> Panel:
+    data = []
+    units = (("range", 1.0), ("azimuth", 180.0 / np.pi))
+    for i, (_, unit) in enumerate(units):
+        for k, (name, found) in enumerate(zip(told.names, told.noise, strict=True)):
+            middle = (found.edges[:-1] + found.edges[1:]) / 2
+            stated = (told.radars[k].range_sigma, told.radars[k].azimuth_sigma)[i] * unit
+            data.append(
+                line(
+                    name,
+                    middle,
+                    found.sigma_along[:, i] * unit,
+                    k,
+                    mode="lines+markers",
+                    marker={"symbol": MARKS[k % len(MARKS)], "size": 7},
+                    error_y={
+                        "type": "data",
+                        "array": numbers(found.error_along[:, i] * unit * _SIDES, 3),
+                        "thickness": 1,
+                        "width": 2,
+                    },
+                    line={"dash": "solid"},
+                    legendgroup=name,
+                    showlegend=i == 0,
+                    yaxis=_axis(i),
+                )
+            )
+            data.append(
+                line(
+                    f"{name}, stated",
+                    told.edges[[0, -1]],
+                    [stated, stated],
+                    k,
+                    line={"dash": "dot", "width": 1.5},
+                    legendgroup=name,
+                    showlegend=i == 0,
+                    yaxis=_axis(i),
+                    hoverinfo="skip",
+                )
+            )
+    layout = rows_of(2, time, ["sigma of range (m)", "sigma of azimuth (°)"])
+    caption = (
+        "Scatter of plots about short straight lines in the radar's own tracks, with 95 % bars; "
+        "dotted: what the radar states."
+    )
+    return Panel("noise", "Noise along time", caption, {"data": data, "layout": layout})
+
+
+def _update_probability(told: Analysis, time: str) -> Panel:
+    data = []
+    for k, (name, one) in enumerate(zip(told.names, told.updates, strict=True)):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.where(one.expected > 0, one.hit / one.expected, np.nan)
+        data.append(
+            line(
+                name,
+                one.time,
+                share,
+                k,
+                mode="lines+markers",
+                marker={"symbol": MARKS[k % len(MARKS)], "size": 7},
+            )
+        )
+    layout = rows_of(1, time, ["probability of update"])
+    layout["yaxis"]["range"] = [0.0, 1.02]
+    caption = "Share of the scans in which a confirmed track within the radar's range has its plot."
+    return Panel("updates", "Updates along time", caption, {"data": data, "layout": layout})
+
+
+def _faults(told: Analysis, time: str) -> Panel:
+    kinds = (
+        ("faulty", "far off the track"),
+        ("astray", "known identity, no track"),
+        ("refused", "refused"),
+    )
+    data = []
+    for i, (kind, _) in enumerate(kinds):
+        for k, (name, one) in enumerate(zip(told.names, told.updates, strict=True)):
+            with np.errstate(invalid="ignore", divide="ignore"):
+                share = np.where(one.plots > 0, 100.0 * getattr(one, kind) / one.plots, np.nan)
+            data.append(
+                line(
+                    name,
+                    one.time,
+                    share,
+                    k,
+                    mode="lines+markers",
+                    marker={"symbol": MARKS[k % len(MARKS)], "size": 6},
+                    legendgroup=name,
+                    showlegend=i == 0,
+                    yaxis=_axis(i),
+                )
+            )
+    layout = rows_of(3, time, ["far off (%)", "astray (%)", "refused (%)"])
+    caption = (
+        "Shares of a radar's plots. Far off: taken by a track, but with an innovation that noise "
+        "as stated has once in 10,000. Astray: with the identity of a track that does not take the "
+        "plot, as outliers and double plots have. Refused: without a range, or too old."
+    )
+    return Panel("faults", "Faults along time", caption, {"data": data, "layout": layout})
+
+
+def fusion_panels(told: Analysis, time: str) -> list[Panel]:
+    """Return the weights of the radars' tracks along time."""
+    if told.fusion is None:
+        return []
+    data, titles = [], []
+    for i, one in enumerate(told.fusion.ways.values()):
+        titles.append(("as stated", "as found", "intersection")[i])
+        middle = (told.edges[:-1] + told.edges[1:]) / 2
+        which = np.clip(
+            np.searchsorted(told.edges, told.fusion.told.time, side="right") - 1,
+            0,
+            len(told.edges) - 2,
+        )
+        for k, name in enumerate(told.names):
+            known = np.isfinite(one.weight[:, k])
+            count = np.bincount(which[known], minlength=len(middle))
+            total = np.bincount(which[known], one.weight[known, k], minlength=len(middle))
+            mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+            data.append(
+                line(
+                    name,
+                    middle,
+                    mean,
+                    k,
+                    mode="lines+markers",
+                    marker={"symbol": MARKS[k % len(MARKS)], "size": 6},
+                    legendgroup=name,
+                    showlegend=i == 0,
+                    yaxis=_axis(i),
+                )
+            )
+    layout = rows_of(3, time, titles)
+    for i in range(3):
+        layout["yaxis" if i == 0 else f"yaxis{i + 1}"]["range"] = [0.0, 1.0]
+    caption = (
+        "Mean weight of a radar's track in the fused position where it has one. Above: the best "
+        "weights for the noise as stated; middle: for the noise as found in each stretch of time; "
+        "below: covariance intersection for that, which holds however the errors are correlated."
+    )
+    return [Panel("weights", "Weights along time", caption, {"data": data, "layout": layout})]
+
+
+def truth_panels(told: Analysis, time: str) -> list[Panel]:
+    """Return GOSPA and normalised errors along time."""
+    if TOGETHER not in told.judged:
+        return []
+    judged = told.judged[TOGETHER]
+    step = max(1, len(judged.instants) // _POINTS)
+    data = [
+        line(name, judged.instants[::step], values[::step], k)
+        for k, (name, values) in enumerate(zip(PARTS, judged.gospa.T, strict=True))
+    ]
+    layout = rows_of(1, time, ["GOSPA (m)"])
+    caption = "All radars together: GOSPA once a period, and the roots of its parts."
+    panels = [Panel("gospa", "GOSPA along time", caption, {"data": data, "layout": layout})]
+    if judged.nees is not None:
+        panels.append(_nees(told, time))
+    return panels
+
+
+def _nees(told: Analysis, time: str) -> Panel:
+    judged = told.judged[TOGETHER]
+    assert judged.nees is not None
+    middle = (told.edges[:-1] + told.edges[1:]) / 2
+    mean, count = mean_nees(judged.time, judged.nees, told.edges)
+    bounds = np.array([_bounds(int(n)) for n in count])
+    data = [
+        line(
+            "95 % bounds",
+            middle,
+            bounds[:, 1],
+            line={"color": GREY, "width": 1, "dash": "dot"},
+            legendgroup="bounds",
+        ),
+        line(
+            "lower bound",
+            middle,
+            bounds[:, 0],
+            line={"color": GREY, "width": 1, "dash": "dot"},
+            fill="tonexty",
+            fillcolor="rgba(138,143,152,0.2)",
+            legendgroup="bounds",
+            showlegend=False,
+        ),
+        _along(TOGETHER, middle, mean, 0),
+    ]
+    if told.fusion is not None:
+        for k, name in enumerate((OPTIMAL_FOUND, INTERSECTION), start=1):
+            mean, _ = mean_nees(told.fusion.told.time, told.fusion.nees[name], told.edges)
+            data.append(_along(name, middle, mean, k))
+    layout = rows_of(1, time, ["NEES per axis"])
+    caption = (
+        "Mean normalised squared errors of positions: 1 where covariances are right, more where "
+        "they are too small. The bounds are those of as many independent errors as all radars "
+        "together have in the stretch; errors of one track are not independent."
+    )
+    return Panel("nees", "NEES along time", caption, {"data": data, "layout": layout})
+
+
+def _along(name: str, x: FloatArray, y: FloatArray, k: int) -> dict[str, Any]:
+    marker = {"symbol": MARKS[k % len(MARKS)], "size": 7}
+    return line(name, x, y, k, mode="lines+markers", marker=marker)
+
+
+def _bounds(count: int) -> tuple[float, float]:
+    if count == 0:
+        return np.nan, np.nan
+    low, high = metrics.consistency_bounds(count, 2, 0.95)
+    return low / 2, high / 2
+
+
+def plan_panels(told: Analysis, time: str) -> list[Panel]:
+    """Return how far tracks are off their plans."""
+    if not told.followed:
+        return []
+    leaving = [one for one in told.followed if np.isfinite(one.left)]
+    coloured = leaving[:_COLOURED]
+    on = [one for one in told.followed if one not in coloured]
+    step = max(1, sum(len(one.time) for one in on) // (10 * _POINTS))
+    data = []
+    if on:
+        rows = [np.column_stack([one.time, one.offset / 1e3])[::step] for one in on]
+        look = {"color": GREY, "width": 1, "dash": "solid"}
+        data.append(line("others", *joined(rows).T, line=look))
+    for k, one in enumerate(coloured):
+        data.append(line(f"{one.name}, track {one.track}", one.time, one.offset / 1e3, k))
+    layout = rows_of(1, time, ["to the right of the plan (km)"])
+    layout["yaxis"]["rangemode"] = "normal"
+    caption = "Distance of tracks to the path of their plans; in colour those that left them."
+    return [Panel("offsets", "Distance to the plan", caption, {"data": data, "layout": layout})]
+
+
+def finder_panels(told: Analysis, time: str) -> list[Panel]:
+    """Return a map of bearings and positions for each emitter, and the bearings along time."""
+    panels = []
+    for number, heard in enumerate(told.heard):
+        panels += [_finder_map(told, heard, number), _finder_bearings(told, heard, number, time)]
+    return panels
+
+
+def _finder_map(told: Analysis, heard: Heard, number: int) -> Panel:
+    places = np.array([station.position[:2] for station in told.stations])
+    names = [str(s.name or k + 1) for k, s in enumerate(told.stations)]
+    data: list[dict[str, Any]] = []
+    centre = places.mean(axis=0)
+    if heard.instants is not None:
+        at = heard.instants.position[np.asarray(heard.instants.located)][:, :2]
+        centre = np.median(at, axis=0)
+        step = max(1, len(at) // _POINTS)
+        data.append(
+            {
+                **line("single instants", at[::step, 0] / 1e3, at[::step, 1] / 1e3),
+                "mode": "markers",
+                "marker": {"color": GREY, "size": 4, "opacity": 0.6},
+            }
+        )
+    if heard.position is not None:
+        centre = heard.position.position[0]
+    for k, (place, azimuth, sigma) in enumerate(
+        zip(places, heard.bearing, heard.sigma, strict=True)
+    ):
+        if heard.moves or not np.isfinite(azimuth):
+            continue
+        reach = 1.25 * float(np.hypot(*(centre - place)))
+        for off, dash, width in ((0.0, "solid", 1.5), (-1, "dot", 1), (1, "dot", 1)):
+            angle = azimuth + off * _SIDES * sigma
+            end = place + reach * np.array([np.sin(angle), np.cos(angle)])
+            data.append(
+                line(
+                    names[k],
+                    [place[0] / 1e3, end[0] / 1e3],
+                    [place[1] / 1e3, end[1] / 1e3],
+                    k,
+                    line={"dash": dash, "width": width},
+                    legendgroup=names[k],
+                    showlegend=off == 0.0,
+                    hoverinfo="skip",
+                )
+            )
+    data.append(
+        {
+            "type": "scatter",
+            "mode": "markers+text",
+            "name": "direction finders",
+            "x": numbers(places[:, 0] / 1e3),
+            "y": numbers(places[:, 1] / 1e3),
+            "text": names,
+            "textposition": "top center",
+            "cliponaxis": False,
+            "marker": {"symbol": "triangle-up", "size": 11, "color": GREY},
+        }
+    )
+    if heard.position is not None:
+        place, spread = heard.position.position[0], heard.position.covariance[0]
+        ring = ellipse(place, spread) / 1e3
+        data.append(line("95 % ellipse", ring[:, 0], ring[:, 1], 7, line={"dash": "solid"}))
+        data.append(
+            {
+                **line("position", [place[0] / 1e3], [place[1] / 1e3]),
+                "mode": "markers",
+                "marker": {"symbol": "cross", "size": 9, "color": COLOURS[1]},
+            }
+        )
+    layout = plane()
+    caption = (
+        "The bearings of the two halves of the record differ: the emitter moves, and only the "
+        "positions at single instants are shown."
+        if heard.moves
+        else "Bearing of each finder with its 95 % band (dotted), and where they meet."
+    )
+    title = f"Position of {heard.emitter.name}"
+    return Panel(f"emitter-{number}", title, caption, {"data": data, "layout": layout})
+
+
+def _finder_bearings(told: Analysis, heard: Heard, number: int, time: str) -> Panel:
+    data = []
+    names = [str(s.name or k + 1) for k, s in enumerate(told.stations)]
+    step = max(1, len(heard.emitter.time) // _POINTS)
+    for k, name in enumerate(names):
+        values = np.degrees(heard.emitter.azimuth[:, k])
+        centre = np.degrees(heard.bearing[k])
+        if not np.isfinite(centre):
+            continue
+        off = (values - centre + 180.0) % 360.0 - 180.0
+        for wrong, mark in ((False, MARKS[k % len(MARKS)]), (True, "x-open")):
+            own = (heard.outlier[:, k] == wrong) & np.isfinite(off)
+            data.append(
+                {
+                    **line(
+                        f"{name}, anomalous" if wrong else name,
+                        heard.emitter.time[own][::step],
+                        off[own][::step],
+                        k,
+                        legendgroup=name,
+                    ),
+                    "mode": "markers",
+                    "marker": {
+                        "color": COLOURS[k % len(COLOURS)],
+                        "symbol": mark,
+                        "size": 9 if wrong else 5,
+                    },
+                }
+            )
+    layout = rows_of(1, time, ["off the estimate (°)"])
+    layout["yaxis"]["rangemode"] = "normal"
+    caption = "Bearings less the estimate of their finder; crosses are anomalous and left out."
+    title = f"Bearings of {heard.emitter.name}"
+    return Panel(f"bearings-{number}", title, caption, {"data": data, "layout": layout})
+
+
+def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the 95 % ellipse about a place, (N, 2)."""
+    root = np.linalg.cholesky(covariance[:2, :2])
+    angle = np.linspace(0.0, 2 * np.pi, _CORNERS)
+    ring = np.stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(place[:2] + np.sqrt(_ELLIPSE) * (root @ ring).T)
+
+
+def plane() -> dict[str, Any]:
+    """Return the layout of a map."""
+    return {
+        "xaxis": {"title": {"text": "east (km)"}},
+        "yaxis": {"title": {"text": "north (km)"}, "scaleanchor": "x"},
+        "hovermode": "closest",
+    }

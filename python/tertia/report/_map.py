@@ -1,0 +1,209 @@
+"""The map of a page: what is always there, and what moves with time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tertia._arrays import FloatArray, IntArray
+from tertia.report._analysis import Analysis
+from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane
+from tertia.tracker import TrackTable, cartesian
+
+# rows of tracks, plots and positions of the truth in a page at most
+ROWS, PLOTS, TRUTH = 30_000, 10_000, 15_000
+# points of the path of a plan
+_PATH = 60
+# an ellipse of the middle size takes so much of the picture; factors by which they are enlarged
+_SHARE, _FACTORS = 0.012, (1, 2, 5, 10, 20, 50, 100, 200, 500)
+_ELLIPSE = 5.991465
+# share of the extent that is left free around it
+_ROOM = 0.06
+
+
+def map_of(told: Analysis) -> dict[str, Any]:
+    """Return data and layout of the map, and what the player needs."""
+    joint, own = told.joint, told.joint.rows(told.joint.confirmed)
+    rows = _thinned(own)
+    data: list[dict[str, Any]] = [_plots(told)]
+    if told.plans:
+        data.append(_plans(told))
+    if told.truth is not None:
+        data.append(_truth(told))
+    if len(told.radars) > 1:
+        for k, (name, table) in enumerate(zip(told.names, told.single, strict=True)):
+            data.append(_lines(f"{name} alone", table, k + 1))
+    data += [_lines("tracks", joint, 0, visible=True), _radars(told)]
+    span = max(np.ptp(own.position, axis=0).max() if len(own) else 1.0, 1.0)
+    axes = _axes(own.covariance[:, :2, :2])
+    size = float(np.median(axes[:, 0])) if len(own) else 1.0
+    wanted = _SHARE * span / max(size, 1e-9)
+    factor = _FACTORS[int(np.argmin(np.abs(np.log(np.array(_FACTORS) / max(wanted, 1e-9)))))]
+    away = {one.track: (one.left, one.back) for one in told.followed if np.isfinite(one.left)}
+    tracks = [_track(told, own, index, axes, away) for index in rows]
+    known = told.plots.time[np.isfinite(told.plots.time)]
+    first, last = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    layout = plane()
+    places = np.array([radar.position[:2] for radar in told.radars])
+    # false plots may be farther away
+    seen = np.concatenate([own.position, places]) / 1e3
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    room = _ROOM * max(float(np.max(high - low)), 1.0)
+    for axis, first_one, last_one in zip(("xaxis", "yaxis"), low - room, high + room, strict=True):
+        layout[axis]["range"] = [float(first_one), float(last_one)]
+    return {
+        "data": data,
+        "layout": layout,
+        "player": {
+            "tracks": tracks,
+            "truth": _truth_tracks(told),
+            "plots": _moving_plots(told),
+            "first": first,
+            "last": last,
+            "period": max(radar.period for radar in told.radars),
+            "factors": list(_FACTORS),
+            "factor": factor,
+        },
+    }
+
+
+def _thinned(table: TrackTable) -> list[IntArray]:
+    """Return the rows of each track, every n-th where there are too many, and the last."""
+    step = max(1, int(np.ceil(len(table) / ROWS)))
+    order = np.lexsort((table.time, table.track))
+    starts = np.flatnonzero(np.diff(table.track[order], prepend=-1) != 0)
+    found = []
+    for own in np.split(order, starts[1:]) if len(order) else []:
+        kept = own[::step]
+        found.append(kept if kept[-1] == own[-1] else np.append(kept, own[-1]))
+    return found
+
+
+def _axes(covariance: FloatArray) -> FloatArray:
+    """Return half axes of 95 % ellipses and the angle of the longer, (N, 3)."""
+    values, vectors = np.linalg.eigh(covariance)
+    half = np.sqrt(_ELLIPSE * np.maximum(values, 0.0))
+    angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
+    return np.column_stack([half[:, 1], half[:, 0], angle])
+
+
+def _track(
+    told: Analysis,
+    table: TrackTable,
+    index: IntArray,
+    axes: FloatArray,
+    away: dict[int, tuple[float, float]],
+) -> dict[str, Any]:
+    rows = table.rows(index)
+    left, back = away.get(int(rows.track[0]), (np.inf, np.inf))
+    followed = rows.plan[rows.plan >= 0]
+    name = f"track {rows.track[0]}"
+    if len(followed):
+        plan = told.plans[int(followed[-1])]
+        name = str(plan.name or f"plan {followed[-1] + 1}")
+    return {
+        "name": name,
+        "track": int(rows.track[0]),
+        "t": numbers(rows.time, 8),
+        "x": numbers(rows.position[:, 0] / 1e3, 6),
+        "y": numbers(rows.position[:, 1] / 1e3, 6),
+        "v": numbers(np.hypot(*rows.velocity.T), 3),
+        "e": [numbers(column, 3) for column in (axes[index].T / [[1e3], [1e3], [1.0]])],
+        "off": [bool(x) for x in (rows.time >= left) & ~(rows.time >= back)],
+    }
+
+
+def _lines(name: str, table: TrackTable, k: int, *, visible: bool = False) -> dict[str, Any]:
+    own = table.rows(table.confirmed)
+    place = joined([own.position[index] / 1e3 for index in _thinned(own)])
+    look = {"width": 1.6} if visible else {"width": 1.2}
+    east, north = place.T
+    trace = line(name, east, north, k, line=look, hoverinfo="skip")
+    return trace if visible else trace | {"visible": "legendonly"}
+
+
+def _chosen_plots(told: Analysis) -> tuple[FloatArray, FloatArray]:
+    """Return times and places of plots, every n-th where there are too many."""
+    plots = told.plots
+    valid = np.isfinite(plots.time) & np.isfinite(plots.range) & np.isfinite(plots.azimuth)
+    own = plots[np.flatnonzero(valid)]
+    own = own[np.argsort(own.time, kind="stable")]
+    own = own[:: max(1, int(np.ceil(len(own) / PLOTS)))]
+    return own.time, cartesian(own, told.radars)[0] / 1e3
+
+
+def _plots(told: Analysis) -> dict[str, Any]:
+    _, place = _chosen_plots(told)
+    return {
+        **line("plots", place[:, 0], place[:, 1]),
+        "mode": "markers",
+        "marker": {"color": GREY, "size": 3, "opacity": 0.45},
+        "hoverinfo": "skip",
+        "visible": "legendonly",
+    }
+
+
+def _moving_plots(told: Analysis) -> dict[str, Any]:
+    time, place = _chosen_plots(told)
+    return {
+        "t": numbers(time, 8),
+        "x": numbers(place[:, 0]),
+        "y": numbers(place[:, 1]),
+    }
+
+
+def _plans(told: Analysis) -> dict[str, Any]:
+    ways = [plan.path(np.linspace(0.0, plan.length, _PATH))[0] / 1e3 for plan in told.plans]
+    look = {"color": COLOURS[2], "dash": "dash", "width": 1.2}
+    return line("plans", *joined(ways).T, line=look, hoverinfo="skip")
+
+
+def _truth_step(told: Analysis) -> int:
+    assert told.truth is not None
+    return max(1, int(np.ceil(len(told.truth.time) / TRUTH)))
+
+
+def _truth(told: Analysis) -> dict[str, Any]:
+    assert told.truth is not None
+    step = _truth_step(told)
+    ways = [place[::step] / 1e3 for _, _, place in told.truth.along()]
+    look = {"color": GREY, "width": 5}
+    return line("truth", *joined(ways).T, line=look, hoverinfo="skip", opacity=0.45)
+
+
+def _truth_tracks(told: Analysis) -> list[dict[str, Any]]:
+    if told.truth is None:
+        return []
+    step = _truth_step(told)
+    return [
+        {
+            "name": told.truth.names[k],
+            "t": numbers(time[::step], 8),
+            "x": numbers(place[::step, 0] / 1e3, 6),
+            "y": numbers(place[::step, 1] / 1e3, 6),
+        }
+        for k, time, place in told.truth.along()
+    ]
+
+
+def _radars(told: Analysis) -> dict[str, Any]:
+    places = np.array([radar.position[:2] for radar in told.radars]) / 1e3
+    count = len(places)
+    return {
+        "type": "scatter",
+        "mode": "markers+text",
+        "name": "radars",
+        "x": numbers(places[:, 0]),
+        "y": numbers(places[:, 1]),
+        "text": list(told.names),
+        "textposition": "bottom center",
+        "cliponaxis": False,
+        "hoverinfo": "text",
+        "marker": {
+            "symbol": "triangle-up",
+            "size": 14,
+            "color": [COLOURS[k % len(COLOURS)] for k in range(count)],
+            "line": {"width": 1, "color": GREY},
+        },
+    }

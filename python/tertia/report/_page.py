@@ -1,0 +1,84 @@
+"""The page: sections of figures and tables in a template."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+import tertia
+from tertia.report import _figures, _map
+from tertia.report._analysis import Analysis
+from tertia.report._figures import Panel
+from tertia.report._tables import Table, tables, text
+
+_TEMPLATE = "page.html"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the page."""
+
+    name: str
+    title: str
+    panels: list[Panel] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+
+
+def page(told: Analysis, numbers: dict[str, Any], title: str, since: str | None) -> str:
+    """Return the page as HTML."""
+    time = "time (s)" if since is None else f"time (s since {since})"
+    rows = tables(told)
+    sections = [
+        Section("radars", "Radars", _figures.radar_panels(told, time), rows["radars"]),
+        Section("fusion", "Fusion", _figures.fusion_panels(told, time), rows["fusion"]),
+        Section("truth", "Beside the truth", _figures.truth_panels(told, time), rows["truth"]),
+        Section("plans", "Flight plans", _figures.plan_panels(told, time), rows["plans"]),
+        Section(
+            "finders", "Direction finders", _figures.finder_panels(told, time), rows["finders"]
+        ),
+        Section("tracks", "Tracks", [], rows["tracks"]),
+    ]
+    shown = [section for section in sections if section.panels or section.tables]
+    environment = Environment(
+        loader=PackageLoader("tertia.report", "."),
+        autoescape=select_autoescape(),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    charts = {panel.name: panel.figure for section in shown for panel in section.panels}
+    return environment.get_template(_TEMPLATE).render(
+        title=title,
+        version=tertia.__version__,
+        cards=_cards(numbers),
+        findings=numbers["findings"],
+        sections=shown,
+        limits={"rows": _map.ROWS, "plots": _map.PLOTS, "truth": _map.TRUTH},
+        # the library itself
+        plotly=Markup(get_plotlyjs()),
+        charts=_script(charts),
+        map=_script(_map.map_of(told)),
+    )
+
+
+def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what the page begins with: numbers and their names."""
+    return [
+        (text(float(numbers["duration_s"])) + " s", "duration"),
+        (f"{numbers['plots']:,}", "plots"),
+        (str(len(numbers["radars"])), "radars"),
+        (str(numbers["tracks"]), "tracks"),
+        (str(numbers["plans"]), "flight plans"),
+        (str(len(numbers["emitters"])), "emitters"),
+    ]
+
+
+def _script(value: Any) -> Markup:
+    """Return JSON that can stand in a script: no text of a recording ends it."""
+    told = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return Markup(told.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

@@ -1,0 +1,87 @@
+"""Which tracks follow their flight plans, and which leave them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tertia._arrays import BoolArray, FloatArray
+from tertia.flightplan import FlightPlan
+from tertia.tracker import TrackTable
+
+# plots in a row off the plan, and scans of the slowest radar, from which on it counts as left
+_ROW, _SCANS = 5, 3
+# metres before the end of a plan from which on nothing is asked
+_ENDS = 3000.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Followed:
+    """A track and its plan: when it was on it, and how far off, metres to the right.
+
+    `left` and `back` are times in seconds, nan: never.
+    """
+
+    track: int
+    plan: int
+    name: str
+    time: FloatArray
+    offset: FloatArray
+    conforming: BoolArray
+    left: float
+    back: float
+
+
+def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
+    """Return how plans are called: by their names, or by numbers from 1 on."""
+    return [str(number) if p.name is None else p.name for number, p in enumerate(plans, start=1)]
+
+
+def followed(table: TrackTable, plans: Sequence[FlightPlan], period: float) -> list[Followed]:
+    """Return the confirmed tracks that have or had plans, in order of the plans.
+
+    `period` is that of the slowest radar.
+    """
+    found, names = [], plan_names(plans)
+    updated = (table.plot >= 0) & table.confirmed
+    for number in np.unique(table.track[updated & (table.plan >= 0)]):
+        own = np.flatnonzero(updated & (table.track == number))
+        own = own[np.argsort(table.time[own], kind="stable")]
+        known = table.plan[own]
+        plan = int(np.argmax(np.bincount(known[known >= 0])))
+        # a plan that was left far behind is no longer the track's
+        own = own[int(np.argmax(known == plan)) :]
+        on = (table.plan[own] == plan) & table.conforming[own]
+        path = plans[plan].project(table.position[own])
+        distance, offset = np.asarray(path.distance), np.asarray(path.offset)
+        # where a flight has come to the end of its plan, nothing is asked
+        ended = np.flatnonzero(on & (distance > plans[plan].length - _ENDS))
+        kept = slice(None, int(ended[0]) if len(ended) else None)
+        time, offset, on = table.time[own][kept], offset[kept], on[kept]
+        if len(time) < _ROW:
+            continue
+        left, back = _departure(time, on, _SCANS * period)
+        found.append(Followed(int(number), plan, names[plan], time, offset, on, left, back))
+    return sorted(_flights(found), key=lambda one: (one.plan, one.time[0]))
+
+
+def _flights(found: Sequence[Followed]) -> list[Followed]:
+    """Leave out tracks beside a longer one of the same plan: they are not the flight."""
+    kept: list[Followed] = []
+    for one in sorted(found, key=lambda one: -len(one.time)):
+        middle = float(np.median(one.time))
+        beside = (o for o in kept if o.plan == one.plan and o.time[0] < middle < o.time[-1])
+        if next(beside, None) is None:
+            kept.append(one)
+    return kept
+
+
+def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:
+    """Return when the plan was left for so long, and when it was met again."""
+    edges = np.flatnonzero(np.diff(on, prepend=True, append=True))
+    for begin, end in edges.reshape(-1, 2):
+        if end - begin >= _ROW and time[end - 1] - time[begin] >= lasting:
+            return float(time[begin]), float(time[end]) if end < len(time) else np.nan
+    return np.nan, np.nan
