@@ -43,7 +43,7 @@ _PATIENCE = 0.25
 # manoeuvre frequency and acceleration
 _SINGER = (1 / 60, 3.0)
 # plots in straight flight, after a manoeuvre and near a planned turn
-_WINDOW = (20, 3, 4)
+_WINDOW = (20, 3, 5)
 # what a core is told that has no plans of its own
 _CORES = {"imm-plan": "imm", "window-plan": "window"}
 # guard acceleration where scans take 4 s and where they take 10 s

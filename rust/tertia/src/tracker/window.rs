@@ -15,8 +15,10 @@ use std::collections::VecDeque;
 const REMEMBERED: usize = 3;
 /// So many hits in a row on the same side are a manoeuvre.
 const SIDE_HITS: i32 = 4;
-/// Nothing is known of a longer time without plots, scans.
+/// The gate grows for no longer a time without plots, scans.
 const LONGEST_GAP: f64 = 5.0;
+/// Variance of what a planned turn is not, in that of the guard gate: half its acceleration.
+const LATITUDE: f64 = 0.25;
 
 /// Lengths of the history, and what is a manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,7 +58,7 @@ pub(super) struct Window {
     pub guide: Option<Guide>,
     plots: VecDeque<Past>,
     line: Estimate<4>,
-    /// What the gate is wider than the line says, until the next plot.
+    /// What is added to the covariance of the line, until the next plot.
     extra: SMatrix<f64, 4, 4>,
     /// Seconds since the last plot.
     gap: f64,
@@ -74,6 +76,8 @@ pub(super) struct Window {
     /// Whether the plan turns about here, and whether it turned since the last plot.
     near_turn: bool,
     on_arc: bool,
+    /// Whether the target does something else near the turn of its plan.
+    deviates: bool,
 }
 
 impl Window {
@@ -92,6 +96,7 @@ impl Window {
             manoeuvre: false,
             near_turn: false,
             on_arc: false,
+            deviates: false,
         }
     }
 
@@ -112,20 +117,30 @@ impl Window {
         }
         self.gap += t;
         let turn = self.guide.as_ref().and_then(|guide| guide.near_turn(&self.line, settings));
-        self.near_turn = turn.is_some();
-        let Some(turn) = turn else {
-            self.step(0.0, t);
-            return;
-        };
-        let (before, rate, arc) = planned(&turn, &self.line, t);
+        self.deviates &= turn.is_some();
+        self.near_turn = turn.is_some() && !self.deviates;
+        match turn {
+            Some(turn) if self.near_turn => self.fly(&turn, t),
+            _ => self.step(0.0, t),
+        }
+        if turn.is_some() {
+            let gap = self.gap.min(LONGEST_GAP * period);
+            self.extra = motion::unnoticed(settings.unnoticed(period), gap);
+        }
+    }
+
+    /// Straight on to where the turn starts, along its arc, and straight on.
+    fn fly(&mut self, turn: &Turn, t: f64) {
+        let velocity = [self.line.mean[2], self.line.mean[3]];
+        let (s, _) = turn.project(self.line.position());
+        let before = (-s / velocity[0].hypot(velocity[1]).max(1.0)).clamp(0.0, t);
         self.step(0.0, before);
-        if arc > 0.0 {
-            self.step(rate, arc);
+        let arc = capture(turn, self.line.position(), velocity, t - before);
+        if arc.time > 0.0 {
+            self.step(arc.turn_rate, arc.time);
             self.on_arc = true;
         }
-        self.step(0.0, t - before - arc);
-        let gap = self.gap.min(LONGEST_GAP * period);
-        self.extra = motion::unnoticed(settings.unnoticed(period), gap);
+        self.step(0.0, t - before - arc.time);
     }
 
     /// Lets the line and the plots' relations to it turn at this rate for the time t.
@@ -156,20 +171,23 @@ impl Window {
     /// Adds a plot and draws the line anew.
     pub fn correct(&mut self, rule: &WindowRule, position: [f64; 2], noise: Plane) {
         let manoeuvre = self.detects(rule, position, noise);
-        if manoeuvre || self.near_turn {
+        if manoeuvre {
+            self.deviates = self.near_turn;
+            if self.near_turn {
+                self.straighten();
+            }
             self.distances.clear();
             self.side = 0;
-        }
-        if self.near_turn {
-            self.length = rule.turn;
-            self.manoeuvre = false;
-        } else if manoeuvre {
             self.length = rule.short;
             self.manoeuvre = true;
             self.whole = false;
+        } else if self.near_turn {
+            self.length = rule.turn;
+            self.manoeuvre = false;
         } else {
             self.length = (self.length + 1).min(rule.long);
             self.manoeuvre &= self.length <= 2 * rule.short;
+            self.deviates &= self.manoeuvre;
         }
         let (back, near_turn) = (Matrix2::zeros(), self.near_turn);
         self.plots.push_back(Past { age: 0.0, position, noise, back, near_turn });
@@ -198,7 +216,11 @@ impl Window {
 
     /// Whether this plot, with those before it, says that the target manoeuvres.
     fn detects(&mut self, rule: &WindowRule, z: [f64; 2], r: Plane) -> bool {
-        let s = self.line.position_covariance().plus(r);
+        let mut expected = self.line;
+        if self.near_turn {
+            expected.covariance += self.extra * LATITUDE;
+        }
+        let s = expected.position_covariance().plus(r);
         let y = [z[0] - self.line.mean[0], z[1] - self.line.mean[1]];
         let distance = s.inverse().form(y);
         self.distances.push_back(distance);
@@ -221,18 +243,24 @@ impl Window {
             || self.side.abs() >= SIDE_HITS
     }
 
-    /// Looks where along the plan the target is. If it does not follow it, it flew straight.
+    /// What was taken for a turn was none.
+    fn straighten(&mut self) {
+        self.on_arc = false;
+        self.near_turn = false;
+        for plot in &mut self.plots {
+            plot.back = Matrix2::identity() * -plot.age;
+            plot.near_turn = false;
+        }
+    }
+
+    /// Looks where along the plan the target is. If the plan is blocked, it flew straight.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         let line = self.line;
         let Some(guide) = &mut self.guide else { return };
         if !guide.watch(&line, settings, time, period).blocked {
             return;
         }
-        self.on_arc = false;
-        for plot in &mut self.plots {
-            plot.back = Matrix2::identity() * -plot.age;
-            plot.near_turn = false;
-        }
+        self.straighten();
         if let Some(line) = self.fitted().filter(|_| !self.whole) {
             self.line = line;
         }
@@ -265,14 +293,4 @@ impl Window {
         mean[1] += origin[1];
         Some(Estimate { mean, covariance })
     }
-}
-
-/// Seconds straight on to where the turn starts, its rate, and seconds along its arc, of the next t.
-fn planned(turn: &Turn, line: &Estimate<4>, t: f64) -> (f64, f64, f64) {
-    let (position, velocity) = (line.position(), [line.mean[2], line.mean[3]]);
-    let (s, _) = turn.project(position);
-    let before = (-s / velocity[0].hypot(velocity[1]).max(1.0)).clamp(0.0, t);
-    let start = [position[0] + before * velocity[0], position[1] + before * velocity[1]];
-    let arc = capture(turn, start, velocity, t - before);
-    (before, arc.turn_rate, arc.time)
 }
