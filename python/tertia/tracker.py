@@ -47,7 +47,7 @@ _WINDOW = (20, 3, 5)
 # what a core is told that has no plans of its own
 _CORES = {"imm-plan": "imm", "window-plan": "window"}
 # guard acceleration where scans take 4 s and where they take 10 s
-_GUARDS = {"window": (7.0, 12.0)}
+_GUARDS = {"window": (12.0, 7.0)}
 _GUARD = (5.0, 5.0)
 
 

@@ -184,6 +184,7 @@ impl Window {
         } else if self.near_turn {
             self.length = rule.turn;
             self.manoeuvre = false;
+            self.whole &= self.plots.len() < rule.short;
         } else {
             self.length = (self.length + 1).min(rule.long);
             self.manoeuvre &= self.length <= 2 * rule.short;
