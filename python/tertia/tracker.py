@@ -341,16 +341,17 @@ class Tracker:
     ----------
     radars : sequence of Radar
         The radars; plots name them by their index.
-    motion : {"imm-plan", "imm", "singer", "cv", "window"}
+    motion : {"imm-plan", "imm", "singer", "cv", "window", "window-plan"}
         How confirmed targets move: straight flight, turns and what flight plans say, by how likely
         they are (default); the same without plans; acceleration that fades (1/60 per second,
-        3 m/s²); straight flight; or least squares over the last 20 plots, 3 after a manoeuvre, as
-        in the source.
+        3 m/s²); straight flight; least squares over the last 20 plots, 3 after a manoeuvre, as in
+        the source; or the same with flight plans: near their turns 5 plots, along the arc.
     plans : sequence of FlightPlan
-        Where targets have said they will fly. A track finds its plan by its identity, or by where
-        and when it flies.
+        Where targets have said they will fly, for "imm-plan" and "window-plan". A track finds its
+        plan by its identity, or by where and when it flies.
     plan_prior : float
         Probability that a planned turn is flown, before any was seen; 0: plans have no say.
+        To "window-plan" all others are alike.
     wind_sigma : float
         Standard deviation of the wind, in metres per second.
     manoeuvres : Manoeuvres, optional
@@ -366,9 +367,9 @@ class Tracker:
         No target is faster, in metres per second.
     gate_probability : float
         Probability that a target's plot is within its gate.
-    guard_acceleration : float
+    guard_acceleration : float, optional
         Acceleration that a target may have unnoticed where its gate is empty, in metres per second
-        squared.
+        squared; by default 5, and for windows 12 where scans take 4 s to 7 where they take 10 s.
     identity_error : float
         How often an identity is read wrongly: codes of four digits sometimes, addresses of 24 bits
         hardly ever (1e-9).
@@ -596,7 +597,7 @@ def track(
         In any order.
     radars : sequence of Radar
         The radars.
-    motion : {"imm-plan", "imm", "singer", "cv", "window"}
+    motion : {"imm-plan", "imm", "singer", "cv", "window", "window-plan"}
         See `Tracker`.
     **options
         As of `Tracker`.
