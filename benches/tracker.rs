@@ -41,7 +41,7 @@ fn settings(motion: Motion, extent: f64) -> Settings {
         radars: radars(extent),
         motion,
         guard: 12.43,
-        guard_acceleration: 5.0,
+        guard_acceleration: [5.0; 2],
         initiation: (3, 4),
         coasting: 5,
         speed_max: 350.0,

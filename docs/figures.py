@@ -109,6 +109,9 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "tracker.md": {
         "conforming": tracker.conforming,
         "plans": tracker.plans,
+        "paper": tracker.paper,
+        "guards": tracker.guards,
+        "flags": tracker.flags,
         "priors": tracker.priors,
         "ahead": tracker.ahead,
     },

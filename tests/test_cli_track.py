@@ -232,6 +232,8 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
     assert "1 track with one of 1 plan, 0 of them left it" in run(*arguments).out
     frame = tracks(*arguments, "--plan-prior", 0.3, "--wind-sigma", 5, folder=tmp_path)
     check(frame, track(plots(), RADARS, plans=[PLAN], plan_prior=0.3, wind_sigma=5.0))
+    frame = tracks(*arguments, "--motion", "window-plan", folder=tmp_path)
+    check(frame, track(plots(), RADARS, "window-plan", plans=[PLAN]))
 
 
 @pytest.mark.parametrize(

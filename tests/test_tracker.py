@@ -7,6 +7,8 @@ import pickle
 
 import numpy as np
 import pytest
+import tolerances
+from reference import flightplan as flightplan_reference
 from reference import tracker as reference
 
 from tertia import simulate
@@ -23,7 +25,7 @@ from tertia.tracker import (
 )
 
 RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, range_max=120e3)
-MOTIONS = ["imm-plan", "imm", "singer", "cv", "window"]
+MOTIONS = ["imm-plan", "imm", "singer", "cv", "window", "window-plan"]
 
 
 def polar(position):
@@ -61,22 +63,96 @@ def line(n=20, period=4.0, start=0.0, seed=0):
     return Plots(time, *noisy(position, RADAR, rng))
 
 
-def test_imm_is_that_of_the_reference():
-    time, position, _ = turning_flight()
-    distance, azimuth = noisy(position, RADAR, np.random.default_rng(1))
-    plots = Plots(time, distance, azimuth)
-    found = track(plots, [RADAR], "imm", initiation=(3, 4))
-    z, covariance = cartesian(plots, [RADAR])
+PRECISE = Radar(range_sigma=15.0, azimuth_sigma=np.radians(0.02), period=4.0)
+SLOW = Radar(range_sigma=100.0, azimuth_sigma=np.radians(0.12), period=10.0)
+CORNER = [[-20e3, 40e3], [0.0, 40e3], [10e3, 70e3]]
+
+
+def gaps(steps):
+    """Scans that have a plot."""
+    return np.setdiff1d(np.arange(steps), [9, 24, 33, 34, 50])
+
+
+def sidestep(radar):
+    """A turn of 2 degrees a second, gaps, and a step aside of 125 m that no model holds."""
+    time, position, _ = turning_flight(period=radar.period)
+    position[12:] += [0.0, -125.0 * (radar is PRECISE)]
+    kept = gaps(len(time))
+    distance, azimuth = noisy(position, radar, np.random.default_rng(1))
+    return Plots(time[kept], distance[kept], azimuth[kept])
+
+
+def planned_turn(radar):
+    """A flight along its plan, a little faster and with another bank."""
+    before, corner, after = CORNER
+    turn = flightplan_reference.turn(before, corner, after, 170.0, bank=np.radians(23))
+    time = np.arange(0.0, 280.0, radar.period)
+    position = np.array([flightplan_reference.at(turn, s - 15e3)[0] for s in 170.0 * time])
+    kept = gaps(len(time))
+    distance, azimuth = noisy(position[kept], radar, np.random.default_rng(4))
+    return Plots(time[kept], distance, azimuth, identity=7)
+
+
+MODELS = {
+    "cv": (5.0, lambda *at: reference.Straight(*at, Manoeuvres().straight_sigma)),
+    "singer": (5.0, lambda *at: reference.Singer(*at, 1 / 60, 3.0)),
+    "imm": (5.0, lambda *at: reference.Multiple(*at, Manoeuvres())),
+    "window": (12.0, lambda *at: reference.Window(*at, 12.0)),
+}
+
+
+def require_parity(found, plots, radar, acceleration, begin):
+    """Check all rows with plots, in units of the standard deviations."""
+    z, covariance = cartesian(plots, [radar])
     np.testing.assert_allclose(
-        covariance, [reference.noise(p, RADAR) for p in z], rtol=1e-9, atol=1e-6
+        covariance, [reference.noise(p, radar) for p in z], rtol=1e-9, atol=1e-6
     )
-    mean, expected, turns = reference.imm(time, z, RADAR, Manoeuvres(), 350.0, 1.0, 3)
-    assert len(found) == len(time)
-    np.testing.assert_allclose(found.position, mean[:, :2], rtol=0, atol=1e-4)
-    np.testing.assert_allclose(found.velocity, mean[:, 2:], rtol=0, atol=1e-4)
-    np.testing.assert_allclose(found.covariance, expected, rtol=1e-5, atol=1e-4)
-    np.testing.assert_allclose(found.turning, turns, rtol=0, atol=1e-6)
-    assert found.turning[25:38].mean() > 0.7
+    assert np.all(found.track_of_plot == 1)
+    rows = found.rows(found.plot >= 0)
+    mean, expected, turns, guarded = reference.followed(plots.time, z, radar, begin, acceleration)
+    sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
+    state = np.concatenate([rows.position, rows.velocity], axis=1)
+    units = sigma[:, :, np.newaxis] * sigma[:, np.newaxis]
+    zeros, tolerance = np.zeros_like(mean), tolerances.PLOTS
+    np.testing.assert_allclose((state - mean) / sigma, zeros, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(rows.covariance / units, expected / units, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(rows.turning, turns, rtol=0, atol=tolerance)
+    return rows, guarded
+
+
+@pytest.mark.parametrize("motion", ["singer", "imm", "window"])
+@pytest.mark.parametrize("radar", [RADAR, PRECISE], ids=["usual", "precise"])
+def test_a_motion_is_that_of_the_reference(motion, radar):
+    plots = sidestep(radar)
+    found = track(plots, [radar], motion)
+    rows, guarded = require_parity(found, plots, radar, *MODELS[motion])
+    assert guarded[3:].any() or radar is RADAR
+    assert np.sum(found.plot < 0) == 5
+    if motion != "singer":
+        assert rows.turning[22:36].mean() > 0.7
+
+
+def test_straight_flight_is_that_of_the_reference():
+    plots = line(40)[gaps(40)]
+    found = track(plots, [RADAR], "cv")
+    require_parity(found, plots, RADAR, *MODELS["cv"])
+
+
+@pytest.mark.parametrize(("radar", "acceleration"), [(RADAR, 12.0), (PRECISE, 12.0), (SLOW, 7.0)])
+def test_the_window_along_a_plan_is_that_of_the_reference(radar, acceleration):
+    plots = planned_turn(radar)
+    plan = FlightPlan(CORNER, 160.0, identity=7)
+    found = track(plots, [radar], "window-plan", plans=[plan])
+
+    def begin(*at):
+        return reference.Window(*at, acceleration, CORNER, 160.0)
+
+    rows, _ = require_parity(found, plots, radar, acceleration, begin)
+    assert np.all(rows.conforming[3:])
+    without = track(plots, [radar], "window")
+    assert not np.allclose(found.position, without.position, rtol=0, atol=1.0)
+    silent = track(plots, [radar], "window-plan", plans=[plan], plan_prior=0.0)
+    np.testing.assert_array_equal(silent.position, without.position)
 
 
 def test_a_plot_in_the_plane_is_that_of_the_source():
@@ -187,7 +263,7 @@ def test_two_radars_are_better_than_one():
 def test_a_saved_tracker_goes_on_to_the_last_bit(motion):
     _, _, seen = scene(31, n=10, clutter=10.0)
     radar = simulate.set_up("middle").radar
-    plans = {"plans": simulate.routes("middle", 10, rng=31)} if motion == "imm-plan" else {}
+    plans = {"plans": simulate.routes("middle", 10, rng=31)} if motion.endswith("-plan") else {}
     half = np.median(seen.plots.time)
     first, second = seen.plots[seen.plots.time < half], seen.plots[seen.plots.time >= half]
     tracker = Tracker([radar], motion, **plans)
@@ -508,6 +584,62 @@ def test_a_wrong_plan_is_blocked_and_does_no_harm():
     assert np.mean(blocked) > 0.9
 
 
+def lost_and_turns(scenario, seed, flights=60):
+    """Flights in more than one track, and squared errors in turns, of the window and by plans."""
+    plans = simulate.routes("middle", flights, rng=seed)
+    traffic = simulate.flights(plans, scenario=scenario, wind=20.0, rng=seed + 1)
+    radar = simulate.set_up("middle").radar
+    seen = simulate.radar_plots(traffic, [radar], rng=seed + 2)
+    lost, squares = np.zeros(2, dtype=int), ([], [])
+    for flight in range(flights):
+        plots = seen.plots[seen.target == flight]
+        if len(plots) < 20:
+            continue
+        count = traffic.count[flight]
+        span = traffic.start[flight] + traffic.step * np.arange(count)
+        for i, plan in enumerate(([], [plans[flight]])):
+            found = track(plots, [radar], "window-plan", plans=plan)
+            lost[i] += len(np.unique(found.track)) > 1
+            turning = np.interp(found.time, span, traffic.turning[flight, :count]) > 0.5
+            columns = [traffic.position[flight, :count, axis] for axis in (0, 1)]
+            true = np.stack([np.interp(found.time, span, column) for column in columns], axis=-1)
+            square = np.sum((found.position - true) ** 2, axis=1)
+            squares[i].append(square[turning & found.confirmed])
+    return lost, [np.mean(np.concatenate(each)) for each in squares]
+
+
+def test_the_window_holds_flights_that_turn_and_a_plan_makes_it_better():
+    lost, (usual, aided) = lost_and_turns("conforming", 101)
+    assert np.all(lost <= 1)
+    assert np.sqrt(aided / usual) < 0.9
+
+
+@pytest.mark.parametrize("scenario", ["wrong-turn", "straight-on"])
+def test_the_window_survives_a_wrong_plan(scenario):
+    lost, _ = lost_and_turns(scenario, 111)
+    assert np.all(lost <= 1)
+
+
+@pytest.mark.parametrize(
+    ("period", "expected"), [(2.0, 12.0), (4.0, 12.0), (7.0, 9.5), (12.0, 7.0)]
+)
+def test_the_guard_of_the_window_depends_on_the_scan(period, expected):
+    radar = Radar(range_sigma=1.0, azimuth_sigma=1e-5, period=period)
+    time = period * np.arange(12)
+    position = np.array([10e3, 30e3]) + np.outer(time, [120.0, -80.0])
+    # the guard gate ends at three and a half standard deviations of what was not noticed
+    reaches = np.array([3.0, 4.0]) * expected * period**2 / 2
+    kept = []
+    for aside in reaches:
+        moved = position + np.outer(time == time[-1], [aside, 0.0])
+        found = track(Plots(time, *polar(moved)), [radar], "window")
+        kept.append(bool(found.track_of_plot[-1] == 1))
+    assert kept == [True, False]
+    moved = position + np.outer(time == time[-1], [reaches[0], 0.0])
+    narrow = track(Plots(time, *polar(moved)), [radar], "window", guard_acceleration=5.0)
+    assert narrow.track_of_plot[-1] != 1
+
+
 def test_ahead_follows_the_plan():
     plan = FlightPlan([[-30e3, 40e3], [10e3, 40e3], [10e3, 90e3]], 150.0)
     time = 4.0 * np.arange(50)
@@ -538,6 +670,7 @@ def test_ahead_follows_the_plan():
         ({"clutter_density": 0.0}, "clutter_density"),
         ({"identity_error": 0.0}, "identity_error"),
         ({"plan_prior": 1.0}, "plan_prior"),
+        ({"guard_acceleration": -1.0}, "guard_acceleration"),
         ({"wind_sigma": np.nan}, "wind_sigma"),
         ({"plans": [3]}, r"plans\[0\] is 3"),
         ({"clock_period": 0.0}, "clock_period"),

@@ -23,5 +23,8 @@ EXACT_STATE = 1e-12
 POLYNOMIAL = 1e-10
 # against 300 digits, in units of the standard deviations
 TRACK = 1e-9
+# tracks of plots of 15 to 100 m, 60 km away: least squares by another way, Joseph's form, mixtures
+# about their means; in units of the standard deviations, so that it is 1e-8 m of 100 m
+PLOTS = 1e-10
 # the chance that a correct estimate fails a test by Monte Carlo, were its seed not fixed
 CHANCE = 0.01

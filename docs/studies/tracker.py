@@ -35,7 +35,7 @@ SCENARIOS: tuple[simulate.FlightScenario, ...] = (
     "wrong-turn",
     "fly-over",
 )
-MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window")
+MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window", "window-plan")
 # seconds from flight to flight: each is tracked by itself
 APART = 20_000.0
 
@@ -270,9 +270,9 @@ def conforming() -> str:
         record = recording(set_up, "conforming")
         plain = errors(record, "imm", set_up)
         turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
-        kinds = {"imm-plan": {"plans": record.plans, "wind_sigma": WIND[set_up][1]}}
+        kind = {"plans": record.plans, "wind_sigma": WIND[set_up][1]}
         for motion in MOTIONS:
-            found = errors(record, motion, set_up, **kinds.get(motion, {}))
+            found = errors(record, motion, set_up, **(kind if motion.endswith("plan") else {}))
             kept = ~(plain.lost | found.lost)[record.target]
             straight = kept & ~turning
             highest = peak(record, plain, kept & turning)
@@ -332,6 +332,83 @@ def plans() -> str:
         "blocked after",
     ]
     return markdown([*head, "lost", "lost without"], rows)
+
+
+@cache
+def windows(set_up: simulate.SetUpName, scenario: simulate.FlightScenario) -> dict[str, float]:
+    """Compare the window along plans and the one without on the same plots."""
+    record = recording(set_up, scenario)
+    plain = errors(record, "window", set_up)
+    aided = errors(record, "window-plan", set_up, plans=record.plans)
+    kept = ~(plain.lost | aided.lost)[record.target]
+    turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
+    after = kept & (record.plots.time > record.traffic.left[record.target])
+    told = {
+        "turn": ratio(aided, plain, "position", turning),
+        "prediction": ratio(aided, plain, "prediction", turning),
+        "whole": ratio(aided, plain, "position", kept),
+        "lost": float(np.mean(aided.lost)),
+        "plain lost": float(np.mean(plain.lost)),
+        "nees": float(np.nanmean(aided.normalised[kept])) / 2,
+        "plain nees": float(np.nanmean(plain.normalised[kept])) / 2,
+    }
+    if after.any():
+        told["after"] = ratio(aided, plain, "position", after)
+    return told
+
+
+def paper() -> str:
+    """Tabulate what plans do to the window in every scenario, per set-up."""
+    styles = {"turn": ".2f", "prediction": ".2f", "whole": ".2f", "after": ".2f"}
+    styles |= {"nees": ".2f", "plain nees": ".2f", "lost": ".1%", "plain lost": ".1%"}
+    rows = []
+    for scenario in SCENARIOS:
+        cells = []
+        for name, style in styles.items():
+            values = [windows(set_up, scenario).get(name) for set_up in SET_UPS]
+            cells.append(" / ".join("–" if v is None else format(v, style) for v in values))
+        rows.append([scenario, *cells])
+    head = ["", "turns", "prediction in turns", "whole", "after leaving", "NEES", "NEES without"]
+    return markdown([*head, "lost", "lost without"], rows)
+
+
+def guards() -> str:
+    """Tabulate what the guard acceleration of the window does, alike in all set-ups."""
+    rows = []
+    for told in (5.0, 7.0, 9.0, 12.0, None):
+        cells = []
+        for set_up in SET_UPS:
+            record = recording(set_up, "conforming")
+            turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+            found = errors(record, "window", set_up, guard_acceleration=told)
+            missed = np.isnan(found.position[turning, 0])
+            cells.append(f"{np.mean(found.lost):.1%}, {np.mean(missed):.1%}")
+        rows.append(["12 to 7, by the scan" if told is None else f"{told:.0f}", *cells])
+    return markdown(["guard acceleration, m/s²", *SET_UPS], rows)
+
+
+def flags() -> str:
+    """Tabulate how often straight flight is flagged: soon after turns, and long after them."""
+    rows = []
+    for set_up in SET_UPS:
+        record = recording(set_up, "conforming")
+        turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+        since = np.full(len(turning), np.inf)
+        for f in range(len(record.plans)):
+            of = np.flatnonzero(record.target == f)
+            last = np.maximum.accumulate(np.where(turning[of], record.plots.time[of], -np.inf))
+            since[of] = record.plots.time[of] - last
+        cells = []
+        for motion in ("window", "window-plan"):
+            plans = record.plans if motion == "window-plan" else []
+            found = errors(record, motion, set_up, plans=plans)
+            for which in (since <= 120.0, since > 120.0):
+                flagged_now = found.turning[which & ~turning] > 0.5
+                known = np.isfinite(found.turning[which & ~turning])
+                cells.append(f"{np.mean(flagged_now[known]):.1%}")
+        rows.append([set_up, *cells])
+    head = ["", "window, 120 s after a turn", "later"]
+    return markdown([*head, "window-plan, 120 s after a turn", "later"], rows)
 
 
 def priors() -> str:

@@ -34,7 +34,7 @@ __all__ = [
 
 _State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, bytes]"
 _T = TypeVar("_T")
-Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window"]
+Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window", "window-plan"]
 
 # identity of a plot that has none
 NO_IDENTITY = -1
@@ -42,8 +42,13 @@ NO_IDENTITY = -1
 _PATIENCE = 0.25
 # manoeuvre frequency and acceleration
 _SINGER = (1 / 60, 3.0)
-# plots in straight flight and after a manoeuvre
-_WINDOW = (20, 3)
+# plots in straight flight, after a manoeuvre and near a planned turn
+_WINDOW = (20, 3, 5)
+# what a core is told that has no plans of its own
+_CORES = {"imm-plan": "imm", "window-plan": "window"}
+# guard acceleration where scans take 4 s and where they take 10 s
+_GUARDS = {"window": (12.0, 7.0)}
+_GUARD = (5.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -336,16 +341,17 @@ class Tracker:
     ----------
     radars : sequence of Radar
         The radars; plots name them by their index.
-    motion : {"imm-plan", "imm", "singer", "cv", "window"}
+    motion : {"imm-plan", "imm", "singer", "cv", "window", "window-plan"}
         How confirmed targets move: straight flight, turns and what flight plans say, by how likely
         they are (default); the same without plans; acceleration that fades (1/60 per second,
-        3 m/s²); straight flight; or least squares over the last 20 plots, 3 after a manoeuvre, as
-        in the source.
+        3 m/s²); straight flight; least squares over the last 20 plots, 3 after a manoeuvre, as in
+        the source; or the same with flight plans: near their turns 5 plots, along the arc.
     plans : sequence of FlightPlan
-        Where targets have said they will fly. A track finds its plan by its identity, or by where
-        and when it flies.
+        Where targets have said they will fly, for "imm-plan" and "window-plan". A track finds its
+        plan by its identity, or by where and when it flies.
     plan_prior : float
         Probability that a planned turn is flown, before any was seen; 0: plans have no say.
+        To "window-plan" all others are alike.
     wind_sigma : float
         Standard deviation of the wind, in metres per second.
     manoeuvres : Manoeuvres, optional
@@ -361,9 +367,9 @@ class Tracker:
         No target is faster, in metres per second.
     gate_probability : float
         Probability that a target's plot is within its gate.
-    guard_acceleration : float
+    guard_acceleration : float, optional
         Acceleration that a target may have unnoticed where its gate is empty, in metres per second
-        squared.
+        squared; by default 5, and for windows 12 where scans take 4 s to 7 where they take 10 s.
     identity_error : float
         How often an identity is read wrongly: codes of four digits sometimes, addresses of 24 bits
         hardly ever (1e-9).
@@ -418,7 +424,7 @@ class Tracker:
         clutter_density: float | None = None,
         speed_max: float = 350.0,
         gate_probability: float = GUARD,
-        guard_acceleration: float = 5.0,
+        guard_acceleration: float | None = None,
         identity_error: float = 1e-3,
         clock_period: float | None = None,
     ) -> None:
@@ -427,8 +433,8 @@ class Tracker:
         self.clock_period = None
         if clock_period is not None:
             self.clock_period = float(positive(real(clock_period, "clock_period"), "clock_period"))
-        if self.plans and motion != "imm-plan":
-            raise ValueError(f"motion {motion!r} takes no plans; they are for 'imm-plan'")
+        if self.plans and motion not in _CORES:
+            raise ValueError(f"motion {motion!r} takes no plans; they are for {[*_CORES]}")
         if not self.radars:
             raise ValueError("radars is empty; there must be at least one")
         probability = real(gate_probability, "gate_probability")
@@ -442,13 +448,18 @@ class Tracker:
         density = np.nan if clutter_density is None else real(clutter_density, "clutter_density")
         if clutter_density is not None:
             positive(density, "clutter_density")
+        _require_motion(motion)
+        core = _CORES.get(motion, motion)
+        unnoticed = _GUARDS.get(core, _GUARD)
+        if guard_acceleration is not None:
+            unnoticed = (real(guard_acceleration, "guard_acceleration"),) * 2
         self._core = _core.PlotTracker(
             [_numbers(radar) for radar in self.radars],
             {
-                "motion": "imm" if motion == "imm-plan" else motion,
-                "parameters": _parameters(motion, manoeuvres or Manoeuvres()),
+                "motion": core,
+                "parameters": _parameters(core, manoeuvres or Manoeuvres()),
                 "guard": gate_threshold(probability),
-                "guard_acceleration": real(guard_acceleration, "guard_acceleration"),
+                "guard_acceleration": unnoticed,
                 "initiation": (plots, scans),
                 "coasting": integer(coasting, "coasting", 1),
                 "speed_max": real(speed_max, "speed_max"),
@@ -586,7 +597,7 @@ def track(
         In any order.
     radars : sequence of Radar
         The radars.
-    motion : {"imm-plan", "imm", "singer", "cv", "window"}
+    motion : {"imm-plan", "imm", "singer", "cv", "window", "window-plan"}
         See `Tracker`.
     **options
         As of `Tracker`.
@@ -706,11 +717,14 @@ def _plan(plan: FlightPlan) -> tuple[Any, ...]:
     return plan.waypoints, plan.speeds, heights, numbers, identity
 
 
-def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
-    """Return the parameters of a motion as the core takes them."""
+def _require_motion(motion: str) -> None:
     if motion not in get_args(Motion):
         raise ValueError(f"motion is {motion!r}; it must be one of {get_args(Motion)}")
-    if motion in {"imm", "imm-plan"}:
+
+
+def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
+    """Return the parameters of a core's motion."""
+    if motion == "imm":
         return list(astuple(manoeuvres))
     if motion == "cv":
         return [manoeuvres.straight_sigma]

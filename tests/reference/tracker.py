@@ -1,11 +1,18 @@
-"""One target without clutter: straight flight and turns, mixed, in plain NumPy.
+"""One target without clutter: every model of motion, in plain NumPy.
 
-Bar-Shalom, Li, Kirubarajan 2001: sections 11.6 (mixing) and 11.7 (coordinated turn).
+Singer 1970; Bar-Shalom, Li, Kirubarajan 2001: sections 11.6 (mixing) and 11.7 (coordinated turn);
+Glagovskii, Lavina, Rudelson 2014 (least squares over a window, arcs of a flight plan).
 """
 
 from __future__ import annotations
 
 import numpy as np
+
+from reference import flightplan, kalman
+
+GATES = {p: -2 * np.log(1 - p) for p in (0.65, 0.95, 0.998)}
+# of six degrees of freedom
+SUM = 20.790738
 
 
 def noise(position, radar):
@@ -15,70 +22,69 @@ def noise(position, radar):
     return jacobian @ np.diag([radar.range_sigma**2, radar.azimuth_sigma**2]) @ jacobian.T
 
 
-def white(q, t, states):
+def per_axis(block):
+    """The same for east and north, states ordered by derivative."""
+    return np.kron(block, np.eye(2))
+
+
+def straight(t):
+    """Transition of straight and uniform flight."""
+    return per_axis(np.array([[1.0, t], [0.0, 1.0]]))
+
+
+def white(q, t):
     """Covariance of white acceleration of the density q."""
-    result = np.zeros((states, states))
-    for i in range(2):
-        result[i, i] = q * t**3 / 3
-        result[i, i + 2] = result[i + 2, i] = q * t**2 / 2
-        result[i + 2, i + 2] = q * t
-    return result
+    return per_axis(q * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]))
 
 
-def straight(x, p, t, q):
-    """Straight and uniform flight."""
-    f = np.eye(4)
-    f[0, 2] = f[1, 3] = t
-    return f @ x, f @ p @ f.T + white(q, t, 4)
+def unnoticed(sigma, gap):
+    """Covariance of an acceleration that nobody noticed."""
+    gain = np.array([gap**2 / 2, gap])
+    return per_axis(sigma**2 * np.outer(gain, gain))
 
 
-def turned(x, t):
-    """A turn at the rate x[4]."""
-    vx, vy, w = x[2:]
+def arc(w, t):
+    """Transition of position and velocity at a known rate of turn."""
     s, c = np.sin(w * t), np.cos(w * t)
-    if abs(w) < 1e-12:
-        along, across = t, w * t**2 / 2
-    else:
-        along, across = s / w, (1 - c) / w
-    return np.array(
+    # 1 - cos without cancellation
+    versed = 2 * np.sin(w * t / 2) ** 2
+    along, across = (s / w, versed / w) if w else (t, 0.0)
+    turning = np.array([[c, -s], [s, c]])
+    return np.block(
         [
-            x[0] + along * vx - across * vy,
-            x[1] + across * vx + along * vy,
-            c * vx - s * vy,
-            s * vx + c * vy,
-            w,
+            [np.eye(2), np.array([[along, -across], [across, along]])],
+            [np.zeros((2, 2)), turning],
         ]
     )
 
 
-def turn(x, p, t, q, walk):
-    """A turn, linearised by differences."""
-    jacobian = np.empty((5, 5))
-    for j, step in enumerate([1.0, 1.0, 1e-2, 1e-2, 1e-6]):
-        e = np.zeros(5)
-        e[j] = step
-        jacobian[:, j] = (turned(x + e, t) - turned(x - e, t)) / (2 * step)
-    added = white(q, t, 5)
-    added[4, 4] = walk**2 * t
-    return turned(x, t), jacobian @ p @ jacobian.T + added
+def arc_by_rate(w, t):
+    """Derivative of that by the rate: of `integral exp(J w u) du` and of `exp(J w t)`, 0 to t."""
+    j = np.array([[0.0, -1.0], [1.0, 0.0]])
+    a = w * t
+    turning = np.cos(a) * np.eye(2) + np.sin(a) * j
+    if abs(a) < 1e-2:
+        # sum of (J a)^k / ((k + 2) k!), times J t^2
+        total, term = np.zeros((2, 2)), np.eye(2)
+        for k in range(12):
+            total = total + term / (k + 2)
+            term = term @ j * a / (k + 1)
+        by_integral = t**2 * j @ total
+    else:
+        integral = arc(w, t)[:2, 2:]
+        by_integral = (t * turning - integral) / w
+    return np.concatenate([by_integral, t * j @ turning])
 
 
 def corrected(x, p, z, r):
-    """Kalman's correction, and the density of the plot."""
+    """Kalman's correction in Joseph's form, and the density of the plot."""
     h = np.eye(2, len(x))
     s = h @ p @ h.T + r
-    gain = p @ h.T @ np.linalg.inv(s)
+    gain = np.linalg.solve(s, h @ p).T
     y = z - h @ x
-    density = np.exp(-0.5 * y @ np.linalg.inv(s) @ y) / (2 * np.pi * np.sqrt(np.linalg.det(s)))
-    return x + gain @ y, p - gain @ s @ gain.T, density
-
-
-def entering(x, p, variance):
-    """Straight flight as a turn sees it."""
-    covariance = np.zeros((5, 5))
-    covariance[:4, :4] = p
-    covariance[4, 4] = variance
-    return np.append(x, 0.0), covariance
+    density = np.exp(-0.5 * y @ np.linalg.solve(s, y)) / (2 * np.pi * np.sqrt(np.linalg.det(s)))
+    kept = np.eye(len(x)) - gain @ h
+    return x + gain @ y, kept @ p @ kept.T + gain @ r @ gain.T, density
 
 
 def moments(weights, means, covariances):
@@ -88,42 +94,280 @@ def moments(weights, means, covariances):
     return mean, sum(w * (p + np.outer(x - mean, x - mean)) for w, x, p in parts)
 
 
-def imm(times, positions, radar, manoeuvres, speed_max, first_acceleration, confirmed_by):
-    """Estimates after each plot: means, covariances, probabilities of a turn."""
-    rate = manoeuvres.turn_rate_sigma**2
+class Straight:
+    """Straight flight with white acceleration, constant for a scan."""
+
+    def __init__(self, x, p, radar, sigma):
+        self.x, self.p, self.q = x, p, sigma**2 * radar.period
+
+    def predict(self, t):
+        f = straight(t)
+        self.x, self.p = f @ self.x, f @ self.p @ f.T + white(self.q, t)
+
+    def expected(self):
+        return [(1.0, self.x, self.p)]
+
+    def widen(self, extra):
+        self.p = self.p.copy()
+        self.p[:4, :4] += extra
+
+    def correct(self, z, r):
+        self.x, self.p, _ = corrected(self.x, self.p, z, r)
+
+    def watch(self):
+        """Plans have no say."""
+
+    def estimate(self):
+        return self.x[:4], self.p[:4, :4], 0.0
+
+
+class Singer(Straight):
+    """Acceleration that fades."""
+
+    def __init__(self, x, p, radar, alpha, sigma):
+        super().__init__(np.append(x, [0.0, 0.0]), np.zeros((6, 6)), radar, sigma)
+        self.p[:4, :4] = p
+        self.p[4:, 4:] = sigma**2 * np.eye(2)
+        self.model = alpha, sigma
+
+    def predict(self, t):
+        f, q = (per_axis(block) for block in kalman.as_floats(kalman.singer(t, *self.model)))
+        self.x, self.p = f @ self.x, f @ self.p @ f.T + q
+
+
+class Multiple:
+    """Straight flight and turns, mixed."""
+
+    def __init__(self, x, p, radar, manoeuvres):
+        self.settings, self.radar = manoeuvres, radar
+        turning = manoeuvres.turn_time / (manoeuvres.turn_time + manoeuvres.straight_time)
+        self.probability = np.array([1 - turning, turning])
+        self.straight, self.turn = (x, p), self._entering(x, p)
+
+    def _entering(self, x, p):
+        covariance = np.zeros((5, 5))
+        covariance[:4, :4] = p
+        covariance[4, 4] = self.settings.turn_rate_sigma**2
+        return np.append(x, 0.0), covariance
+
+    def predict(self, t):
+        settings, period = self.settings, self.radar.period
+        begins = 1 - np.exp(-t / settings.straight_time)
+        ends = 1 - np.exp(-t / settings.turn_time)
+        transition = np.array([[1 - begins, begins], [ends, 1 - ends]])
+        predicted = self.probability @ transition
+        mixing = transition * self.probability[:, np.newaxis] / predicted
+        (x, p), (y, s) = self.straight, self.turn
+        into = self._entering(x, p)
+        a = moments(mixing[:, 0], [x, y[:4]], [p, s[:4, :4]])
+        b = moments(mixing[:, 1], [into[0], y], [into[1], s])
+        self.probability = predicted
+        f = straight(t)
+        q = white(settings.straight_sigma**2 * period, t)
+        self.straight = f @ a[0], f @ a[1] @ f.T + q
+        f = np.eye(5)
+        f[:4, :4] = arc(b[0][4], t)
+        f[:4, 4] = arc_by_rate(b[0][4], t) @ b[0][2:4]
+        q = np.zeros((5, 5))
+        q[:4, :4] = white(settings.turn_sigma**2 * period, t)
+        q[4, 4] = settings.turn_rate_walk**2 * t
+        moved = np.append(f[:4, :4] @ b[0][:4], b[0][4])
+        self.turn = moved, f @ b[1] @ f.T + q
+
+    def expected(self):
+        return list(zip(self.probability, *zip(self.straight, self.turn, strict=True), strict=True))
+
+    def widen(self, extra):
+        wide = np.zeros((5, 5))
+        wide[:4, :4] = extra
+        self.straight = self.straight[0], self.straight[1] + extra
+        self.turn = self.turn[0], self.turn[1] + wide
+        turning = max(self.probability[1], 0.5)
+        self.probability = np.array([1 - turning, turning])
+
+    def correct(self, z, r):
+        *self.straight, first = corrected(*self.straight, z, r)
+        *self.turn, second = corrected(*self.turn, z, r)
+        self.probability = self.probability * [first, second]
+        self.probability /= self.probability.sum()
+
+    def watch(self):
+        """Plans have no say."""
+
+    def estimate(self):
+        (x, p), (y, s) = self.straight, self.turn
+        return *moments(self.probability, [x, y[:4]], [p, s[:4, :4]]), self.probability[1]
+
+
+class Window:
+    """Least squares over the last plots, along the arcs of a plan with one turn."""
+
+    LONG, SHORT, TURN = 20, 3, 5
+
+    def __init__(self, x, p, radar, guard_acceleration, plan=None, plan_speed=None):
+        self.radar, self.sigma = radar, guard_acceleration
+        self.plan, self.plan_speed = plan, plan_speed
+        self.x, self.p, self.extra = x, p, np.zeros((4, 4))
+        # the start, then the plots, each with the transition since
+        self.start = [[x, p, np.eye(4)]]
+        self.plots = []
+        self.length, self.distances, self.sides = 0, [], []
+        self.manoeuvre = self.near = self.on_arc = self.guarded = self.deviates = False
+        self.gap, self.time = 0.0, 0.0
+        self.speeds, self.zone = [], False
+
+    def predict(self, t):
+        self.on_arc = self.on_arc and self.gap > 0
+        self.gap, self.time = self.gap + t, self.time + t
+        self.deviates = self.deviates and self.zone
+        self.near = self.zone and not self.deviates
+        f = self._along_plan(t) if self.near else straight(t)
+        self.x, self.p = f @ self.x, f @ self.p @ f.T
+        for past in [*self.start, *self.plots]:
+            past[2] = f @ past[2]
+        for past in self.plots:
+            past[3] += t
+        self.extra = unnoticed(self.sigma, self.gap) if self.zone else np.zeros((4, 4))
+
+    def _along_plan(self, t):
+        """Straight to the start of the turn, along the capture arc, and straight on."""
+        times, speeds = np.array(self.speeds).T
+        turn = flightplan.turn(*self.plan, flightplan.mean_speed(times, speeds))
+        position, velocity = self.x[:2], self.x[2:]
+        speed = np.hypot(*velocity)
+        before = np.clip(-flightplan.project(turn, position)[0] / speed, 0.0, t)
+        position = position + before * velocity
+        left = flightplan.wrap(flightplan.course(turn["u2"]) - flightplan.course(velocity))
+        ahead = flightplan.cross(turn["b"] - position, turn["u2"])
+        ahead /= flightplan.cross(velocity / speed, turn["u2"])
+        radius = np.clip(ahead / np.tan(abs(left) / 2), *(turn["radius"] * np.array([0.8, 1.6])))
+        if abs(left) < 0.01 or left * turn["th"] <= 0:
+            return straight(t)
+        rate = np.sign(left) * speed / radius
+        turning = min(t - before, abs(left / rate))
+        self.on_arc = self.on_arc or turning > 0
+        return straight(t - before - turning) @ arc(rate, turning) @ straight(before)
+
+    def expected(self):
+        return [(1.0, self.x, self.p + self.extra)]
+
+    def widen(self, extra):
+        self.extra = self.extra + extra
+        self.guarded = True
+
+    def correct(self, z, r):
+        if self._detects(z, r):
+            if self.near:
+                self._straighten()
+                self.deviates = True
+            self.near, self.manoeuvre, self.start = False, True, []
+            self.length, self.distances, self.sides = self.SHORT, [], []
+        elif self.near:
+            self.length, self.manoeuvre = self.TURN, False
+            if len(self.plots) >= self.SHORT:
+                self.start = []
+        else:
+            self.length = min(self.length + 1, self.LONG)
+            self.manoeuvre = self.manoeuvre and self.length <= 2 * self.SHORT
+            self.deviates = self.deviates and self.manoeuvre
+        self.plots.append([z, r, np.eye(4), 0.0, self.near])
+        while len(self.plots) > self.length or (
+            len(self.plots) > self.SHORT and self.plots[0][4] and not self.near
+        ):
+            del self.plots[0]
+            self.start = []
+        self._fit()
+        self.gap, self.guarded = 0.0, False
+
+    def _straighten(self):
+        self.on_arc = False
+        for past in self.plots:
+            past[2], past[4] = straight(past[3]), False
+
+    def _detects(self, z, r):
+        expected = self.p + (0.25 * self.extra if self.near else 0.0)
+        y = z - self.x[:2]
+        d = y @ np.linalg.solve(expected[:2, :2] + r, y)
+        ahead, left = self.x[2:] @ y, flightplan.cross(self.x[2:], y)
+        aside = d > GATES[0.65] and abs(left) > abs(ahead)
+        self.distances = [*self.distances, d][-3:]
+        self.sides = [*self.sides, np.sign(left) if aside else 0.0][-4:]
+        return (
+            self.guarded
+            or d > GATES[0.998]
+            or sum(past > GATES[0.95] for past in self.distances) >= 2
+            or (len(self.distances) == 3 and sum(self.distances) > SUM)
+            or abs(sum(self.sides)) == 4
+        )
+
+    def _fit(self):
+        """Whitened equations for the state now, about the last plot."""
+        origin = np.append(self.plots[-1][0], [0.0, 0.0])
+        matrices, values = [], []
+        for z, r, since, *_ in self.plots:
+            white_root = np.linalg.inv(np.linalg.cholesky(r))
+            matrices.append(white_root @ np.linalg.inv(since)[:2])
+            values.append(white_root @ (z - origin[:2]))
+        for x, p, since in self.start:
+            white_root = np.linalg.inv(np.linalg.cholesky(p))
+            matrices.append(white_root @ np.linalg.inv(since))
+            values.append(white_root @ (x - origin))
+        q, root = np.linalg.qr(np.concatenate(matrices))
+        inverse = np.linalg.inv(root)
+        self.x = origin + inverse @ (q.T @ np.concatenate(values))
+        self.p, self.extra = inverse @ inverse.T, np.zeros((4, 4))
+
+    def watch(self):
+        """Where along the plan it is; a plan that is followed is never blocked."""
+        if self.plan is None:
+            return
+        speed = np.hypot(*self.x[2:])
+        self.speeds.append((self.time, speed))
+        planned = flightplan.turn(*self.plan, self.plan_speed)
+        s, offset = flightplan.project(planned, self.x[:2])
+        room = 2 * speed * self.radar.period
+        end = planned["arc"] + 0.4 * planned["lead"] + room
+        left = flightplan.wrap(flightplan.course(planned["u2"]) - flightplan.course(self.x[2:]))
+        if s > end or (s > planned["arc"] and abs(left) < np.radians(4) and offset < 1500):
+            self.plan = None
+        self.zone = self.plan is not None and -(0.7 * planned["lead"] + room) < s < end
+
+    def estimate(self):
+        return self.x, self.p + self.extra, float(self.manoeuvre or self.on_arc)
+
+
+def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=350.0):
+    """Estimates after each plot, and whether it was in the guard gate.
+
+    The third plot confirms the track; `begin` then makes its model. Times are multiples of the
+    period, from which plots may be missing.
+    """
     x = np.array([*positions[0], 0.0, 0.0])
     p = np.zeros((4, 4))
     p[:2, :2] = noise(positions[0], radar)
     p[2, 2] = p[3, 3] = (speed_max / 2) ** 2
-    found = [(x, p, 0.0)]
-    for k in range(1, confirmed_by):
-        t = times[k] - times[k - 1]
-        x, p = straight(x, p, t, first_acceleration**2 * radar.period)
-        x, p, _ = corrected(x, p, positions[k], noise(x[:2], radar))
-        found.append((x, p, 0.0))
-    mean = manoeuvres.turn_time / (manoeuvres.turn_time + manoeuvres.straight_time)
-    probability = np.array([1 - mean, mean])
-    found[-1] = (x, p, mean)
-    x_turn, p_turn = entering(x, p, rate)
-    for k in range(confirmed_by, len(times)):
-        t = times[k] - times[k - 1]
-        begins = 1 - np.exp(-t / manoeuvres.straight_time)
-        ends = 1 - np.exp(-t / manoeuvres.turn_time)
-        transition = np.array([[1 - begins, begins], [ends, 1 - ends]])
-        predicted = probability @ transition
-        mixing = transition * probability[:, np.newaxis] / predicted
-        into = entering(x, p, rate)
-        a = moments(mixing[:, 0], [x, x_turn[:4]], [p, p_turn[:4, :4]])
-        b = moments(mixing[:, 1], [into[0], x_turn], [into[1], p_turn])
-        x, p = straight(*a, t, manoeuvres.straight_sigma**2 * radar.period)
-        q = manoeuvres.turn_sigma**2 * radar.period
-        x_turn, p_turn = turn(*b, t, q, manoeuvres.turn_rate_walk)
-        middle, _ = moments(predicted, [x, x_turn[:4]], [p, p_turn[:4, :4]])
-        r = noise(middle[:2], radar)
-        x, p, first = corrected(x, p, positions[k], r)
-        x_turn, p_turn, second = corrected(x_turn, p_turn, positions[k], r)
-        probability = predicted * [first, second]
-        probability /= probability.sum()
-        means, covariances = [x, x_turn[:4]], [p, p_turn[:4, :4]]
-        found.append((*moments(probability, means, covariances), probability[1]))
+    model = Straight(x, p, radar, 1.0)
+    found = [(*model.estimate(), False)]
+    for k in range(1, len(times)):
+        gap = times[k] - times[k - 1]
+        missed = round(gap / radar.period) - 1
+        for _ in range(missed):
+            model.predict(radar.period)
+            model.watch()
+        model.predict(gap - missed * radar.period)
+        is_beyond = distance(model, positions[k], radar) > GATES[0.998]
+        if is_beyond:
+            model.widen(unnoticed(guard_acceleration, gap))
+        model.correct(positions[k], noise(model.estimate()[0][:2], radar))
+        model.watch()
+        if k == 2:
+            model = begin(model.x, model.p, radar)
+        found.append((*model.estimate(), is_beyond))
     return tuple(np.array(column) for column in zip(*found, strict=True))
+
+
+def distance(model, z, radar):
+    """Distance squared of a plot from the nearest model that counts."""
+    r = noise(model.estimate()[0][:2], radar)
+    counting = [(x, p) for share, x, p in model.expected() if share > 0.005]
+    return min((z - x[:2]) @ np.linalg.solve(p[:2, :2] + r, z - x[:2]) for x, p in counting)

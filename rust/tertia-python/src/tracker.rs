@@ -23,7 +23,7 @@ pub struct Options<'py> {
     motion: String,
     parameters: Vec<f64>,
     guard: f64,
-    guard_acceleration: f64,
+    guard_acceleration: [f64; 2],
     initiation: (usize, usize),
     coasting: usize,
     speed_max: f64,
@@ -206,9 +206,10 @@ fn motion(name: &str, parameters: &[f64]) -> PyResult<Motion> {
                 turn_time,
             })
         }
-        ("window", &[long, short, inner, outer, guard, sum]) => Motion::Window(WindowRule {
+        ("window", &[long, short, turn, inner, outer, guard, sum]) => Motion::Window(WindowRule {
             long: long as usize,
             short: short as usize,
+            turn: turn as usize,
             inner,
             outer,
             guard,

@@ -36,7 +36,7 @@ pub(super) enum Filter {
     Straight(Estimate<4>),
     Singer(Estimate<6>),
     Multiple(Box<Multiple>),
-    Window(Window),
+    Window(Box<Window>),
 }
 
 impl Filter {
@@ -50,7 +50,7 @@ impl Filter {
                 let bank = Bank::new(start, turning, noise.turn_rate.powi(2));
                 Self::Multiple(Box::new(Multiple { bank, guide: None }))
             }
-            Motion::Window(_) => Self::Window(Window::new(start)),
+            Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
     }
 
@@ -64,7 +64,7 @@ impl Filter {
             (Self::Multiple(multiple), Motion::Multiple(noise)) => {
                 multiple.predict(settings, noise, t, period);
             }
-            (Self::Window(window), Motion::Window(_)) => window.predict(t),
+            (Self::Window(window), Motion::Window(_)) => window.predict(settings, t, period),
             _ => unreachable!("a filter is made by its motion"),
         }
     }
@@ -119,7 +119,7 @@ impl Filter {
     pub fn turning(&self) -> f64 {
         match self {
             Self::Multiple(multiple) => multiple.turning(),
-            Self::Window(window) => f64::from(u8::from(window.is_short())),
+            Self::Window(window) => f64::from(u8::from(window.turns())),
             Self::Straight(_) | Self::Singer(_) => 0.0,
         }
     }
@@ -128,42 +128,44 @@ impl Filter {
     pub fn guide(&self) -> Option<&Guide> {
         match self {
             Self::Multiple(multiple) => multiple.guide.as_ref(),
-            _ => None,
+            Self::Window(window) => window.guide.as_ref(),
+            Self::Straight(_) | Self::Singer(_) => None,
         }
     }
 
     /// Gives it a plan to follow, if it can, or takes it away.
     pub fn set_guide(&mut self, guide: Option<Guide>) {
-        if let Self::Multiple(multiple) = self {
-            if let Some(mut old) = multiple.guide.take() {
-                old.release(&mut multiple.bank);
+        match self {
+            Self::Multiple(multiple) => {
+                if let Some(mut old) = multiple.guide.take() {
+                    old.release(&mut multiple.bank);
+                }
+                multiple.guide = guide;
             }
-            multiple.guide = guide;
+            Self::Window(window) => window.guide = guide,
+            Self::Straight(_) | Self::Singer(_) => {}
         }
     }
 
     /// Follows the plan after a scan.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
-        if let Self::Multiple(multiple) = self {
-            let estimate = multiple.estimate();
-            let Multiple { bank, guide } = &mut **multiple;
-            if let Some(guide) = guide {
-                guide.follow(bank, &estimate, settings, time, period);
+        match self {
+            Self::Multiple(multiple) => {
+                let estimate = multiple.estimate();
+                let Multiple { bank, guide } = &mut **multiple;
+                if let Some(guide) = guide {
+                    guide.follow(bank, &estimate, settings, time, period);
+                }
             }
+            Self::Window(window) => window.follow(settings, time, period),
+            Self::Straight(_) | Self::Singer(_) => {}
         }
     }
 
     /// Widens the estimate, as if the target had accelerated unnoticed by `sigma` for `gap` seconds.
     /// A turn becomes as likely as straight flight.
     pub fn widen(&mut self, sigma: f64, gap: f64) {
-        let mut extra = SMatrix::<f64, 4, 4>::zeros();
-        let square = (sigma * gap).powi(2);
-        for i in 0..2 {
-            extra[(i, i)] = square * gap * gap / 4.0;
-            extra[(i, i + 2)] = square * gap / 2.0;
-            extra[(i + 2, i)] = square * gap / 2.0;
-            extra[(i + 2, i + 2)] = square;
-        }
+        let extra = motion::unnoticed(sigma, gap);
         match self {
             Self::Straight(estimate) => estimate.covariance += extra,
             Self::Singer(estimate) => {

@@ -1,6 +1,7 @@
 //! How targets move between two plots: straight on, or in a turn.
 
 use super::estimate::{Estimate, Plane};
+use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 /// Below this angle the functions of a turn are computed by their series.
@@ -94,19 +95,32 @@ pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 
+/// Covariance of an acceleration that nobody noticed for `gap` seconds: Γ σ² Γ', Γ = (gap²/2, gap).
+pub fn unnoticed(sigma: f64, gap: f64) -> SMatrix<f64, 4, 4> {
+    let mut covariance = SMatrix::zeros();
+    let square = (sigma * gap).powi(2);
+    for i in 0..2 {
+        covariance[(i, i)] = square * gap * gap / 4.0;
+        covariance[(i, i + 2)] = square * gap / 2.0;
+        covariance[(i + 2, i)] = square * gap / 2.0;
+        covariance[(i + 2, i + 2)] = square;
+    }
+    covariance
+}
+
 /// `sin(wt)`, `cos(wt)`, their integrals along and across, and those's derivatives by w.
-struct Arc {
-    sine: f64,
-    cosine: f64,
-    along: f64,
-    across: f64,
+pub struct Arc {
+    pub sine: f64,
+    pub cosine: f64,
+    pub along: f64,
+    pub across: f64,
     along_rate: f64,
     across_rate: f64,
 }
 
 impl Arc {
     #[inline]
-    fn new(w: f64, t: f64) -> Self {
+    pub fn new(w: f64, t: f64) -> Self {
         let a = w * t;
         let (sine, cosine) = a.sin_cos();
         if a.abs() < SMALL_ANGLE {

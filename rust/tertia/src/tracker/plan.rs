@@ -10,7 +10,9 @@ use super::estimate::{Estimate, Moments, Plane};
 use super::filter::changes;
 use super::motion::{self, Noise};
 use super::settings::{Plan, Settings};
-use crate::flightplan::{Monitor, Refinement, Sighting, Turn, capture, lead_ratio, start_hazard};
+use crate::flightplan::{
+    Monitor, Refinement, Sighting, Turn, Verdict, capture, lead_ratio, start_hazard,
+};
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -185,19 +187,39 @@ impl Guide {
             self.leave(bank, false);
             self.monitor.block((leg + 1).min(route.legs() - 1));
         }
+        let verdict = self.watch(estimate, settings, time, period);
+        if verdict.advanced || !verdict.in_zone || !verdict.conforming {
+            self.leave(bank, verdict.conforming);
+        }
+    }
+
+    /// Says where along the plan the track is, and whether it follows it.
+    pub fn watch(
+        &mut self,
+        estimate: &Estimate<4>,
+        settings: &Settings,
+        time: f64,
+        period: f64,
+    ) -> Verdict {
+        let route = &settings.plans[self.plan].route;
         let (position, velocity) = parts(estimate);
         let covariance: [f64; 16] = std::array::from_fn(|k| estimate.covariance[(k / 4, k % 4)]);
         let seen = Sighting::new(time, position, velocity, Some(&covariance), f64::NAN);
         let variance = seen.position_variance[1];
         let verdict = self.monitor.update(route, position, velocity, variance, period);
-        if verdict.advanced || !verdict.in_zone || !verdict.conforming {
-            self.leave(bank, verdict.conforming);
-        }
         self.conforming = verdict.conforming;
         self.in_zone = verdict.in_zone;
         if self.conforming {
             self.refinement.update(route, verdict.leg, &seen);
         }
+        verdict
+    }
+
+    /// The turn in whose zone the track is; none where the plan is not believed.
+    pub fn near_turn(&self, estimate: &Estimate<4>, settings: &Settings) -> Option<Turn> {
+        let is_near = self.in_zone && self.is_believed(settings);
+        let leg = self.monitor.leg();
+        is_near.then(|| settings.plans[self.plan].turn(leg, self.speed(estimate)))
     }
 
     /// Where the target will be, if it follows its plan; none where that is not believed.

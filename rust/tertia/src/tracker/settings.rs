@@ -28,8 +28,9 @@ pub struct Settings {
     pub motion: Motion,
     /// Distance squared of the guard gate.
     pub guard: f64,
-    /// Acceleration that a target may have unnoticed, m/s².
-    pub guard_acceleration: f64,
+    /// Acceleration that a target may have unnoticed, m/s², where scans take 4 s and where they take
+    /// 10 s.
+    pub guard_acceleration: [f64; 2],
     /// Plots that confirm a track, and scans in which they must come.
     pub initiation: (usize, usize),
     /// Scans without a plot after which a track ends.
@@ -50,7 +51,17 @@ pub struct Settings {
     pub wind_sigma: f64,
 }
 
+/// Scans for which the guard acceleration is told, s; between, it is linear.
+const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
+
 impl Settings {
+    /// Acceleration that a target may have unnoticed where scans take so long, m/s².
+    pub(super) fn unnoticed(&self, period: f64) -> f64 {
+        let [short, long] = GUARD_PERIODS;
+        let [first, last] = self.guard_acceleration;
+        first + (last - first) * ((period - short) / (long - short)).clamp(0.0, 1.0)
+    }
+
     /// # Errors
     /// A number outside its domain.
     pub fn check(&self) -> Result<()> {
@@ -61,8 +72,9 @@ impl Settings {
         };
         positive("speed_max", self.speed_max)?;
         positive("guard", self.guard)?;
-        let a = self.guard_acceleration;
-        require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
+        for a in self.guard_acceleration {
+            require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
+        }
         let (m, n) = self.initiation;
         require("initiation", m as f64, m >= 2 && m <= n, "2 plots or more, of no fewer scans")?;
         let p = self.plan_prior;

@@ -212,7 +212,8 @@ impl Track {
     ) -> Option<(f64, bool)> {
         let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
-        let wide = (0.5 * settings.guard_acceleration * self.gap(settings).powi(2)).powi(2);
+        let (sigma, gap) = self.unnoticed(settings);
+        let wide = (0.5 * sigma * gap * gap).powi(2);
         let s = self.estimate.position_covariance().plus(r);
         let s = s.plus(Plane { xx: wide, xy: 0.0, yy: wide });
         let d = s.inverse().form(y);
@@ -257,9 +258,11 @@ impl Track {
         }
     }
 
-    /// Seconds without a plot, five scans at most.
-    fn gap(&self, settings: &Settings) -> f64 {
-        (self.time - self.seen).min(5.0 * self.period(settings))
+    /// Acceleration that the target may have unnoticed, and seconds without a plot, five scans at
+    /// most.
+    fn unnoticed(&self, settings: &Settings) -> (f64, f64) {
+        let period = self.period(settings);
+        (settings.unnoticed(period), (self.time - self.seen).min(5.0 * period))
     }
 
     /// What height and identity say.
@@ -280,7 +283,8 @@ impl Track {
 
     /// Corrects by a plot for which the target accelerated.
     pub fn take_guarded(&mut self, plot: &Measured, settings: &Settings) {
-        self.filter.widen(settings.guard_acceleration, self.gap(settings));
+        let (sigma, gap) = self.unnoticed(settings);
+        self.filter.widen(sigma, gap);
         self.estimate = self.filter.estimate();
         self.correct(plot, settings);
     }
@@ -455,9 +459,10 @@ impl Track {
     /// Variance of a position for which the target accelerated unnoticed since its last plot, and
     /// by how much it may be farther than the last covariance says.
     pub fn reach(&self, time: f64, settings: &Settings) -> (f64, f64) {
-        let gap = (time - self.seen).clamp(0.0, 5.0 * self.period(settings));
+        let period = self.period(settings);
+        let gap = (time - self.seen).clamp(0.0, 5.0 * period);
         let t = time - self.time;
-        let wide = 0.5 * settings.guard_acceleration * gap * gap;
+        let wide = 0.5 * settings.unnoticed(period) * gap * gap;
         (wide * wide, 0.5 * MODEL_ACCELERATION * t * t)
     }
 }

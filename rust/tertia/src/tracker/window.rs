@@ -1,9 +1,13 @@
-//! Least squares over the last plots, fewer of them after a manoeuvre was detected
-//! (Glagovskii, Lavina, Rudelson 2014).
+//! Least squares over the last plots, fewer of them after a manoeuvre was detected, or near a turn of
+//! the flight plan (Glagovskii, Lavina, Rudelson 2014).
 
+use super::bank::{entered, without_rate};
 use super::estimate::{Estimate, Plane};
-use super::motion;
-use nalgebra::SMatrix;
+use super::motion::{self, Arc};
+use super::plan::Guide;
+use super::settings::Settings;
+use crate::flightplan::{Turn, capture};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -11,6 +15,10 @@ use std::collections::VecDeque;
 const REMEMBERED: usize = 3;
 /// So many hits in a row on the same side are a manoeuvre.
 const SIDE_HITS: i32 = 4;
+/// The gate grows for no longer a time without plots, scans.
+const LONGEST_GAP: f64 = 5.0;
+/// Variance of what a planned turn is not, in that of the guard gate: half its acceleration.
+const LATITUDE: f64 = 0.25;
 
 /// Lengths of the history, and what is a manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,6 +27,8 @@ pub struct WindowRule {
     pub long: usize,
     /// Plots after a manoeuvre was detected.
     pub short: usize,
+    /// Plots near a turn of the flight plan.
+    pub turn: usize,
     /// Distance squared of the inner gate.
     pub inner: f64,
     /// That of the outer gate.
@@ -29,80 +39,189 @@ pub struct WindowRule {
     pub sum: f64,
 }
 
+/// A plot of the history.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Past {
+    /// Seconds ago.
+    age: f64,
+    position: [f64; 2],
+    noise: Plane,
+    /// The target was at `p + B v` then, if it is at p and has the velocity v now.
+    back: Matrix2<f64>,
+    /// Whether it was made near a turn of the plan.
+    near_turn: bool,
+}
+
 /// The last plots, and the line through them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Window {
-    /// Seconds before now, position, noise.
-    plots: VecDeque<(f64, [f64; 2], Plane)>,
+    pub guide: Option<Guide>,
+    plots: VecDeque<Past>,
     line: Estimate<4>,
-    /// Added to what the line says of its own errors, until the next plot.
+    /// What is added to the covariance of the line, until the next plot.
+    extra: SMatrix<f64, 4, 4>,
+    /// Seconds since the last plot.
+    gap: f64,
+    /// Whether the next plot is from the guard gate.
+    guarded: bool,
     distances: VecDeque<f64>,
     /// Hits in a row on the left (positive) or on the right.
     side: i32,
-    /// Plots used.
+    /// Plots that may be used.
     length: usize,
-    short: bool,
+    /// Whether the line is that of the start and all plots since.
+    whole: bool,
+    /// Whether a manoeuvre was detected, a few plots ago at most.
+    manoeuvre: bool,
+    /// Whether the plan turns about here, and whether it turned since the last plot.
+    near_turn: bool,
+    on_arc: bool,
+    /// Whether the target does something else near the turn of its plan.
+    deviates: bool,
 }
 
 impl Window {
     pub fn new(start: Estimate<4>) -> Self {
         Self {
+            guide: None,
             plots: VecDeque::new(),
             line: start,
+            extra: SMatrix::zeros(),
+            gap: 0.0,
+            guarded: false,
             distances: VecDeque::new(),
             side: 0,
             length: 0,
-            short: false,
+            whole: true,
+            manoeuvre: false,
+            near_turn: false,
+            on_arc: false,
+            deviates: false,
         }
     }
 
-    pub fn is_short(&self) -> bool {
-        self.short
+    /// Whether the target turns: it was seen to, or its plan does.
+    pub fn turns(&self) -> bool {
+        self.manoeuvre || self.on_arc
     }
 
+    #[inline]
     pub fn estimate(&self) -> Estimate<4> {
-        self.line
+        Estimate { mean: self.line.mean, covariance: self.line.covariance + self.extra }
     }
 
-    pub fn predict(&mut self, t: f64) {
-        motion::coast(&mut self.line, t);
-        self.plots.iter_mut().for_each(|plot| plot.0 += t);
+    /// Straight on; near a turn of the plan along its arc, with the gate as wide as the guard gate.
+    pub fn predict(&mut self, settings: &Settings, t: f64, period: f64) {
+        if self.gap == 0.0 {
+            self.on_arc = false;
+        }
+        self.gap += t;
+        let turn = self.guide.as_ref().and_then(|guide| guide.near_turn(&self.line, settings));
+        self.deviates &= turn.is_some();
+        self.near_turn = turn.is_some() && !self.deviates;
+        match turn {
+            Some(turn) if self.near_turn => self.fly(&turn, t),
+            _ => self.step(0.0, t),
+        }
+        if turn.is_some() {
+            let gap = self.gap.min(LONGEST_GAP * period);
+            self.extra = motion::unnoticed(settings.unnoticed(period), gap);
+        }
     }
 
+    /// Straight on to where the turn starts, along its arc, and straight on.
+    fn fly(&mut self, turn: &Turn, t: f64) {
+        let velocity = [self.line.mean[2], self.line.mean[3]];
+        let (s, _) = turn.project(self.line.position());
+        let before = (-s / velocity[0].hypot(velocity[1]).max(1.0)).clamp(0.0, t);
+        self.step(0.0, before);
+        let arc = capture(turn, self.line.position(), velocity, t - before);
+        if arc.time > 0.0 {
+            self.step(arc.turn_rate, arc.time);
+            self.on_arc = true;
+        }
+        self.step(0.0, t - before - arc.time);
+    }
+
+    /// Lets the line and the plots' relations to it turn at this rate for the time t.
+    fn step(&mut self, rate: f64, t: f64) {
+        let arc = Arc::new(rate, t);
+        let moved = Matrix2::new(arc.along, -arc.across, arc.across, arc.along);
+        let turned = Matrix2::new(arc.cosine, -arc.sine, arc.sine, arc.cosine);
+        for plot in &mut self.plots {
+            plot.age += t;
+            plot.back = (plot.back - moved) * turned.transpose();
+        }
+        if rate == 0.0 {
+            motion::coast(&mut self.line, t);
+        } else {
+            let mut with_rate = entered(&self.line, 0.0);
+            with_rate.mean[4] = rate;
+            motion::turn(&mut with_rate, t, 0.0, 0.0);
+            self.line = without_rate(&with_rate);
+        }
+    }
+
+    /// Widens the gate for a plot that is a manoeuvre.
     pub fn widen(&mut self, extra: &SMatrix<f64, 4, 4>) {
-        self.line.covariance += extra;
-        self.short = true;
+        self.extra += extra;
+        self.guarded = true;
     }
 
     /// Adds a plot and draws the line anew.
-    pub fn correct(&mut self, rule: &WindowRule, z: [f64; 2], r: Plane) {
-        let manoeuvre = self.detects(rule, z, r);
-        self.plots.push_back((0.0, z, r));
-        if manoeuvre || self.short && self.length < rule.short {
-            self.short = true;
-        }
+    pub fn correct(&mut self, rule: &WindowRule, position: [f64; 2], noise: Plane) {
+        let manoeuvre = self.detects(rule, position, noise);
         if manoeuvre {
-            self.length = rule.short;
+            self.deviates = self.near_turn;
+            if self.near_turn {
+                self.straighten();
+            }
             self.distances.clear();
             self.side = 0;
+            self.length = rule.short;
+            self.manoeuvre = true;
+            self.whole = false;
+        } else if self.near_turn {
+            self.length = rule.turn;
+            self.manoeuvre = false;
+            self.whole &= self.plots.len() < rule.short;
         } else {
             self.length = (self.length + 1).min(rule.long);
-            self.short &= self.length <= 2 * rule.short;
+            self.manoeuvre &= self.length <= 2 * rule.short;
+            self.deviates &= self.manoeuvre;
         }
-        while self.plots.len() > self.length {
+        let (back, near_turn) = (Matrix2::zeros(), self.near_turn);
+        self.plots.push_back(Past { age: 0.0, position, noise, back, near_turn });
+        self.forget(rule);
+        let line = if self.whole { None } else { self.fitted() };
+        self.line = line.unwrap_or_else(|| {
+            let mut line = self.estimate();
+            line.correct(position, noise);
+            line
+        });
+        self.extra = SMatrix::zeros();
+        self.gap = 0.0;
+        self.guarded = false;
+    }
+
+    /// Drops the oldest plots: those beyond the length, and those of a turn that is over.
+    fn forget(&mut self, rule: &WindowRule) {
+        let is_over = |first: &Past| first.near_turn && !self.near_turn;
+        while self.plots.len() > self.length
+            || self.plots.len() > rule.short && self.plots.front().is_some_and(is_over)
+        {
             self.plots.pop_front();
-        }
-        match fitted(self.plots.make_contiguous()) {
-            Some(line) => self.line = line,
-            None => {
-                self.line.correct(z, r);
-            }
+            self.whole = false;
         }
     }
 
     /// Whether this plot, with those before it, says that the target manoeuvres.
     fn detects(&mut self, rule: &WindowRule, z: [f64; 2], r: Plane) -> bool {
-        let s = self.line.position_covariance().plus(r);
+        let mut expected = self.line;
+        if self.near_turn {
+            expected.covariance += self.extra * LATITUDE;
+        }
+        let s = expected.position_covariance().plus(r);
         let y = [z[0] - self.line.mean[0], z[1] - self.line.mean[1]];
         let distance = s.inverse().form(y);
         self.distances.push_back(distance);
@@ -118,40 +237,61 @@ impl Window {
         };
         let beyond = self.distances.iter().filter(|&&d| d > rule.outer).count();
         let full = self.distances.len() == REMEMBERED;
-        distance > rule.guard
+        self.guarded
+            || distance > rule.guard
             || beyond >= 2
             || full && self.distances.iter().sum::<f64>() > rule.sum
             || self.side.abs() >= SIDE_HITS
     }
-}
 
-/// The line of least squares through the plots, for now; none of less than two.
-fn fitted(plots: &[(f64, [f64; 2], Plane)]) -> Option<Estimate<4>> {
-    if plots.len() < 2 {
-        return None;
-    }
-    let mut normal = SMatrix::<f64, 4, 4>::zeros();
-    let mut right = nalgebra::SVector::<f64, 4>::zeros();
-    let origin = plots[plots.len() - 1].1;
-    for &(age, z, r) in plots {
-        let w = r.inverse();
-        let weight = [[w.xx, w.xy], [w.xy, w.yy]];
-        for i in 0..2 {
-            for j in 0..2 {
-                normal[(i, j)] += weight[i][j];
-                normal[(i, j + 2)] -= age * weight[i][j];
-                normal[(i + 2, j)] -= age * weight[i][j];
-                normal[(i + 2, j + 2)] += age * age * weight[i][j];
-                let value = weight[i][j] * (z[j] - origin[j]);
-                right[i] += value;
-                right[i + 2] -= age * value;
-            }
+    /// What was taken for a turn was none.
+    fn straighten(&mut self) {
+        self.on_arc = false;
+        self.near_turn = false;
+        for plot in &mut self.plots {
+            plot.back = Matrix2::identity() * -plot.age;
+            plot.near_turn = false;
         }
     }
-    let inverse = normal.cholesky()?.inverse();
-    let covariance = 0.5 * (inverse + inverse.transpose());
-    let mut mean = covariance * right;
-    mean[0] += origin[0];
-    mean[1] += origin[1];
-    Some(Estimate { mean, covariance })
+
+    /// Looks where along the plan the target is. If the plan is blocked, it flew straight.
+    pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
+        let line = self.line;
+        let Some(guide) = &mut self.guide else { return };
+        if !guide.watch(&line, settings, time, period).blocked {
+            return;
+        }
+        self.straighten();
+        if let Some(line) = self.fitted().filter(|_| !self.whole) {
+            self.line = line;
+        }
+    }
+
+    /// The line of least squares through the plots, for now; none of less than two.
+    fn fitted(&self) -> Option<Estimate<4>> {
+        let origin = self.plots.back().filter(|_| self.plots.len() > 1)?.position;
+        let mut normal = SMatrix::<f64, 4, 4>::zeros();
+        let mut right = SVector::<f64, 4>::zeros();
+        for &Past { position, noise, back, .. } in &self.plots {
+            let weight = noise.inverse();
+            let weight = Matrix2::new(weight.xx, weight.xy, weight.xy, weight.yy);
+            let seen = weight * Vector2::new(position[0] - origin[0], position[1] - origin[1]);
+            let mixed = weight * back;
+            let blocks = [(0, 0, weight), (0, 2, mixed), (2, 0, mixed.transpose())];
+            for (i, j, block) in blocks.into_iter().chain([(2, 2, back.transpose() * mixed)]) {
+                let mut view = normal.fixed_view_mut::<2, 2>(i, j);
+                view += block;
+            }
+            let mut view = right.fixed_rows_mut::<2>(0);
+            view += seen;
+            let mut view = right.fixed_rows_mut::<2>(2);
+            view += back.transpose() * seen;
+        }
+        let inverse = normal.cholesky()?.inverse();
+        let covariance = 0.5 * (inverse + inverse.transpose());
+        let mut mean = covariance * right;
+        mean[0] += origin[0];
+        mean[1] += origin[1];
+        Some(Estimate { mean, covariance })
+    }
 }
