@@ -106,6 +106,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "conforming": tracker.conforming,
         "plans": tracker.plans,
         "priors": tracker.priors,
+        "wind": tracker.wind,
         "ahead": tracker.ahead,
     },
     "trajectory.md": {

@@ -142,6 +142,18 @@ impl Filter {
         }
     }
 
+    /// Blocks its plan until it is told otherwise, or lets it be believed again.
+    pub fn hold_plan(&mut self, held: bool) {
+        if let Self::Multiple(multiple) = self {
+            let Multiple { bank, guide } = &mut **multiple;
+            match guide {
+                Some(guide) if held => guide.hold(bank),
+                Some(guide) => guide.free(),
+                None => {}
+            }
+        }
+    }
+
     /// Follows the plan after a scan.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         if let Self::Multiple(multiple) = self {
@@ -205,6 +217,9 @@ impl Multiple {
     fn correct(&mut self, z: [f64; 2], r: Plane) {
         let mut total = 0.0;
         let mut before = [[0.0; 3]; 2];
+        if let Some(guide) = &mut self.guide {
+            guide.compare(&self.bank, z, r);
+        }
         for (bank, before) in self.banks_mut().zip(&mut before) {
             *before = bank.probability;
             bank.correct(z, r);
