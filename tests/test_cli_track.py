@@ -237,7 +237,8 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
     check(frame, windy)
     assert not np.array_equal(windy.position, track(plots(), RADARS, plans=[PLAN]).position)
     wrong = run(*arguments, "--wind", "20")
-    assert wrong.code == 2 and "--wind is '20'" in wrong.err
+    assert wrong.code == 2
+    assert "--wind is '20'" in wrong.err
 
 
 @pytest.mark.parametrize(

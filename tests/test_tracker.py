@@ -480,7 +480,7 @@ def test_a_known_wind_makes_turns_better():
     radar = simulate.set_up("en-route").radar
     seen = simulate.radar_plots(traffic, [radar], rng=103)
     options = {
-        "known": {"wind": tuple(wind + [3.0, -4.0]), "wind_sigma": 6.0},
+        "known": {"wind": (33.0, -29.0), "wind_sigma": 6.0},
         "unknown": {"wind_sigma": 30.0},
         "wrong": {"wind": tuple(-wind), "wind_sigma": 6.0},
     }
@@ -537,12 +537,11 @@ def test_a_held_plan_is_blocked_until_it_is_released():
     assert not released.conforming[:4].any()
     assert released.conforming[4:].all()
     # held before the plan was found: the plan has no say at all
-    early = Tracker([RADAR], plans=[plan])
-    tables = []
-    for k in range(len(plots)):
-        tables.append(early.update(plots[[k]]))
-        if len(tables[-1]) and not len(early.held_plans):
-            early.hold_plan(1)
+    early, (plots, _) = Tracker([RADAR], plans=[plan]), on_plan(identity=np.full(40, -1))
+    tables = [early.update(plots[:5])]
+    assert tables[0].plan[-1] == -1
+    early.hold_plan(1)
+    tables += [early.update(plots[[k]]) for k in range(5, len(plots))]
     assert not any(table.conforming.any() for table in tables)
     position = np.concatenate([table.position for table in tables])
     assert tables[-1].plan[0] == 0

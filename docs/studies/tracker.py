@@ -370,7 +370,9 @@ def in_known_wind(record: Recording, set_up: simulate.SetUpName) -> Errors:
         parts.append(errors(one, "imm-plan", set_up, plans=one.plans, **wind))
         order.append(of)
     back = np.argsort(np.concatenate(order))
-    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(Errors)}
+    columns = {
+        field.name: [getattr(part, field.name) for part in parts] for field in fields(Errors)
+    }
     lost = np.concatenate(columns.pop("lost"))
     return Errors(**{name: np.concatenate(c)[back] for name, c in columns.items()}, lost=lost)
 
@@ -388,7 +390,11 @@ def wind() -> str:
             known = (ratio(found, plain, name, turns) for name in ("position", "prediction"))
             told = (unknown["turn"], unknown["prediction"], *known)
             rows.append(
-                [f"{set_up}, {scenario}", *(f"{value:.2f}" for value in told), f"{np.mean(found.lost):.1%}"]
+                [
+                    f"{set_up}, {scenario}",
+                    *(f"{value:.2f}" for value in told),
+                    f"{np.mean(found.lost):.1%}",
+                ]
             )
     head = ["", "turns", "prediction in turns", "turns, wind known", "prediction, wind known"]
     return markdown([*head, "lost"], rows)

@@ -467,7 +467,9 @@ class Tracker:
                 "speed_max": real(speed_max, "speed_max"),
                 "clutter_density": density,
                 "identity_error": real(identity_error, "identity_error"),
-                "emergency_codes": [integer(code, "emergency_codes", 0) for code in emergency_codes],
+                "emergency_codes": [
+                    integer(code, "emergency_codes", 0) for code in emergency_codes
+                ],
                 "patience": _PATIENCE,
                 "plans": [_plan(plan) for plan in self.plans],
                 "plan_prior": real(plan_prior, "plan_prior"),

@@ -22,9 +22,7 @@ mod route;
 mod turn;
 
 pub(crate) use capture::hazard;
-pub use capture::{
-    Capture, capture, capture_in_wind, lead_in_wind, lead_ratio, start_hazard,
-};
+pub use capture::{Capture, capture, capture_in_wind, lead_in_wind, lead_ratio, start_hazard};
 pub use correlation::{Decision, Link, Sighting, Status, decide, mean_scores, score};
 pub use monitor::{Monitor, Verdict};
 pub use refinement::{Passing, Refinement};

@@ -111,13 +111,7 @@ impl Monitor {
     /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked where B > 14. Where a turn may be
     /// flown, there is a tolerance; from 0.3 d + 600 m before its arc on, its courses are no errors,
     /// and μ counts nothing.
-    pub fn update(
-        &mut self,
-        route: &Route,
-        seen: &Sighting,
-        turning: f64,
-        period: f64,
-    ) -> Verdict {
+    pub fn update(&mut self, route: &Route, seen: &Sighting, turning: f64, period: f64) -> Verdict {
         let Sighting { position, velocity, .. } = *seen;
         let (mut advanced, mut blocked, mut rejoined) = (false, false, None);
         if self.blocked {

@@ -176,7 +176,8 @@ impl Guide {
             let course = plan.route.turn(leg).inbound;
             let air = Vector2::from(course) * speed - Vector2::from(settings.wind);
             let turn = plan.turn(leg, air.norm());
-            let flown = Flown { turn, change, wind: settings.wind, wind_sigma: settings.wind_sigma };
+            let flown =
+                Flown { turn, change, wind: settings.wind, wind_sigma: settings.wind_sigma };
             self.ratio = predict_turning(turning, &flown, noise, self.ratio, t, period);
         }
     }
