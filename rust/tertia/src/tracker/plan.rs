@@ -361,9 +361,9 @@ fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
     turned.mean[4] = rate;
     motion::turn(&mut turned, arc.time, 0.0, 0.0);
     *estimate = super::bank::without_rate(&turned);
-    for i in 0..2 {
-        estimate.mean[i] += arc.time * wind[i];
-        estimate.mean[i + 2] += wind[i];
+    for (i, w) in wind.iter().enumerate() {
+        estimate.mean[i] += arc.time * w;
+        estimate.mean[i + 2] += w;
     }
     motion::coast(estimate, t - arc.time);
     let speed = velocity[0].hypot(velocity[1]);
