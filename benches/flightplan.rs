@@ -31,7 +31,7 @@ fn run(c: &mut Criterion) {
         group.bench_function(id("project"), |b| b.iter(|| route.project(black_box(position))));
         group.bench_function(id("score"), |b| b.iter(|| score(&route, black_box(&seen))));
         group.bench_function(id("monitor"), |b| {
-            b.iter(|| Monitor::new(leg).update(&route, black_box(position), velocity, 1e4, 10.0));
+            b.iter(|| Monitor::new(leg).update(&route, black_box(&seen), 0.0, 10.0));
         });
     }
     group.finish();

@@ -50,7 +50,9 @@ fn settings(motion: Motion, extent: f64) -> Settings {
         patience: 0.25,
         plans: Vec::new(),
         plan_prior: 0.0,
+        wind: [0.0; 2],
         wind_sigma: 20.0,
+        emergency_codes: Vec::new(),
     }
 }
 

@@ -113,6 +113,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "guards": tracker.guards,
         "flags": tracker.flags,
         "priors": tracker.priors,
+        "wind": tracker.wind,
         "ahead": tracker.ahead,
     },
     "trajectory.md": {

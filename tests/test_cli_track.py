@@ -230,10 +230,17 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
     assert np.any(result.plan >= 0)
     check(frame, result)
     assert "1 track with one of 1 plan, 0 of them left it" in run(*arguments).out
-    frame = tracks(*arguments, "--plan-prior", 0.3, "--wind-sigma", 5, folder=tmp_path)
-    check(frame, track(plots(), RADARS, plans=[PLAN], plan_prior=0.3, wind_sigma=5.0))
     frame = tracks(*arguments, "--motion", "window-plan", folder=tmp_path)
     check(frame, track(plots(), RADARS, "window-plan", plans=[PLAN]))
+    told = ("--plan-prior", 0.3, "--wind", "20,-5.5", "--wind-sigma", 5)
+    frame = tracks(*arguments, *told, folder=tmp_path)
+    options = {"plan_prior": 0.3, "wind": (20.0, -5.5), "wind_sigma": 5.0}
+    windy = track(plots(), RADARS, plans=[PLAN], **options)
+    check(frame, windy)
+    assert not np.array_equal(windy.position, track(plots(), RADARS, plans=[PLAN]).position)
+    wrong = run(*arguments, "--wind", "20")
+    assert wrong.code == 2
+    assert "--wind is '20'" in wrong.err
 
 
 @pytest.mark.parametrize(
@@ -261,6 +268,7 @@ def test_defaults_are_those_of_the_library() -> None:
     alike = ["motion", "plan_prior", "wind_sigma", "coasting", "clutter_density", "speed_max"]
     for name in [*alike, "gate_probability", "clock_period"]:
         assert mine[name].default == theirs[name].default
+    assert tuple(map(float, mine["wind"].default.split(","))) == theirs["wind"].default
     plots_of_scans = tuple(map(int, mine["initiation"].default.split(",")))
     assert plots_of_scans == theirs["initiation"].default
 

@@ -640,6 +640,103 @@ def test_the_guard_of_the_window_depends_on_the_scan(period, expected):
     assert narrow.track_of_plot[-1] != 1
 
 
+def test_a_known_wind_makes_turns_better():
+    plans = simulate.routes("en-route", 30, rng=101)
+    wind = np.array([30.0, -25.0])
+    traffic = simulate.flights(plans, wind=wind, rng=102)
+    radar = simulate.set_up("en-route").radar
+    seen = simulate.radar_plots(traffic, [radar], rng=103)
+    options = {
+        "known": {"wind": (33.0, -29.0), "wind_sigma": 6.0},
+        "unknown": {"wind_sigma": 30.0},
+        "wrong": {"wind": tuple(-wind), "wind_sigma": 6.0},
+    }
+    square = {name: [] for name in options}
+    for flight in range(30):
+        count = traffic.count[flight]
+        span = traffic.start[flight] + traffic.step * np.arange(count)
+        for name, told in options.items():
+            of = seen.target == flight
+            found = track(seen.plots[of], [radar], plans=[plans[flight]], **told)
+            turning = np.interp(found.time, span, traffic.turning[flight, :count]) > 0.5
+            true = np.stack(
+                [np.interp(found.time, span, traffic.position[flight, :count, i]) for i in (0, 1)],
+                axis=-1,
+            )
+            error = np.sum((found.position - true) ** 2, axis=1)
+            square[name].append(error[found.confirmed & turning])
+    rms = {name: np.sqrt(np.mean(np.concatenate(values))) for name, values in square.items()}
+    assert rms["known"] < 0.95 * rms["unknown"]
+    assert rms["wrong"] > 1.1 * rms["known"]
+
+
+def on_plan(n=40, identity=None):
+    """A flight on the leg of its plan, a plot at a time, and the plan."""
+    plan = FlightPlan([[-30e3, 40e3], [40e3, 40e3], [60e3, 60e3]], 150.0, identity=0o4321)
+    time = 4.0 * np.arange(n)
+    position = np.array([-30e3, 40e3]) + np.outer(time, [150.0, 0.0])
+    numbers = noisy(position, RADAR, np.random.default_rng(9))
+    codes = np.full(n, 0o4321) if identity is None else identity
+    return Plots(time, *numbers, identity=codes), plan
+
+
+@pytest.mark.parametrize("motion", ["imm-plan", "window-plan"])
+def test_a_held_plan_is_blocked_until_it_is_released(motion):
+    plots, plan = on_plan()
+    tracker = Tracker([RADAR], motion, plans=[plan])
+    plain = track(plots, [RADAR], "imm" if motion == "imm-plan" else "window")
+    with pytest.raises(ValueError, match="track is 1; there is no confirmed track"):
+        tracker.hold_plan(1)
+    assert tracker.update(plots[:15]).conforming[-1]
+    assert len(tracker.held_plans) == 0
+    tracker.hold_plan(1)
+    np.testing.assert_array_equal(tracker.held_plans, [1])
+    # the copy is held, too
+    tracker = pickle.loads(pickle.dumps(tracker))
+    held = tracker.update(plots[15:28])
+    assert len(held) == 13
+    assert not held.conforming.any()
+    assert np.all(held.plan == 0)
+    straight = held.position[-1] + 120.0 * held.velocity[-1]
+    np.testing.assert_allclose(tracker.ahead(120.0)[1][0], straight, atol=1e-6)
+    tracker.release_plan(1)
+    assert len(tracker.held_plans) == 0
+    released = tracker.update(plots[28:])
+    assert not released.conforming[:4].any()
+    assert released.conforming[4:].all()
+    # held before the plan was found: the plan has no say at all
+    early, (plots, _) = Tracker([RADAR], motion, plans=[plan]), on_plan(identity=np.full(40, -1))
+    tables = [early.update(plots[:5])]
+    assert tables[0].plan[-1] == -1
+    early.hold_plan(1)
+    tables += [early.update(plots[[k]]) for k in range(5, len(plots))]
+    assert not any(table.conforming.any() for table in tables)
+    position = np.concatenate([table.position for table in tables])
+    assert tables[-1].plan[0] == 0
+    np.testing.assert_allclose(position[-1], plain.position[-1], rtol=0, atol=1e-6)
+    for number in (7, "1"):
+        with pytest.raises((ValueError, TypeError), match="track"):
+            tracker.release_plan(number)
+
+
+@pytest.mark.parametrize("code", [0o7500, 0o7600, 0o7700])
+def test_an_emergency_holds_the_plan(code):
+    codes = np.full(40, 0o4321)
+    codes[12] = codes[20:22] = code
+    plots, plan = on_plan(identity=codes)
+    tracker = Tracker([RADAR], plans=[plan], emergency_codes=(0o7500, 0o7600, 0o7700))
+    found = tracker.update(plots)
+    # one answer may be read wrongly; what was held stays so, and the identity stays
+    of = {plot: row for row, plot in enumerate(found.plot)}
+    assert found.conforming[of[10] : of[20] + 1].all()
+    assert not found.conforming[of[21] :].any()
+    assert np.all(found.identity == 0o4321)
+    assert np.all(found.track == 1)
+    np.testing.assert_array_equal(tracker.held_plans, [1])
+    # an identity like any other, where it is no emergency
+    assert track(plots, [RADAR], plans=[plan]).conforming[-1]
+
+
 def test_ahead_follows_the_plan():
     plan = FlightPlan([[-30e3, 40e3], [10e3, 40e3], [10e3, 90e3]], 150.0)
     time = 4.0 * np.arange(50)
@@ -672,6 +769,9 @@ def test_ahead_follows_the_plan():
         ({"plan_prior": 1.0}, "plan_prior"),
         ({"guard_acceleration": -1.0}, "guard_acceleration"),
         ({"wind_sigma": np.nan}, "wind_sigma"),
+        ({"wind": (np.inf, 0.0)}, "wind"),
+        ({"wind": 5.0}, r"wind has shape \(\)"),
+        ({"emergency_codes": [-1]}, "emergency_codes is -1"),
         ({"plans": [3]}, r"plans\[0\] is 3"),
         ({"clock_period": 0.0}, "clock_period"),
         ({"radars": RADAR}, "it must be a sequence of Radar"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any
 
@@ -36,6 +36,10 @@ SCENARIOS: tuple[simulate.FlightScenario, ...] = (
     "fly-over",
 )
 MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window", "window-plan")
+# how well a wind is known, and what the tracker is told of that, m/s
+WIND_ERROR, WIND_TOLD = 5.0, 6.0
+# radians: a flight that changes its course by less makes no turn of its plan
+TURN = np.radians(15.0)
 # seconds from flight to flight: each is tracked by itself
 APART = 20_000.0
 
@@ -140,7 +144,7 @@ def compared(record: Recording, found: TrackTable) -> Errors:
     conforming[k] = rows.conforming
     numbers = [
         np.unique(found.track[(found.plot >= 0) & np.isin(found.plot, np.flatnonzero(of))])
-        for of in (record.target == f for f in range(len(record.plans)))
+        for of in (record.target == f for f in np.unique(record.target))
     ]
     lost = np.array([len(of) != 1 for of in numbers])
     return Errors(position, prediction, **columns, conforming=conforming, lost=lost)
@@ -163,7 +167,7 @@ def ratio(one: Errors, other: Errors, name: str, which: BoolArray) -> float:
 def outcome(
     set_up: simulate.SetUpName,
     scenario: simulate.FlightScenario,
-    prior: float = 0.6,
+    prior: float = 0.8,
     flights: int = FLIGHTS,
 ) -> dict[str, float]:
     """Compare the tracker with plans and the one without on the same plots."""
@@ -199,6 +203,8 @@ def outcome(
         told["after"] = ratio(aided, plain, "position", after)
         told["soon"] = ratio(aided, plain, "position", soon)
         told["blocked"] = block_delay(record, aided)
+    else:
+        told["wrongly"] = blocked_wrongly(record, aided)
     return told
 
 
@@ -212,24 +218,39 @@ def block_delay(record: Recording, found: Errors) -> float:
     return float(np.median(delays))
 
 
+def blocked_wrongly(record: Recording, found: Errors) -> float:
+    """Share of flights that follow their plans, and whose plan was blocked once."""
+    traffic, time, target = record.traffic, record.plots.time, record.target
+    first = np.full(len(record.plans), np.inf)
+    np.minimum.at(first, target[found.conforming], time[found.conforming])
+    # at its end no plan is believed
+    end = traffic.start + traffic.step * (traffic.count - 1) - 3 * record.radar.period
+    during = (time > first[target]) & (time < end[target]) & np.isfinite(found.turning)
+    return len(np.unique(target[during & ~found.conforming])) / len(record.plans)
+
+
 def delay(record: Recording, found: Errors) -> float:
-    """Mean time from the beginning of a turn until it was flagged, of turns that were."""
+    """Mean time from the first plot of a turn until it was flagged; if never, all of the turn."""
     turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+    course = np.arctan2(*at(record.traffic, "velocity", record.plots, record.target).T)
+    if not np.any(found.turning > 0.5):
+        return np.inf
     delays = []
     for f in range(len(record.plans)):
-        of = record.target == f
+        of = np.flatnonzero(record.target == f)
         time, flags = record.plots.time[of], found.turning[of] > 0.5
-        begins = np.flatnonzero(turning[of][1:] & ~turning[of][:-1]) + 1
-        for k in begins:
-            later = np.flatnonzero(flags[k:])
-            if len(later):
-                delays.append(time[k + later[0]] - time[k])
-    return float(np.mean(delays)) if delays else np.inf
+        ends = np.flatnonzero(np.diff(turning[of].astype(int))) + 1
+        for k, end in zip(ends[::2], ends[1::2], strict=False):
+            turned = np.angle(np.exp(1j * (course[of[end]] - course[of[k - 1]])))
+            if abs(turned) > TURN:
+                flagged = np.flatnonzero(flags[k:end])
+                delays.append(time[k + flagged[0] if len(flagged) else end] - time[k])
+    return float(np.mean(delays))
 
 
 def flagged(seconds: float) -> str:
     """Format a delay; a model without turns flags none."""
-    return f"{seconds:.0f} s" if np.isfinite(seconds) else "–"
+    return f"{seconds:.1f} s" if np.isfinite(seconds) else "–"
 
 
 def peak(record: Recording, found: Errors, kept: BoolArray) -> float:
@@ -315,11 +336,13 @@ def plans() -> str:
             "after",
             "soon",
             "blocked",
+            "wrongly",
             "lost",
             "plain lost",
         ):
             values = [outcome(set_up, scenario).get(name) for set_up in SET_UPS]
-            style = "{:.0f} s" if name == "blocked" else "{:.1%}" if "lost" in name else "{:.2f}"
+            styles = {"blocked": "{:.0f} s", "wrongly": "{:.1%}"}
+            style = "{:.1%}" if "lost" in name else styles.get(name, "{:.2f}")
             cells.append(" / ".join("–" if v is None else style.format(v) for v in values))
         rows.append([scenario, *cells])
     head = [
@@ -330,6 +353,7 @@ def plans() -> str:
         "after leaving",
         "first 120 s",
         "blocked after",
+        "blocked wrongly",
     ]
     return markdown([*head, "lost", "lost without"], rows)
 
@@ -409,6 +433,48 @@ def flags() -> str:
         rows.append([set_up, *cells])
     head = ["", "window, 120 s after a turn", "later"]
     return markdown([*head, "window-plan, 120 s after a turn", "later"], rows)
+
+
+def in_known_wind(record: Recording, set_up: simulate.SetUpName) -> Errors:
+    """Track every flight by itself, and tell the tracker its wind with an error."""
+    rng = generator(112, SET_UPS.index(set_up))
+    told = record.traffic.wind + rng.normal(0.0, WIND_ERROR, record.traffic.wind.shape)
+    parts, order = [], []
+    for f, plan in enumerate(record.plans):
+        of = np.flatnonzero(record.target == f)
+        one = replace(record, plans=[plan], plots=record.plots[of], target=record.target[of])
+        wind = {"wind": tuple(told[f]), "wind_sigma": WIND_TOLD}
+        parts.append(errors(one, "imm-plan", set_up, plans=one.plans, **wind))
+        order.append(of)
+    back = np.argsort(np.concatenate(order))
+    columns = {
+        field.name: [getattr(part, field.name) for part in parts] for field in fields(Errors)
+    }
+    lost = np.concatenate(columns.pop("lost"))
+    return Errors(**{name: np.concatenate(c)[back] for name, c in columns.items()}, lost=lost)
+
+
+def wind() -> str:
+    """Tabulate what the wind adds where it is known, on flights that follow their plans."""
+    rows = []
+    for set_up in SET_UPS:
+        for scenario in SCENARIOS[:2]:
+            record = recording(set_up, scenario)
+            plain, found = errors(record, "imm", set_up), in_known_wind(record, set_up)
+            kept = ~(plain.lost | found.lost)[record.target]
+            turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+            unknown, turns = outcome(set_up, scenario), kept & turning
+            known = (ratio(found, plain, name, turns) for name in ("position", "prediction"))
+            told = (unknown["turn"], unknown["prediction"], *known)
+            rows.append(
+                [
+                    f"{set_up}, {scenario}",
+                    *(f"{value:.2f}" for value in told),
+                    f"{np.mean(found.lost):.1%}",
+                ]
+            )
+    head = ["", "turns", "prediction in turns", "turns, wind known", "prediction, wind known"]
+    return markdown([*head, "lost"], rows)
 
 
 def priors() -> str:

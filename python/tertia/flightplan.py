@@ -586,11 +586,12 @@ def conformance(
 
     Notes
     -----
-    The deviation of a plot is `q = max(|e| - room, 0)²/(350² + P) + (course error/5°)²`, with no
-    room on straight legs, and `500 + 0.35 lead min(1, |angle|)` metres where a turn may be flown;
-    there, only courses outside those of both legs are in error. The level is the cumulative sum `B
-    = max(0, B + min(q, 12) - 4)`; above 14 the plan is blocked. It is believed again after five
-    plots in succession within 1200 m and 6° of the same leg, this one or a later one.
+    The deviation of a plot is `q = max(|e| - room, 0)²/(350² + P) + course error²/(5°² + σψ²)`,
+    with no room on straight legs, and `500 + 0.35 lead min(1, |angle|)` metres where a turn may be
+    flown; there, from 0.3 leads and 600 m before the arc on, only courses outside those of both
+    legs are in error. The level is the cumulative sum `B = max(0, B + min(q, 20) - 4)`; above 14
+    the plan is blocked. It is believed again after five plots in succession within 1200 m and 6° of
+    the same leg, this one or a later one.
 
     Examples
     --------
@@ -603,7 +604,7 @@ def conformance(
     >>> positions = np.column_stack([0 * times, 200 * times])
     >>> found = conformance(plan, times, positions, np.tile([0.0, 200.0], (40, 1)))
     >>> found, float(times[~found.conforming][0])
-    (Conformance(27 of 40 plots), 270.0)
+    (Conformance(26 of 40 plots), 260.0)
     """
     tracks = _tracks(times, positions, velocities, covariances, None)
     instants = _one_track(tracks)

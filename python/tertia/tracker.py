@@ -352,8 +352,12 @@ class Tracker:
     plan_prior : float
         Probability that a planned turn is flown, before any was seen; 0: plans have no say.
         To "window-plan" all others are alike.
+    wind : (float, float)
+        Velocity of the air to the east and to the north in metres per second: planned turns are
+        flown in it.
     wind_sigma : float
-        Standard deviation of the wind, in metres per second.
+        Standard deviation of the wind about that, in metres per second: 20 where it is not known,
+        about 6 where it is.
     manoeuvres : Manoeuvres, optional
         Parameters of "imm-plan", "imm" and "cv".
     initiation : (int, int)
@@ -373,6 +377,10 @@ class Tracker:
     identity_error : float
         How often an identity is read wrongly: codes of four digits sometimes, addresses of 24 bits
         hardly ever (1e-9).
+    emergency_codes : sequence of int
+        Identities that tell of an emergency, as 0o7500, 0o7600, 0o7700 where identities are codes
+        of mode 3/A. After two of them in a row the plan of a track is held, see `hold_plan`; they
+        are no identity of their own.
     clock_period : float, optional
         Seconds after which the clock of the plots begins again, for example 86400 for the time of
         the day.
@@ -416,7 +424,8 @@ class Tracker:
         motion: Motion = "imm-plan",
         *,
         plans: Sequence[FlightPlan] = (),
-        plan_prior: float = 0.6,
+        plan_prior: float = 0.8,
+        wind: tuple[float, float] = (0.0, 0.0),
         wind_sigma: float = 20.0,
         manoeuvres: Manoeuvres | None = None,
         initiation: tuple[int, int] = (3, 4),
@@ -426,6 +435,7 @@ class Tracker:
         gate_probability: float = GUARD,
         guard_acceleration: float | None = None,
         identity_error: float = 1e-3,
+        emergency_codes: Sequence[int] = (),
         clock_period: float | None = None,
     ) -> None:
         self.radars = _each(radars, Radar, "radars")
@@ -445,6 +455,9 @@ class Tracker:
         if not isinstance(initiation, Sequence) or len(initiation) != 2:
             raise TypeError(f"initiation is {initiation!r}; it must be a pair: plots, scans")
         plots, scans = (integer(count, "initiation", 2) for count in initiation)
+        air = finite(wind, "wind")
+        if air.shape != (2,):
+            raise ValueError(f"wind has shape {air.shape}; it must be (2,): east and north")
         density = np.nan if clutter_density is None else real(clutter_density, "clutter_density")
         if clutter_density is not None:
             positive(density, "clutter_density")
@@ -465,9 +478,13 @@ class Tracker:
                 "speed_max": real(speed_max, "speed_max"),
                 "clutter_density": density,
                 "identity_error": real(identity_error, "identity_error"),
+                "emergency_codes": [
+                    integer(code, "emergency_codes", 0) for code in emergency_codes
+                ],
                 "patience": _PATIENCE,
                 "plans": [_plan(plan) for plan in self.plans],
                 "plan_prior": real(plan_prior, "plan_prior"),
+                "wind": (float(air[0]), float(air[1])),
                 "wind_sigma": real(wind_sigma, "wind_sigma"),
             },
         )
@@ -571,6 +588,54 @@ class Tracker:
         interval = float(finite(real(seconds, "seconds"), "seconds"))
         tracks, positions = self._core.ahead(interval)
         return tracks, positions
+
+    def hold_plan(self, track: int) -> None:
+        """Block the flight plan of a track until it is released: it is wrong, or an emergency.
+
+        A plan that the track finds later is held, too. What is held is pickled with the tracker.
+
+        Parameters
+        ----------
+        track : int
+            Number of a confirmed track.
+
+        Raises
+        ------
+        ValueError
+            There is no such track.
+        TypeError
+            A number that is no integer.
+        """
+        self._hold(track, held=True)
+
+    def release_plan(self, track: int) -> None:
+        """Release a flight plan that was held: it counts again once the track is back on it.
+
+        That is after five scans in succession on one of its legs.
+
+        Parameters
+        ----------
+        track : int
+            Number of a confirmed track.
+
+        Raises
+        ------
+        ValueError
+            There is no such track.
+        TypeError
+            A number that is no integer.
+        """
+        self._hold(track, held=False)
+
+    def _hold(self, track: int, *, held: bool) -> None:
+        number = integer(track, "track", 1)
+        if not self._core.hold_plan(number, held):
+            raise ValueError(f"track is {number}; there is no confirmed track of this number")
+
+    @property
+    def held_plans(self) -> IntArray:
+        """Numbers of the confirmed tracks whose plans are held, by a controller or an emergency."""
+        return self._core.held_plans()
 
     def __getstate__(self) -> _State:
         """Return all that the tracker knows."""

@@ -89,10 +89,10 @@ def score(e, dpsi, dv, dt, dh=None, p=0.0, psi_variance=0.0, v_variance=0.0):
     return -0.5 * (total + (0.0 if dh is None else dh**2 / 150**2))
 
 
-def level(before, e, dc, p=0.0, room=0.0):
+def level(before, e, dc, p=0.0, room=0.0, course_variance=0.0):
     """The next B of a monitor."""
-    q = max(abs(e) - room, 0.0) ** 2 / (350**2 + p) + (dc / np.radians(5)) ** 2
-    return max(0.0, before + min(q, 12.0) - 4.0)
+    q = max(abs(e) - room, 0.0) ** 2 / (350**2 + p) + dc**2 / (np.radians(5) ** 2 + course_variance)
+    return max(0.0, before + min(q, 20.0) - 4.0)
 
 
 def mean_speed(times, speeds, tau=60.0):

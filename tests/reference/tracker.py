@@ -356,14 +356,34 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
             model.watch()
         model.predict(gap - missed * radar.period)
         is_beyond = distance(model, positions[k], radar) > GATES[0.998]
-        if is_beyond:
-            model.widen(unnoticed(guard_acceleration, gap))
+        extra = unnoticed(guard_acceleration, gap)
+        if is_beyond and accelerated(model, positions[k], radar, extra):
+            model.widen(extra)
         model.correct(positions[k], noise(model.estimate()[0][:2], radar))
         model.watch()
         if k == 2:
             model = begin(model.x, model.p, radar)
         found.append((*model.estimate(), is_beyond))
     return tuple(np.array(column) for column in zip(*found, strict=True))
+
+
+def accelerated(model, z, radar, extra):
+    """Whether an acceleration, one scan in twenty, is likelier than a large error of the plot."""
+    if isinstance(model, Window):
+        return True
+    x, p, _ = model.estimate()
+    r = noise(x[:2], radar)
+    usual = sum(
+        share * density(z - y[:2], q[:2, :2] + r)
+        for share, y, q in model.expected()
+        if share > 0.005
+    )
+    return 0.05 * density(z - x[:2], (p + extra)[:2, :2] + r) >= usual
+
+
+def density(y, s):
+    """Of a normal distribution in the plane."""
+    return np.exp(-0.5 * y @ np.linalg.solve(s, y)) / (2 * np.pi * np.sqrt(np.linalg.det(s)))
 
 
 def distance(model, z, radar):

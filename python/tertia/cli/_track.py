@@ -34,6 +34,8 @@ EXAMPLES = (
     "tertia track plots.csv --radars radars.toml --plans plans.json --report report",
     "tertia track north.csv south.csv --radars radars.csv --column range_nm=rho --coasting 3",
 )
+# hijack, no radio, emergency
+_EMERGENCIES = (0o7500, 0o7600, 0o7700)
 _PLANE = [[0.0, 0.0], [1000.0, 0.0]]
 
 
@@ -47,7 +49,11 @@ def track(
     motion: Annotated[Motion, typer.Option(help="How targets move.")] = "imm-plan",
     plan_prior: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")
-    ] = 0.6,
+    ] = 0.8,
+    wind: Annotated[
+        str,
+        typer.Option(metavar="EAST,NORTH", help="Velocity of the air to the east and north, m/s."),
+    ] = "0,0",
     wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
     initiation: Annotated[
         str,
@@ -83,6 +89,7 @@ def track(
     columns = column_names(column or [])
     options: dict[str, Any] = {
         "plan_prior": plan_prior,
+        "wind": _pair(wind, "--wind", float),
         "wind_sigma": wind_sigma,
         "initiation": pair(initiation, "--initiation", int),
         "coasting": coasting,
@@ -105,6 +112,8 @@ def track(
     recording = read_recording(files, columns, sites)
     if clock_period is not None and recording.clock.dated:
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
+    if recording.identity == "mode_3a":
+        options["emergency_codes"] = _EMERGENCIES
     tracked = _track(recording, sites, filed, motion, options)
 
     told = radar_rows(tracked)

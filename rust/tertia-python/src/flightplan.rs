@@ -267,8 +267,7 @@ pub fn conformance<'py>(
     let mut monitor: Option<Monitor> = None;
     for (i, seen) in seen.iter().enumerate().filter(|(_, seen)| seen.is_present()) {
         let monitor = monitor.get_or_insert_with(|| Monitor::new(route.project(seen.position).leg));
-        let variance = seen.position_variance[1];
-        let verdict = monitor.update(&route, seen.position, seen.velocity, variance, period);
+        let verdict = monitor.update(&route, seen, 0.0, period);
         let (distance, offset) = route.project_leg(verdict.leg, seen.position);
         legs[i] = verdict.leg as i64;
         numbers[0][i] = distance;

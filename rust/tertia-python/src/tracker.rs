@@ -29,8 +29,10 @@ pub struct Options<'py> {
     speed_max: f64,
     clutter_density: f64,
     identity_error: f64,
+    emergency_codes: Vec<i64>,
     patience: f64,
     plan_prior: f64,
+    wind: [f64; 2],
     wind_sigma: f64,
     plans: Vec<PlanNumbers<'py>>,
 }
@@ -129,6 +131,17 @@ impl PlotTracker {
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
+    /// Blocks the plan of a confirmed track until it is told otherwise, or lets it be believed again.
+    fn hold_plan(&mut self, track: u64, held: bool) -> bool {
+        self.0.hold_plan(track, held)
+    }
+
+    /// Numbers of the confirmed tracks whose plans are held.
+    fn held_plans<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
+        let held: Vec<i64> = self.0.held_plans().into_iter().map(|track| track as i64).collect();
+        array(py, &[held.len()], held)
+    }
+
     /// All that the tracker knows.
     fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.0.to_bytes();
@@ -168,9 +181,11 @@ impl Options<'_> {
             speed_max: self.speed_max,
             clutter_density: self.clutter_density,
             identity_error: self.identity_error,
+            emergency_codes: self.emergency_codes,
             patience: self.patience,
             plans: self.plans.iter().map(plan).collect::<PyResult<_>>()?,
             plan_prior: self.plan_prior,
+            wind: self.wind,
             wind_sigma: self.wind_sigma,
         })
     }

@@ -21,7 +21,8 @@ mod refinement;
 mod route;
 mod turn;
 
-pub use capture::{Capture, capture, lead_ratio, start_hazard};
+pub(crate) use capture::hazard;
+pub use capture::{Capture, capture, capture_in_wind, lead_in_wind, lead_ratio, start_hazard};
 pub use correlation::{Decision, Link, Sighting, Status, decide, mean_scores, score};
 pub use monitor::{Monitor, Verdict};
 pub use refinement::{Passing, Refinement};

@@ -151,6 +151,21 @@ impl Tracker {
             .collect()
     }
 
+    /// Blocks the plan of a confirmed track, or of one that finds its plan later, until it is told
+    /// otherwise; or lets it be believed again where the track is back on it. Whether there is such a
+    /// track.
+    pub fn hold_plan(&mut self, number: u64, held: bool) -> bool {
+        let mut tracks = self.tracks.iter_mut();
+        let found = tracks.find(|track| track.number == number && track.is_confirmed());
+        found.map(|track| track.hold_plan(held)).is_some()
+    }
+
+    /// Numbers of the confirmed tracks whose plans are held.
+    pub fn held_plans(&self) -> Vec<u64> {
+        let held = self.tracks.iter().filter(|track| track.is_confirmed() && track.is_held());
+        held.map(|track| track.number).collect()
+    }
+
     /// Number of plots given so far.
     pub fn plots(&self) -> usize {
         self.plots

@@ -1,6 +1,6 @@
 //! From where an aircraft is, along an arc to the leg that it will fly next.
 
-use super::plane::{between, cross, dot, minus, norm, unit};
+use super::plane::{along, between, cross, dot, minus, norm, turned, unit};
 use super::turn::{STRAIGHT, Turn};
 use crate::distribution::normal_two_sided;
 
@@ -11,6 +11,8 @@ const DONE: f64 = 0.01;
 /// When turns start: median of the distance to the waypoint in leads, and its log-normal spread.
 const START_MEDIAN: f64 = 1.0;
 const START_SPREAD: f64 = 0.18;
+/// The lead in the wind, in those without.
+const LEADS: [f64; 2] = [0.3, 3.0];
 /// Farther ahead, leads.
 const FARTHEST: f64 = 9.0;
 /// A turn may always start later.
@@ -35,7 +37,23 @@ pub struct Capture {
 /// `R_c = c / tan(|rem|/2)`, `ω = sgn(rem) V/R_c`. There is none where less than 0.01 rad is left or
 /// the aircraft would have to turn to the other side.
 pub fn capture(turn: &Turn, position: [f64; 2], velocity: [f64; 2], period: f64) -> Capture {
-    let Some(u) = unit(velocity) else {
+    capture_in_wind(turn, position, velocity, [0.0; 2], period)
+}
+
+/// The arc of [`capture`] in air that moves: the aircraft turns in the air, until its course over the
+/// ground is that of the leg. The velocity is that over the ground, radii and rates are those in the
+/// air: `R_c = ((B − p) × u₂)/(D × u₂)` with the way over the ground in radii,
+/// `D = 2 sin(|rem|/2) u(rem/2) + |rem| w/V`.
+pub fn capture_in_wind(
+    turn: &Turn,
+    position: [f64; 2],
+    velocity: [f64; 2],
+    wind: [f64; 2],
+    period: f64,
+) -> Capture {
+    let air = minus(velocity, wind);
+    let speed = norm(air);
+    let Some(u) = unit(air) else {
         let radius = RADII[0] * turn.full_radius;
         return Capture {
             turn_rate: 0.0,
@@ -45,9 +63,10 @@ pub fn capture(turn: &Turn, position: [f64; 2], velocity: [f64; 2], period: f64)
             time: 0.0,
         };
     };
-    let remaining = between(u, turn.outbound);
-    let ahead = cross(minus(turn.corner, position), turn.outbound) / cross(u, turn.outbound);
-    let tangent_radius = ahead / (0.5 * remaining.abs()).tan();
+    let remaining = between(u, heading(turn.outbound, wind, speed));
+    let way = way(u, remaining, wind, speed);
+    let ahead = cross(minus(turn.corner, position), turn.outbound);
+    let tangent_radius = ahead / cross(way, turn.outbound);
     // in this order nan becomes the lower bound
     let [low, high] = RADII.map(|factor| factor * turn.full_radius);
     let radius = tangent_radius.max(low).min(high);
@@ -55,10 +74,38 @@ pub fn capture(turn: &Turn, position: [f64; 2], velocity: [f64; 2], period: f64)
     let (turn_rate, time) = if is_done {
         (0.0, 0.0)
     } else {
-        let rate = norm(velocity) / radius;
+        let rate = speed / radius;
         (rate.copysign(remaining), period.min(remaining.abs() / rate))
     };
     Capture { turn_rate, radius, tangent_radius, remaining, time }
+}
+
+/// The heading that makes a course good in the wind; the course where the wind is too strong for it.
+fn heading(course: [f64; 2], wind: [f64; 2], speed: f64) -> [f64; 2] {
+    let across = cross(course, wind) / speed;
+    if across.abs() < 1.0 { turned(course, -across.asin()) } else { course }
+}
+
+/// The way over the ground in a turn by an angle from a heading, in radii.
+fn way(from: [f64; 2], angle: f64, wind: [f64; 2], speed: f64) -> [f64; 2] {
+    let drift = angle.abs() / speed;
+    let chord = 2.0 * (0.5 * angle.abs()).sin();
+    along([drift * wind[0], drift * wind[1]], chord, turned(from, 0.5 * angle))
+}
+
+/// How far before the waypoint the turn begins that ends on the next leg, in air that moves, at this
+/// speed in the air: `R (D × u₂)/(u₁ × u₂)`, see [`capture_in_wind`]. Without wind, that is the lead of
+/// the turn; with wind, it is between 0.3 and 3 of these.
+pub fn lead_in_wind(turn: &Turn, wind: [f64; 2], speed: f64) -> f64 {
+    if wind == [0.0; 2] || speed <= norm(wind) {
+        return turn.lead;
+    }
+    let first = heading(turn.inbound, wind, speed);
+    let angle = between(first, heading(turn.outbound, wind, speed));
+    let way = way(first, angle, wind, speed);
+    let lead = turn.radius * cross(way, turn.outbound) / cross(turn.inbound, turn.outbound);
+    // in this order nan, where the legs are in line, becomes the lower bound
+    lead.max(LEADS[0] * turn.lead).min(LEADS[1] * turn.lead)
 }
 
 /// Where an aircraft will be a scan later, before the waypoint, in leads:
@@ -78,10 +125,15 @@ pub fn lead_ratio(turn: &Turn, position: [f64; 2], speed: f64, period: f64) -> f
 /// with F log-normal of median 1 and spread 0.18, of the ratios of [`lead_ratio`] at this scan and
 /// the one before (9 at the first); 0 where at most 4° remain.
 pub fn start_hazard(before: f64, now: f64, remaining: f64) -> f64 {
+    hazard(before, now, remaining, START_MEDIAN)
+}
+
+/// That of [`start_hazard`] with another median.
+pub(crate) fn hazard(before: f64, now: f64, remaining: f64, median: f64) -> f64 {
     if remaining.abs() <= STRAIGHT {
         return 0.0;
     }
-    let not_yet = |ratio: f64| 0.5 * normal_two_sided(-(ratio / START_MEDIAN).ln() / START_SPREAD);
+    let not_yet = |ratio: f64| 0.5 * normal_two_sided(-(ratio / median).ln() / START_SPREAD);
     let (earlier, later) = (not_yet(before), not_yet(now));
     if earlier > 0.0 { (1.0 - later / earlier).clamp(0.0, CERTAIN) } else { CERTAIN }
 }
@@ -100,6 +152,37 @@ mod tests {
         assert!((found.radius / turn.radius - 1.0).abs() < 1e-9);
         assert!((found.time * 200.0 / (0.8 * turn.arc()) - 1.0).abs() < 1e-9);
         assert!(found.turn_rate < 0.0);
+    }
+
+    #[test]
+    fn the_arc_in_the_wind_ends_on_the_leg() {
+        let turn = Turn::new([0.0, 0.0], [0.0, 5e4], [9e4, 1e5], 200.0, 0.4, 0.05);
+        for wind in [[0.0; 2], [30.0, -10.0], [-25.0, 20.0]] {
+            let fly = |from: [f64; 2], air: [f64; 2], rate: f64, time: f64| {
+                let (mut p, steps) = (from, 20_000);
+                let h = time / f64::from(steps);
+                for k in 0..steps {
+                    let v = turned(air, rate * h * (f64::from(k) + 0.5));
+                    p = along(along(p, h, v), h, wind);
+                }
+                (p, along(turned(air, rate * time), 1.0, wind))
+            };
+            // from where the turn begins with the radius of the plan, along the leg
+            let air = [-wind[0], (200.0_f64.powi(2) - wind[0] * wind[0]).sqrt()];
+            let lead = lead_in_wind(&turn, wind, 200.0);
+            let p = along(turn.corner, -lead, turn.inbound);
+            let found = capture_in_wind(&turn, p, along(air, 1.0, wind), wind, 1e4);
+            assert!((found.radius / turn.radius - 1.0).abs() < 1e-9, "{wind:?}: {found:?}");
+            let (end, course) = fly(p, air, found.turn_rate, found.time);
+            let aside = cross(minus(end, turn.corner), turn.outbound);
+            assert!(aside.abs() < 1e-3, "{wind:?}: {aside}");
+            assert!(between(course, turn.outbound).abs() < 1e-9);
+        }
+        assert_eq!(lead_in_wind(&turn, [0.0; 2], 200.0), turn.lead);
+        let straight = Turn::new([0.0, 0.0], [0.0, 5e4], [0.0, 9e4], 200.0, 0.4, 0.05);
+        assert!(lead_in_wind(&straight, [20.0, 0.0], 200.0).is_finite());
+        let becalmed = capture_in_wind(&turn, [0.0; 2], [20.0, 0.0], [20.0, 0.0], 4.0);
+        assert!(becalmed.turn_rate == 0.0 && becalmed.radius.is_finite());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Whether a track still follows its plan. A plan that is not followed is worse than none, so it is
 //! blocked, and believed again only where the track is on one of its legs for some scans.
 
+use super::correlation::Sighting;
 use super::plane::{Vector, between, norm};
 use super::route::Route;
 use super::turn::Turn;
@@ -13,8 +14,13 @@ const COURSE_SIGMA: f64 = 5.0 * PI / 180.0;
 /// Room in a turn: metres, and a share of its lead.
 const ROOM: f64 = 500.0;
 const ROOM_LEAD: f64 = 0.35;
+/// No turn begins earlier than this before its start: a share of the lead, and metres.
+const EARLY_LEAD: f64 = 0.3;
+const EARLY: f64 = 600.0;
+/// What a turn that is certain counts, where none is planned.
+const UNPLANNED: f64 = 5.0;
 /// A deviation counts no more than this, and less this each scan.
-const LARGEST: f64 = 12.0;
+const LARGEST: f64 = 20.0;
 const FORGIVEN: f64 = 4.0;
 /// The level above which the plan is blocked, and that at a new start.
 const BLOCKING: f64 = 14.0;
@@ -99,18 +105,14 @@ impl Monitor {
         self.held = false;
     }
 
-    /// Takes a scan: position, velocity, variance of the distance from the path (m²), seconds since
-    /// the scan before. Deviations
-    /// `q = max(|e| − tolerance, 0)²/(350² + P) + (course error/5°)²` make
-    /// `B = max(0, B + min(q, 12) − 4)`, and the plan is blocked where B > 14.
-    pub fn update(
-        &mut self,
-        route: &Route,
-        position: [f64; 2],
-        velocity: [f64; 2],
-        variance: f64,
-        period: f64,
-    ) -> Verdict {
+    /// Takes a scan: where the track is seen, the probability μ that it turns as no plan says, seconds
+    /// since the scan before. Deviations
+    /// `q = max(|e| − tolerance, 0)²/(350² + P) + course error²/(5°² + σψ²) + 5 μ²` make
+    /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked where B > 14. Where a turn may be
+    /// flown, there is a tolerance; from 0.3 d + 600 m before its arc on, its courses are no errors,
+    /// and μ counts nothing.
+    pub fn update(&mut self, route: &Route, seen: &Sighting, turning: f64, period: f64) -> Verdict {
+        let Sighting { position, velocity, .. } = *seen;
         let (mut advanced, mut blocked, mut rejoined) = (false, false, None);
         if self.blocked {
             rejoined = self.come_back(route, position, velocity);
@@ -125,7 +127,7 @@ impl Monitor {
         let (s, offset) = turn.project(position);
         let in_zone = turn.in_zone(s, norm(velocity), period);
         if !self.blocked && rejoined.is_none() {
-            let q = deviation(turn, s, offset, velocity, variance, in_zone);
+            let q = deviation(turn, [s, offset], seen, turning, in_zone);
             self.level = (self.level + q.min(LARGEST) - FORGIVEN).max(0.0);
             if self.level > BLOCKING {
                 self.block(self.leg);
@@ -175,20 +177,19 @@ impl Monitor {
 /// The squared deviation q from the path at a leg's end.
 fn deviation(
     turn: &Turn,
-    s: f64,
-    offset: f64,
-    velocity: Vector,
-    variance: f64,
+    [s, offset]: [f64; 2],
+    seen: &Sighting,
+    turning: f64,
     in_zone: bool,
 ) -> f64 {
-    let (room, course) = if in_zone {
-        let share = turn.angle.abs().min(1.0);
-        (ROOM + ROOM_LEAD * turn.lead * share, outside(turn, velocity))
-    } else {
-        (0.0, between(turn.at(s).1, velocity))
-    };
-    let far = (offset.abs() - room).max(0.0);
-    far * far / (OFFSET_SIGMA * OFFSET_SIGMA + variance) + (course / COURSE_SIGMA).powi(2)
+    let room = ROOM + ROOM_LEAD * turn.lead * turn.angle.abs().min(1.0);
+    let far = (offset.abs() - if in_zone { room } else { 0.0 }).max(0.0);
+    let far = far * far / (OFFSET_SIGMA * OFFSET_SIGMA + seen.position_variance[1]);
+    let off_course = |course: f64| course * course / (COURSE_SIGMA.powi(2) + seen.course_variance);
+    if in_zone && s > -(EARLY_LEAD * turn.lead + EARLY) {
+        return far + off_course(outside(turn, seen.velocity));
+    }
+    far + off_course(between(turn.at(s).1, seen.velocity)) + UNPLANNED * turning * turning
 }
 
 /// By how much a course is outside those of the turn.
@@ -207,6 +208,11 @@ mod tests {
     const SPEED: f64 = 200.0;
     const PERIOD: f64 = 5.0;
 
+    fn seen(position: Vector, velocity: Vector) -> Sighting {
+        let seen = Sighting::new(0.0, position, velocity, None, f64::NAN);
+        Sighting { position_variance: [1e4; 2], ..seen }
+    }
+
     fn route() -> Route {
         let waypoints = [[0.0, 0.0], [0.0, 6e4], [5e4, 9e4], [5e4, 1.5e5]];
         Route::try_new(&waypoints, &[SPEED; 3], 0.0, &[], 0.4, 0.05).unwrap()
@@ -217,12 +223,12 @@ mod tests {
         let (route, mut monitor) = (route(), Monitor::new(0));
         for k in 0..(route.length() / SPEED / PERIOD) as usize {
             let (p, v) = route.at(k as f64 * PERIOD);
-            let verdict = monitor.update(&route, p, v, 1e4, PERIOD);
+            let verdict = monitor.update(&route, &seen(p, v), 0.0, PERIOD);
             assert!(verdict.conforming && verdict.level == 0.0, "{k}: {verdict:?}");
         }
         assert_eq!(monitor.leg(), 2);
         let (p, v) = route.at(1e4);
-        assert!(!monitor.update(&route, p, v, 1e4, PERIOD).conforming);
+        assert!(!monitor.update(&route, &seen(p, v), 0.0, PERIOD).conforming);
     }
 
     #[test]
@@ -231,7 +237,7 @@ mod tests {
         let mut blocked_at = None;
         for k in 0..120 {
             let p = [0.0, k as f64 * SPEED * PERIOD];
-            let verdict = monitor.update(&route, p, [0.0, SPEED], 1e4, PERIOD);
+            let verdict = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, PERIOD);
             if verdict.blocked {
                 blocked_at = Some(k);
             }
@@ -240,10 +246,29 @@ mod tests {
         assert!((0.0..15e3).contains(&late), "{late}");
         for k in 1..=6 {
             let p = along([5e4, 1e5], k as f64 * SPEED * PERIOD, [0.0, 1.0]);
-            let verdict = monitor.update(&route, p, [0.0, SPEED], 1e4, PERIOD);
+            let verdict = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, PERIOD);
             assert_eq!(verdict.rejoined, (k == 5).then_some(2));
             assert_eq!(verdict.conforming, k >= 5);
         }
+    }
+
+    #[test]
+    fn a_turn_that_no_plan_says_blocks_sooner() {
+        let (route, start) = (route(), Monitor::new(0));
+        let scans = |turning: f64| {
+            let mut monitor = start;
+            (1..100).find(|&k| {
+                let course = (0.06 * k as f64).sin_cos();
+                let velocity = [SPEED * course.0, SPEED * course.1];
+                !monitor.update(&route, &seen([0.0, 1e4], velocity), turning, PERIOD).conforming
+            })
+        };
+        assert!(scans(1.0) < scans(0.0), "{:?} {:?}", scans(1.0), scans(0.0));
+        // where a turn is planned, it says nothing
+        let mut monitor = start;
+        let (p, v) = route.turn(0).at(0.5 * route.turn(0).arc());
+        let velocity = [SPEED * v[0], SPEED * v[1]];
+        assert_eq!(monitor.update(&route, &seen(p, velocity), 1.0, PERIOD).level, 0.0);
     }
 
     #[test]
@@ -252,7 +277,7 @@ mod tests {
         monitor.hold();
         let scan = |monitor: &mut Monitor, k: usize| {
             let (p, v) = route.at(k as f64 * PERIOD);
-            monitor.update(&route, p, v, 1e4, PERIOD).conforming
+            monitor.update(&route, &seen(p, v), 0.0, PERIOD).conforming
         };
         assert!((0..30).all(|k| !scan(&mut monitor, k)));
         monitor.release();

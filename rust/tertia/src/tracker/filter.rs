@@ -147,6 +147,31 @@ impl Filter {
         }
     }
 
+    /// Blocks its plan until it is told otherwise, or lets it be believed again.
+    pub fn hold_plan(&mut self, held: bool) {
+        let guide = match self {
+            Self::Multiple(multiple) => {
+                let Multiple { bank, guide } = &mut **multiple;
+                if let Some(guide) = guide.as_mut().filter(|_| held) {
+                    guide.release(bank);
+                }
+                guide
+            }
+            Self::Window(window) => {
+                if held {
+                    window.leave_plan();
+                }
+                &mut window.guide
+            }
+            Self::Straight(_) | Self::Singer(_) => return,
+        };
+        match guide {
+            Some(guide) if held => guide.hold(),
+            Some(guide) => guide.free(),
+            None => {}
+        }
+    }
+
     /// Follows the plan after a scan.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         match self {
@@ -207,6 +232,9 @@ impl Multiple {
     fn correct(&mut self, z: [f64; 2], r: Plane) {
         let mut total = 0.0;
         let mut before = [[0.0; 3]; 2];
+        if let Some(guide) = &mut self.guide {
+            guide.compare(&self.bank, z, r);
+        }
         for (bank, before) in self.banks_mut().zip(&mut before) {
             *before = bank.probability;
             bank.correct(z, r);

@@ -11,7 +11,7 @@ use super::filter::changes;
 use super::motion::{self, Noise};
 use super::settings::{Plan, Settings};
 use crate::flightplan::{
-    Monitor, Refinement, Sighting, Turn, Verdict, capture, lead_ratio, start_hazard,
+    Monitor, Refinement, Sighting, Turn, Verdict, capture_in_wind, hazard, lead_in_wind, lead_ratio,
 };
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,9 @@ const BEFOREHAND: f64 = 2.5;
 const REMEMBERED: [f64; 2] = [9.0, 4.0];
 /// Below this probability of a planned turn the plan is blocked.
 const LEAST: f64 = 0.05;
+/// Median distance to the waypoint, in leads, at which a turn begins: aircraft roll in first, and bank
+/// less than plans say.
+const START_MEDIAN: f64 = 1.05;
 /// A turn that has this much left is not begun any more, rad.
 const LITTLE: f64 = 4.0 * std::f64::consts::PI / 180.0;
 /// Share of the turns that are begun, while a planned one is ahead, at another rate.
@@ -41,7 +44,16 @@ const ACROSS_TIME: f64 = 40.0;
 /// Acceleration along and across a planned turn beyond what wind and bank make, m/s².
 const ROUGHNESS: f64 = 0.3;
 /// Share of the rate of turn that is not known.
-const RATE_SHARE: f64 = 0.2;
+const RATE_SHARE: f64 = 0.15;
+/// A speed that changes shows in the plots along the course: weight of a plot in the mean of their
+/// normalised errors, the mean that is by chance, and the standard deviation of the acceleration per
+/// mean beyond that, m/s²; and that at most.
+const LAG_SHARE: f64 = 0.2;
+const LAG_BY_CHANCE: f64 = 0.4;
+const LAG_ACCELERATION: f64 = 2.0;
+const LAG_ACCELERATION_MAX: f64 = 2.0;
+/// A plot's normalised error counts no more than this.
+const LAG_LARGEST: f64 = 4.0;
 /// A turn's legs, for a geometry that needs their directions alone, m.
 const LONG: f64 = 1e7;
 
@@ -60,6 +72,8 @@ pub(super) struct Guide {
     turning: Option<Box<Bank>>,
     /// Distance to the waypoint at the scan before, in leads.
     ratio: f64,
+    /// Mean of the normalised errors of plots along the course.
+    lag: f64,
 }
 
 impl Guide {
@@ -74,6 +88,7 @@ impl Guide {
             in_zone: false,
             turning: None,
             ratio: f64::INFINITY,
+            lag: 0.0,
         }
     }
 
@@ -99,6 +114,26 @@ impl Guide {
     /// Whether the plan has a say.
     fn is_believed(&self, settings: &Settings) -> bool {
         self.conforming && settings.plan_prior > 0.0
+    }
+
+    /// Learns from a plot, before it corrects, whether the speed changes.
+    pub fn compare(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
+        let bank = self.turning.as_deref().unwrap_or(bank);
+        let is_planned = bank.probability[PLAN] > bank.probability[STRAIGHT];
+        let model = if is_planned { &bank.plan } else { &bank.straight };
+        let (position, velocity) = parts(model);
+        let Some(u) = Vector2::from(velocity).try_normalize(0.0) else { return };
+        let s = model.position_covariance().plus(r);
+        let variance = s.xx * u.x * u.x + 2.0 * s.xy * u.x * u.y + s.yy * u.y * u.y;
+        let error = (z[0] - position[0]) * u.x + (z[1] - position[1]) * u.y;
+        let normalised = (error / variance.sqrt()).clamp(-LAG_LARGEST, LAG_LARGEST);
+        self.lag += LAG_SHARE * (normalised - self.lag);
+    }
+
+    /// Standard deviation of the acceleration along the course, m/s².
+    fn speed_change(&self) -> f64 {
+        let beyond = (self.lag.abs() - LAG_BY_CHANCE).max(0.0);
+        (LAG_ACCELERATION * beyond).min(LAG_ACCELERATION_MAX)
     }
 
     /// Lets time pass for both banks.
@@ -132,13 +167,18 @@ impl Guide {
         super::filter::predict_bank(bank, noise, t, period);
         if keeps {
             let course = plan.route.turn(self.monitor.leg()).inbound;
-            keep_to_leg(&mut bank.plan, course, t, noise.straight.powi(2) * period);
+            let sigma = noise.straight.hypot(self.speed_change());
+            keep_to_leg(&mut bank.plan, course, t, sigma * sigma * period);
         }
-        let speed = self.speed(estimate);
+        let (speed, change) = (self.speed(estimate), self.speed_change());
         if let Some(turning) = self.turning.as_deref_mut() {
-            let turn = plan.turn(self.monitor.leg(), speed);
-            let ratio = predict_turning(turning, &turn, settings, noise, self.ratio, t, period);
-            self.ratio = ratio;
+            let leg = self.monitor.leg();
+            let course = plan.route.turn(leg).inbound;
+            let air = Vector2::from(course) * speed - Vector2::from(settings.wind);
+            let turn = plan.turn(leg, air.norm());
+            let flown =
+                Flown { turn, change, wind: settings.wind, wind_sigma: settings.wind_sigma };
+            self.ratio = predict_turning(turning, &flown, noise, self.ratio, t, period);
         }
     }
 
@@ -159,6 +199,18 @@ impl Guide {
     pub fn release(&mut self, bank: &mut Bank) {
         self.leave(bank, false);
         fold_plan(bank);
+    }
+
+    /// Blocks the plan until it is freed; a second bank has to be released before.
+    pub fn hold(&mut self) {
+        self.monitor.hold();
+        self.conforming = false;
+        self.in_zone = false;
+    }
+
+    /// Lets the plan be believed again where the track comes back to it.
+    pub fn free(&mut self) {
+        self.monitor.release();
     }
 
     /// Ends the second bank: what it says goes into the first.
@@ -184,19 +236,24 @@ impl Guide {
         let leg = self.monitor.leg();
         if self.turning.as_ref().is_some_and(|turning| turning.total() < LEAST) {
             self.turns[1] = (self.turns[1] + 1.0).min(REMEMBERED[1]);
-            self.leave(bank, false);
+            // what was not flown says nothing of where the target is
+            self.turning = None;
+            bank.scale(bank.total().recip());
             self.monitor.block((leg + 1).min(route.legs() - 1));
         }
-        let verdict = self.watch(estimate, settings, time, period);
+        let turning = bank.probability[TURN] / bank.total();
+        let verdict = self.watch(estimate, turning, settings, time, period);
         if verdict.advanced || !verdict.in_zone || !verdict.conforming {
             self.leave(bank, verdict.conforming);
         }
     }
 
-    /// Says where along the plan the track is, and whether it follows it.
+    /// Says where along the plan the track is, and whether it follows it. It turns otherwise than
+    /// planned with the probability `turning`.
     pub fn watch(
         &mut self,
         estimate: &Estimate<4>,
+        turning: f64,
         settings: &Settings,
         time: f64,
         period: f64,
@@ -205,8 +262,7 @@ impl Guide {
         let (position, velocity) = parts(estimate);
         let covariance: [f64; 16] = std::array::from_fn(|k| estimate.covariance[(k / 4, k % 4)]);
         let seen = Sighting::new(time, position, velocity, Some(&covariance), f64::NAN);
-        let variance = seen.position_variance[1];
-        let verdict = self.monitor.update(route, position, velocity, variance, period);
+        let verdict = self.monitor.update(route, &seen, turning, period);
         self.conforming = verdict.conforming;
         self.in_zone = verdict.in_zone;
         if self.conforming {
@@ -249,55 +305,91 @@ fn parts(estimate: &Estimate<4>) -> ([f64; 2], [f64; 2]) {
     (estimate.position(), [estimate.mean[2], estimate.mean[3]])
 }
 
+/// A turn, and what is not known of how it will be flown.
+struct Flown {
+    turn: Turn,
+    /// Standard deviation of the acceleration along the course, m/s².
+    change: f64,
+    wind: [f64; 2],
+    wind_sigma: f64,
+}
+
+impl Flown {
+    /// What is left of the turn, radians.
+    fn remaining(&self, position: [f64; 2], velocity: [f64; 2], t: f64) -> f64 {
+        capture_in_wind(&self.turn, position, velocity, self.wind, t).remaining
+    }
+
+    /// Speed in the air.
+    fn speed(&self, velocity: [f64; 2]) -> f64 {
+        (velocity[0] - self.wind[0]).hypot(velocity[1] - self.wind[1])
+    }
+}
+
 /// Lets time pass where the turn is going to be flown; returns the distance to the waypoint.
 fn predict_turning(
     bank: &mut Bank,
-    turn: &Turn,
-    settings: &Settings,
+    flown: &Flown,
     noise: &Noise,
     before: f64,
     t: f64,
     period: f64,
 ) -> f64 {
+    let turn = &flown.turn;
     let (position, velocity) = parts(&bank.straight);
-    let speed = velocity[0].hypot(velocity[1]);
-    let ratio = lead_ratio(turn, position, speed, t);
-    let remaining = capture(turn, position, velocity, t).remaining;
-    let starts = start_hazard(before, ratio, remaining);
+    let lead = lead_in_wind(turn, flown.wind, flown.speed(velocity));
+    let ground = velocity[0].hypot(velocity[1]);
+    let ratio = lead_ratio(&Turn { lead, ..*turn }, position, ground, t);
+    let remaining = flown.remaining(position, velocity, t);
+    let starts = hazard(before, ratio, remaining, START_MEDIAN);
     let mut transition = changes(noise, t);
     let begins = OTHER_TURNS * transition[STRAIGHT][TURN] * (1.0 - starts);
     transition[STRAIGHT] = [1.0 - starts - begins, begins, starts];
     let rate = bank.turn.mean[4];
     let (position, velocity) = (bank.turn.position(), [bank.turn.mean[2], bank.turn.mean[3]]);
-    let left = capture(turn, position, velocity, t).remaining;
+    let left = flown.remaining(position, velocity, t);
     if rate * turn.angle > 0.0 && left.abs() > LITTLE {
         transition[TURN][TURN] -= TO_PLAN;
         transition[TURN][PLAN] = TO_PLAN;
     }
     let (position, velocity) = parts(&bank.plan);
-    let left = capture(turn, position, velocity, t).remaining.abs();
-    let due = left * turn.full_radius / velocity[0].hypot(velocity[1]).max(1.0) <= t;
+    let left = flown.remaining(position, velocity, t).abs();
+    let due = left * turn.full_radius / flown.speed(velocity).max(1.0) <= t;
     let ends = if due { ENDS } else { ENDS_EARLY };
     transition[PLAN] = [ends, FROM_PLAN, 1.0 - ends - FROM_PLAN];
     bank.mix(&transition, noise.turn_rate.powi(2));
     super::filter::predict_bank(bank, noise, t, period);
-    fly_turn(&mut bank.plan, turn, settings.wind_sigma, t, period);
+    accelerate_along(&mut bank.straight, turn.inbound, flown.change.powi(2) * period, t);
+    fly_turn(&mut bank.plan, flown, t, period);
     ratio
 }
 
-/// The capture arc for as long as it lasts, then straight on.
-fn fly_turn(estimate: &mut Estimate<4>, turn: &Turn, wind_sigma: f64, t: f64, period: f64) {
+/// Adds white acceleration of the density `q` (m²/s³) along a course.
+fn accelerate_along(estimate: &mut Estimate<4>, [x, y]: [f64; 2], q: f64, t: f64) {
+    estimate.accelerate(Plane { xx: q * x * x, xy: q * x * y, yy: q * y * y }, t);
+}
+
+/// The capture arc for as long as it lasts, in the air, then straight on.
+fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
+    let Flown { turn, change, wind, wind_sigma } = flown;
     let (position, velocity) = parts(estimate);
-    let arc = capture(turn, position, velocity, t);
+    let arc = capture_in_wind(turn, position, velocity, *wind, t);
     let rate = arc.turn_rate;
-    let rated = super::bank::entered(estimate, 0.0);
+    let mut rated = super::bank::entered(estimate, 0.0);
+    rated.mean[2] -= wind[0];
+    rated.mean[3] -= wind[1];
     let mut turned = Estimate { mean: rated.mean, covariance: rated.covariance };
     turned.mean[4] = rate;
     motion::turn(&mut turned, arc.time, 0.0, 0.0);
     *estimate = super::bank::without_rate(&turned);
+    for (i, w) in wind.iter().enumerate() {
+        estimate.mean[i] += arc.time * w;
+        estimate.mean[i + 2] += w;
+    }
     motion::coast(estimate, t - arc.time);
     let speed = velocity[0].hypot(velocity[1]);
-    let along = (ROUGHNESS.powi(2) + (wind_sigma * rate).powi(2)) * period;
+    let wind_change = wind_sigma * rate;
+    let along = (ROUGHNESS.powi(2) + wind_change.powi(2) + change * change) * period;
     let across = (ROUGHNESS.powi(2) + (RATE_SHARE * speed * rate).powi(2)) * period;
     // across and along the course in the middle
     let (_, now) = parts(estimate);

@@ -41,13 +41,17 @@ pub struct Settings {
     pub clutter_density: f64,
     /// How often an identity is read wrongly.
     pub identity_error: f64,
+    /// Identities that tell of an emergency.
+    pub emergency_codes: Vec<i64>,
     /// Share of a scan for which a plot may be late.
     pub patience: f64,
     /// Flight plans.
     pub plans: Vec<Plan>,
     /// Probability that a planned turn is flown, before any; 0: plans are not used.
     pub plan_prior: f64,
-    /// Standard deviation of the wind, m/s.
+    /// Velocity of the air, east and north, m/s.
+    pub wind: [f64; 2],
+    /// Its standard deviation, m/s.
     pub wind_sigma: f64,
 }
 
@@ -81,6 +85,9 @@ impl Settings {
         require("plan_prior", p, (0.0..1.0).contains(&p), "0 or more, less than 1")?;
         let w = self.wind_sigma;
         require("wind_sigma", w, w >= 0.0 && w.is_finite(), "0 or a positive number")?;
+        for v in self.wind {
+            require("wind", v, v.is_finite(), "a finite number")?;
+        }
         let b = self.clutter_density;
         require("clutter_density", b, b.is_nan() || b > 0.0, "a positive number")?;
         let p = self.identity_error;

@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 const FIRST_ACCELERATION: f64 = 1.0;
 /// Answers in a row after which a track has another identity.
 const CHANGED_AFTER: u8 = 3;
+/// Emergencies in a row that are believed.
+const EMERGENCY_AFTER: u8 = 2;
 /// A plot of the same radar comes no sooner than this share of a scan after the last.
 const SOONEST: f64 = 0.45;
 /// How much likelier an identity is for its own target than for any other.
@@ -81,6 +83,10 @@ pub(super) struct Track {
     link: Link,
     /// What it answered when it was linked to its plan.
     linked_as: Option<i64>,
+    /// Whether its plan is blocked until a controller releases it.
+    held: bool,
+    /// Emergencies in succession that it answered.
+    emergencies: u8,
 }
 
 /// How well plans fit, so far.
@@ -124,6 +130,8 @@ impl Track {
             search: SearchState::default(),
             link: Link::default(),
             linked_as: None,
+            held: false,
+            emergencies: 0,
         };
         track.take(plot, settings);
         track
@@ -272,6 +280,7 @@ impl Track {
             _ => 0.0,
         };
         let identity = match self.identity {
+            _ if settings.emergency_codes.contains(&plot.identity) => 0.0,
             Some(own) if plot.identity >= 0 && plot.identity == own.code => {
                 ((1.0 - settings.identity_error) * IDENTITIES).ln()
             }
@@ -353,6 +362,7 @@ impl Track {
         if let Some(plan) = found.plan {
             let leg = settings.plans[plan].route.project(seen.position).leg;
             self.filter.set_guide(Some(Guide::new(plan, leg, settings.plan_prior)));
+            self.filter.hold_plan(self.held);
             self.search = SearchState::default();
             self.link = Link::default();
             self.linked_as = own;
@@ -381,7 +391,13 @@ impl Track {
                 None => self.vertical = Some(Vertical::new(plot.time, plot.height)),
             }
         }
-        if plot.identity >= 0 {
+        if settings.emergency_codes.contains(&plot.identity) {
+            self.emergencies = self.emergencies.saturating_add(1);
+            if self.emergencies == EMERGENCY_AFTER {
+                self.hold_plan(true);
+            }
+        } else if plot.identity >= 0 {
+            self.emergencies = 0;
             self.answer(plot.identity);
         }
         let next = plot.time + settings.radars[plot.radar].period;
@@ -398,6 +414,17 @@ impl Track {
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }
         }
+    }
+
+    /// Whether its plan is blocked until a controller releases it.
+    pub fn is_held(&self) -> bool {
+        self.held
+    }
+
+    /// Blocks its plan until it is told otherwise, or lets it be believed again.
+    pub fn hold_plan(&mut self, held: bool) {
+        self.held = held;
+        self.filter.hold_plan(held);
     }
 
     fn answer(&mut self, code: i64) {

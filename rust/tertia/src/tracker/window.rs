@@ -258,9 +258,13 @@ impl Window {
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         let line = self.line;
         let Some(guide) = &mut self.guide else { return };
-        if !guide.watch(&line, settings, time, period).blocked {
-            return;
+        if guide.watch(&line, 0.0, settings, time, period).blocked {
+            self.leave_plan();
         }
+    }
+
+    /// Takes what was flown for straight flight: the plan is not followed.
+    pub fn leave_plan(&mut self) {
         self.straighten();
         if let Some(line) = self.fitted().filter(|_| !self.whole) {
             self.line = line;
