@@ -34,9 +34,9 @@ pub(super) struct Multiple {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Filter {
     Straight(Estimate<4>),
-    Singer(Estimate<6>),
+    Singer(Box<Estimate<6>>),
     Multiple(Box<Multiple>),
-    Window(Window),
+    Window(Box<Window>),
 }
 
 impl Filter {
@@ -44,13 +44,13 @@ impl Filter {
     pub fn new(motion: &Motion, start: Estimate<4>) -> Self {
         match motion {
             Motion::Straight(_) => Self::Straight(start),
-            Motion::Singer(model) => Self::Singer(with_acceleration(&start, model)),
+            Motion::Singer(model) => Self::Singer(Box::new(with_acceleration(&start, model))),
             Motion::Multiple(noise) => {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
                 let bank = Bank::new(start, turning, noise.turn_rate.powi(2));
                 Self::Multiple(Box::new(Multiple { bank, guide: None }))
             }
-            Motion::Window(_) => Self::Window(Window::new(start)),
+            Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
     }
 
