@@ -329,7 +329,11 @@ impl Tracker {
 
 /// Threads for a scan of so many plots: as many as asked for, or all there are; one for few plots.
 fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
+    let most = plots / PLOTS_PER_THREAD;
+    if most < 2 {
+        return 1;
+    }
+    // asking the system takes longer than a small scan
     let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
-    let asked = n_threads.map_or_else(available, NonZero::get);
-    asked.min(plots / PLOTS_PER_THREAD).max(1)
+    n_threads.map_or_else(available, NonZero::get).min(most)
 }

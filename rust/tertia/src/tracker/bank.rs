@@ -87,7 +87,7 @@ impl Bank {
             moments.add(weight(STRAIGHT), &self.straight);
         }
         if weight(TURN) > 0.0 {
-            moments.add(weight(TURN), &without_rate(&self.turn));
+            moments.add_part(weight(TURN), &self.turn);
         }
         if weight(PLAN) > 0.0 {
             moments.add(weight(PLAN), &self.plan);
@@ -149,7 +149,7 @@ impl Bank {
             moments.add(straight, &self.straight);
         }
         if turn > 0.0 {
-            moments.add(turn, &without_rate(&self.turn));
+            moments.add_part(turn, &self.turn);
         }
         if plan > 0.0 {
             moments.add(plan, &self.plan);

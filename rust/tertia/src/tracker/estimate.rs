@@ -128,17 +128,13 @@ impl<const N: usize> Moments<N> {
 
     #[inline]
     pub fn add(&mut self, weight: f64, estimate: &Estimate<N>) {
-        self.add_part(weight, &estimate.mean.data.0[0], estimate.columns());
+        self.add_part(weight, estimate);
     }
 
     /// Adds an estimate of M states, of which the first N count.
     #[inline(always)]
-    pub fn add_part<const M: usize>(
-        &mut self,
-        weight: f64,
-        mean: &[f64; M],
-        covariance: &[[f64; M]; M],
-    ) {
+    pub fn add_part<const M: usize>(&mut self, weight: f64, estimate: &Estimate<M>) {
+        let (mean, covariance) = (&estimate.mean.data.0[0], estimate.columns());
         let (sum, origin) = (&mut self.mean.data.0[0], &self.origin.data.0[0]);
         let square = &mut self.square.data.0;
         let mut d = [0.0; N];

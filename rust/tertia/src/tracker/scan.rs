@@ -282,11 +282,12 @@ impl Claim {
 }
 
 /// Where plots of the track may be, from `begin` to `end`; none where the radar does not come.
+#[inline]
 pub(super) fn reach(
     track: &Track,
     radar: usize,
-    begin: f64,
-    end: f64,
+    (begin, end): (f64, f64),
+    longest_gap: f64,
     settings: &Settings,
 ) -> Option<([f64; 2], [f64; 2])> {
     let station = &settings.radars[radar];
@@ -294,7 +295,7 @@ pub(super) fn reach(
         Some(expected) => {
             // near the radar the beam comes earlier or later
             let moved = settings.speed_max * (begin - expected.seen).max(station.period);
-            let swing = (moved / (PI * station.distance(track.estimate.position()))).min(0.5);
+            let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
             let late = (settings.patience + swing) * station.period;
             // the scan in which the radar comes between begin and end
             let scans = ((begin - late - expected.time) / station.period).ceil().max(0.0);
@@ -309,7 +310,7 @@ pub(super) fn reach(
     let (centre, covariance) = track.position_at(time);
     let noise = station.noise_at(centre, track.height() - station.position[2]);
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
-    let (wide, margin) = track.reach(time, settings);
+    let (wide, margin) = track.reach(time, longest_gap, settings);
     let more = margin + speed * slack;
     // no target is farther than it can have flown
     let flown = 2.0 * settings.speed_max * (time - track.seen).abs().max(station.period);
@@ -318,7 +319,7 @@ pub(super) fn reach(
         ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
     };
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
-    let nearest = station.distance(centre) - half[0] - half[1];
+    let nearest = station.about(centre) - half[0] - half[1];
     (nearest <= station.range_max).then_some((centre, half))
 }
 

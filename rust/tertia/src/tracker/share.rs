@@ -55,7 +55,7 @@ impl Share {
     pub fn find(
         &mut self,
         track: &Track,
-        (begin, end): (f64, f64),
+        times: (f64, f64),
         settings: &Settings,
         (grid, plots): (&Grid, &[Measured]),
         free: impl Fn(&u32) -> bool,
@@ -64,8 +64,9 @@ impl Share {
         near.clear();
         boxes.clear();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let longest_gap = track.longest_gap(settings);
         for radar in 0..settings.radars.len() {
-            let found = reach(track, radar, begin, end, settings);
+            let found = reach(track, radar, times, longest_gap, settings);
             if let Some((centre, half)) = found {
                 for i in 0..2 {
                     low[i] = f64::min(low[i], centre[i] - half[i]);

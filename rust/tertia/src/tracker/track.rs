@@ -295,7 +295,7 @@ impl Track {
 
     /// Seconds without a plot, five scans at most.
     fn gap(&self, settings: &Settings) -> f64 {
-        (self.time - self.seen).min(5.0 * self.period(settings))
+        (self.time - self.seen).min(self.longest_gap(settings))
     }
 
     /// What height and identity say.
@@ -444,6 +444,11 @@ impl Track {
         }
     }
 
+    /// Longer ones count no more, s.
+    pub fn longest_gap(&self, settings: &Settings) -> f64 {
+        5.0 * self.period(settings)
+    }
+
     /// Scans of the slowest radar that sees the target.
     fn period(&self, settings: &Settings) -> f64 {
         let beams = self.beams.all().iter();
@@ -489,8 +494,9 @@ impl Track {
 
     /// Variance of a position for which the target accelerated unnoticed since its last plot, and
     /// by how much it may be farther than the last covariance says.
-    pub fn reach(&self, time: f64, settings: &Settings) -> (f64, f64) {
-        let gap = (time - self.seen).clamp(0.0, 5.0 * self.period(settings));
+    #[inline]
+    pub fn reach(&self, time: f64, longest_gap: f64, settings: &Settings) -> (f64, f64) {
+        let gap = (time - self.seen).clamp(0.0, longest_gap);
         let t = time - self.time;
         let wide = 0.5 * settings.guard_acceleration * gap * gap;
         (wide * wide, 0.5 * MODEL_ACCELERATION * t * t)
