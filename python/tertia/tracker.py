@@ -43,7 +43,9 @@ __all__ = [
     "track",
 ]
 
-_State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, bytes]"
+_State: TypeAlias = (
+    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, bytes]"
+)
 _T = TypeVar("_T")
 Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window"]
 
@@ -166,7 +168,9 @@ class Plots:
         }
         for key, values in columns.items():
             try:
-                column = np.ascontiguousarray(np.broadcast_to(values, instants.shape))
+                same = values.shape == instants.shape
+                column = values if same else np.broadcast_to(values, instants.shape)
+                column = np.ascontiguousarray(column)
             except ValueError:
                 raise ValueError(
                     f"{key} has shape {values.shape}; it must be {instants.shape}, as time"
@@ -183,14 +187,13 @@ class Plots:
 
     def __getitem__(self, index: Any) -> Plots:
         """Return some of the plots."""
-        return Plots(
-            self.time[index],
-            self.range[index],
-            self.azimuth[index],
-            radar=self.radar[index],
-            height=self.height[index],
-            identity=self.identity[index],
-        )
+        some = Plots.__new__(Plots)
+        for name in ("time", "range", "azimuth", "radar", "height", "identity"):
+            column = getattr(self, name)[index]
+            if column.ndim != 1:
+                raise ValueError(f"time has shape {column.shape}; it must be (N,)")
+            object.__setattr__(some, name, np.ascontiguousarray(column))
+        return some
 
 
 class Fate(enum.IntEnum):
@@ -777,6 +780,8 @@ def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:
     """Return `value` as int64 numbers."""
     array = np.asarray(value)
+    if array.dtype == np.int64:
+        return array
     if array.dtype.kind not in "iu" and array.size:
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
     large = np.flatnonzero(array > np.iinfo(np.int64).max)

@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 
 /// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
 const BEAM: f64 = 0.1;
-/// No group has put this track into its place yet.
+/// What has no place yet.
 const NOWHERE: u32 = u32::MAX;
 
 /// A track that may have been seen by a radar, and the plots that may be of it.
@@ -53,6 +53,8 @@ pub(super) struct Scan {
     last: Vec<u32>,
     /// For sorting by counting.
     counts: Vec<u32>,
+    /// The number of each component.
+    order: Vec<u32>,
     /// Where each track is among those that claim plots.
     places: Vec<u32>,
     shares: Shares,
@@ -139,7 +141,7 @@ impl Scan {
 
     /// Joins the plots that the same claims want, and sorts claims by group and by component.
     fn join(&mut self) {
-        let Self { plots, claims, sorted, claimed, joined, last, counts, .. } = self;
+        let Self { plots, claims, sorted, claimed, joined, last, counts, order, .. } = self;
         joined.clear();
         joined.extend(0..plots.len() as u32);
         for claim in claims.iter() {
@@ -162,8 +164,17 @@ impl Scan {
         for pair in claims.windows(2).filter(|pair| pair[0].track == pair[1].track) {
             unite(counts, pair[0].root, pair[1].root);
         }
+        // components in the order of their first tracks, so that memory is read in order
+        order.clear();
+        order.resize(plots.len(), NOWHERE);
+        let mut next = 0;
         for claim in claims.iter_mut() {
-            claim.component = root(counts, claim.root);
+            let number = &mut order[root(counts, claim.root) as usize];
+            if *number == NOWHERE {
+                *number = next;
+                next += 1;
+            }
+            claim.component = *number;
         }
         sort(claims, sorted, counts, plots.len(), |claim| claim.root);
         for (rank, claim) in sorted.iter_mut().enumerate() {
