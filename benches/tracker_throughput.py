@@ -64,25 +64,28 @@ def peak():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def measure(path, aircraft, runs, n_threads):
+CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
+
+
+def measure(path, aircraft, runs, n_threads, now):
     """Print seconds of a recording, of the same scan by scan, and megabytes."""
     columns = dict(np.load(path))
-    plots = Plots(*(columns.pop(name) for name in COLUMNS[:3]), **columns)
+    plots = Plots(**columns)
     radars, before = stations(aircraft), peak()
     whole, scans = [], []
     for _ in range(runs):
-        begin = time.perf_counter()
+        begin = now()
         table = track(plots, radars, "imm", n_threads=n_threads)
-        whole.append(time.perf_counter() - begin)
+        whole.append(now() - begin)
         assert len(table) > aircraft
     memory = peak() - before
     steps = np.searchsorted(plots.time, np.arange(PERIOD, plots.time[-1] + PERIOD, PERIOD))
     pieces = [plots[slice(*ends)] for ends in zip([0, *steps[:-1]], steps, strict=True)]
     for _ in range(runs):
-        tracker, begin = Tracker(radars, "imm", n_threads=n_threads), time.perf_counter()
+        tracker, begin = Tracker(radars, "imm", n_threads=n_threads), now()
         for piece in pieces:
             tracker.update(piece)
-        scans.append(time.perf_counter() - begin)
+        scans.append(now() - begin)
     print(len(plots), min(whole), min(scans), memory)
 
 
@@ -93,10 +96,12 @@ def main():
     parser.add_argument("--false", type=float, default=0.1, help="false plots per aircraft")
     parser.add_argument("--duration", type=float, default=48.0, help="seconds")
     parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: of all threads")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.measure:
-        return measure(chosen.measure, *chosen.aircraft, chosen.runs, *chosen.threads)
+        now = CLOCKS[chosen.clock]
+        return measure(chosen.measure, *chosen.aircraft, chosen.runs, *chosen.threads, now)
     print("| aircraft | plots | threads | recording, plots/s | scan by scan, plots/s | MB |")
     print("| --- | --- | --- | --- | --- | --- |")
     costs = {}
@@ -109,7 +114,7 @@ def main():
                 # a process of its own, for its memory
                 command = [sys.executable, __file__, "--measure", str(path), "--runs"]
                 command += [str(chosen.runs), "--aircraft", str(aircraft)]
-                command += ["--threads", str(n_threads)]
+                command += ["--threads", str(n_threads), "--clock", chosen.clock]
                 told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
                 count, whole, scans, memory = (float(word) for word in told.split())
                 costs[n_threads, aircraft] = whole / count, scans / count
