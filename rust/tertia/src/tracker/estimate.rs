@@ -105,11 +105,7 @@ impl<const N: usize> Estimate<N> {
 /// Copies what is above the diagonal below it; `columns[j][i]` is row i, column j.
 #[inline(always)]
 pub(super) fn mirror<const N: usize>(columns: &mut [[f64; N]; N]) {
-    for j in 0..N {
-        for i in 0..j {
-            columns[i][j] = columns[j][i];
-        }
-    }
+    (0..N).for_each(|j| (0..j).for_each(|i| columns[i][j] = columns[j][i]));
 }
 
 /// A weighted sum of estimates, and their moments.
