@@ -48,6 +48,7 @@ figures: $(WHEEL)
 bench: $(WHEEL) $(VENV)/.bench
 	cargo bench
 	$(BIN)/python -m pytest benches --benchmark-columns=min,median,rounds
+	$(BIN)/python benches/tracker_throughput.py
 	$(BIN)/python benches/peers/screening.py
 	$(BIN)/python benches/peers/weights.py
 	$(BIN)/python benches/peers/location.py

@@ -1,5 +1,6 @@
 """Scans of plots through the Python interface."""
 
+import numpy as np
 import pytest
 
 from tertia import simulate
@@ -18,6 +19,20 @@ def test_a_recording(benchmark, aircraft):
     plots = recording(aircraft)
     benchmark.extra_info["plots"] = len(plots)
     assert len(benchmark(track, plots, [RADAR])) > aircraft
+
+
+def test_scans_of_four_plots(benchmark):
+    traffic = simulate.encounter("crossing", n=4, rng=1)
+    plots = simulate.radar_plots(traffic, [RADAR], rng=2).plots
+    steps = np.floor(plots.time / RADAR.period).astype(int)
+    scans = [plots[steps == k] for k in range(steps.max() + 1)]
+
+    def run():
+        tracker = Tracker([RADAR])
+        return [tracker.update(scan) for scan in scans]
+
+    benchmark.extra_info["scans"] = len(scans)
+    assert len(benchmark(run)) == len(scans)
 
 
 def test_a_plot_at_a_time(benchmark):

@@ -3,6 +3,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::f64::consts::TAU;
 use std::hint::black_box;
+use std::num::NonZero;
 use tertia::tracker::{Motion, Noise, Plot, Radar, Settings, Tracker};
 
 const PERIOD: f64 = 4.0;
@@ -112,7 +113,9 @@ fn tracker(criterion: &mut Criterion) {
             let (mut fates, mut rows) = (Vec::new(), Vec::new());
             let mut ready = Tracker::try_new(settings).expect("they are right");
             for plots in &scans[..SCANS - 1] {
-                ready.track(plots, None, &mut fates, &mut rows).expect("they are right");
+                ready
+                    .track(plots, None, &mut fates, &mut rows, NonZero::new(1))
+                    .expect("they are right");
             }
             let last = &scans[SCANS - 1];
             group.throughput(Throughput::Elements(last.len() as u64));
@@ -121,7 +124,7 @@ fn tracker(criterion: &mut Criterion) {
                     || ready.clone(),
                     |tracker| {
                         rows.clear();
-                        tracker.track(black_box(last), None, &mut fates, &mut rows)
+                        tracker.track(black_box(last), None, &mut fates, &mut rows, NonZero::new(1))
                     },
                     criterion::BatchSize::LargeInput,
                 );

@@ -278,6 +278,65 @@ def test_a_saved_tracker_goes_on_to_the_last_bit(motion):
     assert repr(loaded) == repr(tracker)
 
 
+def columns(table):
+    """All columns of a table."""
+    return {name: getattr(table, name) for name in TrackTable.__slots__}
+
+
+def test_tracks_do_not_depend_on_the_number_of_threads():
+    traffic = simulate.dense_traffic(1200, area=(120e3, 120e3), duration=12.0, rng=1)
+    radars = [
+        Radar((x, 0.0), range_sigma=50.0, azimuth_sigma=0.0014, period=4.0, range_max=150e3)
+        for x in (-30e3, 0.0, 30e3)
+    ]
+    plots = simulate.radar_plots(traffic, radars, clutter=200.0, rng=2).plots
+    one = track(plots, radars, n_threads=1)
+    # stretches of three seconds have room for two threads
+    assert len(plots) / 4 > 2000
+    assert len(np.unique(one.track)) > 1000
+    for n_threads in (2, 3, None):
+        found = columns(track(plots, radars, n_threads=n_threads))
+        for name, column in columns(one).items():
+            np.testing.assert_array_equal(found[name], column, name)
+    with pytest.raises(ValueError, match="n_threads is 0"):
+        Tracker(radars, n_threads=0)
+
+
+def test_a_target_may_be_seen_by_many_radars():
+    rng = np.random.default_rng(5)
+    places = rng.uniform(-20e3, 20e3, (7, 2))
+    radars = [Radar(place, range_sigma=50.0, azimuth_sigma=0.0014, period=4.0) for place in places]
+    time = np.arange(0.0, 60.0, 0.5)
+    radar = np.arange(len(time)) % 8
+    time, radar = time[radar < 7], radar[radar < 7]
+    position = np.array([10e3, 30e3]) + np.outer(time, [120.0, -80.0])
+    plots = Plots(time, *noisy(position - places[radar], radars[0], rng), radar=radar)
+    tracker = Tracker(radars)
+    # each plot of the first stretch begins a track, one of which goes on
+    before = tracker.update(plots[:50])
+    copied = pickle.loads(pickle.dumps(tracker))
+    table = tracker.update(plots[50:])
+    assert set(before.track_of_plot[10:]) == set(table.track_of_plot)
+    assert len(set(table.track_of_plot)) == 1
+    assert set(table.radar) == set(range(7))
+    assert np.all(np.hypot(*(table.position - position[table.plot]).T) < 200.0)
+    np.testing.assert_array_equal(copied.update(plots[50:]).covariance, table.covariance)
+
+
+def test_a_table_is_complete_wherever_it_goes():
+    table = track(line(), [RADAR])
+    for other in (pickle.loads(pickle.dumps(table)), copy.copy(table), table.rows(slice(None))):
+        for name, column in columns(table).items():
+            np.testing.assert_array_equal(getattr(other, name), column)
+    assert table.position.shape == table.velocity.shape == (20, 2)
+    assert table.covariance.shape == (20, 4, 4)
+    assert all(column.flags.c_contiguous for column in columns(table).values())
+    with pytest.raises(AttributeError, match="no attribute 'speed'"):
+        _ = table.speed
+    with pytest.raises(ValueError, match=r"time has shape \(\)"):
+        line()[3]
+
+
 def test_the_order_of_plots_does_not_matter():
     radar, _, seen = scene(41, n=15)
     order = np.random.default_rng(1).permutation(len(seen))

@@ -8,6 +8,7 @@ clockwise from north; positions are local east and north in metres.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Any, Literal, TypeAlias, TypeVar, get_args
@@ -16,7 +17,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, integer, positive, real, samples
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    integer,
+    positive,
+    real,
+    samples,
+    threads,
+)
 from tertia.association import GUARD, INNER, OUTER, gate_threshold
 from tertia.flightplan import FlightPlan
 
@@ -32,7 +43,9 @@ __all__ = [
     "track",
 ]
 
-_State: TypeAlias = "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, bytes]"
+_State: TypeAlias = (
+    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, bytes]"
+)
 _T = TypeVar("_T")
 Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window", "window-plan"]
 
@@ -160,7 +173,9 @@ class Plots:
         }
         for key, values in columns.items():
             try:
-                column = np.ascontiguousarray(np.broadcast_to(values, instants.shape))
+                same = values.shape == instants.shape
+                column = values if same else np.broadcast_to(values, instants.shape)
+                column = np.ascontiguousarray(column)
             except ValueError:
                 raise ValueError(
                     f"{key} has shape {values.shape}; it must be {instants.shape}, as time"
@@ -177,14 +192,13 @@ class Plots:
 
     def __getitem__(self, index: Any) -> Plots:
         """Return some of the plots."""
-        return Plots(
-            self.time[index],
-            self.range[index],
-            self.azimuth[index],
-            radar=self.radar[index],
-            height=self.height[index],
-            identity=self.identity[index],
-        )
+        some = Plots.__new__(Plots)
+        for name in ("time", "range", "azimuth", "radar", "height", "identity"):
+            column = getattr(self, name)[index]
+            if column.ndim != 1:
+                raise ValueError(f"time has shape {column.shape}; it must be (N,)")
+            object.__setattr__(some, name, np.ascontiguousarray(column))
+        return some
 
 
 class Fate(enum.IntEnum):
@@ -246,8 +260,29 @@ class Manoeuvres:
             object.__setattr__(self, name, float(positive(real(getattr(self, name), name), name)))
 
 
+class _Columns:
+    """Columns that lie one after the other in arrays, and are cut out when they are asked for."""
+
+    __slots__ = ("_blocks", "_count")
+
+    _blocks: dict[str, npt.NDArray[Any]]
+    _count: int
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a column; called where it has not been cut out yet."""
+        try:
+            kind, first, shape = _LAYOUT[name]
+        except KeyError:
+            raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}") from None
+        block, count = self._blocks[kind], self._count
+        width = math.prod(shape)
+        column = block[first * count : (first + width) * count].reshape(count, *shape)
+        object.__setattr__(self, name, column)
+        return column
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackTable:
+class TrackTable(_Columns):
     """What is said of tracks, one row for every plot of theirs and for every scan that missed them.
 
     Attributes
@@ -302,6 +337,18 @@ class TrackTable:
     conforming: BoolArray
     track_of_plot: IntArray
 
+    @classmethod
+    def _of(
+        cls, numbers: FloatArray, integers: IntArray, flags: BoolArray, fates: IntArray
+    ) -> TrackTable:
+        """Return the table of what the core found."""
+        table = cls.__new__(cls)
+        blocks = {"numbers": numbers, "integers": integers, "flags": flags}
+        object.__setattr__(table, "_blocks", blocks)
+        object.__setattr__(table, "_count", len(flags) // 2)
+        object.__setattr__(table, "track_of_plot", fates)
+        return table
+
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.time)
@@ -330,6 +377,27 @@ class TrackTable:
         columns = {name: getattr(self, name) for name in self.__slots__}
         kept = {name: column[index] for name, column in columns.items() if name != "track_of_plot"}
         return TrackTable(**kept, track_of_plot=self.track_of_plot)
+
+
+# array, place and shape of a row, of each column
+_LAYOUT: dict[str, tuple[str, int, tuple[int, ...]]] = {
+    "time": ("numbers", 0, ()),
+    "position": ("numbers", 1, (2,)),
+    "velocity": ("numbers", 3, (2,)),
+    "covariance": ("numbers", 5, (4, 4)),
+    "innovation": ("numbers", 21, (2,)),
+    "innovation_covariance": ("numbers", 23, (2, 2)),
+    "turning": ("numbers", 27, ()),
+    "height": ("numbers", 28, ()),
+    "climb": ("numbers", 29, ()),
+    "track": ("integers", 0, ()),
+    "radar": ("integers", 1, ()),
+    "plot": ("integers", 2, ()),
+    "identity": ("integers", 3, ()),
+    "plan": ("integers", 4, ()),
+    "confirmed": ("flags", 0, ()),
+    "conforming": ("flags", 1, ()),
+}
 
 
 class Tracker:
@@ -384,6 +452,9 @@ class Tracker:
     clock_period : float, optional
         Seconds after which the clock of the plots begins again, for example 86400 for the time of
         the day.
+    n_threads : int, optional
+        Threads to use for scans of more than a thousand plots a thread; by default all cores. The
+        tracks are the same to the last bit.
 
     Raises
     ------
@@ -416,7 +487,7 @@ class Tracker:
     True
     """
 
-    __slots__ = ("_core", "clock_period", "plans", "radars")
+    __slots__ = ("_core", "clock_period", "n_threads", "plans", "radars")
 
     def __init__(
         self,
@@ -437,7 +508,9 @@ class Tracker:
         identity_error: float = 1e-3,
         emergency_codes: Sequence[int] = (),
         clock_period: float | None = None,
+        n_threads: int | None = None,
     ) -> None:
+        self.n_threads = threads(n_threads)
         self.radars = _each(radars, Radar, "radars")
         self.plans = _each(plans, FlightPlan, "plans")
         self.clock_period = None
@@ -510,49 +583,33 @@ class Tracker:
         ValueError
             A plot of a radar that does not exist, or a time that is not finite.
         """
-        found = self._track(plots, time)
-        return found if found.confirmed.all() else found.rows(found.confirmed)
+        return self._track(plots, time, False)
 
-    def _track(self, plots: Plots, time: float | None) -> TrackTable:
-        """Return all rows, tentative tracks included."""
-        _require_radars(plots, len(self.radars))
-        numbers, integers, flags, fates = self._core.track(
-            self._since_the_first_day(plots.time),
+    def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
+        """Return rows of confirmed tracks; of a recording also those from before they were."""
+        if not isinstance(plots, Plots):
+            raise TypeError(f"plots is {plots!r}; it must be Plots")
+        instants, end = plots.time, None if time is None else real(time, "time")
+        if self.clock_period is not None:
+            _require_radars(plots, len(self.radars))
+            instants = self._since_the_first_day(instants, self.clock_period)
+            if end is not None:
+                end = float(self._since_the_first_day(np.array([end]), self.clock_period)[0])
+        found = self._core.track(
+            instants,
             plots.range,
             plots.azimuth,
             plots.height,
             plots.radar,
             plots.identity,
-            None if time is None else self._since_the_first_day(np.array([real(time, "time")]))[0],
+            end,
+            recording,
+            self.n_threads,
         )
-        instants, state, covariance, innovation, spread, turning, height, climb = numbers
-        tracks, radar, plot, identity, plan = integers
-        confirmed, conforming = flags
-        return TrackTable(
-            time=instants,
-            track=tracks,
-            radar=radar,
-            plot=plot,
-            position=state[:, :2],
-            velocity=state[:, 2:],
-            covariance=covariance,
-            innovation=innovation,
-            innovation_covariance=spread,
-            turning=turning,
-            height=height,
-            climb=climb,
-            identity=identity,
-            plan=plan,
-            confirmed=confirmed,
-            conforming=conforming,
-            track_of_plot=fates,
-        )
+        return TrackTable._of(*found)
 
-    def _since_the_first_day(self, time: FloatArray) -> FloatArray:
+    def _since_the_first_day(self, time: FloatArray, period: float) -> FloatArray:
         """Return times of a clock that does not begin again, the first one next to those before."""
-        period = self.clock_period
-        if period is None or not len(time):
-            return time
         known = np.flatnonzero(np.isfinite(time))
         if not len(known):
             return time
@@ -639,11 +696,11 @@ class Tracker:
 
     def __getstate__(self) -> _State:
         """Return all that the tracker knows."""
-        return self.radars, self.plans, self.clock_period, self._core.__getstate__()
+        return self.radars, self.plans, self.clock_period, self.n_threads, self._core.__getstate__()
 
     def __setstate__(self, state: _State) -> None:
         """Go on from there."""
-        self.radars, self.plans, self.clock_period, saved = state
+        self.radars, self.plans, self.clock_period, self.n_threads, saved = state
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:
@@ -686,8 +743,7 @@ def track(
     >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     TrackTable(1 tracks, 25 rows)
     """
-    found = Tracker(radars, motion, **options)._track(plots, None)
-    return found.rows(np.isin(found.track, found.track[found.confirmed]))
+    return Tracker(radars, motion, **options)._track(plots, None, True)
 
 
 def _each(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
@@ -803,6 +859,8 @@ def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:
     """Return `value` as int64 numbers."""
     array = np.asarray(value)
+    if array.dtype == np.int64:
+        return array
     if array.dtype.kind == "O":
         # nullable columns of older pandas
         array = np.asarray(array.tolist())

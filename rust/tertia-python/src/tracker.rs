@@ -1,16 +1,23 @@
 //! Bindings of `tertia::tracker`.
 
-use crate::arrays::{Samples, array, release, room_for, value_error};
+use crate::arrays::{Output, Samples, array, release, room_for, value_error};
 use numpy::{PyArrayDyn, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use std::num::NonZero;
 use tertia::flightplan::Route;
 use tertia::kalman::Singer;
-use tertia::tracker::{self, Fate, Motion, Noise, Plan, Plot, Radar, Row, Settings, WindowRule};
+use tertia::tracker::{
+    self, Fate, Motion, Noise, Plan, Plane, Plot, Radar, Row, Rows, Settings, WindowRule,
+};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
+/// Widths of the columns of numbers, integers and flags.
+const NUMBERS: [usize; 9] = [1, 2, 2, 16, 2, 4, 1, 1, 1];
+const INTEGERS: [usize; 5] = [1; 5];
+const FLAGS: [usize; 2] = [1; 2];
 
 /// Numbers of a radar: east, north, up, range_sigma, azimuth_sigma, period, range_max,
 /// detection_probability.
@@ -51,14 +58,27 @@ type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 
-/// Columns of a table: time, state, covariance, innovation, its covariance, turning, height, climb; then track, radar, plot,
-/// identity, plan; then confirmed, conforming; then the fates of the plots.
-type Table<'py> = (
-    Vec<Numbers<'py>>,
-    (Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>, Integers<'py>),
-    (Flags<'py>, Flags<'py>),
-    Integers<'py>,
-);
+/// Columns of a table of N rows, one after the other. Numbers: time, position (2), velocity (2),
+/// covariance (16), innovation (2), its covariance (4), turning, height, climb. Integers: track,
+/// radar, plot, identity, plan. Flags: confirmed, conforming. Then the fates of the plots.
+type Table<'py> = (Numbers<'py>, Integers<'py>, Flags<'py>, Integers<'py>);
+
+/// The rows of a scan or of a recording.
+struct Found {
+    rows: Vec<Row>,
+    /// Whether those of tracks that are not confirmed yet are kept as well.
+    tentative: bool,
+}
+
+impl Rows for Found {
+    fn wants(&self, confirmed: bool) -> bool {
+        self.tentative || confirmed
+    }
+
+    fn push(&mut self, row: &Row) {
+        self.rows.push(*row);
+    }
+}
 
 /// Scans of plots in, tracks out.
 #[pyclass(module = "tertia.tracker")]
@@ -79,7 +99,8 @@ impl PlotTracker {
         self.0.time()
     }
 
-    /// Takes plots, until `end`.
+    /// Takes plots, until `end`. Of a recording, all rows of the tracks that are confirmed in the
+    /// end are returned, otherwise those of the tracks that are confirmed by then.
     #[allow(clippy::too_many_arguments)]
     fn track<'py>(
         &mut self,
@@ -91,6 +112,8 @@ impl PlotTracker {
         radar: PyReadonlyArray1<'py, i64>,
         identity: PyReadonlyArray1<'py, i64>,
         end: Option<f64>,
+        recording: bool,
+        n_threads: Option<NonZero<usize>>,
     ) -> PyResult<Table<'py>> {
         let columns =
             [(&time, "time"), (&range, "range"), (&azimuth, "azimuth"), (&height, "height")];
@@ -109,18 +132,27 @@ impl PlotTracker {
             return Err(PyValueError::new_err("the columns of plots differ in length"));
         }
         let mut plots = room_for(count)?;
-        plots.extend((0..count).map(|i| Plot {
-            time: values[0][i],
-            range: values[1][i],
-            azimuth: values[2][i],
-            height: values[3][i],
-            radar: usize::try_from(radar[i]).unwrap_or(usize::MAX),
-            identity: identity[i],
-        }));
-        let (mut fates, mut found) = (Vec::new(), Vec::new());
-        release(py, count as f64 * PLOT_NS, || self.0.track(&plots, end, &mut fates, &mut found))
-            .map_err(value_error)?;
-        table(py, &found, &fates)
+        for i in 0..count {
+            let index = usize::try_from(radar[i]).ok().filter(|&index| index < self.0.radars());
+            plots.push(Plot {
+                time: values[0][i],
+                range: values[1][i],
+                azimuth: values[2][i],
+                height: values[3][i],
+                radar: index.ok_or_else(|| self.wrong_radar(i, radar[i]))?,
+                identity: identity[i],
+            });
+        }
+        let (mut fates, mut found) = (Vec::new(), Found { rows: Vec::new(), tentative: recording });
+        release(py, count as f64 * PLOT_NS, || {
+            self.0.track(&plots, end, &mut fates, &mut found, n_threads).map(|()| {
+                if recording {
+                    keep_confirmed(&mut found.rows);
+                }
+            })
+        })
+        .map_err(value_error)?;
+        table(py, &found.rows, &fates)
     }
 
     /// Numbers of the confirmed tracks, and where they will be so many seconds from now.
@@ -154,6 +186,15 @@ impl PlotTracker {
         tracker::Tracker::from_bytes(state)
             .map(Self)
             .ok_or_else(|| PyValueError::new_err("this is not the state of a Tracker"))
+    }
+}
+
+impl PlotTracker {
+    fn wrong_radar(&self, i: usize, radar: i64) -> PyErr {
+        PyValueError::new_err(format!(
+            "radar[{i}] is {radar}; it must be the index of one of the {} radars",
+            self.0.radars()
+        ))
     }
 }
 
@@ -234,50 +275,79 @@ fn motion(name: &str, parameters: &[f64]) -> PyResult<Motion> {
     })
 }
 
+/// Leaves out the rows of tracks that were never confirmed.
+fn keep_confirmed(rows: &mut Vec<Row>) {
+    let mut confirmed = Vec::new();
+    for row in rows.iter().filter(|row| row.confirmed) {
+        let track = row.track as usize;
+        if track >= confirmed.len() {
+            confirmed.resize(track + 1, false);
+        }
+        confirmed[track] = true;
+    }
+    rows.retain(|row| confirmed.get(row.track as usize).is_some_and(|&is| is));
+}
+
 fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'py>> {
     let n = rows.len();
-    let mut states = room_for(4 * n)?;
-    let mut covariances = room_for(16 * n)?;
-    let mut innovations = room_for(2 * n)?;
-    let mut spreads = room_for(4 * n)?;
-    for row in rows {
-        let spread = row.innovation_covariance;
-        innovations.extend_from_slice(&row.innovation);
-        spreads.extend_from_slice(&[spread.xx, spread.xy, spread.xy, spread.yy]);
-        states.extend_from_slice(row.estimate.mean.as_slice());
-        covariances.extend_from_slice(row.estimate.covariance.as_slice());
+    let mut numbers = Output::<f64>::new(py, &[NUMBERS.iter().sum::<usize>() * n])?;
+    let mut integers = Output::<i64>::new(py, &[INTEGERS.len() * n])?;
+    let mut flags = Output::<bool>::new(py, &[FLAGS.len() * n])?;
+    let mut track_of_plot = Output::<i64>::new(py, &[fates.len()])?;
+    let [time, position, velocity, covariance, innovation, spread, turning, height, climb] =
+        columns(numbers.values()?, NUMBERS, n);
+    let [track, radar, plot, identity, plan] = columns(integers.values()?, INTEGERS, n);
+    let [confirmed, conforming] = columns(flags.values()?, FLAGS, n);
+    for (i, row) in rows.iter().enumerate() {
+        let [x, y, vx, vy] = row.estimate.mean.into();
+        let Plane { xx, xy, yy } = row.innovation_covariance;
+        time[i] = row.time;
+        write(position, i, &[x, y]);
+        write(velocity, i, &[vx, vy]);
+        write(covariance, i, row.estimate.covariance.as_slice());
+        write(innovation, i, &row.innovation);
+        write(spread, i, &[xx, xy, xy, yy]);
+        turning[i] = row.turning;
+        height[i] = row.height;
+        climb[i] = row.climb;
+        track[i] = row.track as i64;
+        radar[i] = row.radar as i64;
+        plot[i] = row.plot.map_or(-1, |plot| plot as i64);
+        identity[i] = row.identity;
+        plan[i] = row.plan.map_or(-1, |plan| plan as i64);
+        confirmed[i] = row.confirmed;
+        conforming[i] = row.conforming;
     }
-    let numbers = |of: fn(&Row) -> f64| array(py, &[n], rows.iter().map(of).collect());
-    let integers = |of: fn(&Row) -> i64| array(py, &[n], rows.iter().map(of).collect());
-    let flags = |of: fn(&Row) -> bool| array(py, &[n], rows.iter().map(of).collect());
-    let fates = fates.iter().map(|&fate| match fate {
-        Fate::Track(number) => number as i64,
-        Fate::Invalid => -1,
-        Fate::Late => -2,
-        Fate::AtRadar => -3,
-        Fate::OutOfRange => -4,
-        Fate::Stray => -5,
-        Fate::Duplicate => -6,
-    });
+    for (number, fate) in track_of_plot.values()?.iter_mut().zip(fates) {
+        *number = match *fate {
+            Fate::Track(number) => number as i64,
+            Fate::Invalid => -1,
+            Fate::Late => -2,
+            Fate::AtRadar => -3,
+            Fate::OutOfRange => -4,
+            Fate::Stray => -5,
+            Fate::Duplicate => -6,
+        };
+    }
     Ok((
-        vec![
-            numbers(|row| row.time)?,
-            array(py, &[n, 4], states)?,
-            array(py, &[n, 4, 4], covariances)?,
-            array(py, &[n, 2], innovations)?,
-            array(py, &[n, 2, 2], spreads)?,
-            numbers(|row| row.turning)?,
-            numbers(|row| row.height)?,
-            numbers(|row| row.climb)?,
-        ],
-        (
-            integers(|row| row.track as i64)?,
-            integers(|row| row.radar as i64)?,
-            integers(|row| row.plot.map_or(-1, |plot| plot as i64))?,
-            integers(|row| row.identity)?,
-            integers(|row| row.plan.map_or(-1, |plan| plan as i64))?,
-        ),
-        (flags(|row| row.confirmed)?, flags(|row| row.conforming)?),
-        array(py, &[fates.len()], fates.collect())?,
+        numbers.into_array(),
+        integers.into_array(),
+        flags.into_array(),
+        track_of_plot.into_array(),
     ))
+}
+
+/// Columns of these widths, one after the other in a block.
+fn columns<T, const M: usize>(block: &mut [T], widths: [usize; M], rows: usize) -> [&mut [T]; M] {
+    let mut rest = block;
+    widths.map(|width| {
+        let (column, others) = std::mem::take(&mut rest).split_at_mut(width * rows);
+        rest = others;
+        column
+    })
+}
+
+/// Writes the numbers of one row of a column.
+fn write(column: &mut [f64], row: usize, values: &[f64]) {
+    column[row * values.len()..(row + 1) * values.len()].copy_from_slice(values);
 }

@@ -18,6 +18,7 @@ mod plan;
 mod plot;
 mod scan;
 mod settings;
+mod share;
 mod track;
 mod window;
 
@@ -33,10 +34,14 @@ use clutter::Clutter;
 use plot::Measured;
 use scan::{Scan, Sky};
 use serde::{Deserialize, Serialize};
+use std::num::NonZero;
 use track::Track;
 
 /// Share of the shortest scan for which plots wait for those that compete with them.
 const WAITING: f64 = 0.125;
+
+/// So many plots of a scan are worth a thread: they take a millisecond.
+const PLOTS_PER_THREAD: usize = 1000;
 
 /// What is said of a track after a plot, or after a scan without one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,6 +99,24 @@ impl Row {
             plan: track.filter.guide().map(|guide| guide.plan),
             conforming: track.filter.guide().is_some_and(|guide| guide.conforming),
         }
+    }
+}
+
+/// What takes the rows that a tracker makes.
+pub trait Rows {
+    /// Whether it takes rows of confirmed tracks, or of those that are not confirmed yet.
+    fn wants(&self, confirmed: bool) -> bool;
+    /// Takes one more row.
+    fn push(&mut self, row: &Row);
+}
+
+impl Rows for Vec<Row> {
+    fn wants(&self, _: bool) -> bool {
+        true
+    }
+
+    fn push(&mut self, row: &Row) {
+        self.push(*row);
     }
 }
 
@@ -171,6 +194,11 @@ impl Tracker {
         self.plots
     }
 
+    /// Number of radars.
+    pub fn radars(&self) -> usize {
+        self.settings.radars.len()
+    }
+
     /// Until when everything is done, s; negative infinity at first.
     pub fn time(&self) -> f64 {
         self.time
@@ -178,16 +206,18 @@ impl Tracker {
 
     /// Takes plots, in any order among themselves, but after those that came before; `end` is the
     /// time until which all plots are there, that of the last one where it is none. What became of
-    /// each plot goes to `fates`, what became of tracks to `rows`. Cost O(P log P + tracks).
+    /// each plot goes to `fates`, what became of tracks to `rows`; the same for any number of threads.
+    /// Cost O(P log P + tracks).
     ///
     /// # Errors
     /// The index of a radar that does not exist, or an end that is not finite.
-    pub fn track(
+    pub fn track<R: Rows>(
         &mut self,
         plots: &[Plot],
         end: Option<f64>,
         fates: &mut Vec<Fate>,
-        rows: &mut Vec<Row>,
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
     ) -> Result<()> {
         self.check(plots, end)?;
         fates.clear();
@@ -207,6 +237,7 @@ impl Tracker {
             until = f64::max(until, next.time) + (1.0 - 2.0 * WAITING) * period;
             let (now, later) = rest.split_at(rest.partition_point(|plot| plot.time < until));
             self.finish(next.time.min(end), rows);
+            self.bury();
             waiting.extend_from_slice(now);
             rest = later;
             let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
@@ -216,6 +247,7 @@ impl Tracker {
                 clutter: &mut self.clutter,
                 next_number: &mut self.next_number,
                 rows,
+                threads: threads(n_threads, waiting.len()),
             };
             let oldest = hold - WAITING * period;
             let tell = |plot: usize, fate| fates[plot - first] = fate;
@@ -223,6 +255,7 @@ impl Tracker {
             self.finish(hold.min(end), rows);
         }
         self.finish(end, rows);
+        self.bury();
         Ok(())
     }
 
@@ -291,16 +324,31 @@ impl Tracker {
         *measured = kept;
     }
 
-    /// Counts what radars missed until `end`, and ends tracks.
-    fn finish(&mut self, end: f64, rows: &mut Vec<Row>) {
+    /// Counts what radars missed until `end`.
+    fn finish<R: Rows>(&mut self, end: f64, rows: &mut R) {
         for track in &mut self.tracks {
             track.miss(end, &self.settings, |track, radar| {
                 if track.is_confirmed() {
-                    rows.push(Row::of(track, radar, None));
+                    rows.push(&Row::of(track, radar, None));
                 }
             });
         }
-        self.tracks.retain(|track| track.is_alive(&self.settings));
         self.time = self.time.max(end);
     }
+
+    /// Forgets the tracks that have ended.
+    fn bury(&mut self) {
+        self.tracks.retain(|track| track.is_alive(&self.settings));
+    }
+}
+
+/// Threads for a scan of so many plots: as many as asked for, or all there are; one for few plots.
+fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
+    let most = plots / PLOTS_PER_THREAD;
+    if most < 2 {
+        return 1;
+    }
+    // asking the system takes longer than a small scan
+    let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
+    n_threads.map_or_else(available, NonZero::get).min(most)
 }

@@ -111,11 +111,17 @@ impl Grid {
     /// is near a centre that is not a number.
     #[inline]
     pub fn within(&self, centre: [f64; 2], half_width: [f64; 2], visit: &mut impl FnMut(usize)) {
+        let low = [centre[0] - half_width[0], centre[1] - half_width[1]];
+        let high = [centre[0] + half_width[0], centre[1] + half_width[1]];
+        self.between(low, high, visit);
+    }
+
+    /// As [`Grid::within`], from one corner to the other.
+    #[inline]
+    pub fn between(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(usize)) {
         if self.is_empty() {
             return;
         }
-        let low = [centre[0] - half_width[0], centre[1] - half_width[1]];
-        let high = [centre[0] + half_width[0], centre[1] + half_width[1]];
         let (columns, rows) = (self.stretch(low[0], high[0]), self.stretch(low[1], high[1]));
         let side = self.mask + 1;
         let seam = (columns.first + columns.count).min(side);

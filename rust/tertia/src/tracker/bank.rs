@@ -87,7 +87,7 @@ impl Bank {
             moments.add(weight(STRAIGHT), &self.straight);
         }
         if weight(TURN) > 0.0 {
-            moments.add(weight(TURN), &without_rate(&self.turn));
+            moments.add_part(weight(TURN), &self.turn);
         }
         if weight(PLAN) > 0.0 {
             moments.add(weight(PLAN), &self.plan);
@@ -149,7 +149,7 @@ impl Bank {
             moments.add(straight, &self.straight);
         }
         if turn > 0.0 {
-            moments.add(turn, &without_rate(&self.turn));
+            moments.add_part(turn, &self.turn);
         }
         if plan > 0.0 {
             moments.add(plan, &self.plan);
@@ -180,23 +180,22 @@ impl Bank {
 /// A turn that begins from straight flight.
 #[inline]
 pub(super) fn entered(straight: &Estimate<4>, rate_variance: f64) -> Estimate<5> {
-    let mut mean = SVector::zeros();
-    let mut covariance = SMatrix::zeros();
-    for j in 0..4 {
-        mean[j] = straight.mean[j];
-        for i in 0..4 {
-            covariance[(i, j)] = straight.covariance[(i, j)];
-        }
+    let (mut mean, mut covariance) = ([0.0; 5], [[0.0; 5]; 5]);
+    mean[..4].copy_from_slice(&straight.mean.data.0[0]);
+    for (column, of) in covariance.iter_mut().zip(&straight.covariance.data.0) {
+        column[..4].copy_from_slice(of);
     }
-    covariance[(4, 4)] = rate_variance;
-    Estimate { mean, covariance }
+    covariance[4][4] = rate_variance;
+    Estimate { mean: SVector::from(mean), covariance: SMatrix::from(covariance) }
 }
 
 /// Position and velocity of a turn.
 #[inline]
 pub(super) fn without_rate(turn: &Estimate<5>) -> Estimate<4> {
-    Estimate {
-        mean: turn.mean.fixed_rows::<4>(0).into_owned(),
-        covariance: turn.covariance.fixed_view::<4, 4>(0, 0).into_owned(),
+    let (mut mean, mut covariance) = ([0.0; 4], [[0.0; 4]; 4]);
+    mean.copy_from_slice(&turn.mean.data.0[0][..4]);
+    for (column, of) in covariance.iter_mut().zip(&turn.covariance.data.0) {
+        column.copy_from_slice(&of[..4]);
     }
+    Estimate { mean: SVector::from(mean), covariance: SMatrix::from(covariance) }
 }

@@ -54,39 +54,58 @@ impl<const N: usize> Estimate<N> {
         Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] }
     }
 
+    /// The covariance's columns, which are its rows as well.
+    #[inline(always)]
+    fn columns(&self) -> &[[f64; N]; N] {
+        &self.covariance.data.0
+    }
+
     /// Corrects by a position with the noise `r`; returns the density of the plot.
     #[inline]
     pub(super) fn correct(&mut self, z: [f64; 2], r: Plane) -> f64 {
         let s = self.position_covariance().plus(r);
         let inverse = s.inverse();
         let y = [z[0] - self.mean[0], z[1] - self.mean[1]];
-        let before = self.covariance;
+        let [first, second] = [self.columns()[0], self.columns()[1]];
+        let mut gain = [[0.0; N]; 2];
         for i in 0..N {
-            let (a, b) = (before[(i, 0)], before[(i, 1)]);
-            let gain = [a * inverse.xx + b * inverse.xy, a * inverse.xy + b * inverse.yy];
-            self.mean[i] += gain[0] * y[0] + gain[1] * y[1];
-            for j in i..N {
-                let less = gain[0] * before[(0, j)] + gain[1] * before[(1, j)];
-                self.covariance[(i, j)] -= less;
-                self.covariance[(j, i)] = self.covariance[(i, j)];
+            let (a, b) = (first[i], second[i]);
+            gain[0][i] = a * inverse.xx + b * inverse.xy;
+            gain[1][i] = a * inverse.xy + b * inverse.yy;
+        }
+        let mean = &mut self.mean.data.0[0];
+        for i in 0..N {
+            mean[i] += gain[0][i] * y[0] + gain[1][i] * y[1];
+        }
+        let columns = &mut self.covariance.data.0;
+        for j in 0..N {
+            for i in 0..N {
+                columns[j][i] -= gain[0][i] * first[j] + gain[1][i] * second[j];
             }
         }
+        mirror(columns);
         (-0.5 * inverse.form(y)).exp() / (std::f64::consts::TAU * s.determinant().sqrt())
     }
 
     /// Adds white noise of acceleration, with so much for each half square of the time.
     #[inline]
     pub(super) fn accelerate(&mut self, noise: Plane, t: f64) {
-        let p = &mut self.covariance;
+        let p = &mut self.covariance.data.0;
         let (position, both) = (t * t * t / 3.0, t * t / 2.0);
         let entries = [(0, 0, noise.xx), (0, 1, noise.xy), (1, 0, noise.xy), (1, 1, noise.yy)];
         for (i, j, q) in entries {
-            p[(i, j)] += q * position;
-            p[(i, j + 2)] += q * both;
-            p[(i + 2, j)] += q * both;
-            p[(i + 2, j + 2)] += q * t;
+            p[j][i] += q * position;
+            p[j + 2][i] += q * both;
+            p[j][i + 2] += q * both;
+            p[j + 2][i + 2] += q * t;
         }
     }
+}
+
+/// Copies what is above the diagonal below it; `columns[j][i]` is row i, column j.
+#[inline(always)]
+pub(super) fn mirror<const N: usize>(columns: &mut [[f64; N]; N]) {
+    (0..N).for_each(|j| (0..j).for_each(|i| columns[i][j] = columns[j][i]));
 }
 
 /// A weighted sum of estimates, and their moments.
@@ -105,11 +124,23 @@ impl<const N: usize> Moments<N> {
 
     #[inline]
     pub fn add(&mut self, weight: f64, estimate: &Estimate<N>) {
-        let d = estimate.mean - self.origin;
-        self.mean += d * weight;
+        self.add_part(weight, estimate);
+    }
+
+    /// Adds an estimate of M states, of which the first N count.
+    #[inline(always)]
+    pub fn add_part<const M: usize>(&mut self, weight: f64, estimate: &Estimate<M>) {
+        let (mean, covariance) = (&estimate.mean.data.0[0], estimate.columns());
+        let (sum, origin) = (&mut self.mean.data.0[0], &self.origin.data.0[0]);
+        let square = &mut self.square.data.0;
+        let mut d = [0.0; N];
+        for i in 0..N {
+            d[i] = mean[i] - origin[i];
+            sum[i] += d[i] * weight;
+        }
         for j in 0..N {
             for i in 0..N {
-                self.square[(i, j)] += weight * (estimate.covariance[(i, j)] + d[i] * d[j]);
+                square[j][i] += weight * (covariance[j][i] + d[i] * d[j]);
             }
         }
     }
@@ -118,9 +149,10 @@ impl<const N: usize> Moments<N> {
     #[inline]
     pub fn estimate(&self) -> Estimate<N> {
         let mut covariance = self.square;
+        let (columns, mean) = (&mut covariance.data.0, &self.mean.data.0[0]);
         for j in 0..N {
             for i in 0..N {
-                covariance[(i, j)] -= self.mean[i] * self.mean[j];
+                columns[j][i] -= mean[i] * mean[j];
             }
         }
         Estimate { mean: self.origin + self.mean, covariance }

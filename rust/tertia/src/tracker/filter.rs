@@ -34,7 +34,7 @@ pub(super) struct Multiple {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Filter {
     Straight(Estimate<4>),
-    Singer(Estimate<6>),
+    Singer(Box<Estimate<6>>),
     Multiple(Box<Multiple>),
     Window(Box<Window>),
 }
@@ -44,7 +44,7 @@ impl Filter {
     pub fn new(motion: &Motion, start: Estimate<4>) -> Self {
         match motion {
             Motion::Straight(_) => Self::Straight(start),
-            Motion::Singer(model) => Self::Singer(with_acceleration(&start, model)),
+            Motion::Singer(model) => Self::Singer(Box::new(with_acceleration(&start, model))),
             Motion::Multiple(noise) => {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
                 let bank = Bank::new(start, turning, noise.turn_rate.powi(2));

@@ -1,6 +1,6 @@
 //! How targets move between two plots: straight on, or in a turn.
 
-use super::estimate::{Estimate, Plane};
+use super::estimate::{Estimate, Plane, mirror};
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -34,21 +34,22 @@ pub fn straight(estimate: &mut Estimate<4>, t: f64, q: f64) {
 /// Straight and uniform, without noise.
 #[inline]
 pub fn coast(estimate: &mut Estimate<4>, t: f64) {
-    let x = &mut estimate.mean;
+    let x = &mut estimate.mean.data.0[0];
     x[0] += t * x[2];
     x[1] += t * x[3];
-    let p = &mut estimate.covariance;
+    // by columns: p[j][i] is row i, column j
+    let p = &mut estimate.covariance.data.0;
     for i in 0..2 {
         for j in i..2 {
-            let velocity = p[(i + 2, j + 2)];
-            p[(i, j)] += t * (p[(i, j + 2)] + p[(j, i + 2)] + t * velocity);
-            p[(j, i)] = p[(i, j)];
+            let velocity = p[j + 2][i + 2];
+            p[j][i] += t * (p[j + 2][i] + p[i + 2][j] + t * velocity);
+            p[i][j] = p[j][i];
         }
     }
     for i in 0..2 {
         for j in 0..2 {
-            p[(i, j + 2)] += t * p[(i + 2, j + 2)];
-            p[(j + 2, i)] = p[(i, j + 2)];
+            p[j + 2][i] += t * p[j + 2][i + 2];
+            p[i][j + 2] = p[j + 2][i];
         }
     }
 }
@@ -70,28 +71,25 @@ pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
         -t * velocity[1],
         t * velocity[0],
     ];
-    // F P, then (F P) F', by rows and columns
-    let p = &mut estimate.covariance;
+    // G = F P by rows, which are P's columns as well, then G F' above the diagonal
+    let p = &mut estimate.covariance.data.0;
+    let [a, b, c, d, e] = *p;
+    let mut g = [[0.0; 5]; 4];
     for j in 0..5 {
-        let [a, b, c, d, e] = [p[(0, j)], p[(1, j)], p[(2, j)], p[(3, j)], p[(4, j)]];
-        p[(0, j)] = a + along * c - across * d + by_rate[0] * e;
-        p[(1, j)] = b + across * c + along * d + by_rate[1] * e;
-        p[(2, j)] = cosine * c - sine * d + by_rate[2] * e;
-        p[(3, j)] = sine * c + cosine * d + by_rate[3] * e;
+        g[0][j] = a[j] + along * c[j] - across * d[j] + by_rate[0] * e[j];
+        g[1][j] = b[j] + across * c[j] + along * d[j] + by_rate[1] * e[j];
+        g[2][j] = cosine * c[j] - sine * d[j] + by_rate[2] * e[j];
+        g[3][j] = sine * c[j] + cosine * d[j] + by_rate[3] * e[j];
     }
-    for i in 0..5 {
-        let [a, b, c, d, e] = [p[(i, 0)], p[(i, 1)], p[(i, 2)], p[(i, 3)], p[(i, 4)]];
-        p[(i, 0)] = a + along * c - across * d + by_rate[0] * e;
-        p[(i, 1)] = b + across * c + along * d + by_rate[1] * e;
-        p[(i, 2)] = cosine * c - sine * d + by_rate[2] * e;
-        p[(i, 3)] = sine * c + cosine * d + by_rate[3] * e;
+    for (i, [a, b, c, d, e]) in g.into_iter().enumerate() {
+        p[0][i] = a + along * c - across * d + by_rate[0] * e;
+        p[1][i] = b + across * c + along * d + by_rate[1] * e;
+        p[2][i] = cosine * c - sine * d + by_rate[2] * e;
+        p[3][i] = sine * c + cosine * d + by_rate[3] * e;
+        p[4][i] = e;
     }
-    for i in 0..5 {
-        for j in 0..i {
-            p[(i, j)] = p[(j, i)];
-        }
-    }
-    p[(4, 4)] += walk * walk * t;
+    mirror(p);
+    p[4][4] += walk * walk * t;
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 

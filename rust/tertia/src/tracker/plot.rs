@@ -85,6 +85,13 @@ impl Radar {
         self.distance(position) <= self.range_max
     }
 
+    /// The distance, quickly: not for results.
+    #[inline]
+    pub(super) fn about(&self, position: [f64; 2]) -> f64 {
+        let [x, y] = [position[0] - self.position[0], position[1] - self.position[1]];
+        (x * x + y * y).sqrt()
+    }
+
     pub(super) fn distance(&self, position: [f64; 2]) -> f64 {
         (position[0] - self.position[0]).hypot(position[1] - self.position[1])
     }

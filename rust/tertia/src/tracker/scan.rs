@@ -1,24 +1,36 @@
 //! One scan: which plots belong to which tracks.
+//!
+//! Tracks that compete for plots, of any radar, make a component. Components have nothing to do with
+//! each other, so several threads settle them, and a track is in the cache for all its radars. What
+//! comes out is written in the order of the groups: tracks that compete for plots of one radar.
 
-use super::Row;
+use super::Rows;
 use super::clutter::Clutter;
 use super::plot::{Fate, Measured};
 use super::settings::Settings;
+use super::share::{Share, Shares};
 use super::track::Track;
-use crate::association::{Assigner, Grid, Pair};
+use crate::association::Grid;
 use std::f64::consts::PI;
 
 /// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
 const BEAM: f64 = 0.1;
+/// What has no place yet.
+const NOWHERE: u32 = u32::MAX;
 
 /// A track that may have been seen by a radar, and the plots that may be of it.
 #[derive(Clone, Copy, Debug)]
-struct Claim {
-    track: usize,
+pub(super) struct Claim {
+    /// Index of the track: among all, then among those of its share.
+    pub track: u32,
+    /// Place of the claim in the order of groups.
+    pub rank: u32,
     /// The first of its plots, by which it is joined to others.
-    root: usize,
-    start: usize,
-    end: usize,
+    pub root: u32,
+    /// By what tracks and plots of all radars are joined.
+    pub component: u32,
+    pub start: u32,
+    pub end: u32,
 }
 
 /// The buffers of a scan.
@@ -28,36 +40,43 @@ pub(super) struct Scan {
     /// Plots that may not be taken any more.
     taken: Vec<bool>,
     deferred: Vec<bool>,
-    /// The plots of each radar, and their index.
-    grids: Vec<(Grid, Vec<usize>)>,
+    /// The plots of all radars.
+    grid: Grid,
+    points: Vec<[f64; 2]>,
     claims: Vec<Claim>,
+    sorted: Vec<Claim>,
     /// Plots of the claims.
-    claimed: Vec<usize>,
+    claimed: Vec<u32>,
     /// The lowest plot that this one is joined to.
-    joined: Vec<usize>,
+    joined: Vec<u32>,
     /// The highest.
-    last: Vec<usize>,
-    pairs: Vec<Pair>,
-    columns: Vec<usize>,
-    assigner: Assigner,
+    last: Vec<u32>,
+    /// For sorting by counting.
+    counts: Vec<u32>,
+    /// The number of each component.
+    order: Vec<u32>,
+    /// Where each track is among those that claim plots.
+    places: Vec<u32>,
+    shares: Shares,
 }
 
 /// What plots can do to the tracks.
-pub(super) struct Sky<'a> {
+pub(super) struct Sky<'a, R> {
     pub settings: &'a Settings,
     pub tracks: &'a mut Vec<Track>,
     pub clutter: &'a mut [Clutter],
     pub next_number: &'a mut u64,
-    pub rows: &'a mut Vec<Row>,
+    pub rows: &'a mut R,
+    pub threads: usize,
 }
 
 impl Scan {
     /// Gives plots, sorted by time, to tracks, and begins tracks with the others. Plots that compete
     /// with one that is not before `hold` wait, but for those before `oldest`: they are returned in
     /// `plots`.
-    pub fn process(
+    pub fn process<R: Rows>(
         &mut self,
-        sky: &mut Sky<'_>,
+        sky: &mut Sky<'_, R>,
         plots: &mut Vec<Measured>,
         [oldest, hold]: [f64; 2],
         mut tell: impl FnMut(usize, Fate),
@@ -76,7 +95,7 @@ impl Scan {
         }
     }
 
-    fn load(&mut self, sky: &mut Sky<'_>, plots: &[Measured]) {
+    fn load<R>(&mut self, sky: &mut Sky<'_, R>, plots: &[Measured]) {
         self.plots.clear();
         self.plots.extend_from_slice(plots);
         self.taken.clear();
@@ -84,190 +103,160 @@ impl Scan {
         self.deferred.clear();
         self.deferred.resize(plots.len(), false);
         let radars = &sky.settings.radars;
-        self.grids.resize_with(radars.len(), Default::default);
-        let mut points = vec![Vec::new(); radars.len()];
-        for (_, indices) in &mut self.grids {
-            indices.clear();
-        }
-        for (i, plot) in plots.iter().enumerate() {
-            points[plot.radar].push(plot.position);
-            self.grids[plot.radar].1.push(i);
+        self.points.clear();
+        self.points.extend(plots.iter().map(|plot| plot.position));
+        for plot in plots {
             sky.clutter[plot.radar].saw(radars[plot.radar].distance(plot.position));
         }
-        for ((grid, _), (points, radar)) in self.grids.iter_mut().zip(points.iter().zip(radars)) {
+        let cell = radars.iter().map(|radar| {
             let far = radar.azimuth_sigma * radar.range_max.min(1e5);
-            let cell = 7.0 * (radar.range_sigma + far) + 500.0;
-            grid.fill(points, cell).expect("plots are finite");
-        }
+            7.0 * (radar.range_sigma + far) + 500.0
+        });
+        self.grid.fill(&self.points, cell.fold(0.0, f64::max)).expect("plots are finite");
     }
 
     /// Finds the plots near each track.
-    fn claim(&mut self, sky: &Sky<'_>, confirmed: bool) {
-        self.claims.clear();
-        self.claimed.clear();
-        let (Some(first), Some(last)) = (self.plots.first(), self.plots.last()) else { return };
+    fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
+        let Self { plots, taken, deferred, grid, claims, claimed, shares, .. } = self;
+        claims.clear();
+        claimed.clear();
+        let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
         let (begin, end) = (first.time, last.time);
-        for (index, track) in sky.tracks.iter().enumerate() {
-            if track.is_confirmed() != confirmed {
-                continue;
-            }
-            for (radar, (grid, indices)) in self.grids.iter().enumerate() {
-                if grid.is_empty() {
-                    continue;
-                }
-                let Some((centre, half)) = reach(track, radar, begin, end, sky.settings) else {
-                    continue;
-                };
-                let start = self.claimed.len();
-                grid.within(centre, half, &mut |i| {
-                    let plot = indices[i];
-                    let free = !self.taken[plot] && !self.deferred[plot];
-                    if free && track.is_due(&self.plots[plot], &sky.settings.radars[radar]) {
-                        self.claimed.push(plot);
-                    }
-                });
-                let end = self.claimed.len();
-                if end > start {
-                    self.claimed[start..].sort_unstable();
-                    self.claims.push(Claim { track: index, root: 0, start, end });
+        let settings = sky.settings;
+        let look = |share: &mut Share, first: usize, tracks: &[Track]| {
+            for (index, track) in tracks.iter().enumerate() {
+                if track.is_confirmed() == confirmed {
+                    let free = |&plot: &u32| {
+                        let i = plot as usize;
+                        !taken[i] && !deferred[i]
+                    };
+                    share.find(track, (begin, end), settings, (grid, plots), free);
+                    share.claim(first + index, plots);
                 }
             }
-        }
+        };
+        shares.look(sky.threads, sky.tracks, look);
+        shares.collect(claims, claimed);
     }
 
-    /// Joins the plots that the same claims want.
+    /// Joins the plots that the same claims want, and sorts claims by group and by component.
     fn join(&mut self) {
-        self.joined.clear();
-        self.joined.extend(0..self.plots.len());
-        for claim in &self.claims {
-            let plots = &self.claimed[claim.start..claim.end];
-            for pair in plots.windows(2) {
-                unite(&mut self.joined, pair[0], pair[1]);
+        let Self { plots, claims, sorted, claimed, joined, last, counts, order, .. } = self;
+        joined.clear();
+        joined.extend(0..plots.len() as u32);
+        for claim in claims.iter() {
+            for pair in claimed[claim.start as usize..claim.end as usize].windows(2) {
+                unite(joined, pair[0], pair[1]);
             }
         }
-        self.last.clear();
-        self.last.extend(0..self.plots.len());
-        for i in 0..self.plots.len() {
-            let root = root(&mut self.joined, i);
-            self.last[root] = i;
+        last.clear();
+        last.extend(0..plots.len() as u32);
+        for i in 0..plots.len() as u32 {
+            let root = root(joined, i);
+            last[root as usize] = i;
         }
-        for claim in &mut self.claims {
-            claim.root = root(&mut self.joined, self.claimed[claim.start]);
+        for claim in claims.iter_mut() {
+            claim.root = root(joined, claimed[claim.start as usize]);
         }
-        self.claims.sort_unstable_by_key(|claim| (claim.root, claim.start));
+        // groups that a track is in are joined in their turn
+        counts.clear();
+        counts.extend_from_slice(joined);
+        for pair in claims.windows(2).filter(|pair| pair[0].track == pair[1].track) {
+            unite(counts, pair[0].root, pair[1].root);
+        }
+        // components in the order of their first tracks, so that memory is read in order
+        order.clear();
+        order.resize(plots.len(), NOWHERE);
+        let mut next = 0;
+        for claim in claims.iter_mut() {
+            let number = &mut order[root(counts, claim.root) as usize];
+            if *number == NOWHERE {
+                *number = next;
+                next += 1;
+            }
+            claim.component = *number;
+        }
+        sort(claims, sorted, counts, plots.len(), |claim| claim.root);
+        for (rank, claim) in sorted.iter_mut().enumerate() {
+            claim.rank = rank as u32;
+        }
+        sort(sorted, claims, counts, plots.len(), |claim| claim.component);
     }
 
     /// Lets plots wait that compete with one that is not before `hold`. Older ones than `oldest` do
     /// not: with them a target could be among the plots twice.
     fn defer(&mut self, oldest: f64, hold: f64) {
         for i in 0..self.plots.len() {
-            let last = self.last[root(&mut self.joined, i)];
+            let last = self.last[root(&mut self.joined, i as u32) as usize] as usize;
             let waits = self.plots[i].time >= oldest && self.plots[last].time >= hold;
             self.deferred[i] |= !self.taken[i] && waits;
         }
     }
 
-    /// Gives the plots to those that claim them, in the order of time.
-    fn settle(&mut self, sky: &mut Sky<'_>, confirmed: bool, tell: &mut impl FnMut(usize, Fate)) {
-        let claims = std::mem::take(&mut self.claims);
-        for group in claims.chunk_by(|a, b| a.root == b.root) {
-            self.settle_group(sky, group, confirmed, tell);
-        }
-        self.claims = claims;
-    }
-
-    fn settle_group(
+    /// Gives the plots to those that claim them, within each group in the order of time.
+    fn settle<R: Rows>(
         &mut self,
-        sky: &mut Sky<'_>,
-        group: &[Claim],
+        sky: &mut Sky<'_, R>,
         confirmed: bool,
         tell: &mut impl FnMut(usize, Fate),
     ) {
-        self.pairs.clear();
-        self.columns.clear();
-        for (row, claim) in group.iter().enumerate() {
-            let deferred = &self.deferred;
-            let wanted = self.claimed[claim.start..claim.end].iter().filter(|&&i| !deferred[i]);
-            let track = &mut sky.tracks[claim.track];
-            let radar = self.plots[claim.root].radar;
-            let expected = track.expected_by(radar).map_or(f64::NEG_INFINITY, |e| e.time);
-            let off = |&&i: &&usize| (self.plots[i].time - expected).abs();
-            let Some(&first) = wanted.clone().min_by(|a, b| off(a).total_cmp(&off(b))) else {
-                continue;
-            };
-            let station = &sky.settings.radars[radar];
-            let others = sky.clutter[radar].density(station);
-            track.predict(self.plots[first].time, station.period, sky.settings);
-            for &plot in wanted {
-                let Some(gain) = track.score(&self.plots[plot], others, sky.settings) else {
-                    continue;
-                };
-                let column = self.columns.iter().position(|&c| c == plot);
-                let column = column.unwrap_or_else(|| {
-                    self.columns.push(plot);
-                    self.columns.len() - 1
-                });
-                self.pairs.push(Pair { row: row as u32, column: column as u32, gain });
+        if self.claims.is_empty() {
+            return;
+        }
+        let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
+        // tracks by component
+        places.clear();
+        places.resize(sky.tracks.len(), NOWHERE);
+        let mut count = 0;
+        for claim in claims.iter_mut() {
+            let place = &mut places[claim.track as usize];
+            if *place == NOWHERE {
+                *place = count;
+                count += 1;
+            }
+            claim.track = *place;
+        }
+        let mut tracks: Vec<Option<&mut Track>> = Vec::new();
+        tracks.resize_with(count as usize, || None);
+        for (track, place) in sky.tracks.iter_mut().zip(&*places) {
+            if *place != NOWHERE {
+                tracks[*place as usize] = Some(track);
             }
         }
-        let Self { assigner, pairs, columns, .. } = self;
-        let choice = assigner.assign(pairs, group.len(), columns.len());
-        for (row, (claim, column)) in group.iter().zip(choice).enumerate() {
-            if let Some(column) = column {
-                let plot = columns[*column as usize];
-                self.taken[plot] = true;
-                let track = &mut sky.tracks[claim.track];
-                if !confirmed {
-                    // the score is that against a miss, the evidence that against a false plot
-                    let radar = &sky.settings.radars[self.plots[plot].radar];
-                    let own = |pair: &&Pair| pair.row == row as u32 && pair.column == *column;
-                    let gain = pairs.iter().find(own).map_or(0.0, |pair| pair.gain);
-                    track.credit(gain + (1.0 - radar.detection_probability).ln());
+        let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
+        let (plots, claimed, deferred) = (&plots[..], &claimed[..], &deferred[..]);
+        let (settings, clutter) = (sky.settings, &*sky.clutter);
+        let with_rows = sky.rows.wants(confirmed);
+        let same = |a: &Claim, b: &Claim| a.component == b.component;
+        shares.settle(sky.threads, claims, &mut tracks, same, |share, claims, tracks| {
+            for group in claims.chunk_by(|a, b| a.root == b.root) {
+                share.group(group, tracks, (plots, claimed, deferred), (settings, clutter));
+                share.assign();
+                share.correct(group, tracks, plots, settings, (confirmed, with_rows));
+                if confirmed {
+                    share.guard(group, tracks, (plots, claimed, deferred), (settings, clutter));
                 }
-                track.correct(&self.plots[plot], sky.settings);
-                if !confirmed && track.is_confirmed() {
-                    let (radar, time) = track.begun;
-                    sky.clutter[radar].discount(time, sky.settings.radars[radar].period);
-                }
-                tell(self.plots[plot].index, Fate::Track(track.number));
-                sky.rows.push(Row::of(track, self.plots[plot].radar, Some(self.plots[plot].index)));
             }
-        }
-        if confirmed {
-            let missed: Vec<usize> =
-                (0..group.len()).filter(|&row| choice[row].is_none()).collect();
-            for row in missed {
-                self.guard(sky, &group[row], tell);
-            }
-        }
-    }
-
-    /// Takes the likeliest plot that is left in the guard gate.
-    fn guard(&mut self, sky: &mut Sky<'_>, claim: &Claim, tell: &mut impl FnMut(usize, Fate)) {
-        let track = &mut sky.tracks[claim.track];
-        let radar = self.plots[claim.root].radar;
-        let others = sky.clutter[radar].density(&sky.settings.radars[radar]);
-        let free = |&&plot: &&usize| !self.taken[plot] && !self.deferred[plot];
-        let left = self.claimed[claim.start..claim.end].iter().filter(free);
-        let scores = left.filter_map(|&plot| {
-            let (score, accelerated) =
-                track.guarded_score(&self.plots[plot], others, sky.settings)?;
-            Some((score, plot, accelerated))
         });
-        let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        let Some((_, plot, accelerated)) = best.filter(|best| best.0 > 0.0) else { return };
-        self.taken[plot] = true;
-        if accelerated {
-            track.take_guarded(&self.plots[plot], sky.settings);
-        } else {
-            track.correct(&self.plots[plot], sky.settings);
-        }
-        tell(self.plots[plot].index, Fate::Track(track.number));
-        sky.rows.push(Row::of(track, self.plots[plot].radar, Some(self.plots[plot].index)));
+        shares.tell(claims.len(), |given, row| {
+            taken[given.plot as usize] = true;
+            tell(plots[given.plot as usize].index, Fate::Track(given.track));
+            if let Some((radar, time)) = given.begun {
+                sky.clutter[radar].discount(time, settings.radars[radar].period);
+            }
+            if let Some(row) = row {
+                sky.rows.push(row);
+            }
+        });
     }
 
     /// Begins tracks with the plots that are left, and counts them.
-    fn begin(&mut self, sky: &mut Sky<'_>, hold: f64, tell: &mut impl FnMut(usize, Fate)) {
+    fn begin<R: Rows>(
+        &mut self,
+        sky: &mut Sky<'_, R>,
+        hold: f64,
+        tell: &mut impl FnMut(usize, Fate),
+    ) {
         let mut unused = vec![0; sky.settings.radars.len()];
         for (i, plot) in self.plots.iter().enumerate() {
             self.deferred[i] |= !self.taken[i] && plot.time >= hold;
@@ -279,7 +268,9 @@ impl Scan {
             let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             *sky.next_number += 1;
             tell(plot.index, Fate::Track(track.number));
-            sky.rows.push(Row::of(&track, plot.radar, Some(plot.index)));
+            if sky.rows.wants(false) {
+                sky.rows.push(&super::Row::of(&track, plot.radar, Some(plot.index)));
+            }
             sky.tracks.push(track);
         }
         let settled = || self.plots.iter().zip(&self.deferred).filter(|(_, d)| !**d);
@@ -293,12 +284,21 @@ impl Scan {
     }
 }
 
+impl Claim {
+    /// Of a track, among all, for plots from `start` to `end`.
+    pub fn new(track: usize, start: usize, end: usize) -> Self {
+        let [track, start, end] = [track, start, end].map(|i| i as u32);
+        Self { track, rank: 0, root: 0, component: 0, start, end }
+    }
+}
+
 /// Where plots of the track may be, from `begin` to `end`; none where the radar does not come.
-fn reach(
+#[inline]
+pub(super) fn reach(
     track: &Track,
     radar: usize,
-    begin: f64,
-    end: f64,
+    (begin, end): (f64, f64),
+    unseen: (f64, f64),
     settings: &Settings,
 ) -> Option<([f64; 2], [f64; 2])> {
     let station = &settings.radars[radar];
@@ -306,7 +306,7 @@ fn reach(
         Some(expected) => {
             // near the radar the beam comes earlier or later
             let moved = settings.speed_max * (begin - expected.seen).max(station.period);
-            let swing = (moved / (PI * station.distance(track.estimate.position()))).min(0.5);
+            let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
             let late = (settings.patience + swing) * station.period;
             // the scan in which the radar comes between begin and end
             let scans = ((begin - late - expected.time) / station.period).ceil().max(0.0);
@@ -321,7 +321,7 @@ fn reach(
     let (centre, covariance) = track.position_at(time);
     let noise = station.noise_at(centre, track.height() - station.position[2]);
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
-    let (wide, margin) = track.reach(time, settings);
+    let (wide, margin) = track.reach(time, unseen);
     let more = margin + speed * slack;
     // no target is farther than it can have flown
     let flown = 2.0 * settings.speed_max * (time - track.seen).abs().max(station.period);
@@ -330,19 +330,46 @@ fn reach(
         ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
     };
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
-    let nearest = station.distance(centre) - half[0] - half[1];
+    let nearest = station.about(centre) - half[0] - half[1];
     (nearest <= station.range_max).then_some((centre, half))
 }
 
-fn root(joined: &mut [usize], mut i: usize) -> usize {
-    while joined[i] != i {
-        joined[i] = joined[joined[i]];
-        i = joined[i];
+fn root(joined: &mut [u32], mut i: u32) -> u32 {
+    while joined[i as usize] != i {
+        joined[i as usize] = joined[joined[i as usize] as usize];
+        i = joined[i as usize];
     }
     i
 }
 
-fn unite(joined: &mut [usize], a: usize, b: usize) {
+fn unite(joined: &mut [u32], a: u32, b: u32) {
     let (a, b) = (root(joined, a), root(joined, b));
-    joined[a.max(b)] = a.min(b);
+    joined[a.max(b) as usize] = a.min(b);
+}
+
+/// Sorts claims by a number below `count`; equal ones stay in their order.
+fn sort(
+    claims: &[Claim],
+    sorted: &mut Vec<Claim>,
+    counts: &mut Vec<u32>,
+    count: usize,
+    key: impl Fn(&Claim) -> u32,
+) {
+    counts.clear();
+    counts.resize(count, 0);
+    for claim in claims {
+        counts[key(claim) as usize] += 1;
+    }
+    let mut end = 0;
+    for count in &mut *counts {
+        end += *count;
+        *count = end;
+    }
+    sorted.clear();
+    sorted.resize(claims.len(), Claim::new(0, 0, 0));
+    for claim in claims.iter().rev() {
+        let place = &mut counts[key(claim) as usize];
+        *place -= 1;
+        sorted[*place as usize] = *claim;
+    }
 }

@@ -45,12 +45,48 @@ pub(super) enum Stage {
 }
 
 /// When a radar should see a target next.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Expected {
     pub radar: usize,
     pub time: f64,
     /// Of the last plot.
     pub seen: f64,
+}
+
+/// So many radars find room in a track itself.
+const FEW: usize = 4;
+
+/// When each radar should see a target next.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Beams {
+    few: [Expected; FEW],
+    count: usize,
+    /// All of them, where they are more than a few.
+    many: Vec<Expected>,
+}
+
+impl Beams {
+    #[inline]
+    fn all(&self) -> &[Expected] {
+        if self.count <= FEW { &self.few[..self.count] } else { &self.many }
+    }
+
+    #[inline]
+    fn all_mut(&mut self) -> &mut [Expected] {
+        if self.count <= FEW { &mut self.few[..self.count] } else { &mut self.many }
+    }
+
+    fn push(&mut self, expected: Expected) {
+        if self.count < FEW {
+            self.few[self.count] = expected;
+        } else {
+            if self.count == FEW {
+                self.many.extend_from_slice(&self.few);
+            }
+            self.many.push(expected);
+        }
+        self.count += 1;
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,7 +112,7 @@ pub(super) struct Track {
     pub estimate: Estimate<4>,
     /// Of the last plot, and its covariance.
     pub innovation: ([f64; 2], Plane),
-    pub expected: Vec<Expected>,
+    beams: Beams,
     pub vertical: Option<Vertical>,
     identity: Option<Identity>,
     search: SearchState,
@@ -124,7 +160,7 @@ impl Track {
             filter: Filter::Straight(estimate),
             estimate,
             innovation: ([0.0; 2], r),
-            expected: Vec::new(),
+            beams: Beams::default(),
             vertical: None,
             identity: None,
             search: SearchState::default(),
@@ -177,7 +213,7 @@ impl Track {
 
     /// When this radar should see the target, if it has seen it.
     pub fn expected_by(&self, radar: usize) -> Option<&Expected> {
-        self.expected.iter().find(|expected| expected.radar == radar)
+        self.beams.all().iter().find(|expected| expected.radar == radar)
     }
 
     /// Whether this radar can have made a plot of this target at this time.
@@ -269,8 +305,8 @@ impl Track {
     /// Acceleration that the target may have unnoticed, and seconds without a plot, five scans at
     /// most.
     fn unnoticed(&self, settings: &Settings) -> (f64, f64) {
-        let period = self.period(settings);
-        (settings.unnoticed(period), (self.time - self.seen).min(5.0 * period))
+        let (sigma, longest) = self.unseen(settings);
+        (sigma, (self.time - self.seen).min(longest))
     }
 
     /// What height and identity say.
@@ -401,11 +437,9 @@ impl Track {
             self.answer(plot.identity);
         }
         let next = plot.time + settings.radars[plot.radar].period;
-        match self.expected.iter_mut().find(|expected| expected.radar == plot.radar) {
+        match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
             Some(expected) => (expected.time, expected.seen) = (next, plot.time),
-            None => {
-                self.expected.push(Expected { radar: plot.radar, time: next, seen: plot.time });
-            }
+            None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += 1;
@@ -441,23 +475,30 @@ impl Track {
         }
     }
 
+    /// Acceleration that the target may have unnoticed, m/s², and how long without a plot at most, s.
+    pub fn unseen(&self, settings: &Settings) -> (f64, f64) {
+        let period = self.period(settings);
+        (settings.unnoticed(period), 5.0 * period)
+    }
+
     /// Scans of the slowest radar that sees the target.
     fn period(&self, settings: &Settings) -> f64 {
-        let periods = self.expected.iter().map(|expected| settings.radars[expected.radar].period);
+        let beams = self.beams.all().iter();
+        let periods = beams.map(|expected| settings.radars[expected.radar].period);
         periods.fold(0.0, f64::max)
     }
 
     /// Counts the scans in which radars should have seen the target before `end`; calls `missed`
     /// for each.
     pub fn miss(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
-        for i in 0..self.expected.len() {
+        for i in 0..self.beams.all().len() {
             loop {
-                let Expected { radar, time, .. } = self.expected[i];
+                let Expected { radar, time, .. } = self.beams.all()[i];
                 let station = &settings.radars[radar];
                 if time + settings.patience * station.period >= end || !self.is_alive(settings) {
                     break;
                 }
-                self.expected[i].time += station.period;
+                self.beams.all_mut()[i].time += station.period;
                 self.predict(time, station.period, settings);
                 if station.covers(self.estimate.position()) {
                     if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
@@ -485,11 +526,11 @@ impl Track {
 
     /// Variance of a position for which the target accelerated unnoticed since its last plot, and
     /// by how much it may be farther than the last covariance says.
-    pub fn reach(&self, time: f64, settings: &Settings) -> (f64, f64) {
-        let period = self.period(settings);
-        let gap = (time - self.seen).clamp(0.0, 5.0 * period);
+    #[inline]
+    pub fn reach(&self, time: f64, (sigma, longest): (f64, f64)) -> (f64, f64) {
+        let gap = (time - self.seen).clamp(0.0, longest);
         let t = time - self.time;
-        let wide = 0.5 * settings.unnoticed(period) * gap * gap;
+        let wide = 0.5 * sigma * gap * gap;
         (wide * wide, 0.5 * MODEL_ACCELERATION * t * t)
     }
 }

@@ -1,0 +1,366 @@
+//! Tracks and groups of a scan that one thread looks after, and what it finds.
+
+use super::Row;
+use super::clutter::Clutter;
+use super::plot::Measured;
+use super::scan::{Claim, reach};
+use super::settings::Settings;
+use super::track::Track;
+use crate::association::{Assigner, Grid, Pair};
+use crate::batch::for_each_row;
+use std::num::NonZero;
+
+/// Shares per thread, so that a thread on a busy core does not hold up the others.
+const SHARES_PER_THREAD: usize = 8;
+/// Nothing was given to a claim.
+const NOTHING: u32 = u32::MAX;
+
+/// A plot that was given to a track.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Given {
+    /// Its place: the claim's rank, those of the guard gate after all others of the group.
+    place: u32,
+    pub plot: u32,
+    pub track: u64,
+    /// Radar and time of the first plot of a track that is confirmed by this one.
+    pub begun: Option<(usize, f64)>,
+    /// Index of the row, if there is one.
+    row: u32,
+}
+
+/// The plots of a scan, those that are claimed, and which of them wait.
+type Seen<'a> = (&'a [Measured], &'a [u32], &'a [bool]);
+type World<'a> = (&'a Settings, &'a [Clutter]);
+
+/// What one thread does at a time, and its buffers.
+#[derive(Default)]
+pub(super) struct Share {
+    claims: Vec<Claim>,
+    claimed: Vec<u32>,
+    /// Plots near a track.
+    near: Vec<u32>,
+    /// Where each radar may have seen a track.
+    boxes: Vec<Option<([f64; 2], [f64; 2])>>,
+    pairs: Vec<Pair>,
+    columns: Vec<u32>,
+    /// The plot of each claim of a group.
+    choice: Vec<Option<u32>>,
+    assigner: Assigner,
+    given: Vec<Given>,
+    rows: Vec<Row>,
+}
+
+impl Share {
+    /// Finds the plots near a track that are free, by radar and index.
+    pub fn find(
+        &mut self,
+        track: &Track,
+        times: (f64, f64),
+        settings: &Settings,
+        (grid, plots): (&Grid, &[Measured]),
+        free: impl Fn(&u32) -> bool,
+    ) {
+        let Self { near, boxes, .. } = self;
+        near.clear();
+        boxes.clear();
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let unseen = track.unseen(settings);
+        for radar in 0..settings.radars.len() {
+            let found = reach(track, radar, times, unseen, settings);
+            if let Some((centre, half)) = found {
+                for i in 0..2 {
+                    low[i] = f64::min(low[i], centre[i] - half[i]);
+                    high[i] = f64::max(high[i], centre[i] + half[i]);
+                }
+            }
+            boxes.push(found);
+        }
+        if low[0] > high[0] {
+            return;
+        }
+        let radars = &settings.radars;
+        grid.between(low, high, &mut |i| {
+            let plot = &plots[i];
+            let Some((centre, half)) = boxes[plot.radar] else { return };
+            let [x, y] = plot.position;
+            let inside = x >= centre[0] - half[0]
+                && x <= centre[0] + half[0]
+                && y >= centre[1] - half[1]
+                && y <= centre[1] + half[1];
+            if inside && free(&(i as u32)) && track.is_due(plot, &radars[plot.radar]) {
+                near.push(i as u32);
+            }
+        });
+        if near.len() > 1 {
+            near.sort_unstable_by_key(|&i| (plots[i as usize].radar, i));
+        }
+    }
+
+    /// A track claims what was found near it, for each radar by itself.
+    pub fn claim(&mut self, track: usize, plots: &[Measured]) {
+        let radar = |i: u32| plots[i as usize].radar;
+        for own in self.near.chunk_by(|&a, &b| radar(a) == radar(b)) {
+            let start = self.claimed.len();
+            self.claimed.extend_from_slice(own);
+            self.claims.push(Claim::new(track, start, self.claimed.len()));
+        }
+    }
+
+    /// Brings the tracks of a group to the time of their plots, and scores the pairs.
+    pub fn group(
+        &mut self,
+        group: &[Claim],
+        tracks: &mut [&mut Track],
+        (plots, claimed, deferred): Seen<'_>,
+        (settings, clutter): World<'_>,
+    ) {
+        self.pairs.clear();
+        self.columns.clear();
+        self.choice.clear();
+        self.choice.resize(group.len(), None);
+        let radar = plots[group[0].root as usize].radar;
+        let station = &settings.radars[radar];
+        let others = clutter[radar].density(station);
+        for (row, claim) in group.iter().enumerate() {
+            let wanted = plots_of(claim, claimed).filter(|&&i| !deferred[i as usize]);
+            let track = &mut *tracks[claim.track as usize];
+            let expected = track.expected_by(radar).map_or(f64::NEG_INFINITY, |e| e.time);
+            let off = |&&i: &&u32| (plots[i as usize].time - expected).abs();
+            let Some(&first) = wanted.clone().min_by(|a, b| off(a).total_cmp(&off(b))) else {
+                continue;
+            };
+            track.predict(plots[first as usize].time, station.period, settings);
+            for &plot in wanted {
+                let Some(gain) = track.score(&plots[plot as usize], others, settings) else {
+                    continue;
+                };
+                let column = self.columns.iter().position(|&c| c == plot);
+                let column = column.unwrap_or_else(|| {
+                    self.columns.push(plot);
+                    self.columns.len() - 1
+                });
+                self.pairs.push(Pair { row: row as u32, column: column as u32, gain });
+            }
+        }
+    }
+
+    /// Chooses a plot for each claim.
+    pub fn assign(&mut self) {
+        let Self { pairs, columns, choice, assigner, .. } = self;
+        if let [own] = &mut choice[..] {
+            // nobody else wants these plots
+            let mut best = 0.0;
+            for pair in pairs.iter().filter(|pair| pair.gain.is_finite()) {
+                if pair.gain > best {
+                    (best, *own) = (pair.gain, Some(columns[pair.column as usize]));
+                }
+            }
+            return;
+        }
+        let found = assigner.assign(pairs, choice.len(), columns.len());
+        for (own, column) in choice.iter_mut().zip(found) {
+            *own = column.map(|column| columns[column as usize]);
+        }
+    }
+
+    /// Corrects the tracks by their plots.
+    pub fn correct(
+        &mut self,
+        group: &[Claim],
+        tracks: &mut [&mut Track],
+        plots: &[Measured],
+        settings: &Settings,
+        (confirmed, with_rows): (bool, bool),
+    ) {
+        for (row, claim) in group.iter().enumerate() {
+            let Some(plot) = self.choice[row] else { continue };
+            let measured = &plots[plot as usize];
+            let track = &mut *tracks[claim.track as usize];
+            if !confirmed {
+                // the score is that against a miss, the evidence that against a false plot
+                let radar = &settings.radars[measured.radar];
+                let columns = &self.columns;
+                let own = |pair: &&Pair| {
+                    pair.row as usize == row && columns[pair.column as usize] == plot
+                };
+                let gain = self.pairs.iter().find(own).map_or(0.0, |pair| pair.gain);
+                track.credit(gain + (1.0 - radar.detection_probability).ln());
+            }
+            track.correct(measured, settings);
+            let with_row = with_rows || track.is_confirmed();
+            let begun = (!confirmed && track.is_confirmed()).then_some(track.begun);
+            let place = group[0].rank + claim.rank;
+            self.give(place, plot, track, measured, with_row, begun);
+        }
+    }
+
+    /// Those that have no plot take the likeliest one that is left in the guard gate.
+    pub fn guard(
+        &mut self,
+        group: &[Claim],
+        tracks: &mut [&mut Track],
+        (plots, claimed, deferred): Seen<'_>,
+        (settings, clutter): World<'_>,
+    ) {
+        for row in 0..group.len() {
+            if self.choice[row].is_some() {
+                continue;
+            }
+            let claim = &group[row];
+            let track = &mut *tracks[claim.track as usize];
+            let radar = plots[claim.root as usize].radar;
+            let others = clutter[radar].density(&settings.radars[radar]);
+            let free =
+                |&&plot: &&u32| !deferred[plot as usize] && !self.choice.contains(&Some(plot));
+            let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
+                let measured = &plots[plot as usize];
+                let (score, accelerated) = track.guarded_score(measured, others, settings)?;
+                Some((score, plot, accelerated))
+            });
+            let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            let Some((_, plot, accelerated)) = best.filter(|best| best.0 > 0.0) else { continue };
+            self.choice[row] = Some(plot);
+            let measured = &plots[plot as usize];
+            if accelerated {
+                track.take_guarded(measured, settings);
+            } else {
+                track.correct(measured, settings);
+            }
+            let place = group[0].rank + claim.rank + group.len() as u32;
+            self.give(place, plot, track, measured, true, None);
+        }
+    }
+
+    fn give(
+        &mut self,
+        place: u32,
+        plot: u32,
+        track: &Track,
+        measured: &Measured,
+        with_row: bool,
+        begun: Option<(usize, f64)>,
+    ) {
+        let row = if with_row { self.rows.len() as u32 } else { NOTHING };
+        if with_row {
+            self.rows.push(Row::of(track, measured.radar, Some(measured.index)));
+        }
+        self.given.push(Given { place, plot, track: track.number, begun, row });
+    }
+
+    /// Forgets what was found.
+    fn clear(&mut self) {
+        self.claims.clear();
+        self.claimed.clear();
+        self.given.clear();
+        self.rows.clear();
+    }
+}
+
+fn plots_of<'a>(claim: &Claim, claimed: &'a [u32]) -> std::slice::Iter<'a, u32> {
+    claimed[claim.start as usize..claim.end as usize].iter()
+}
+
+/// All shares.
+#[derive(Default)]
+pub(super) struct Shares {
+    shares: Vec<Share>,
+    /// Where what was given at each place is: the share, and the index in it.
+    places: Vec<(u32, u32)>,
+}
+
+impl Shares {
+    fn ready(&mut self, threads: usize) -> &mut [Share] {
+        let count = if threads > 1 { threads * SHARES_PER_THREAD } else { 1 };
+        self.shares.resize_with(count, Share::default);
+        self.shares.iter_mut().for_each(Share::clear);
+        &mut self.shares
+    }
+
+    /// Calls `look` with the tracks of each share, and the index of the first of them.
+    pub fn look(
+        &mut self,
+        threads: usize,
+        tracks: &[Track],
+        look: impl Fn(&mut Share, usize, &[Track]) + Sync,
+    ) {
+        let shares = self.ready(threads);
+        let size = tracks.len().div_ceil(shares.len()).max(1);
+        let parts: Vec<_> = tracks.chunks(size).enumerate().zip(shares).collect();
+        run(threads, parts, |((index, tracks), share)| look(share, index * size, tracks));
+    }
+
+    /// The claims of all shares, one after the other.
+    pub fn collect(&self, claims: &mut Vec<Claim>, claimed: &mut Vec<u32>) {
+        for share in &self.shares {
+            let offset = claimed.len() as u32;
+            claimed.extend_from_slice(&share.claimed);
+            claims.extend(share.claims.iter().map(|claim| Claim {
+                start: claim.start + offset,
+                end: claim.end + offset,
+                ..*claim
+            }));
+        }
+    }
+
+    /// Calls `work` with the claims of each share and the tracks that they name; `same` tells which
+    /// claims must stay together. Both are sorted by that.
+    pub fn settle(
+        &mut self,
+        threads: usize,
+        claims: &mut [Claim],
+        tracks: &mut [&mut Track],
+        same: impl Fn(&Claim, &Claim) -> bool,
+        work: impl Fn(&mut Share, &[Claim], &mut [&mut Track]) + Sync,
+    ) {
+        let shares = self.ready(threads);
+        let size = claims.len().div_ceil(shares.len()).max(1);
+        let mut parts = Vec::with_capacity(shares.len());
+        let (mut claims, mut tracks) = (claims, tracks);
+        for share in shares {
+            let mut count = size.min(claims.len());
+            while 0 < count && count < claims.len() && same(&claims[count - 1], &claims[count]) {
+                count += 1;
+            }
+            let (mine, rest) = claims.split_at_mut(count);
+            let first = mine.iter().map(|claim| claim.track).min().unwrap_or(0);
+            let end = mine.iter().map(|claim| claim.track + 1).max().unwrap_or(0);
+            mine.iter_mut().for_each(|claim| claim.track -= first);
+            let (own, others) = tracks.split_at_mut((end - first) as usize);
+            parts.push((&*mine, own, share));
+            (claims, tracks) = (rest, others);
+        }
+        run(threads, parts, |(claims, tracks, share)| work(share, claims, tracks));
+    }
+
+    /// Calls `tell` with every plot that was given, and its row, in the order of groups.
+    pub fn tell(&mut self, claims: usize, mut tell: impl FnMut(&Given, Option<&Row>)) {
+        self.places.clear();
+        self.places.resize(2 * claims, (NOTHING, NOTHING));
+        for (index, share) in self.shares.iter().enumerate() {
+            for (i, given) in share.given.iter().enumerate() {
+                self.places[given.place as usize] = (index as u32, i as u32);
+            }
+        }
+        for &(index, i) in self.places.iter().filter(|(index, _)| *index != NOTHING) {
+            let share = &self.shares[index as usize];
+            let given = &share.given[i as usize];
+            let row = (given.row != NOTHING).then(|| &share.rows[given.row as usize]);
+            tell(given, row);
+        }
+    }
+}
+
+/// Calls `work` on every part, on so many threads.
+pub(super) fn run<P: Send>(threads: usize, parts: Vec<P>, work: impl Fn(P) + Sync) {
+    let done = for_each_row(
+        parts.into_iter(),
+        0.0,
+        NonZero::new(threads),
+        || (),
+        |(), part| {
+            work(part);
+            Ok(())
+        },
+    );
+    done.expect("nothing fails");
+}
