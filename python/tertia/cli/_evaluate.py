@@ -51,9 +51,7 @@ class _Judged:
 def evaluate(
     tracks: Annotated[
         Path,
-        typer.Argument(
-            metavar="TRACKS", help="Tracks, as tertia track writes them: .csv, .parquet."
-        ),
+        typer.Argument(metavar="TRACKS", help="Tracks, as tertia track writes them."),
     ],
     *,
     truth: Annotated[
@@ -71,7 +69,9 @@ def evaluate(
     ] = 1000.0,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the figures as .csv, .json or .parquet."),
+        typer.Option(
+            metavar="FILE", help="Write the figures as .csv, .parquet, .arrow, .jsonl or .json."
+        ),
     ] = None,
     targets: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one row per target.")

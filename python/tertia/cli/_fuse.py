@@ -66,7 +66,9 @@ class _Fused:
 def fuse(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILES...", help="Plots: CSV with a header, or .parquet; stacked."),
+        typer.Argument(
+            metavar="FILES...", help="Plots: .csv with a header, .parquet, .arrow, .jsonl; stacked."
+        ),
     ],
     *,
     sensor_column: Annotated[
@@ -100,7 +102,9 @@ def fuse(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the track as .csv, .json or .parquet."),
+        typer.Option(
+            metavar="FILE", help="Write the track as .csv, .parquet, .arrow, .jsonl or .json."
+        ),
     ] = None,
     plot_file: PlotFile = None,
 ) -> None:

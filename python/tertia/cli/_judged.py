@@ -87,8 +87,6 @@ def read_pair(tracks: Path, truth: Path) -> tuple[Rows, Truth]:
 
 
 def _read(path: Path, columns: list[str]) -> pl.DataFrame:
-    if path.suffix.lower() == ".json":
-        fail(f"cannot read {path}: tables are read from CSV or Parquet")
     frame = _tables.read(path, columns)
     frame = frame.filter(_tables.is_row(frame, path))
     if frame.is_empty():

@@ -20,14 +20,13 @@ PlotFile: TypeAlias = Annotated[
 Measured: TypeAlias = Annotated[
     list[Path],
     typer.Argument(
-        metavar="FILES...", help="Measurements: CSV with a header, or .parquet; stacked."
+        metavar="FILES...",
+        help="Measurements: .csv with a header, .parquet, .arrow, .jsonl; stacked.",
     ),
 ]
 StationFile: TypeAlias = Annotated[
     Path,
-    typer.Option(
-        "--stations", metavar="FILE", help="Stations: .toml, CSV with a header, .parquet."
-    ),
+    typer.Option("--stations", metavar="FILE", help="Stations: .toml, or a table as .csv."),
 ]
 TimeColumn: TypeAlias = Annotated[
     str, typer.Option(help="Column of the time: seconds, or dates with time.")

@@ -178,7 +178,7 @@ class _File:
 def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
     path, frame = file.path, file.frame
     if file.first_of(_RANGES) is None:
-        wanted = f"{' or '.join(_RANGES)}; it has {', '.join(frame.columns)}"
+        wanted = f"{' or '.join(_RANGES)}; {_tables.told_columns(frame)}"
         fail(f"{path} has no column {wanted}", WRONG_USAGE)
     rows = pl.DataFrame(
         {

@@ -45,7 +45,7 @@ class RadarSites:
 
 
 def read_radars(path: Path) -> RadarSites:
-    """Read them from TOML with one table `[[radar]]` each, or from CSV or Parquet."""
+    """Read them from TOML with one table `[[radar]]` each, or from a table."""
     rows, origin = named_rows(path, "radar")
     where = places(rows, origin, path)
     norths = np.zeros(len(rows))

@@ -112,7 +112,7 @@ def track(
     if report is not None and report.exists() and not report.is_dir():
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
     _tables.check_suffixes(output, plot_file)
-    _tables.check_suffixes(None, None if report is None else report / PICTURES[0])
+    _tables.check_suffixes(None, None if report is None else Path(PICTURES[0]))
     sites = read_radars(radars)
     frame = sites.places.frame
     if place is None and frame is not None:
