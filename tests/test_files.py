@@ -1,12 +1,10 @@
 """Files of every format, with every command: the same numbers, and one line per mistake."""
 
 import gzip
-import json
 import os
-import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl

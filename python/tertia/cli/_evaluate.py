@@ -12,7 +12,7 @@ from tertia import metrics
 from tertia._arrays import FloatArray
 from tertia.cli import _tables
 from tertia.cli._judged import Rows, Truth, gospa, read_pair, usual_periods
-from tertia.cli._options import PlotFile
+from tertia.cli._options import PlotFile, pair
 from tertia.cli._terminal import WRONG_USAGE, fail, note, print_table, shown, working
 
 if TYPE_CHECKING:
@@ -56,8 +56,15 @@ def evaluate(
     *,
     truth: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m."),
+        typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m; ASTERIX."),
     ],
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LATITUDE,LONGITUDE",
+            help="Where east and north of the tracks are zero, for a truth in degrees.",
+        ),
+    ] = None,
     period: Annotated[
         float | None,
         typer.Option(
@@ -88,7 +95,8 @@ def evaluate(
     if period is not None and not 0 < period < np.inf:
         fail(f"--period is {period:g}; it must be a positive number", WRONG_USAGE)
     _tables.check_suffixes(output, plot_file, targets)
-    rows, real = read_pair(tracks, truth)
+    place = None if origin is None else pair(origin, "--origin", float)
+    rows, real = read_pair(tracks, truth, place)
     usual = usual_periods(rows)
     if period is None and not usual:
         fail(f"no track of {tracks} has two updates by a radar: give --period", WRONG_USAGE)

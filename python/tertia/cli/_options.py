@@ -1,9 +1,14 @@
 """Options that several commands have."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, TypeAlias, TypeVar
 
 import typer
+
+from tertia.cli._terminal import WRONG_USAGE, fail
+
+Number = TypeVar("Number", int, float)
 
 By: TypeAlias = Annotated[
     list[str] | None,
@@ -40,3 +45,12 @@ MeasurementFile: TypeAlias = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Write one row per measurement: its residual, if a fault."),
 ]
+
+
+def pair(text: str, option: str, kind: Callable[[str], Number]) -> tuple[Number, Number]:
+    """Return two numbers with a comma between them."""
+    try:
+        first, second = map(kind, text.split(","))
+    except ValueError:
+        fail(f"{option} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
+    return first, second

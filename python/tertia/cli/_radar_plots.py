@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, IntArray
-from tertia.cli import _tables
+from tertia.cli import _asterix, _tables
 from tertia.cli._measurements import doubt_degrees, numbers_of_names
 from tertia.cli._radars import RadarSites
 from tertia.cli._terminal import WRONG_USAGE, fail, note
@@ -77,11 +77,15 @@ class Clock:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The plots of all files, in their order, and what their times and identities look like."""
+    """The plots of all files, in their order, and what their times and identities look like.
+
+    `remarks` are what there is to say of the files.
+    """
 
     plots: Plots
     clock: Clock
     identity: str
+    remarks: Sequence[str] = ()
 
     def identities(self, numbers: IntArray) -> pl.Series:
         """Return identities as they are in the files, null where there is none."""
@@ -106,11 +110,29 @@ def column_names(options: Sequence[str]) -> dict[str, str]:
     return columns
 
 
-def read_recording(
-    files: Sequence[Path], columns: Mapping[str, str], sites: RadarSites
-) -> Recording:
+def open_files(files: Sequence[Path], columns: Mapping[str, str]) -> "list[PlotFile]":
+    """Read all files, and find the columns that are given."""
+    return [_open(path, columns) for path in files]
+
+
+def _open(path: Path, columns: Mapping[str, str]) -> "PlotFile":
+    needed = {TIME: TIME, AZIMUTH: AZIMUTH, **columns}
+    if _tables.kind_of(path) not in _tables.ASTERIX:
+        return PlotFile(path, _tables.read(path, needed.values()), columns)
+    frame, told, remarks = _asterix.plots_and_radars(path)
+    _tables.require_columns(frame, path, needed.values())
+    return PlotFile(path, frame, columns, told, remarks)
+
+
+def told_of_radars(files: "Sequence[PlotFile]") -> _asterix.Told:
+    """Return what recordings tell of their radars, the first of them first."""
+    return {name: row for one in reversed(files) for name, row in one.told.items()}
+
+
+def recording_of(opened: "Sequence[PlotFile]", sites: RadarSites) -> Recording:
     """Return the plots of all files, by these radars."""
-    opened = [_File(path, _read(path, columns), columns) for path in files]
+    files = [one.path for one in opened]
+    columns = opened[0].columns
     identities = [one.first_of(_IDENTITIES) for one in opened]
     for path, name in zip(files, identities, strict=True):
         if name != identities[0]:
@@ -133,21 +155,19 @@ def read_recording(
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
     )
-    return Recording(plots, clock, identities[0] or "identity")
-
-
-def _read(path: Path, columns: Mapping[str, str]) -> pl.DataFrame:
-    needed = {TIME: TIME, AZIMUTH: AZIMUTH, **columns}
-    return _tables.read(path, needed.values())
+    remarks = [remark for one in opened for remark in one.remarks]
+    return Recording(plots, clock, identities[0] or "identity", remarks)
 
 
 @dataclass(frozen=True, slots=True)
-class _File:
-    """A file, and how its columns are named there."""
+class PlotFile:
+    """A file, how its columns are named there, and what it tells of radars."""
 
     path: Path
     frame: pl.DataFrame
     columns: Mapping[str, str]
+    told: _asterix.Told = field(default_factory=dict)
+    remarks: Sequence[str] = ()
 
     def __getitem__(self, name: str) -> pl.Series:
         return self.frame[self.columns.get(name, name)]
@@ -175,7 +195,7 @@ class _File:
         return values * units[name]
 
 
-def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
+def _rows(file: PlotFile, sites: RadarSites) -> pl.DataFrame:
     path, frame = file.path, file.frame
     if file.first_of(_RANGES) is None:
         wanted = f"{' or '.join(_RANGES)}; {_tables.told_columns(frame)}"
@@ -197,8 +217,10 @@ def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
     return rows.filter(there)
 
 
-def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
+def _radar_numbers(file: PlotFile, sites: RadarSites) -> pl.Series:
     names = sites.names
+    if file.told:
+        _require_known(file, sites)
     if file.has(RADAR):
         told = f"the radars of {sites.path} are"
         return numbers_of_names(file.frame, file.path, file[RADAR].name, names, told)
@@ -211,7 +233,17 @@ def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
     return pl.repeat(0, file.frame.height, eager=True, dtype=pl.Int64)
 
 
-def _identities(file: _File) -> pl.Series:
+def _require_known(file: PlotFile, sites: RadarSites) -> None:
+    """Fail where a recording has plots of radars that nobody described."""
+    unknown = [name for name in file.frame["radar"].unique().sort() if name not in sites.names]
+    if unknown:
+        fail(
+            f"{file.path} has plots of {', '.join(unknown)}: add [[radar]] tables with these names "
+            f"to {sites.path}, with range_sigma_m and azimuth_sigma_deg"
+        )
+
+
+def _identities(file: PlotFile) -> pl.Series:
     """Return identities as numbers, -1 where there is none."""
     name = file.first_of(_IDENTITIES)
     if name is None:

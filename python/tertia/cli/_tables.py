@@ -46,6 +46,8 @@ _WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
     **dict.fromkeys(_ARROW, pl.DataFrame.write_ipc),
     **dict.fromkeys(_JSON_LINES, write_lines),
 }
+# recordings of radars, not tables
+ASTERIX = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
 # what Polars unpacks while it reads
 _PACKED = (".gz", ".zst")
 # what holds types, so that no row is blank
@@ -89,10 +91,15 @@ def kind_of(path: Path) -> str:
 def read(path: Path, columns: Iterable[str]) -> pl.DataFrame:
     """Return the table in a file, which has `columns`; those of CSV are text: 007 remains 007."""
     frame = read_any(path)
+    require_columns(frame, path, columns)
+    return frame
+
+
+def require_columns(frame: pl.DataFrame, path: Path, columns: Iterable[str]) -> None:
+    """Fail if a table of a file has not all of the columns."""
     for name in columns:
         if name not in frame.columns:
             fail(f"{path} has no column {name}; {told_columns(frame)}", WRONG_USAGE)
-    return frame
 
 
 def told_columns(frame: pl.DataFrame) -> str:
@@ -109,6 +116,8 @@ def read_any(path: Path) -> pl.DataFrame:
     kind = kind_of(path)
     if path.is_dir():
         fail(f"cannot read {path}: it is a folder")
+    if kind in ASTERIX:
+        fail(f"cannot read {path}: ASTERIX is for tertia track, and for the truth of evaluate")
     if kind == ".json":
         fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")
     try:
@@ -152,7 +161,7 @@ def _is_object(line: bytes) -> bool:
 
 def is_row(frame: pl.DataFrame, path: Path) -> pl.Series:
     """Return which rows are there: a blank line of a CSV file is none."""
-    if kind_of(path) in {*_BINARY, *_JSON_LINES}:
+    if kind_of(path) in {*_BINARY, *_JSON_LINES, *ASTERIX}:
         return pl.repeat(True, frame.height, eager=True)
     return frame.select(~pl.all_horizontal(pl.all().is_null())).to_series()
 
@@ -160,7 +169,7 @@ def is_row(frame: pl.DataFrame, path: Path) -> pl.Series:
 def place(path: Path, row: int) -> str:
     """Return where a row of a file is, as people count."""
     kind = kind_of(path)
-    if kind in _BINARY:
+    if kind in _BINARY or kind in ASTERIX:
         return f"{path}, row {row + 1}"
     return f"{path}, line {row + 1 if kind in _JSON_LINES else row + 2}"
 

@@ -1,17 +1,23 @@
 """`tertia track`: tracks of the plots of radars."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from tertia import io, tracker
 from tertia.cli import _tables
-from tertia.cli._options import PlotFile
-from tertia.cli._radar_plots import Recording, column_names, read_recording
+from tertia.cli._options import PlotFile, pair
+from tertia.cli._radar_plots import (
+    Recording,
+    column_names,
+    open_files,
+    recording_of,
+    told_of_radars,
+)
 from tertia.cli._radars import RadarSites, read_radars
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
 from tertia.cli._track_report import PICTURES, write_report
@@ -26,18 +32,19 @@ EXAMPLES = (
 )
 _PLANE = [[0.0, 0.0], [1000.0, 0.0]]
 
-Number = TypeVar("Number", int, float)
-
 
 def track(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="PLOTS...", help="Plots: CSV with a header, or .parquet; stacked."),
+        typer.Argument(
+            metavar="PLOTS...",
+            help="Plots: .csv with a header, .parquet, .arrow, .jsonl; ASTERIX; stacked.",
+        ),
     ],
     *,
     radars: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="Radars: .toml, CSV with a header, .parquet."),
+        typer.Option(metavar="FILE", help="Radars: .toml, or a table as .csv."),
     ],
     plans: Annotated[
         Path | None,
@@ -100,25 +107,26 @@ def track(
     options: dict[str, Any] = {
         "plan_prior": plan_prior,
         "wind_sigma": wind_sigma,
-        "initiation": _pair(initiation, "--initiation", int),
+        "initiation": pair(initiation, "--initiation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,
         "speed_max": speed_max,
         "gate_probability": gate_probability,
         "clock_period": clock_period,
     }
-    place = None if origin is None else _pair(origin, "--origin", float)
+    place = None if origin is None else pair(origin, "--origin", float)
     _check(motion, options, with_plans=plans is not None)
     if report is not None and report.exists() and not report.is_dir():
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
     _tables.check_suffixes(output, plot_file)
     _tables.check_suffixes(None, None if report is None else Path(PICTURES[0]))
-    sites = read_radars(radars)
+    opened = open_files(files, columns)
+    sites = read_radars(radars, told_of_radars(opened))
     frame = sites.places.frame
     if place is None and frame is not None:
         place = frame.latitude, frame.longitude
     filed = [] if plans is None else _read_plans(plans, place)
-    recording = read_recording(files, columns, sites)
+    recording = recording_of(opened, sites)
     if clock_period is not None and recording.clock.dated:
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
     tracked = _track(recording, sites, filed, motion, options)
@@ -134,14 +142,6 @@ def track(
         write_report(tracked, told, report)
     if plot_file is not None:
         draw(tracked, plot_file)
-
-
-def _pair(text: str, option: str, kind: Callable[[str], Number]) -> tuple[Number, Number]:
-    try:
-        first, second = map(kind, text.split(","))
-    except ValueError:
-        fail(f"{option} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
-    return first, second
 
 
 def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None:
@@ -201,6 +201,8 @@ def _say(tracked: Tracked) -> None:
             f"{counted(len(tracked.plans), 'plan')}, {told['tracks_that_left_their_plan']} of them "
             "left it"
         )
+    for remark in tracked.recording.remarks:
+        typer.echo(f"  {remark}")
     for reason, count in tracked.refused().items():
         typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
     typer.echo(f"  {told['plots'] / tracked.seconds:,.0f} plots tracked per second")
