@@ -39,7 +39,10 @@ TimeColumn: TypeAlias = Annotated[
 StationColumn: TypeAlias = Annotated[str, typer.Option(help="Column of the station's name.")]
 PositionFile: TypeAlias = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Write one row per time as .csv, .json or .parquet."),
+    typer.Option(
+        metavar="FILE",
+        help="Write positions as .csv, .parquet, .arrow, .jsonl, .json, .geojson or .kml.",
+    ),
 ]
 MeasurementFile: TypeAlias = Annotated[
     Path | None,

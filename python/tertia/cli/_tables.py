@@ -59,11 +59,19 @@ _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
-def check_suffixes(output: Path | None, plot_file: Path | None, *others: Path | None) -> None:
-    """Fail before the work if a result, of which each is a file, could not be written after it."""
+def check_suffixes(
+    output: Path | None,
+    plot_file: Path | None,
+    *others: Path | None,
+    maps: Sequence[str] = (),
+) -> None:
+    """Fail before the work if a result, of which each is a file, could not be written after it.
+
+    The first may be one of the `maps`, too.
+    """
     tables = [path for path in (output, *others) if path is not None]
     for at, path in enumerate(tables):
-        _check_suffix(path, _WRITERS)
+        _check_suffix(path, [*_WRITERS, *(maps if path is output else ())])
         if path in tables[:at]:
             fail(f"two results would be written to {path}", WRONG_USAGE)
     if plot_file is not None:
@@ -268,6 +276,13 @@ def write_json(document: Mapping[str, object], path: Path) -> None:
     """Write a document as JSON."""
     with _whole(path) as file:
         file.write((json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def write_text(text: str, path: Path, what: str) -> None:
+    """Write text, and say what it was."""
+    with _whole(path) as file:
+        file.write(text.encode())
+    typer.echo(f"wrote {what} to {path}")
 
 
 def make_folder(path: Path) -> None:

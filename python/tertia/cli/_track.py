@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from tertia import io, tracker
-from tertia.cli import _tables
+from tertia.cli import _maps, _tables
 from tertia.cli._options import PlotFile, pair
 from tertia.cli._radar_plots import (
     Recording,
@@ -21,7 +21,7 @@ from tertia.cli._radar_plots import (
 from tertia.cli._radars import RadarSites, read_radars
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
 from tertia.cli._track_report import PICTURES, write_report
-from tertia.cli._tracked import Tracked, draw, figures, radar_rows
+from tertia.cli._tracked import Tracked, draw, figures, lines, radar_rows
 from tertia.flightplan import FlightPlan
 from tertia.tracker import Motion, Radar
 
@@ -90,7 +90,10 @@ def track(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the tracks as .csv, .json or .parquet."),
+        typer.Option(
+            metavar="FILE",
+            help="Write the tracks as .csv, .parquet, .arrow, .jsonl, .json, .geojson or .kml.",
+        ),
     ] = None,
     report: Annotated[
         Path | None,
@@ -118,10 +121,11 @@ def track(
     _check(motion, options, with_plans=plans is not None)
     if report is not None and report.exists() and not report.is_dir():
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
-    _tables.check_suffixes(output, plot_file)
+    _tables.check_suffixes(output, plot_file, maps=_maps.SUFFIXES)
     _tables.check_suffixes(None, None if report is None else Path(PICTURES[0]))
     opened = open_files(files, columns)
     sites = read_radars(radars, told_of_radars(opened))
+    _maps.check(output, sites.places, radars)
     frame = sites.places.frame
     if place is None and frame is not None:
         place = frame.latitude, frame.longitude
@@ -136,7 +140,9 @@ def track(
     if (told_origin := sites.places.origin()) is not None:
         typer.echo(told_origin)
     _say(tracked)
-    if output is not None:
+    if output is not None and _maps.is_map(output):
+        _maps.write(lines(tracked), output, "track")
+    elif output is not None:
         _tables.write(tracked.rows(), output)
     if report is not None:
         write_report(tracked, told, report)
