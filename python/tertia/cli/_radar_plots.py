@@ -17,12 +17,13 @@ from tertia.tracker import NO_IDENTITY, Plots
 
 TIME, AZIMUTH, RADAR = "time_s", "azimuth_deg", "radar"
 # columns of which one is taken, the first that is there, and their units
-_RANGES = {"range_m": 1.0, "range_nm": 1852.0}
-_HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
+RANGES = {"range_m": 1.0, "range_nm": 1852.0}
+HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
 # and their bases: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal digits
-_IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
+IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
-NAMES = (TIME, AZIMUTH, RADAR, *_RANGES, *_HEIGHTS, *_IDENTITIES)
+DIGITS_TOLD = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
+NAMES = (TIME, AZIMUTH, RADAR, *RANGES, *HEIGHTS, *IDENTITIES)
 # as many plots tell whether a unit is right: medians below or above which it hardly is
 _DOUBTFUL_COUNT = 20
 _LEAST_RANGE = 1000.0
@@ -89,7 +90,7 @@ class Recording:
 
     def identities(self, numbers: IntArray) -> pl.Series:
         """Return identities as they are in the files, null where there is none."""
-        digits = _DIGITS.get(_IDENTITIES[self.identity])
+        digits = _DIGITS.get(IDENTITIES[self.identity])
         if digits is None:
             return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)
         texts = [None if n == NO_IDENTITY else digits.format(n) for n in numbers.tolist()]
@@ -133,7 +134,7 @@ def recording_of(opened: "Sequence[PlotFile]", sites: RadarSites) -> Recording:
     """Return the plots of all files, by these radars."""
     files = [one.path for one in opened]
     columns = opened[0].columns
-    identities = [one.first_of(_IDENTITIES) for one in opened]
+    identities = [one.first_of(IDENTITIES) for one in opened]
     for path, name in zip(files, identities, strict=True):
         if name != identities[0]:
             told = f"{identities[0] or 'no identities'}, {path} {name or 'none'}"
@@ -191,22 +192,22 @@ class PlotFile:
         if name is None:
             return pl.repeat(math.nan, self.frame.height, eager=True, dtype=pl.Float64)
         values = self.numbers(name)
-        _doubt_unit(name, values)
+        doubt_unit(name, values)
         return values * units[name]
 
 
 def _rows(file: PlotFile, sites: RadarSites) -> pl.DataFrame:
     path, frame = file.path, file.frame
-    if file.first_of(_RANGES) is None:
-        wanted = f"{' or '.join(_RANGES)}; {_tables.told_columns(frame)}"
+    if file.first_of(RANGES) is None:
+        wanted = f"{' or '.join(RANGES)}; {_tables.told_columns(frame)}"
         fail(f"{path} has no column {wanted}", WRONG_USAGE)
     rows = pl.DataFrame(
         {
             "time": _tables.times(file[TIME], path),
-            "range": file.quantity(_RANGES),
+            "range": file.quantity(RANGES),
             "azimuth": file.numbers(AZIMUTH),
             "radar": _radar_numbers(file, sites),
-            "height": file.quantity(_HEIGHTS),
+            "height": file.quantity(HEIGHTS),
             "identity": _identities(file),
         }
     )
@@ -245,23 +246,22 @@ def _require_known(file: PlotFile, sites: RadarSites) -> None:
 
 def _identities(file: PlotFile) -> pl.Series:
     """Return identities as numbers, -1 where there is none."""
-    name = file.first_of(_IDENTITIES)
+    name = file.first_of(IDENTITIES)
     if name is None:
         return pl.repeat(NO_IDENTITY, file.frame.height, eager=True, dtype=pl.Int64)
-    base, column = _IDENTITIES[name], file[name]
+    base, column = IDENTITIES[name], file[name]
     if column.dtype.is_float():
         column = _tables.numbers(column, file.path).fill_nan(None).cast(pl.Int64, strict=False)
     text = _tables.without_marks(column.cast(pl.String))
     found: pl.Series = text.str.to_integer(base=base, strict=False)
     wrong = (text.is_not_null() & ~(found >= 0).fill_null(False)).arg_true()
     if len(wrong):
-        kinds = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
         place = _tables.place(file.path, wrong[0])
-        fail(f"{place}: {file[name].name} is {text[wrong[0]]!r}; it must be {kinds[base]}")
+        fail(f"{place}: {file[name].name} is {text[wrong[0]]!r}; it must be {DIGITS_TOLD[base]}")
     return found.fill_null(NO_IDENTITY)
 
 
-def _doubt_unit(name: str, values: pl.Series) -> None:
+def doubt_unit(name: str, values: pl.Series) -> None:
     """Say that a unit looks wrong."""
     known = values.filter(values.is_not_nan()).abs()
     if len(known) < _DOUBTFUL_COUNT:

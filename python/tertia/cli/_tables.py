@@ -31,9 +31,13 @@ def _write_json(table: pl.DataFrame, file: BinaryIO) -> None:
     file.write(_with_iso_dates(table).write_json().encode())
 
 
-def write_lines(table: pl.DataFrame, file: BinaryIO) -> None:
-    """Write one JSON object per row and line."""
-    _with_iso_dates(table).write_ndjson(file)
+def as_lines(table: pl.DataFrame) -> bytes:
+    """Return one JSON object per row and line."""
+    return _with_iso_dates(table).write_ndjson().encode()
+
+
+def _write_lines(table: pl.DataFrame, file: BinaryIO) -> None:
+    file.write(as_lines(table))
 
 
 _MISSING = ("", "-", "na", "nan", "null", "none")
@@ -44,7 +48,7 @@ _WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
     ".json": _write_json,
     ".parquet": pl.DataFrame.write_parquet,
     **dict.fromkeys(_ARROW, pl.DataFrame.write_ipc),
-    **dict.fromkeys(_JSON_LINES, write_lines),
+    **dict.fromkeys(_JSON_LINES, _write_lines),
 }
 # recordings of radars, not tables
 ASTERIX = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
@@ -94,6 +98,12 @@ def kind_of(path: Path) -> str:
     """Return how the name of a file ends, in small letters, without what tells its packing."""
     suffix = path.suffix.lower()
     return path.with_suffix("").suffix.lower() if suffix in _PACKED else suffix
+
+
+def has_lines(path: Path) -> bool:
+    """Return whether a file has lines of CSV or JSON, not packed, as far as its name tells."""
+    packed = path.suffix.lower() in _PACKED
+    return not packed and kind_of(path) not in {*_BINARY, *ASTERIX, ".json"}
 
 
 def read(path: Path, columns: Iterable[str]) -> pl.DataFrame:

@@ -1,5 +1,6 @@
 """`tertia track`: tracks of the plots of radars."""
 
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from tertia.cli._radar_plots import (
     told_of_radars,
 )
 from tertia.cli._radars import RadarSites, read_radars
+from tertia.cli._stream import STDIN, Rows, Stream
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
 from tertia.cli._track_report import PICTURES, write_report
 from tertia.cli._tracked import Tracked, draw, figures, lines, radar_rows
@@ -28,6 +30,7 @@ from tertia.tracker import Motion, Radar
 EXAMPLES = (
     "tertia track plots.csv --radars radars.toml --output tracks.csv --plot tracks.png",
     "tertia track plots.csv --radars radars.toml --plans plans.json --report report",
+    "tail -f plots.csv | tertia track --stream --radars radars.toml",
     "tertia track north.csv south.csv --radars radars.csv --column range_nm=rho --coasting 3",
 )
 _PLANE = [[0.0, 0.0], [1000.0, 0.0]]
@@ -35,12 +38,12 @@ _PLANE = [[0.0, 0.0], [1000.0, 0.0]]
 
 def track(
     files: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(
             metavar="PLOTS...",
             help="Plots: .csv with a header, .parquet, .arrow, .jsonl; ASTERIX; stacked.",
         ),
-    ],
+    ] = None,
     *,
     radars: Annotated[
         Path,
@@ -100,6 +103,24 @@ def track(
         typer.Option(metavar="DIR", help="Write a summary, tables and pictures to a folder."),
     ] = None,
     plot_file: PlotFile = None,
+    stream: Annotated[
+        bool,
+        typer.Option(
+            "--stream",
+            help="Track plots as they come: lines of CSV or JSON on standard input, or of one "
+            "file; rows of confirmed tracks go to standard output.",
+        ),
+    ] = False,
+    latency: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds for which a stream gathers plots; by default a quarter of a scan."
+        ),
+    ] = None,
+    rows: Annotated[
+        Rows | None,
+        typer.Option(help="What a stream writes; by default what it reads."),
+    ] = None,
 ) -> None:
     """Track the targets that one radar or several see, along their flight plans if they have any.
 
@@ -123,13 +144,26 @@ def track(
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
     _tables.check_suffixes(output, plot_file, maps=_maps.SUFFIXES)
     _tables.check_suffixes(None, None if report is None else Path(PICTURES[0]))
-    opened = open_files(files, columns)
+    given = files or []
+    if stream:
+        if any(one is not None for one in (output, report, plot_file)):
+            fail("a stream goes to standard output; it has no --output, --report or --plot")
+        source = _source(given, latency)
+        sites = read_radars(radars)
+        filed = _filed(plans, place, sites)
+        one = tracker.Tracker(sites.radars, motion, plans=filed, **options)
+        name = "standard input" if source == STDIN else str(source)
+        told_as = Stream(one, sites, columns, latency=latency, rows=rows, name=name)
+        _run(told_as, source)
+        return
+    if latency is not None or rows is not None:
+        fail("--latency and --rows are for --stream", WRONG_USAGE)
+    if not given or STDIN in given:
+        fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
+    opened = open_files(given, columns)
     sites = read_radars(radars, told_of_radars(opened))
     _maps.check(output, sites.places, radars)
-    frame = sites.places.frame
-    if place is None and frame is not None:
-        place = frame.latitude, frame.longitude
-    filed = [] if plans is None else _read_plans(plans, place)
+    filed = _filed(plans, place, sites)
     recording = recording_of(opened, sites)
     if clock_period is not None and recording.clock.dated:
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
@@ -148,6 +182,43 @@ def track(
         write_report(tracked, told, report)
     if plot_file is not None:
         draw(tracked, plot_file)
+
+
+def _source(files: Sequence[Path], latency: float | None) -> Path:
+    """Return where a stream comes from, or fail."""
+    if latency is not None and not 0 <= latency < np.inf:
+        fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
+    if len(files) > 1:
+        fail("a stream is one file, or standard input", WRONG_USAGE)
+    source = files[0] if files else STDIN
+    if not _tables.has_lines(source):
+        fail(f"cannot stream {source}: a stream has lines of CSV or JSON", WRONG_USAGE)
+    return source
+
+
+def _run(told: Stream, source: Path) -> None:
+    """Track what comes from a file, or from standard input."""
+    out = typer.get_binary_stream("stdout")
+    if source == STDIN:
+        told.run(sys.stdin.fileno(), out)
+        return
+    try:
+        with source.open("rb") as file:
+            told.run(file.fileno(), out)
+    except FileNotFoundError:
+        fail(f"there is no file {source}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {source}: {error.strerror}")
+
+
+def _filed(
+    plans: Path | None, origin: tuple[float, float] | None, sites: RadarSites
+) -> list[FlightPlan]:
+    """Return the plans, whose east and north are those of the radars if nothing else is said."""
+    frame = sites.places.frame
+    if origin is None and frame is not None:
+        origin = frame.latitude, frame.longitude
+    return [] if plans is None else _read_plans(plans, origin)
 
 
 def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None:
