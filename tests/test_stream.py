@@ -204,18 +204,15 @@ def test_a_wrong_clock_does_not_stop_the_others(sites: Path, write: Callable[...
 def test_dates_and_clocks_that_begin_again(sites: Path, write: Callable[..., Path]) -> None:
     _, out, _ = of_file(write(TEXT), "--radars", sites)
     plain = pl.read_csv(io.StringIO(out), infer_schema_length=None)
-    dated = SEEN.with_columns(
-        (
-            pl.datetime(2026, 3, 1, 10, time_zone="UTC")
-            + pl.duration(milliseconds=1000 * pl.col("time_s"))
-        ).dt.to_string("iso:strict")
-    )
+    since = pl.duration(milliseconds=1000 * pl.col("time_s"))
+    start_of_day = pl.datetime(2026, 3, 1, 10, time_zone="UTC")
+    dated = SEEN.with_columns((start_of_day + since).dt.to_string("iso:strict").alias("time_s"))
     code, out, err = of_file(write(dated.write_csv()), "--radars", sites)
     assert (code, err) == (0, "")
     found = pl.read_csv(io.StringIO(out), infer_schema_length=None)
     moments = found["time_s"].str.to_datetime("%Y-%m-%dT%H:%M:%S%.f%z", time_unit="us")
-    since = (moments - moments[0]).dt.total_microseconds() / 1e6
-    np.testing.assert_allclose(since, plain["time_s"] - plain["time_s"][0], atol=1e-6)
+    told = (moments - moments[0]).dt.total_microseconds() / 1e6
+    np.testing.assert_allclose(told, plain["time_s"] - plain["time_s"][0], atol=1e-6)
     late = SEEN.with_columns((pl.col("time_s") + 86_300) % 86_400)
     code, out, err = of_file(write(late.write_csv()), "--radars", sites, "--clock-period", 86_400)
     assert (code, err) == (0, "")
