@@ -151,6 +151,8 @@ def read_any(path: Path) -> pl.DataFrame:
     except FileNotFoundError:
         fail(f"there is no file {path}", WRONG_USAGE)
     except OSError as error:
+        if path.exists() and path.stat().st_size == 0:
+            fail(f"{path} is empty")
         fail(f"cannot read {path}: {error.strerror or str(error).splitlines()[0]}")
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         _say_why(path, str(error).partition("\n")[0])
