@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -41,6 +42,10 @@ Rows: TypeAlias = Literal["csv", "jsonl"]
 STDIN = Path("-")
 INTERRUPTED = 130
 _MICROSECONDS = 1e6
+# before Python 3.11 a fraction of a second has six digits, and an offset all of its own
+_DATE = len("2026-03-01")
+_FRACTION = re.compile(r"\.\d+")
+_OFFSET = re.compile(r"(?:[Zz]|(?<=\d)([+-]\d\d)(?::?(\d\d))?)$")
 # of the shortest scan
 _USUAL_LATENCY = 0.25
 # so many plots of a scan tell whether a unit is right, and more are not kept for that
@@ -62,6 +67,14 @@ class _Plot:
     height: float
     identity: int
     read: Mapping[str, float]
+
+
+def _six_digits(fraction: re.Match[str]) -> str:
+    return f"{fraction[0][:7]:0<7}"
+
+
+def _whole_offset(offset: re.Match[str]) -> str:
+    return "+00:00" if offset[1] is None else f"{offset[1]}:{offset[2] or '00'}"
 
 
 class _BadLineError(ValueError):
@@ -189,7 +202,9 @@ class _Fields:
             if self.clock.dated or not math.isfinite(number):
                 raise ValueError
             return number
-        moment = datetime.fromisoformat(text.replace("Z", "+00:00").replace("z", "+00:00"))
+        day, rest = text[:_DATE], text[_DATE:]
+        rest = _FRACTION.sub(_six_digits, _OFFSET.sub(_whole_offset, rest))
+        moment = datetime.fromisoformat(day + rest)
         zoned = moment.tzinfo is not None
         since = moment if zoned else moment.replace(tzinfo=timezone.utc)
         ticks = pl.Series([since.astimezone(timezone.utc)]).to_physical().item()
