@@ -76,7 +76,9 @@ def bearing(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="Recording: .csv with a header, .parquet, .arrow, .jsonl."
+            metavar="FILE",
+            readable=False,
+            help="Recording: .csv with a header, .parquet, .arrow, .jsonl.",
         ),
     ],
     *,

@@ -51,12 +51,18 @@ class _Judged:
 def evaluate(
     tracks: Annotated[
         Path,
-        typer.Argument(metavar="TRACKS", help="Tracks, as tertia track writes them."),
+        typer.Argument(
+            metavar="TRACKS", readable=False, help="Tracks, as tertia track writes them."
+        ),
     ],
     *,
     truth: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m; ASTERIX."),
+        typer.Option(
+            metavar="FILE",
+            readable=False,
+            help="The truth: time_s, target, east_m, north_m; ASTERIX.",
+        ),
     ],
     origin: Annotated[
         str | None,

@@ -67,7 +67,9 @@ def fuse(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILES...", help="Plots: .csv with a header, .parquet, .arrow, .jsonl; stacked."
+            metavar="FILES...",
+            readable=False,
+            help="Plots: .csv with a header, .parquet, .arrow, .jsonl; stacked.",
         ),
     ],
     *,

@@ -1,4 +1,7 @@
-"""Options that several commands have."""
+"""Options that several commands have.
+
+Files that are read have `readable=False`: what cannot be read is told where it is read, in one line.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -26,12 +29,15 @@ Measured: TypeAlias = Annotated[
     list[Path],
     typer.Argument(
         metavar="FILES...",
+        readable=False,
         help="Measurements: .csv with a header, .parquet, .arrow, .jsonl; stacked.",
     ),
 ]
 StationFile: TypeAlias = Annotated[
     Path,
-    typer.Option("--stations", metavar="FILE", help="Stations: .toml, or a table as .csv."),
+    typer.Option(
+        "--stations", metavar="FILE", readable=False, help="Stations: .toml, or a table as .csv."
+    ),
 ]
 TimeColumn: TypeAlias = Annotated[
     str, typer.Option(help="Column of the time: seconds, or dates with time.")

@@ -41,17 +41,18 @@ def track(
         list[Path] | None,
         typer.Argument(
             metavar="PLOTS...",
+            readable=False,
             help="Plots: .csv with a header, .parquet, .arrow, .jsonl; ASTERIX; stacked.",
         ),
     ] = None,
     *,
     radars: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="Radars: .toml, or a table as .csv."),
+        typer.Option(metavar="FILE", readable=False, help="Radars: .toml, or a table as .csv."),
     ],
     plans: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Flight plans: .csv, .json, .geojson."),
+        typer.Option(metavar="FILE", readable=False, help="Flight plans: .csv, .json, .geojson."),
     ] = None,
     origin: Annotated[
         str | None,
