@@ -1,6 +1,6 @@
 """Options that several commands have.
 
-Files that are read have `readable=False`: what cannot be read is told where it is read, in one line.
+Files have `readable=False`: what cannot be read is told where it is read, in one line.
 """
 
 from collections.abc import Callable
