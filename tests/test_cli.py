@@ -357,7 +357,8 @@ def test_figure_has_a_panel_per_group_with_its_estimate() -> None:
         (
             ["fine.csv", "--output", "x.xls"],
             2,
-            "cannot write x.xls: its name must end in .csv, .json, .parquet",
+            "cannot write x.xls: its name must end in .csv, .json, .parquet, .arrow, .feather, "
+            ".jsonl, .ndjson",
         ),
         (["absent.csv", "--plot", "x.xls"], 2, "cannot write x.xls: its name must end in .*png.*"),
         (["fine.csv", "--output", "no/x.csv"], 1, "cannot write no/x.csv: .*"),

@@ -43,7 +43,12 @@ _MAX_PANELS = 16
 
 def bearing(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Recording: CSV with a header, or .parquet.")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            readable=False,
+            help="Recording: .csv with a header, .parquet, .arrow, .jsonl.",
+        ),
     ],
     *,
     column: Annotated[str, typer.Option(help="Column of the measurements.")] = "bearing_deg",
@@ -56,7 +61,9 @@ def bearing(
     ] = 2.5,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write .csv, .json or .parquet instead of a table."),
+        typer.Option(
+            metavar="FILE", help="Write .csv, .parquet, .arrow, .jsonl or .json, not a table."
+        ),
     ] = None,
     plot_file: PlotFile = None,
 ) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from tertia.cli import _tables
 from tertia.cli._judged import read_pair
-from tertia.cli._options import PlotFile, RequiredPeriod, TargetDistance, check_judging
+from tertia.cli._options import PlotFile, RequiredPeriod, TargetDistance, check_judging, pair
 from tertia.cli._terminal import WRONG_USAGE, fail, note, print_table, shown, working
 from tertia.report._evaluation import (
     PARTS,
@@ -37,19 +37,32 @@ def evaluate(
     tracks: Annotated[
         Path,
         typer.Argument(
-            metavar="TRACKS", help="Tracks, as tertia track writes them: .csv, .parquet."
+            metavar="TRACKS", readable=False, help="Tracks, as tertia track writes them."
         ),
     ],
     *,
     truth: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m."),
+        typer.Option(
+            metavar="FILE",
+            readable=False,
+            help="The truth: time_s, target, east_m, north_m; ASTERIX.",
+        ),
     ],
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LATITUDE,LONGITUDE",
+            help="Where east and north of the tracks are zero, for a truth in degrees.",
+        ),
+    ] = None,
     period: RequiredPeriod = None,
     distance: TargetDistance = 1000.0,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the figures as .csv, .json or .parquet."),
+        typer.Option(
+            metavar="FILE", help="Write the figures as .csv, .parquet, .arrow, .jsonl or .json."
+        ),
     ] = None,
     targets: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one row per target.")
@@ -63,7 +76,8 @@ def evaluate(
     """
     check_judging(distance, period)
     _tables.check_suffixes(output, plot_file, targets)
-    rows, real = read_pair(tracks, truth)
+    place = None if origin is None else pair(origin, "--origin", float)
+    rows, real = read_pair(tracks, truth, place)
     usual = usual_periods(rows)
     if period is None and not usual:
         fail(f"no track of {tracks} has two updates by a radar: give --period", WRONG_USAGE)

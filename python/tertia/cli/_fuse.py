@@ -63,7 +63,11 @@ _MAX_GROUPS_DRAWN = 4
 def fuse(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILES...", help="Plots: CSV with a header, or .parquet; stacked."),
+        typer.Argument(
+            metavar="FILES...",
+            readable=False,
+            help="Plots: .csv with a header, .parquet, .arrow, .jsonl; stacked.",
+        ),
     ],
     *,
     sensor_column: Annotated[
@@ -97,7 +101,9 @@ def fuse(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the track as .csv, .json or .parquet."),
+        typer.Option(
+            metavar="FILE", help="Write the track as .csv, .parquet, .arrow, .jsonl or .json."
+        ),
     ] = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:

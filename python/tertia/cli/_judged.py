@@ -7,8 +7,9 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, IntArray
-from tertia.cli import _tables
-from tertia.cli._terminal import fail
+from tertia.cli import _asterix, _tables
+from tertia.cli._places import GEODETIC
+from tertia.cli._terminal import WRONG_USAGE, fail
 from tertia.report._evaluation import Rows, Truth
 
 _PLACE = ("east_m", "north_m")
@@ -16,10 +17,15 @@ _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _SPREAD = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 
 
-def read_pair(tracks: Path, truth: Path) -> tuple[Rows, Truth]:
-    """Return tracks and truth, their times from the same origin."""
+def read_pair(
+    tracks: Path, truth: Path, origin: tuple[float, float] | None = None
+) -> tuple[Rows, Truth]:
+    """Return tracks and truth, their times from the same origin.
+
+    A truth in latitude and longitude needs the `origin` of east and north.
+    """
     shown = _read(tracks, ["time_s", "track", *_PLACE])
-    real = _read(truth, ["time_s", "target", *_PLACE])
+    real = _read_truth(truth, origin)
     times = [_times(frame, path) for frame, path in ((shown, tracks), (real, truth))]
     merged = _tables.stacked(
         [tracks, truth], [pl.DataFrame({"time": t}) for t in times], "time_s", []
@@ -32,10 +38,16 @@ def read_pair(tracks: Path, truth: Path) -> tuple[Rows, Truth]:
 
 
 def read_truth(
-    path: Path, dates: pl.DataType | None, seconds: Callable[[pl.Series], FloatArray]
+    path: Path,
+    origin: tuple[float, float] | None,
+    dates: pl.DataType | None,
+    seconds: Callable[[pl.Series], FloatArray],
 ) -> Truth:
-    """Return the truth; `seconds` turns times into those of the plots, which hold `dates`."""
-    real = _read(path, ["time_s", "target", *_PLACE])
+    """Return the truth; `seconds` turns times into those of the plots, which hold `dates`.
+
+    A truth in latitude and longitude needs the `origin` of east and north.
+    """
+    real = _read_truth(path, origin)
     times = _times(real, path)
     if isinstance(times.dtype, pl.Datetime) != (dates is not None):
         kinds = ("numbers", "dates")[:: 1 if dates is None else -1]
@@ -44,13 +56,48 @@ def read_truth(
 
 
 def _read(path: Path, columns: list[str]) -> pl.DataFrame:
-    if path.suffix.lower() == ".json":
-        fail(f"cannot read {path}: tables are read from CSV or Parquet")
     frame = _tables.read(path, columns)
     frame = frame.filter(_tables.is_row(frame, path))
     if frame.is_empty():
         fail(f"{path} is empty")
     return frame
+
+
+def _read_truth(path: Path, origin: tuple[float, float] | None) -> pl.DataFrame:
+    if _tables.kind_of(path) in _tables.ASTERIX:
+        return _in_the_plane(_asterix.truth(path), path, origin)
+    frame = _read(path, ["time_s", "target"])
+    if not set(_PLACE) <= set(frame.columns) and set(GEODETIC[:2]) <= set(frame.columns):
+        return _in_the_plane(frame, path, origin)
+    _tables.require_columns(frame, path, _PLACE)
+    return frame
+
+
+def _in_the_plane(
+    frame: pl.DataFrame, path: Path, origin: tuple[float, float] | None
+) -> pl.DataFrame:
+    """Return a table with east and north in place of latitude and longitude."""
+    if origin is None:
+        fail(
+            f"{path} has latitudes and longitudes: give --origin LATITUDE,LONGITUDE, as tertia "
+            "track told it",
+            WRONG_USAGE,
+        )
+    height = np.zeros(frame.height)
+    if GEODETIC[2] in frame.columns:
+        height = np.nan_to_num(_tables.numbers(frame[GEODETIC[2]], path).to_numpy())
+    degrees = [_tables.numbers(frame[name], path).to_numpy() for name in GEODETIC[:2]]
+    for name, values in zip(GEODETIC, degrees, strict=False):
+        _refuse(pl.Series(np.isnan(values)), path, f"{name} is missing")
+    try:
+        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
+
+        local = LocalFrame(*origin).to_local(degrees[0], degrees[1], height)
+    except ImportError:
+        fail(f"{path}: {GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'")
+    except ValueError as error:
+        fail(f"{path}: {error}")
+    return frame.with_columns(pl.Series(name, local[:, axis]) for axis, name in enumerate(_PLACE))
 
 
 def _times(frame: pl.DataFrame, path: Path) -> pl.Series:

@@ -11,7 +11,7 @@ import typer
 
 from tertia import plot
 from tertia._arrays import FloatArray
-from tertia.cli import _positions, _tables
+from tertia.cli import _maps, _positions, _tables
 from tertia.cli._measurements import (
     Columns,
     Record,
@@ -31,7 +31,7 @@ from tertia.cli._options import (
     TimeColumn,
 )
 from tertia.cli._stations import UNITS, Sites, read_stations
-from tertia.cli._terminal import FAILED, WRONG_USAGE, fail, tracked
+from tertia.cli._terminal import FAILED, WRONG_USAGE, fail, group_name, tracked
 from tertia.location import Kind, Location, LocationMethod, Outliers
 from tertia.location import locate as locate_instants
 
@@ -83,8 +83,9 @@ def locate(
     """
     columns = Columns(time_column, station_column, list(dict.fromkeys(by or [])))
     check_columns(columns, _positions.result_columns())
-    _tables.check_suffixes(output, plot_file, measurements)
+    _tables.check_suffixes(output, plot_file, measurements, maps=_maps.SUFFIXES)
     sites = read_stations(stations)
+    _maps.check(output, sites.places, stations)
     start = None if initial is None else _start(initial, sites)
     records = by_target(read_measurements(files, columns, sites), columns, sites)
     located = [_locate(one, sites, method, start) for one in tracked(records, "Locating")]
@@ -95,7 +96,11 @@ def locate(
     for one in located:
         _say(one)
     if output is not None:
-        _tables.write(pl.concat([_rows(one, sites, columns) for one in located]), output)
+        rows = pl.concat([_rows(one, sites, columns) for one in located])
+        if _maps.is_map(output):
+            _maps.write(_points(rows, columns), output, "position")
+        else:
+            _tables.write(rows, output)
     if measurements is not None:
         tables = [_positions.measurement_rows(one.judged, one.record, columns) for one in located]
         _tables.write(pl.concat(tables), measurements)
@@ -164,6 +169,18 @@ def _rows(one: _Located, sites: Sites, columns: Columns) -> pl.DataFrame:
         **_positions.instants(record, one.judged, result),
     }
     return _tables.beside(record.keys, pl.DataFrame(told))
+
+
+def _point_name(row: dict[str, object], columns: Columns) -> str:
+    return group_name([*columns.by, columns.time], [row[n] for n in (*columns.by, columns.time)])
+
+
+def _points(rows: pl.DataFrame, columns: Columns) -> list[_maps.Feature | None]:
+    """Return positions as points on a map."""
+    return [
+        _maps.feature(rows[at], columns.time, _point_name(row, columns), row)
+        for at, row in enumerate(rows.iter_rows(named=True))
+    ]
 
 
 def _draw(located: list[_Located], sites: Sites, columns: Columns, path: Path) -> None:

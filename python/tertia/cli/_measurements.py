@@ -171,7 +171,7 @@ def _wide(frame: pl.DataFrame, path: Path) -> Iterator[_Part]:
         wanted = ", ".join(value_column(kind) for kind in UNITS)
         fail(
             f"{path} has no column of measurements: {wanted}, or {_KIND} and {_VALUE}; "
-            f"it has {', '.join(frame.columns)}",
+            f"{_tables.told_columns(frame)}",
             WRONG_USAGE,
         )
     for kind in found:

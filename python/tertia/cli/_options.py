@@ -1,4 +1,7 @@
-"""Options that several commands have."""
+"""Options that several commands have.
+
+Files have `readable=False`: what cannot be read is told where it is read, in one line.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,13 +28,15 @@ PlotFile: TypeAlias = Annotated[
 Measured: TypeAlias = Annotated[
     list[Path],
     typer.Argument(
-        metavar="FILES...", help="Measurements: CSV with a header, or .parquet; stacked."
+        metavar="FILES...",
+        readable=False,
+        help="Measurements: .csv with a header, .parquet, .arrow, .jsonl; stacked.",
     ),
 ]
 StationFile: TypeAlias = Annotated[
     Path,
     typer.Option(
-        "--stations", metavar="FILE", help="Stations: .toml, CSV with a header, .parquet."
+        "--stations", metavar="FILE", readable=False, help="Stations: .toml, or a table as .csv."
     ),
 ]
 TimeColumn: TypeAlias = Annotated[
@@ -40,7 +45,10 @@ TimeColumn: TypeAlias = Annotated[
 StationColumn: TypeAlias = Annotated[str, typer.Option(help="Column of the station's name.")]
 PositionFile: TypeAlias = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Write one row per time as .csv, .json or .parquet."),
+    typer.Option(
+        metavar="FILE",
+        help="Write positions as .csv, .parquet, .arrow, .jsonl, .json, .geojson or .kml.",
+    ),
 ]
 MeasurementFile: TypeAlias = Annotated[
     Path | None,
@@ -48,16 +56,24 @@ MeasurementFile: TypeAlias = Annotated[
 ]
 
 PlotFiles: TypeAlias = Annotated[
-    list[Path],
-    typer.Argument(metavar="PLOTS...", help="Plots: CSV with a header, or .parquet; stacked."),
+    list[Path] | None,
+    typer.Argument(
+        metavar="PLOTS...",
+        readable=False,
+        help="Plots: .csv with a header, .parquet, .arrow, .jsonl; ASTERIX; stacked.",
+    ),
 ]
 RadarFile: TypeAlias = Annotated[
     Path,
-    typer.Option("--radars", metavar="FILE", help="Radars: .toml, CSV with a header, .parquet."),
+    typer.Option(
+        "--radars", metavar="FILE", readable=False, help="Radars: .toml, or a table as .csv."
+    ),
 ]
 PlanFile: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--plans", metavar="FILE", help="Flight plans: .csv, .json, .geojson."),
+    typer.Option(
+        "--plans", metavar="FILE", readable=False, help="Flight plans: .csv, .json, .geojson."
+    ),
 ]
 Origin: TypeAlias = Annotated[
     str | None,

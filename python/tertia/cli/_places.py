@@ -73,7 +73,7 @@ class Places:
 
 
 def named_rows(path: Path, noun: str) -> tuple[dict[str, Row], Row | None]:
-    """Return the tables `[[noun]]` of TOML, or the rows of CSV or Parquet, by their names.
+    """Return the tables `[[noun]]` of TOML, or the rows of a table, by their names.
 
     Beside them stands the table `[origin]` of TOML.
     """

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from tertia.cli import _tables
+from tertia.cli import _asterix, _tables
 from tertia.cli._measurements import doubt_degrees, numbers_of_names
 from tertia.cli._radars import RadarSites
 from tertia.cli._terminal import WRONG_USAGE, fail, note
@@ -17,9 +17,10 @@ from tertia.tracker import NO_IDENTITY, Plots
 
 TIME, AZIMUTH, RADAR = "time_s", "azimuth_deg", "radar"
 # columns of which one is taken, the first that is there, and their units
-_RANGES = {"range_m": 1.0, "range_nm": 1852.0}
-_HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
-NAMES = (TIME, AZIMUTH, RADAR, *_RANGES, *_HEIGHTS, *IDENTITIES)
+RANGES = {"range_m": 1.0, "range_nm": 1852.0}
+HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
+DIGITS_TOLD = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
+NAMES = (TIME, AZIMUTH, RADAR, *RANGES, *HEIGHTS, *IDENTITIES)
 # as many plots tell whether a unit is right: medians below or above which it hardly is
 _DOUBTFUL_COUNT = 20
 _LEAST_RANGE = 1000.0
@@ -32,11 +33,15 @@ _MOST = {
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The plots of all files, in their order, and what their times and identities look like."""
+    """The plots of all files, in their order, and what their times and identities look like.
+
+    `remarks` are what there is to say of the files.
+    """
 
     plots: Plots
     clock: Clock
     identities: Identities
+    remarks: Sequence[str] = ()
 
 
 def column_names(options: Sequence[str]) -> dict[str, str]:
@@ -53,11 +58,29 @@ def column_names(options: Sequence[str]) -> dict[str, str]:
     return columns
 
 
-def read_recording(
-    files: Sequence[Path], columns: Mapping[str, str], sites: RadarSites
-) -> Recording:
+def open_files(files: Sequence[Path], columns: Mapping[str, str]) -> "list[PlotFile]":
+    """Read all files, and find the columns that are given."""
+    return [_open(path, columns) for path in files]
+
+
+def _open(path: Path, columns: Mapping[str, str]) -> "PlotFile":
+    needed = {TIME: TIME, AZIMUTH: AZIMUTH, **columns}
+    if _tables.kind_of(path) not in _tables.ASTERIX:
+        return PlotFile(path, _tables.read(path, needed.values()), columns)
+    frame, told, remarks = _asterix.plots_and_radars(path)
+    _tables.require_columns(frame, path, needed.values())
+    return PlotFile(path, frame, columns, told, remarks)
+
+
+def told_of_radars(files: "Sequence[PlotFile]") -> _asterix.Told:
+    """Return what recordings tell of their radars, the first of them first."""
+    return {name: row for one in reversed(files) for name, row in one.told.items()}
+
+
+def recording_of(opened: "Sequence[PlotFile]", sites: RadarSites) -> Recording:
     """Return the plots of all files, by these radars."""
-    opened = [_File(path, _read(path, columns), columns) for path in files]
+    files = [one.path for one in opened]
+    columns = opened[0].columns
     identities = [one.first_of(IDENTITIES) for one in opened]
     for path, name in zip(files, identities, strict=True):
         if name != identities[0]:
@@ -80,21 +103,19 @@ def read_recording(
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
     )
-    return Recording(plots, clock, Identities(identities[0] or "identity"))
-
-
-def _read(path: Path, columns: Mapping[str, str]) -> pl.DataFrame:
-    needed = {TIME: TIME, AZIMUTH: AZIMUTH, **columns}
-    return _tables.read(path, needed.values())
+    remarks = [remark for one in opened for remark in one.remarks]
+    return Recording(plots, clock, Identities(identities[0] or "identity"), remarks)
 
 
 @dataclass(frozen=True, slots=True)
-class _File:
-    """A file, and how its columns are named there."""
+class PlotFile:
+    """A file, how its columns are named there, and what it tells of radars."""
 
     path: Path
     frame: pl.DataFrame
     columns: Mapping[str, str]
+    told: _asterix.Told = field(default_factory=dict)
+    remarks: Sequence[str] = ()
 
     def __getitem__(self, name: str) -> pl.Series:
         return self.frame[self.columns.get(name, name)]
@@ -118,22 +139,22 @@ class _File:
         if name is None:
             return pl.repeat(math.nan, self.frame.height, eager=True, dtype=pl.Float64)
         values = self.numbers(name)
-        _doubt_unit(name, values)
+        doubt_unit(name, values)
         return values * units[name]
 
 
-def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
+def _rows(file: PlotFile, sites: RadarSites) -> pl.DataFrame:
     path, frame = file.path, file.frame
-    if file.first_of(_RANGES) is None:
-        wanted = f"{' or '.join(_RANGES)}; it has {', '.join(frame.columns)}"
+    if file.first_of(RANGES) is None:
+        wanted = f"{' or '.join(RANGES)}; {_tables.told_columns(frame)}"
         fail(f"{path} has no column {wanted}", WRONG_USAGE)
     rows = pl.DataFrame(
         {
             "time": _tables.times(file[TIME], path),
-            "range": file.quantity(_RANGES),
+            "range": file.quantity(RANGES),
             "azimuth": file.numbers(AZIMUTH),
             "radar": _radar_numbers(file, sites),
-            "height": file.quantity(_HEIGHTS),
+            "height": file.quantity(HEIGHTS),
             "identity": _identities(file),
         }
     )
@@ -144,8 +165,10 @@ def _rows(file: _File, sites: RadarSites) -> pl.DataFrame:
     return rows.filter(there)
 
 
-def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
+def _radar_numbers(file: PlotFile, sites: RadarSites) -> pl.Series:
     names = sites.names
+    if file.told:
+        _require_known(file, sites)
     if file.has(RADAR):
         told = f"the radars of {sites.path} are"
         return numbers_of_names(file.frame, file.path, file[RADAR].name, names, told)
@@ -158,7 +181,17 @@ def _radar_numbers(file: _File, sites: RadarSites) -> pl.Series:
     return pl.repeat(0, file.frame.height, eager=True, dtype=pl.Int64)
 
 
-def _identities(file: _File) -> pl.Series:
+def _require_known(file: PlotFile, sites: RadarSites) -> None:
+    """Fail where a recording has plots of radars that nobody described."""
+    unknown = [name for name in file.frame["radar"].unique().sort() if name not in sites.names]
+    if unknown:
+        fail(
+            f"{file.path} has plots of {', '.join(unknown)}: add [[radar]] tables with these names "
+            f"to {sites.path}, with range_sigma_m and azimuth_sigma_deg"
+        )
+
+
+def _identities(file: PlotFile) -> pl.Series:
     """Return identities as numbers, -1 where there is none."""
     name = file.first_of(IDENTITIES)
     if name is None:
@@ -170,14 +203,13 @@ def _identities(file: _File) -> pl.Series:
     found = Identities(name).numbers(text)
     wrong = (text.is_not_null() & found.is_null()).arg_true()
     if len(wrong):
-        kinds = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
         place = _tables.place(file.path, wrong[0])
-        kind = kinds[IDENTITIES[name]]
+        kind = DIGITS_TOLD[IDENTITIES[name]]
         fail(f"{place}: {file[name].name} is {text[wrong[0]]!r}; it must be {kind}")
     return found.fill_null(NO_IDENTITY)
 
 
-def _doubt_unit(name: str, values: pl.Series) -> None:
+def doubt_unit(name: str, values: pl.Series) -> None:
     """Say that a unit looks wrong."""
     known = values.filter(values.is_not_nan()).abs()
     if len(known) < _DOUBTFUL_COUNT:

@@ -1,13 +1,15 @@
 """Radars in a file: where they are, how they measure, how fast they turn."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from tertia._arrays import FloatArray
-from tertia.cli._places import GEODETIC, Places, Row, named_rows, number, places, required
+from tertia.cli._asterix import Told
+from tertia.cli._places import GEODETIC, LOCAL, Places, Row, named_rows, number, places, required
 from tertia.cli._terminal import fail, note
 from tertia.tracker import Radar
 
@@ -44,9 +46,14 @@ class RadarSites:
         return [str(radar.name) for radar in self.radars]
 
 
-def read_radars(path: Path) -> RadarSites:
-    """Read them from TOML with one table `[[radar]]` each, or from CSV or Parquet."""
+def read_radars(path: Path, told: Told | None = None) -> RadarSites:
+    """Read them from TOML with one table `[[radar]]` each, or from a table.
+
+    What recordings have `told` of positions and periods counts where the file says nothing.
+    """
     rows, origin = named_rows(path, "radar")
+    if told:
+        rows = {name: _completed(row, name, told.get(name, {}), path) for name, row in rows.items()}
     where = places(rows, origin, path)
     norths = np.zeros(len(rows))
     positions = where.positions.copy()
@@ -65,6 +72,25 @@ def read_radars(path: Path) -> RadarSites:
                 "Files hold degrees"
             )
     return RadarSites(path, radars, where, norths)
+
+
+def _completed(row: Row, name: str, told: Row, path: Path) -> Row:
+    """Return what is known of a radar: what the file says, and what a recording tells."""
+
+    def has(columns: Iterable[str]) -> bool:
+        return any(number(row, column, name, path) is not None for column in columns)
+
+    added = {} if has(["period_s"]) or "period_s" not in told else {"period_s": told["period_s"]}
+    if not has((*LOCAL, *GEODETIC)):
+        if GEODETIC[0] not in told:
+            fail(
+                f"{path}: {name} has no position, and its recording does not tell it (I034/120): "
+                f"give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
+            )
+        added |= {column: told[column] for column in GEODETIC if column in told}
+    if "period_s" not in {*row, *added}:
+        fail(f"{path}: give period_s of {name}: its recording does not tell it (I034/041)")
+    return {**row, **added}
 
 
 def _radar(row: Row, name: str, place: FloatArray, path: Path) -> Radar:

@@ -26,9 +26,15 @@ from tertia.cli._options import (
     check_judging,
     pair,
 )
-from tertia.cli._plans import read_plans
-from tertia.cli._radar_plots import Recording, column_names, read_recording
-from tertia.cli._radars import read_radars
+from tertia.cli._plans import filed_plans
+from tertia.cli._radar_plots import (
+    Recording,
+    column_names,
+    open_files,
+    recording_of,
+    told_of_radars,
+)
+from tertia.cli._radars import RadarSites, read_radars
 from tertia.cli._stations import Sites, read_stations
 from tertia.cli._terminal import WRONG_USAGE, fail, print_table, shown
 from tertia.report import Emitter, Report, Truth
@@ -54,13 +60,17 @@ _SHOWN = {
 
 
 def report(
-    files: PlotFiles,
+    files: PlotFiles = None,
     *,
     radars: RadarFile,
     plans: PlanFile = None,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The truth: time_s, target, east_m, north_m."),
+        typer.Option(
+            metavar="FILE",
+            readable=False,
+            help="The truth: time_s, target, east_m, north_m; ASTERIX.",
+        ),
     ] = None,
     bearings: Annotated[
         Path | None,
@@ -95,17 +105,18 @@ def report(
     if plans is not None and motion != "imm-plan":
         fail(f"--motion {motion} takes no plans; they are for imm-plan", WRONG_USAGE)
     place = None if origin is None else pair(origin, "--origin", float)
-    sites = read_radars(radars)
-    frame = sites.places.frame
-    if place is None and frame is not None:
-        place = frame.latitude, frame.longitude
-    filed = [] if plans is None else read_plans(plans, place)
-    recording = read_recording(files, columns, sites)
+    given = files or []
+    if not given:
+        fail("give files of plots", WRONG_USAGE)
+    opened = open_files(given, columns)
+    sites = read_radars(radars, told_of_radars(opened))
+    filed = filed_plans(plans, place, sites)
+    recording = recording_of(opened, sites)
     if clock_period is not None and recording.clock.dated:
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
     finders = None if stations is None else _in_the_plane(read_stations(stations))
     emitters = [] if finders is None or bearings is None else _emitters(bearings, finders, by or [])
-    real = None if truth is None else _truth(truth, recording)
+    real = None if truth is None else _truth(truth, place, sites, recording)
 
     console = Console(stderr=True)
     with Progress(
@@ -132,7 +143,7 @@ def report(
                 emitters=emitters,
                 distance=distance,
                 period=period,
-                title=f"Report on {', '.join(path.name for path in files)}",
+                title=f"Report on {', '.join(path.name for path in given)}",
                 since=_since(recording),
                 progress=tell,
                 clock_period=clock_period,
@@ -145,10 +156,14 @@ def report(
     return page.summary
 
 
-def _truth(path: Path, recording: Recording) -> Truth:
-    """Return the truth in the seconds of the plots."""
-    clock = recording.clock
-    return read_truth(path, clock.dtype if clock.dated else None, clock.seconds)
+def _truth(
+    path: Path, origin: tuple[float, float] | None, sites: RadarSites, recording: Recording
+) -> Truth:
+    """Return the truth in the seconds of the plots, and in their plane."""
+    clock, frame = recording.clock, sites.places.frame
+    if origin is None and frame is not None:
+        origin = frame.latitude, frame.longitude
+    return read_truth(path, origin, clock.dtype if clock.dated else None, clock.seconds)
 
 
 def _in_the_plane(sites: Sites) -> Sites:

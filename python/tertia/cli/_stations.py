@@ -63,7 +63,7 @@ class Sites:
 
 
 def read_stations(path: Path) -> Sites:
-    """Read them from TOML with one table `[[station]]` each, or from CSV or Parquet."""
+    """Read them from TOML with one table `[[station]]` each, or from a table."""
     rows, origin = named_rows(path, "station")
     sigmas = {
         kind: np.array([_sigma(row, name, kind, path) for name, row in rows.items()])

@@ -1,5 +1,6 @@
 """Tables and pictures in files: reading with clear errors, and writing."""
 
+import errno
 import json
 import math
 import os
@@ -7,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 import polars as pl
 import polars.selectors as cs
@@ -20,18 +21,40 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def _with_iso_dates(table: pl.DataFrame) -> pl.DataFrame:
+    """Return dates as text with a T between date and time, as in CSV."""
+    return table.with_columns(cs.datetime().dt.to_string("iso:strict"))
+
+
 def _write_json(table: pl.DataFrame, file: BinaryIO) -> None:
-    # with a T between date and time, as in CSV
-    told = table.with_columns(cs.datetime().dt.to_string("iso:strict"))
-    file.write(told.write_json().encode())
+    file.write(_with_iso_dates(table).write_json().encode())
+
+
+def as_lines(table: pl.DataFrame) -> bytes:
+    """Return one JSON object per row and line."""
+    return _with_iso_dates(table).write_ndjson().encode()
+
+
+def _write_lines(table: pl.DataFrame, file: BinaryIO) -> None:
+    file.write(as_lines(table))
 
 
 _MISSING = ("", "-", "na", "nan", "null", "none")
+_JSON_LINES = (".jsonl", ".ndjson")
+_ARROW = (".arrow", ".feather")
 _WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
     ".csv": pl.DataFrame.write_csv,
     ".json": _write_json,
     ".parquet": pl.DataFrame.write_parquet,
+    **dict.fromkeys(_ARROW, pl.DataFrame.write_ipc),
+    **dict.fromkeys(_JSON_LINES, _write_lines),
 }
+# recordings of radars, not tables
+ASTERIX = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
+# what Polars unpacks while it reads
+_PACKED = (".gz", ".zst")
+# what holds types, so that no row is blank
+_BINARY = {".parquet": "Parquet", **dict.fromkeys(_ARROW, "Arrow IPC")}
 # %.f is a fraction of a second or nothing, %#z an offset or Z
 _LOCAL_TIMES = ("%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
 _ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z")
@@ -40,11 +63,19 @@ beside, known, seconds = _columns.beside, _columns.known, _columns.seconds
 _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
 
 
-def check_suffixes(output: Path | None, plot_file: Path | None, *others: Path | None) -> None:
-    """Fail before the work if a result, of which each is a file, could not be written after it."""
+def check_suffixes(
+    output: Path | None,
+    plot_file: Path | None,
+    *others: Path | None,
+    maps: Sequence[str] = (),
+) -> None:
+    """Fail before the work if a result, of which each is a file, could not be written after it.
+
+    The first may be one of the `maps`, too.
+    """
     tables = [path for path in (output, *others) if path is not None]
     for at, path in enumerate(tables):
-        _check_suffix(path, _WRITERS)
+        _check_suffix(path, [*_WRITERS, *(maps if path is output else ())])
         if path in tables[:at]:
             fail(f"two results would be written to {path}", WRONG_USAGE)
     if plot_file is not None:
@@ -58,44 +89,109 @@ def check_suffixes(output: Path | None, plot_file: Path | None, *others: Path | 
 def _check_suffix(path: Path, known: Iterable[str]) -> None:
     if path.suffix.lower() not in known:
         fail(f"cannot write {path}: its name must end in {', '.join(known)}", WRONG_USAGE)
+    wrong = errno.EISDIR if path.is_dir() else 0 if path.parent.is_dir() else errno.ENOENT
+    if wrong:
+        fail(f"cannot write {path}: {os.strerror(wrong)}")
+
+
+def kind_of(path: Path) -> str:
+    """Return how the name of a file ends, in small letters, without what tells its packing."""
+    suffix = path.suffix.lower()
+    return path.with_suffix("").suffix.lower() if suffix in _PACKED else suffix
+
+
+def has_lines(path: Path) -> bool:
+    """Return whether a file has lines of CSV or JSON, not packed, as far as its name tells."""
+    packed = path.suffix.lower() in _PACKED
+    return not packed and kind_of(path) not in {*_BINARY, *ASTERIX, ".json"}
 
 
 def read(path: Path, columns: Iterable[str]) -> pl.DataFrame:
     """Return the table in a file, which has `columns`; those of CSV are text: 007 remains 007."""
-    frame = _read(path)
-    for name in columns:
-        if name not in frame.columns:
-            fail(f"{path} has no column {name}; it has {', '.join(frame.columns)}", WRONG_USAGE)
+    frame = read_any(path)
+    require_columns(frame, path, columns)
     return frame
 
 
-def _read(path: Path) -> pl.DataFrame:
+def require_columns(frame: pl.DataFrame, path: Path, columns: Iterable[str]) -> None:
+    """Fail if a table of a file has not all of the columns."""
+    for name in columns:
+        if name not in frame.columns:
+            fail(f"{path} has no column {name}; {told_columns(frame)}", WRONG_USAGE)
+
+
+def told_columns(frame: pl.DataFrame) -> str:
+    """Return which columns there are, in words."""
+    told = f"it has {', '.join(frame.columns)}"
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if frame.width == 1 and separator in frame.columns[0]:
+            told += f": put commas between columns, not {name}"
+    return told
+
+
+def read_any(path: Path) -> pl.DataFrame:
+    """Return the table in a file, whatever its columns."""
+    kind = kind_of(path)
+    if path.is_dir():
+        fail(f"cannot read {path}: it is a folder")
+    if kind in ASTERIX:
+        fail(f"cannot read {path}: ASTERIX is for tertia track, and for the truth of evaluate")
+    if kind == ".json":
+        fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")
     try:
-        if _is_parquet(path):
+        if kind in _JSON_LINES:
+            with path.open("rb") as file:
+                return pl.read_ndjson(file, infer_schema_length=None)
+        if kind in _ARROW:
+            with path.open("rb") as file:
+                return pl.read_ipc(file)
+        if kind in _BINARY:
             return pl.read_parquet(path, glob=False)
         return pl.read_csv(path, infer_schema=False, glob=False)
     except FileNotFoundError:
         fail(f"there is no file {path}", WRONG_USAGE)
-    except pl.exceptions.NoDataError:
+    except OSError as error:
+        if path.exists() and path.stat().st_size == 0:
+            fail(f"{path} is empty")
+        fail(f"cannot read {path}: {error.strerror or str(error).splitlines()[0]}")
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        _say_why(path, str(error).partition("\n")[0])
+
+
+def _say_why(path: Path, error: str) -> NoReturn:
+    """Fail, and tell what is wrong with a file that Polars does not understand."""
+    if path.stat().st_size == 0:
         fail(f"{path} is empty")
-    except (OSError, pl.exceptions.PolarsError) as error:
-        fail(f"cannot read {path}: {str(error).splitlines()[0]}")
+    kind = kind_of(path)
+    if kind in _BINARY:
+        fail(f"cannot read {path}: it is no {_BINARY[kind]} file, or cut off: {error}")
+    if kind in _JSON_LINES and path.suffix.lower() not in _PACKED:
+        for number, line in enumerate(path.read_bytes().splitlines(), start=1):
+            if line.strip() and not _is_object(line):
+                fail(f"{path}, line {number}: each line must be a JSON object with the columns")
+    fail(f"cannot read {path}: {error}")
 
 
-def _is_parquet(path: Path) -> bool:
-    return path.suffix.lower() == ".parquet"
+def _is_object(line: bytes) -> bool:
+    try:
+        return isinstance(json.loads(line), dict)
+    except ValueError:
+        return False
 
 
 def is_row(frame: pl.DataFrame, path: Path) -> pl.Series:
     """Return which rows are there: a blank line of a CSV file is none."""
-    if _is_parquet(path):
+    if kind_of(path) in {*_BINARY, *_JSON_LINES, *ASTERIX}:
         return pl.repeat(True, frame.height, eager=True)
     return frame.select(~pl.all_horizontal(pl.all().is_null())).to_series()
 
 
 def place(path: Path, row: int) -> str:
     """Return where a row of a file is, as people count."""
-    return f"{path}, row {row + 1}" if _is_parquet(path) else f"{path}, line {row + 2}"
+    kind = kind_of(path)
+    if kind in _BINARY or kind in ASTERIX:
+        return f"{path}, row {row + 1}"
+    return f"{path}, line {row + 1 if kind in _JSON_LINES else row + 2}"
 
 
 def numbers(column: pl.Series, path: Path) -> pl.Series:

@@ -1,5 +1,6 @@
 """`tertia track`: tracks of the plots of radars."""
 
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import typer
 
 from tertia import tracker
-from tertia.cli import _tables
+from tertia.cli import _maps, _tables
 from tertia.cli._options import (
     ClockPeriod,
     ColumnNames,
@@ -20,18 +21,26 @@ from tertia.cli._options import (
     RadarFile,
     pair,
 )
-from tertia.cli._plans import read_plans
-from tertia.cli._radar_plots import Recording, column_names, read_recording
+from tertia.cli._plans import filed_plans
+from tertia.cli._radar_plots import (
+    Recording,
+    column_names,
+    open_files,
+    recording_of,
+    told_of_radars,
+)
 from tertia.cli._radars import RadarSites, read_radars
+from tertia.cli._stream import STDIN, Rows, Stream
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
 from tertia.cli._track_report import PICTURES, write_report
-from tertia.cli._tracked import Tracked, draw, figures, radar_rows, summary
+from tertia.cli._tracked import Tracked, draw, figures, lines, radar_rows, summary
 from tertia.flightplan import FlightPlan
 from tertia.tracker import Motion, Radar
 
 EXAMPLES = (
     "tertia track plots.csv --radars radars.toml --output tracks.csv --plot tracks.png",
     "tertia track plots.csv --radars radars.toml --plans plans.json --report report",
+    "tail -f plots.csv | tertia track --stream --radars radars.toml",
     "tertia track north.csv south.csv --radars radars.csv --column range_nm=rho --coasting 3",
 )
 # hijack, no radio, emergency
@@ -40,7 +49,7 @@ _PLANE = [[0.0, 0.0], [1000.0, 0.0]]
 
 
 def track(
-    files: PlotFiles,
+    files: PlotFiles = None,
     *,
     radars: RadarFile,
     plans: PlanFile = None,
@@ -73,13 +82,34 @@ def track(
     clock_period: ClockPeriod = None,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the tracks as .csv, .json or .parquet."),
+        typer.Option(
+            metavar="FILE",
+            help="Write the tracks as .csv, .parquet, .arrow, .jsonl, .json, .geojson or .kml.",
+        ),
     ] = None,
     report: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Write a summary, tables and pictures to a folder."),
     ] = None,
     plot_file: PlotFile = None,
+    stream: Annotated[
+        bool,
+        typer.Option(
+            "--stream",
+            help="Track plots as they come: lines of CSV or JSON on standard input, or of one "
+            "file; rows of confirmed tracks go to standard output.",
+        ),
+    ] = False,
+    latency: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds for which a stream gathers plots; by default a quarter of a scan."
+        ),
+    ] = None,
+    rows: Annotated[
+        Rows | None,
+        typer.Option(help="What a stream writes; by default what it reads."),
+    ] = None,
 ) -> dict[str, Any]:
     """Track the targets that one radar or several see, along their flight plans if they have any.
 
@@ -89,7 +119,7 @@ def track(
     columns = column_names(column or [])
     options: dict[str, Any] = {
         "plan_prior": plan_prior,
-        "wind": _pair(wind, "--wind", float),
+        "wind": pair(wind, "--wind", float),
         "wind_sigma": wind_sigma,
         "initiation": pair(initiation, "--initiation", int),
         "coasting": coasting,
@@ -102,17 +132,32 @@ def track(
     _check(motion, options, with_plans=plans is not None)
     if report is not None and report.exists() and not report.is_dir():
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
-    _tables.check_suffixes(output, plot_file)
-    _tables.check_suffixes(None, None if report is None else report / PICTURES[0])
-    sites = read_radars(radars)
-    frame = sites.places.frame
-    if place is None and frame is not None:
-        place = frame.latitude, frame.longitude
-    filed = [] if plans is None else read_plans(plans, place)
-    recording = read_recording(files, columns, sites)
+    _tables.check_suffixes(output, plot_file, maps=_maps.SUFFIXES)
+    _tables.check_suffixes(None, None if report is None else Path(PICTURES[0]))
+    given = files or []
+    if stream:
+        if any(one is not None for one in (output, report, plot_file)):
+            fail("a stream goes to standard output; it has no --output, --report or --plot")
+        source = _source(given, latency)
+        sites = read_radars(radars)
+        filed = filed_plans(plans, place, sites)
+        one = tracker.Tracker(sites.radars, motion, plans=filed, **options)
+        name = "standard input" if source == STDIN else str(source)
+        told_as = Stream(one, sites, columns, latency=latency, rows=rows, name=name)
+        _run(told_as, source)
+        return {}
+    if latency is not None or rows is not None:
+        fail("--latency and --rows are for --stream", WRONG_USAGE)
+    if not given or STDIN in given:
+        fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
+    opened = open_files(given, columns)
+    sites = read_radars(radars, told_of_radars(opened))
+    _maps.check(output, sites.places, radars)
+    filed = filed_plans(plans, place, sites)
+    recording = recording_of(opened, sites)
     if clock_period is not None and recording.clock.dated:
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
-    if recording.identity == "mode_3a":
+    if recording.identities.name == "mode_3a":
         options["emergency_codes"] = _EMERGENCIES
     tracked = _track(recording, sites, filed, motion, options)
 
@@ -121,13 +166,45 @@ def track(
     if (told_origin := sites.places.origin()) is not None:
         typer.echo(told_origin)
     _say(tracked)
-    if output is not None:
+    if output is not None and _maps.is_map(output):
+        _maps.write(lines(tracked), output, "track")
+    elif output is not None:
         _tables.write(tracked.rows(), output)
     if report is not None:
         write_report(tracked, told, report)
     if plot_file is not None:
         draw(tracked, plot_file)
     return summary(tracked, told)
+
+
+def _source(files: Sequence[Path], latency: float | None) -> Path:
+    """Return where a stream comes from, or fail."""
+    if sys.stdout is sys.stderr:
+        # where --json has put what else is printed
+        fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
+    if latency is not None and not 0 <= latency < np.inf:
+        fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
+    if len(files) > 1:
+        fail("a stream is one file, or standard input", WRONG_USAGE)
+    source = files[0] if files else STDIN
+    if not _tables.has_lines(source):
+        fail(f"cannot stream {source}: a stream has lines of CSV or JSON", WRONG_USAGE)
+    return source
+
+
+def _run(told: Stream, source: Path) -> None:
+    """Track what comes from a file, or from standard input."""
+    out = typer.get_binary_stream("stdout")
+    if source == STDIN:
+        told.run(sys.stdin.fileno(), out)
+        return
+    try:
+        with source.open("rb") as file:
+            told.run(file.fileno(), out)
+    except FileNotFoundError:
+        fail(f"there is no file {source}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {source}: {error.strerror}")
 
 
 def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None:
@@ -173,6 +250,8 @@ def _say(tracked: Tracked) -> None:
             f"{counted(len(tracked.plans), 'plan')}, {told['tracks_that_left_their_plan']} of them "
             "left it"
         )
+    for remark in tracked.recording.remarks:
+        typer.echo(f"  {remark}")
     for reason, count in tracked.refused().items():
         typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
     typer.echo(f"  {told['plots'] / tracked.seconds:,.0f} plots tracked per second")

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from tertia import plot
-from tertia.cli import _tables
+from tertia.cli import _maps, _tables
 from tertia.cli._radar_plots import Recording
 from tertia.cli._radars import RadarSites
 from tertia.flightplan import FlightPlan
@@ -124,6 +124,17 @@ def one_row_per_track(rows: pl.DataFrame, identity: str) -> pl.DataFrame:
             pl.col("height_m").mean(),
         )
     )
+
+
+def lines(tracked: Tracked) -> list[_maps.Feature | None]:
+    """Return the tracks as lines on a map."""
+    rows = tracked.rows()
+    told = one_row_per_track(rows, tracked.recording.identities.name)
+    groups = rows.partition_by("track", as_dict=True)
+    return [
+        _maps.feature(groups[(row["track"],)], "time_s", f"track {row['track']}", row)
+        for row in told.iter_rows(named=True)
+    ]
 
 
 def draw(tracked: Tracked, path: Path) -> None:

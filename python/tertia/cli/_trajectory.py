@@ -11,7 +11,7 @@ import typer
 
 from tertia import plot
 from tertia._arrays import FloatArray
-from tertia.cli import _positions, _tables
+from tertia.cli import _maps, _positions, _tables
 from tertia.cli._measurements import (
     Columns,
     Record,
@@ -117,8 +117,9 @@ def trajectory(
     wanted = _kinds(biases)
     options = _Options(order, method, smoother, window, _degree(degree), jerk, wanted)
     _check(options)
-    _tables.check_suffixes(output, plot_file, measurements)
+    _tables.check_suffixes(output, plot_file, measurements, maps=_maps.SUFFIXES)
     sites = read_stations(stations)
+    _maps.check(output, sites.places, stations)
     records = by_target(read_measurements(files, columns, sites), columns, sites)
     found = [_reconstruct(one, sites, options) for one in tracked(records, "Reconstructing")]
 
@@ -127,7 +128,9 @@ def trajectory(
     _positions.say_origin(sites)
     for one in found:
         _say(one)
-    if output is not None:
+    if output is not None and _maps.is_map(output):
+        _maps.write([_line(one, sites, columns) for one in found], output, "line")
+    elif output is not None:
         _tables.write(pl.concat([_rows(one, sites, columns) for one in found]), output)
     if measurements is not None:
         tables = [_positions.measurement_rows(one.judged, one.record, columns) for one in found]
@@ -249,6 +252,15 @@ def _rows(one: _Reconstructed, sites: Sites, columns: Columns) -> pl.DataFrame:
         **_positions.instants(record, one.judged, result.fixes),
     }
     return _tables.beside(record.keys, pl.DataFrame(told))
+
+
+def _line(one: _Reconstructed, sites: Sites, columns: Columns) -> _maps.Feature | None:
+    """Return a trajectory as a line on a map."""
+    rows = _rows(one, sites, columns)
+    keys = one.record.keys.row(0, named=True) if one.record.keys.width else {}
+    known = rows.select("measured", "outliers").sum().row(0, named=True)
+    name = one.record.name or "trajectory"
+    return _maps.feature(rows, columns.time, name, {**keys, **known})
 
 
 def _draw(found: list[_Reconstructed], sites: Sites, columns: Columns, path: Path) -> None:

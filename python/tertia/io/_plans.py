@@ -1,8 +1,4 @@
-"""Files: flight plans from CSV, JSON and GeoJSON.
-
-Needs the extra `io` (Polars for CSV, pyproj for geodetic positions). Angles in files are degrees,
-in fields whose names end in `_deg`; everything else is in SI units.
-"""
+"""Flight plans from CSV, JSON and GeoJSON."""
 
 from __future__ import annotations
 

@@ -1,0 +1,78 @@
+"""What was sent by UDP, from a recording of a network (pcap, pcapng)."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+# how files of packets begin: microseconds and nanoseconds in both byte orders, and pcapng
+MAGIC = {
+    bytes.fromhex(text) for text in ("d4c3b2a1", "a1b2c3d4", "4d3cb2a1", "a1b23c4d", "0a0d0d0a")
+}
+
+
+def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the number of each packet, from 1 on, and what it carries; others are left out."""
+    dpkt = import_module("dpkt")
+    broken = (dpkt.Error, struct.error, ValueError)
+    try:
+        reader = dpkt.pcap.UniversalReader(io.BytesIO(contents))
+        link = _links(dpkt).get(reader.datalink())
+    except broken:
+        raise ValueError(f"{path} begins like a recording of packets, and is none") from None
+    if link is None:
+        raise ValueError(
+            f"{path} was recorded on a link of type {reader.datalink()}, which is not known; "
+            "Ethernet, raw IP and Linux's any are"
+        )
+    number = 0
+    try:
+        for number, (_, frame) in enumerate(reader, start=1):
+            payload = _payload(dpkt, link, frame)
+            if payload is not None:
+                yield number, payload
+    except broken:
+        raise ValueError(f"{path} is cut off or damaged after packet {number}") from None
+    except EOFError:
+        raise ValueError(
+            f"{path}, packet {number} is cut off, or part of a larger one: record whole packets "
+            "(tcpdump -s 0)"
+        ) from None
+
+
+def _links(dpkt: Any) -> dict[int, Any]:
+    """Return what frames of each type of link are."""
+    raw = {12, 14, 101, 228, 229}
+    return {
+        0: dpkt.loopback.Loopback,
+        1: dpkt.ethernet.Ethernet,
+        113: dpkt.sll.SLL,
+        276: dpkt.sll2.SLL2,
+        **dict.fromkeys(raw, lambda frame: _Raw(dpkt, frame)),
+    }
+
+
+class _Raw:
+    """A packet without a frame around it."""
+
+    def __init__(self, dpkt: Any, frame: bytes) -> None:
+        kind = dpkt.ip6.IP6 if frame[:1] and frame[0] >> 4 == 6 else dpkt.ip.IP
+        self.data = kind(frame)
+
+
+def _payload(dpkt: Any, link: Any, frame: bytes) -> bytes | None:
+    """Return what a frame carries by UDP; EOFError where a part of it is missing."""
+    try:
+        packet = link(frame).data
+    except dpkt.UnpackError:
+        return None
+    if not isinstance(packet, (dpkt.ip.IP, dpkt.ip6.IP6)) or packet.p != dpkt.ip.IP_PROTO_UDP:
+        return None
+    datagram = packet.data
+    if not isinstance(datagram, dpkt.udp.UDP) or datagram.ulen > len(datagram.data) + 8:
+        raise EOFError
+    return bytes(datagram.data)
