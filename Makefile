@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 WHEEL := dist/.installed
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name Cargo.toml)
 
-.PHONY: demo test lint figures bench clean
+.PHONY: demo test lint docs figures bench clean
 
 demo: $(WHEEL)
 	$(BIN)/tertia bearing examples/bearings.csv --column bearing_deg --by target --plot bearings.png
@@ -25,6 +25,12 @@ lint: $(WHEEL) $(VENV)/.test
 	$(BIN)/ruff check
 	$(BIN)/mypy python docs examples
 
+docs: $(WHEEL) $(VENV)/.docs
+	$(BIN)/python docs/build_site.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --config-file build/mkdocs.yml
+	! grep -rE '<(script|link|img|iframe)[^>]* (src|href)="?https?:' build/site --include='*.html' # offline
+	@echo "The site is in build/site: python3 -m http.server --directory build/site"
+
 figures: $(WHEEL)
 	$(BIN)/python docs/figures.py
 
@@ -38,7 +44,7 @@ bench: $(WHEEL) $(VENV)/.bench
 	$(BIN)/python benches/peers/smoothing.py
 
 clean:
-	rm -rf $(VENV) dist target
+	rm -rf $(VENV) build dist target
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -51,6 +57,6 @@ $(WHEEL): $(BIN)/python $(SOURCES)
 	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,geo,io,plot]"
 	touch $@
 
-$(VENV)/.test $(VENV)/.bench: $(VENV)/.%: pyproject.toml $(BIN)/python
+$(VENV)/.test $(VENV)/.bench $(VENV)/.docs: $(VENV)/.%: pyproject.toml $(BIN)/python
 	$(BIN)/python -m pip install --quiet --group $*
 	touch $@
