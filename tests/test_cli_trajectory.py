@@ -456,7 +456,6 @@ def test_help() -> None:
     assert "tertia trajectory measurements.csv" in told
 
 
-
 def test_figures_of_the_page_are_those_of_the_command() -> None:
     page = (ROOT / "docs" / "trajectory.md").read_text(encoding="utf-8")
     plain, bias = (
