@@ -17,7 +17,7 @@ test: $(WHEEL) $(VENV)/.test
 	$(BIN)/python -m pytest --doctest-modules --pyargs tertia
 	$(BIN)/python -m mypy.stubtest tertia._core
 
-lint: $(WHEEL) $(VENV)/.test
+lint: $(WHEEL) $(VENV)/.test docs
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
