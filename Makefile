@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 WHEEL := dist/.installed
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.html' -o -name Cargo.toml)
 
-.PHONY: demo test lint figures bench clean
+.PHONY: demo test lint docs figures bench clean
 
 # a recording of your own: make demo PLOTS="a.csv b.csv" RADARS=radars.toml, and if there are any PLANS=,
 # TRUTH=, and OPTIONS= as tertia report --help tells them
@@ -34,13 +34,19 @@ test: $(WHEEL) $(VENV)/.test
 	$(BIN)/python -m pytest --doctest-modules --pyargs tertia
 	$(BIN)/python -m mypy.stubtest tertia._core
 
-lint: $(WHEEL) $(VENV)/.test
+lint: $(WHEEL) $(VENV)/.test docs
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy python docs examples
+
+docs: $(WHEEL) $(VENV)/.docs
+	$(BIN)/python docs/build_site.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --config-file build/mkdocs.yml
+	! grep -rE '<(script|link|img|iframe)[^>]* (src|href)="?https?:' build/site --include='*.html' # offline
+	@echo "The site is in build/site: python3 -m http.server --directory build/site"
 
 figures: $(WHEEL)
 	$(BIN)/python docs/figures.py
@@ -56,7 +62,7 @@ bench: $(WHEEL) $(VENV)/.bench
 	$(BIN)/python benches/peers/smoothing.py
 
 clean:
-	rm -rf $(VENV) dist target
+	rm -rf $(VENV) build dist target
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -69,6 +75,6 @@ $(WHEEL): $(BIN)/python $(SOURCES)
 	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,geo,io,plot,report]"
 	touch $@
 
-$(VENV)/.test $(VENV)/.bench: $(VENV)/.%: pyproject.toml $(BIN)/python
+$(VENV)/.test $(VENV)/.bench $(VENV)/.docs: $(VENV)/.%: pyproject.toml $(BIN)/python
 	$(BIN)/python -m pip install --quiet --group $*
 	touch $@

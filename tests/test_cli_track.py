@@ -899,20 +899,3 @@ def test_help(command: str) -> None:
     words = {"track": ("--radars", "--plans", "--column"), "evaluate": ("--truth", "--period")}
     for word in (*words[command], "--output", "--plot", f"tertia {command} "):
         assert word in told
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/tracker.md"])
-def test_commands_of_the_pages_run(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
-    commands = re.findall(r"^tertia ((?:track|evaluate) .*)$", text, re.M)
-    assert len(commands) == 2
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    monkeypatch.chdir(tmp_path)
-    for command in commands:
-        words = command.split()
-        done = CliRunner().invoke(cli.app, words, catch_exceptions=False)
-        assert (done.exit_code, done.stderr) == (0, "")
-        files = [Path(word) for word in words if re.fullmatch(r"\w+\.(csv|png)", word)]
-        assert all(path.stat().st_size > 1000 for path in files)

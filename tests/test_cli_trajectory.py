@@ -456,23 +456,6 @@ def test_help() -> None:
     assert "tertia trajectory measurements.csv" in told
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/location.md", "docs/trajectory.md"])
-def test_commands_of_the_pages_run(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8").replace("\\\n", " ")
-    commands = re.findall(r"^tertia ((?:locate|trajectory) examples/.*)$", text, re.M)
-    assert commands
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    monkeypatch.chdir(tmp_path)
-    for command in commands:
-        words = command.split()
-        done = CliRunner().invoke(cli.app, words, catch_exceptions=False)
-        assert (done.exit_code, done.stderr) == (0, "")
-        files = [Path(word) for word in words if re.fullmatch(r"\w+\.(csv|png)", word)]
-        assert all(path.stat().st_size > 1000 for path in files)
-
-
 def test_figures_of_the_page_are_those_of_the_command() -> None:
     page = (ROOT / "docs" / "trajectory.md").read_text(encoding="utf-8")
     plain, bias = (

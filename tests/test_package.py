@@ -79,6 +79,9 @@ ALIASES = {
 }
 
 
+ROOT = Path(__file__).parents[1]
+
+
 def run(code):
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True
@@ -91,7 +94,9 @@ def test_the_version_is_that_of_the_distribution():
 
 
 def test_importing_needs_numpy_alone():
-    loaded = run("import tertia, sys; print(*sys.modules)").split()
+    every = "[getattr(tertia, name) for name in tertia.__all__]"
+    loaded = run(f"import tertia, sys; {every}; print(*sys.modules)").split()
+    assert {f"tertia.{name}" for name in tertia.__all__} & set(loaded) >= {"tertia.tracker"}
     for name in (
         "scipy",
         "matplotlib",
@@ -106,6 +111,41 @@ def test_importing_needs_numpy_alone():
         "numpy.random",
     ):
         assert name not in loaded
+
+
+def test_importing_takes_little_longer_than_numpy():
+    """CPU time in one process; modules are imported when they are asked for."""
+    code = """
+import time
+start = time.process_time()
+import numpy
+between = time.process_time()
+import tertia
+print((time.process_time() - start) / (between - start))
+"""
+    assert min(float(run(code)) for _ in range(3)) <= 1.2
+
+
+def test_modules_are_there_when_they_are_asked_for():
+    loaded = run("import tertia, sys; print(*sys.modules)").split()
+    assert "tertia.bearing" not in loaded
+    assert set(tertia.__all__) <= set(dir(tertia))
+    told = run("import tertia; print(tertia.estimate_bearing([1.0, 2.0, 3.0], method='mean'))")
+    assert told.startswith("BearingEstimate(2 ")
+    with pytest.raises(AttributeError, match="module 'tertia' has no attribute 'bearings'"):
+        tertia.bearings  # noqa: B018
+
+
+def test_the_version_is_in_one_place():
+    """In the workspace; packages, the core and the installed package take it from there."""
+    version = importlib.metadata.version("tertia")
+    found = [
+        path.relative_to(ROOT).as_posix()
+        for pattern in ("*.toml", "*/*/Cargo.toml", "*.cff", "python/tertia/*.py")
+        for path in ROOT.glob(pattern)
+        if version in path.read_text(encoding="utf-8")
+    ]
+    assert found == ["Cargo.toml"]
 
 
 def test_an_optimised_build_does_not_warn():
@@ -129,7 +169,7 @@ print(caught[0].category.__name__, caught[0].message)
 
 def test_it_is_the_wheel_that_is_tested():
     """Not the source tree, unless somebody works on it in an environment of their own."""
-    source = Path(__file__).parents[1] / "python"
+    source = ROOT / "python"
     installed = Path(tertia.__file__)
     if source in installed.parents:
         pytest.skip("installed for development")

@@ -13,26 +13,30 @@ needs the extra `plot`, `tertia.geo` the extra `geo`, `tertia.report`, which tel
 recording on one page, the extra `report`, the command `tertia` the extra `cli`.
 """
 
+import importlib
 import warnings
+from typing import TYPE_CHECKING, Any
 
-from tertia import (
-    association,
-    bearing,
-    flightplan,
-    fusion,
-    io,
-    kalman,
-    location,
-    metrics,
-    screening,
-    simulate,
-    smoothing,
-    tracker,
-    trajectory,
-    weights,
-)
 from tertia._core import DEBUG_BUILD, VERSION
-from tertia.bearing import BearingEstimate, estimate_bearing
+
+if TYPE_CHECKING:
+    from tertia import (
+        association,
+        bearing,
+        flightplan,
+        fusion,
+        io,
+        kalman,
+        location,
+        metrics,
+        screening,
+        simulate,
+        smoothing,
+        tracker,
+        trajectory,
+        weights,
+    )
+    from tertia.bearing import BearingEstimate, estimate_bearing
 
 __version__ = VERSION
 
@@ -63,3 +67,18 @@ if DEBUG_BUILD:
         RuntimeWarning,
         stacklevel=2,
     )
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for when it is: all modules together take as long as NumPy."""
+    if name in {"BearingEstimate", "estimate_bearing"}:
+        found = getattr(importlib.import_module("tertia.bearing"), name)
+    elif name in __all__:
+        found = importlib.import_module(f"tertia.{name}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return globals().setdefault(name, found)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -252,10 +252,6 @@ pub fn fuse_series<'py>(
     Ok((arrays, outlier.into_array()))
 }
 
-/// TrackFusion(model, measurement_variance, *, method='robust', period=None, change=0.005,
-/// memory=0.1, threshold=1.6, outlier_gate=16.0)
-/// --
-///
 /// A centre that is fed scan by scan with the plots of several radars, for embedding.
 ///
 /// It can be pickled and copied; a step that fails leaves it as it was.

@@ -410,9 +410,6 @@ pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)>
     Ok((singer, singer.over(dt).map_err(value_error)?))
 }
 
-/// AngleFilter(model, measurement_variance, *, period=None)
-/// --
-///
 /// A filter that is fed plot by plot, for embedding.
 ///
 /// It can be pickled and copied; a step that fails leaves it as it was.

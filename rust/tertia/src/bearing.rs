@@ -156,6 +156,19 @@ impl Estimator {
 
     /// Estimates the bearing of one sample. O(N), robust: O(N · longest burst).
     ///
+    /// ```
+    /// use tertia::bearing::{Estimator, GroupOutput, Method, Workspace};
+    ///
+    /// let estimator = Estimator::try_new(Method::Mean, Some(360.0), 0.0)?;
+    /// let mut groups = GroupOutput { mean: &mut [], variance: &mut [], weight: &mut [] };
+    /// let (theta, mut outlier) = ([359.0, 1.0, 3.0], [false; 3]);
+    /// let workspace = &mut Workspace::default();
+    /// let found = estimator.estimate(&theta, &mut outlier, &mut groups, workspace)?;
+    /// assert!((found.value - 1.0).abs() < 1e-12);
+    /// assert!((found.sigma - (4.0_f64 / 3.0).sqrt()).abs() < 1e-12);
+    /// # Ok::<(), tertia::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// Too few measurements, one that is not finite, deviations out of range, or too few left.
     ///

@@ -1,10 +1,41 @@
 //! One estimate with an error bar that can be believed, from measurements that are redundant and
 //! sometimes wrong.
 //!
+//! ```
+//! // which of ten values are wrong, by leaving each one out
+//! let y = [12.4, 11.8, 40.0, 12.1, 12.9, 11.5, 12.6, 12.2, 12.0, 11.9];
+//! let mut outlier = [false; 10];
+//! tertia::screening::mask(&y, 2.5, &mut outlier)?;
+//! assert_eq!(outlier.iter().position(|&wrong| wrong), Some(2));
+//! # Ok::<(), tertia::Error>(())
+//! ```
+//!
+//! # Contents
+//!
+//! | module | what for |
+//! |---|---|
+//! | [`screening`] | which measurements of a sample are anomalous; tests with exact thresholds |
+//! | [`bearing`] | one bearing with its standard deviation of a record |
+//! | [`weights`] | estimates fused by their covariances, and how well the weights are known |
+//! | [`location`] | a position of ranges, azimuths, elevations and range differences |
+//! | [`kalman`] | angle, rate and acceleration along a series: filter, smoother, steady state |
+//! | [`smoothing`] | local polynomials; position, velocity and acceleration of all plots |
+//! | [`fusion`] | one track of several radars; one estimate of several of the same instant |
+//! | [`association`] | which plot belongs to which track: gates, scores, assignment |
+//! | [`flightplan`] | paths of flight plans, and what tracks have to do with them |
+//! | [`tracker`] | tracks of scans of plots |
+//! | [`batch`], [`missing`] | rows on threads; nan left out |
+//!
+//! Two programs are in `examples`: `bearing` (screening and one bearing) and `tracker`.
+//!
+//! # Order
+//!
 //! `error, moments, distribution, angle, matrix, vector <- screening <- bearing <- weights <-
 //! location <- kalman <- smoothing <- fusion`, `kalman, association, flightplan <- tracker`, with
 //! [`batch`] and [`missing`] for their callers: a module uses those to its left only.
 //! Kernels take slices and fill the caller's outputs.
+//!
+//! # Costs
 //!
 //! | kernel | cost of a sample of N | extra memory |
 //! |---|---|---|

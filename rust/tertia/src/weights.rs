@@ -157,6 +157,14 @@ pub trait Weighing: Send {
 
 /// The computation for so many sensors and dimensions.
 ///
+/// ```
+/// // two scalar estimates with the variances 1 and 3: three quarters for the first
+/// let mut weights = [0.0; 2];
+/// tertia::weights::weighing(2, 1).weights(&[1.0, 3.0], &mut weights)?;
+/// assert_eq!(weights, [0.75, 0.25]);
+/// # Ok::<(), tertia::Error>(())
+/// ```
+///
 /// # Panics
 /// Fewer than two sensors, or no dimension.
 pub fn weighing(sensors: usize, dimension: usize) -> Box<dyn Weighing> {

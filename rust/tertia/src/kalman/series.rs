@@ -177,6 +177,21 @@ impl Series<'_> {
 
     /// Runs `filter` from before the first plot to after the last, and shows every step's state
     /// and innovation (nan where there is none) to `sink`. Cost O(steps).
+    ///
+    /// ```
+    /// use tertia::kalman::{Filter, PerStep, Series, Singer};
+    ///
+    /// let model = Singer::try_new(0.05, 0.003, true)?;
+    /// let z = [10.0, 10.5, f64::NAN, 11.5]; // a plot every five seconds, one of them missing
+    /// let transition = PerStep::Constant(model.over(5.0)?);
+    /// let series = Series { z: &z, variance: PerStep::Constant(0.01), transition };
+    /// let mut angles = Vec::new();
+    /// let filter = Filter::new(model.acceleration_variance(), None);
+    /// series.run(filter, |_, state, _| angles.push(state.mean[0]));
+    /// assert_eq!(angles[0], 10.0);
+    /// assert!((angles[3] - 11.5).abs() < 0.01);
+    /// # Ok::<(), tertia::Error>(())
+    /// ```
     #[inline(always)]
     pub fn run(
         &self,

@@ -92,6 +92,19 @@ impl BurstRule {
 
     /// Marks points and bursts. O(N · max_length).
     ///
+    /// ```
+    /// use tertia::screening::{BurstRule, BurstWorkspace};
+    ///
+    /// let mut y: Vec<f64> = (0..100).map(|i| f64::from(i * i * 7 % 97) / 28.0).collect();
+    /// y[40..46].iter_mut().for_each(|value| *value += 8.0);
+    /// let rule = BurstRule::try_new(2.5, 3.0, (2, 20), 0.0, 0.0)?;
+    /// let mut outlier = [false; 100];
+    /// rule.detect(&y, &mut outlier, &mut BurstWorkspace::default())?;
+    /// assert!(outlier[40..46].iter().all(|&wrong| wrong));
+    /// assert_eq!(outlier.iter().filter(|&&wrong| wrong).count(), 6);
+    /// # Ok::<(), tertia::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// Fewer than 3 values, a value that is not finite, deviations out of range.
     ///

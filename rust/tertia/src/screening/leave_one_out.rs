@@ -143,6 +143,15 @@ fn room(k: f64, n: f64) -> f64 {
 /// Marks the values that the rule with frozen statistics finds anomalous. O(N); about one read of
 /// memory where the sample is stationary, never more than two; N/85 bytes of memory.
 ///
+/// ```
+/// let mut outlier = [false; 6];
+/// tertia::screening::mask(&[1.0, 2.0, 1.5, 30.0, 1.2, 1.8], 2.5, &mut outlier)?;
+/// assert_eq!(outlier, [false, false, false, true, false, false]);
+/// let refused = tertia::screening::mask(&[1.0, f64::NAN, 2.0], 2.5, &mut outlier[..3]);
+/// assert!(refused.is_err());
+/// # Ok::<(), tertia::Error>(())
+/// ```
+///
 /// # Errors
 /// k ≤ 0, fewer than 3 values, a value that is not finite, deviations out of range.
 ///

@@ -1,0 +1,176 @@
+"""Put the pages of the site into build/pages, for `mkdocs build`: `make docs`.
+
+The README is the start page. The pages of the folder are taken as they are; links to files beside
+it are led to copies. A new page appears under 'Concepts' by itself, a new module in the reference.
+"""
+
+import ast
+import json
+import re
+import shutil
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+ROOT = DOCS.parent
+BUILD = ROOT / "build"
+PAGES = BUILD / "pages"
+PACKAGE = ROOT / "python" / "tertia"
+# pages that are not about one concept, and what they are called
+START = {
+    "index.md": "Start",
+    "guide.md": "Guide by task",
+    "coming_from.md": "Coming from other libraries",
+    "gallery.md": "Gallery",
+}
+MORE = {
+    "performance.md": "Performance",
+    "papers.md": "What the papers got right",
+    "complaints.md": "Complaints",
+    "architecture.md": "Architecture",
+    "contributing.md": "Contributing",
+    "changelog.md": "Changelog",
+}
+FROM_ROOT = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+}
+LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
+
+
+def sources() -> dict[str, Path]:
+    """Find the pages: their names on the site, and where they are written."""
+    pages = {page: ROOT / name for name, page in FROM_ROOT.items()}
+    return pages | {path.name: path for path in sorted(DOCS.glob("*.md"))}
+
+
+def on_site(target: Path) -> str:
+    """Tell where on the site a file of the repository is."""
+    name = target.relative_to(ROOT).as_posix()
+    return FROM_ROOT.get(name, name.removeprefix("docs/"))
+
+
+def page(path: Path) -> str:
+    """Take a page over, with links that lead to the site; files that are linked are copied."""
+
+    def link(match: re.Match[str]) -> str:
+        target = (path.parent / match[0]).resolve()
+        if not target.is_file():
+            return match[0]  # mkdocs tells it
+        if target.suffix != ".md":
+            copy = PAGES / on_site(target)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(target, copy)
+        return on_site(target)
+
+    return LINK.sub(link, path.read_text("utf-8"))
+
+
+def figures() -> dict[str, tuple[str, str]]:
+    """Read from `figures.py` which function of which study makes each picture."""
+    tree = ast.parse((DOCS / "figures.py").read_text("utf-8"))
+    (table,) = (
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "FIGURES"
+    )
+    assert isinstance(table, ast.Dict)
+    made = {}
+    for name, function in zip(table.keys, table.values, strict=True):
+        assert isinstance(name, ast.Constant)
+        study, _, called = ast.unparse(function).partition(".")
+        made[str(name.value)] = study, called
+    return made
+
+
+def code(study: str, called: str) -> tuple[str, str]:
+    """Take a function out of a study: the first line of what it says of itself, and its text."""
+    text = (DOCS / "studies" / f"{study}.py").read_text("utf-8")
+    (found,) = (
+        node
+        for node in ast.parse(text).body
+        if isinstance(node, ast.FunctionDef) and node.name == called
+    )
+    said = (ast.get_docstring(found) or called).splitlines()[0]
+    return said, ast.get_source_segment(text, found) or ""
+
+
+def gallery() -> str:
+    """Write a page of all pictures, with the code that makes them and the pages that show them."""
+    lines = [
+        "# Gallery",
+        "",
+        "Every picture of these pages, with the code that makes it; `make figures` makes them all",
+        "from fixed seeds. [`tertia.plot`](reference/plot.md) makes pictures of one's own data.",
+    ]
+    texts = {name: path.read_text("utf-8") for name, path in sources().items()}
+    for name, (study, called) in figures().items():
+        said, text = code(study, called)
+        shown = [page for page, text in texts.items() if f"img/{name}" in text]
+        places = ", ".join(f"[{heading(texts[page])}]({page})" for page in shown)
+        lines += ["", f"## {said.removesuffix('.')}", "", f"![{said}](img/{name})", ""]
+        lines += [f"Shown in {places}." if places else "", ""]
+        lines += [f'??? example "`docs/studies/{study}.py`, `{called}`"', "", "    ```python"]
+        lines += [f"    {line}".rstrip() for line in text.splitlines()]
+        lines += ["    ```"]
+    return "\n".join(lines) + "\n"
+
+
+def modules() -> list[str]:
+    """List the public modules."""
+    files = [path for path in PACKAGE.glob("*.py") if path.name != "__init__.py"]
+    folders = [path.parent for path in PACKAGE.glob("*/__init__.py")]
+    names = [path.stem for path in files + folders]
+    return sorted(name for name in names if not name.startswith("_") and name != "cli")
+
+
+def compiled(name: str) -> list[str]:
+    """List what a module takes from the compiled core as it is: the reference looks there."""
+    path = PACKAGE / f"{name}.py"
+    text = path.read_text("utf-8") if path.is_file() else ""
+    return re.findall(r"^(\w+) = _core\.\1$", text, re.M)
+
+
+def reference(name: str) -> str:
+    """Write the page of a module."""
+    text = f"# `tertia.{name}`\n\n::: tertia.{name}\n"
+    options = "    options: {show_root_heading: true, show_root_toc_entry: true}\n"
+    return text + "".join(f"\n::: tertia._core.{thing}\n{options}" for thing in compiled(name))
+
+
+def heading(text: str) -> str:
+    """Tell what a page is called: its first line, up to a colon."""
+    return text.splitlines()[0].removeprefix("# ").partition(":")[0]
+
+
+def write(name: str, text: str) -> None:
+    """Write a page of the site."""
+    path = PAGES / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, "utf-8")
+
+
+def main() -> None:
+    """Make the pages, and the configuration with the order of the pages."""
+    shutil.rmtree(PAGES, ignore_errors=True)
+    pages = sources()
+    for name, path in pages.items():
+        write(name, page(path))
+    write("gallery.md", gallery())
+    shutil.copytree(DOCS / "img", PAGES / "img", dirs_exist_ok=True)
+    shutil.copy(DOCS / "site.css", PAGES)
+    for name in modules():
+        write(f"reference/{name}.md", reference(name))
+    concepts = [name for name in sorted(pages) if name not in START | MORE]
+    nav = [
+        *({title: name} for name, title in START.items()),
+        {"Concepts": [{heading(pages[name].read_text("utf-8")): name} for name in concepts]},
+        {"Reference": [f"reference/{name}.md" for name in modules()]},
+        {"More": [{title: name} for name, title in MORE.items()]},
+    ]
+    base = (DOCS / "mkdocs.yml").read_text("utf-8")
+    (BUILD / "mkdocs.yml").write_text(f"{base}nav: {json.dumps(nav)}\n", "utf-8")
+
+
+if __name__ == "__main__":
+    main()
