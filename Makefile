@@ -30,7 +30,7 @@ endif
 
 test: $(WHEEL) $(VENV)/.test
 	cargo test --workspace
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadscope
 	$(BIN)/python -m pytest --doctest-modules --pyargs tertia
 	$(BIN)/python -m mypy.stubtest tertia._core
 

@@ -212,6 +212,7 @@ def test_wrong_usage(options: tuple[str, ...], message: str) -> None:
     ("arguments", "key"),
     [
         (("track", *PLOTS), "radars"),
+        (("bearing", EXAMPLES / "bearings.csv", "--by", "target"), "groups"),
         (("fuse", EXAMPLES / "radars.csv", "--sensor-column", "radar"), "sensors"),
         (
             ("locate", EXAMPLES / "measurements.csv", "--stations", EXAMPLES / "stations.toml"),

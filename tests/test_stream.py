@@ -303,6 +303,7 @@ def test_streams_that_cannot_be_used(
         (("a.csv", "b.csv", "--stream"), "a stream is one file, or standard input"),
         (("a.parquet", "--stream"), "cannot stream a.parquet: a stream has lines of CSV or JSON"),
         (("absent.csv", "--stream"), "there is no file absent.csv"),
+        (("plots.csv", "--stream", "--json"), "a stream has no --json; --rows jsonl"),
         (("-",), "give files of plots, or --stream to read standard input"),
         ((), "give files of plots, or --stream to read standard input"),
         (("plots.csv", "--latency", "1"), "--latency and --rows are for --stream"),

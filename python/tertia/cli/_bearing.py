@@ -66,7 +66,7 @@ def bearing(
         ),
     ] = None,
     plot_file: PlotFile = None,
-) -> None:
+) -> dict[str, Any]:
     """Estimate a bearing and its sigma per group, and count the anomalous measurements.
 
     The measurements of a group must be in the order in which they came. Missing ones (empty, NA,
@@ -91,6 +91,7 @@ def bearing(
         if drawn:
             _tables.save(_figure(drawn, column, wrap, group_size), plot_file)
     _report(table)
+    return {"groups": table.to_dicts()}
 
 
 def _read(path: Path, column: str, by: list[str]) -> pl.DataFrame:

@@ -683,7 +683,10 @@ def _numbers(value: npt.ArrayLike) -> npt.ArrayLike:
         array = np.asanyarray(value)
     except ValueError:
         return value
-    return array.astype(np.float64) if array.dtype == np.bool_ else value
+    is_flag = array.dtype == np.bool_ or (
+        array.dtype == np.object_ and all(isinstance(one, (bool, np.bool_)) for one in array.flat)
+    )
+    return array.astype(np.float64) if is_flag else value
 
 
 def _turn(turn: tuple[int, int, float], steps: int, dt: float) -> FloatArray:
