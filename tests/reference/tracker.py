@@ -107,7 +107,7 @@ class Straight:
     def expected(self):
         return [(1.0, self.x, self.p)]
 
-    def widen(self, extra):
+    def widen(self, extra, is_likely):
         self.p = self.p.copy()
         self.p[:4, :4] += extra
 
@@ -177,12 +177,12 @@ class Multiple:
     def expected(self):
         return list(zip(self.probability, *zip(self.straight, self.turn, strict=True), strict=True))
 
-    def widen(self, extra):
+    def widen(self, extra, is_likely):
         wide = np.zeros((5, 5))
         wide[:4, :4] = extra
         self.straight = self.straight[0], self.straight[1] + extra
         self.turn = self.turn[0], self.turn[1] + wide
-        turning = max(self.probability[1], 0.5)
+        turning = max(self.probability[1], 0.5 if is_likely else 0.0)
         self.probability = np.array([1 - turning, turning])
 
     def correct(self, z, r):
@@ -251,7 +251,7 @@ class Window:
     def expected(self):
         return [(1.0, self.x, self.p + self.extra)]
 
-    def widen(self, extra):
+    def widen(self, extra, is_likely):
         self.extra = self.extra + extra
         self.guarded = True
 
@@ -357,8 +357,9 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
         model.predict(gap - missed * radar.period)
         is_beyond = distance(model, positions[k], radar) > GATES[0.998]
         extra = unnoticed(guard_acceleration, gap)
-        if is_beyond and accelerated(model, positions[k], radar, extra):
-            model.widen(extra)
+        if is_beyond:
+            probability = accelerated(model, positions[k], radar, extra)
+            model.widen(probability * extra, probability >= 0.5)
         model.correct(positions[k], noise(model.estimate()[0][:2], radar))
         model.watch()
         if k == 2:
@@ -368,9 +369,9 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
 
 
 def accelerated(model, z, radar, extra):
-    """Whether an acceleration, one scan in twenty, is likelier than a large error of the plot."""
+    """Probability of an acceleration, one scan in twenty, and not of a large error of the plot."""
     if isinstance(model, Window):
-        return True
+        return 1.0
     x, p, _ = model.estimate()
     r = noise(x[:2], radar)
     usual = sum(
@@ -378,7 +379,8 @@ def accelerated(model, z, radar, extra):
         for share, y, q in model.expected()
         if share > 0.005
     )
-    return 0.05 * density(z - x[:2], (p + extra)[:2, :2] + r) >= usual
+    wide = 0.05 * density(z - x[:2], (p + extra)[:2, :2] + r)
+    return wide / (wide + usual)
 
 
 def density(y, s):

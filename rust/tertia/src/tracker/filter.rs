@@ -187,10 +187,10 @@ impl Filter {
         }
     }
 
-    /// Widens the estimate, as if the target had accelerated unnoticed by `sigma` for `gap` seconds.
-    /// A turn becomes as likely as straight flight.
-    pub fn widen(&mut self, sigma: f64, gap: f64) {
-        let extra = motion::unnoticed(sigma, gap);
+    /// Widens the estimate, as if the target had accelerated unnoticed by `sigma` for `gap` seconds,
+    /// with this probability. A turn becomes as likely as straight flight, if that is.
+    pub fn widen(&mut self, sigma: f64, gap: f64, probability: f64) {
+        let extra = motion::unnoticed(sigma, gap) * probability;
         match self {
             Self::Straight(estimate) => estimate.covariance += extra,
             Self::Singer(estimate) => {
@@ -199,7 +199,9 @@ impl Filter {
             }
             Self::Multiple(multiple) => multiple.banks_mut().for_each(|bank| {
                 bank.widen(&extra);
-                bank.expect_turn();
+                if probability >= 0.5 {
+                    bank.expect_turn();
+                }
             }),
             Self::Window(window) => window.widen(&extra),
         }

@@ -214,18 +214,14 @@ impl Share {
                 |&&plot: &&u32| !deferred[plot as usize] && !self.choice.contains(&Some(plot));
             let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
                 let measured = &plots[plot as usize];
-                let (score, accelerated) = track.guarded_score(measured, others, settings)?;
-                Some((score, plot, accelerated))
+                let (score, probability) = track.guarded_score(measured, others, settings)?;
+                Some((score, plot, probability))
             });
             let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-            let Some((_, plot, accelerated)) = best.filter(|best| best.0 > 0.0) else { continue };
+            let Some((_, plot, probability)) = best.filter(|best| best.0 > 0.0) else { continue };
             self.choice[row] = Some(plot);
             let measured = &plots[plot as usize];
-            if accelerated {
-                track.take_guarded(measured, settings);
-            } else {
-                track.correct(measured, settings);
-            }
+            track.take_guarded(measured, probability, settings);
             let place = group[0].rank + claim.rank + group.len() as u32;
             self.give(place, plot, track, measured, true, None);
         }

@@ -246,14 +246,14 @@ impl Track {
         (nearest <= settings.guard).then(|| self.likelier(density.ln(), plot, others, settings))
     }
 
-    /// As `score`, perhaps with the target accelerating unnoticed since it was last seen, and
-    /// whether that is likelier than a large error of the plot.
+    /// As `score`, perhaps with the target accelerating unnoticed since it was last seen, and the
+    /// probability of that; otherwise the plot has a large error.
     pub fn guarded_score(
         &self,
         plot: &Measured,
         others: f64,
         settings: &Settings,
-    ) -> Option<(f64, bool)> {
+    ) -> Option<(f64, f64)> {
         let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let (sigma, gap) = self.unnoticed(settings);
@@ -266,10 +266,12 @@ impl Track {
         }
         let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
         let straight = self.density(z, r).0.ln();
-        let density = accelerated.max(straight);
         // the paper asks no further
         let always = matches!(settings.motion, Motion::Window(_));
-        Some((self.likelier(density, plot, others, settings), always || accelerated >= straight))
+        let odds = if always { f64::INFINITY } else { (accelerated - straight).exp() };
+        let probability = 1.0 - 1.0 / (1.0 + odds);
+        let density = accelerated - probability.ln();
+        Some((self.likelier(density, plot, others, settings), probability))
     }
 
     /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
@@ -326,10 +328,10 @@ impl Track {
         height + identity
     }
 
-    /// Corrects by a plot for which the target accelerated.
-    pub fn take_guarded(&mut self, plot: &Measured, settings: &Settings) {
+    /// Corrects by a plot for which the target accelerated with this probability.
+    pub fn take_guarded(&mut self, plot: &Measured, probability: f64, settings: &Settings) {
         let (sigma, gap) = self.unnoticed(settings);
-        self.filter.widen(sigma, gap);
+        self.filter.widen(sigma, gap, probability);
         self.estimate = self.filter.estimate();
         self.correct(plot, settings);
     }
