@@ -108,6 +108,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "tracker.md": {
         "conforming": tracker.conforming,
+        "associations": tracker.associations,
         "plans": tracker.plans,
         "paper": tracker.paper,
         "guards": tracker.guards,

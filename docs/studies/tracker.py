@@ -40,6 +40,8 @@ MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window", "win
 WIND_ERROR, WIND_TOLD = 5.0, 6.0
 # radians: a flight that changes its course by less makes no turn of its plan
 TURN = np.radians(15.0)
+# flights at once, and false plots a scan among them
+CROWD, CLUTTER = 60, 100.0
 # seconds from flight to flight: each is tracked by itself
 APART = 20_000.0
 
@@ -475,6 +477,51 @@ def wind() -> str:
             )
     head = ["", "turns", "prediction in turns", "turns, wind known", "prediction, wind known"]
     return markdown([*head, "lost"], rows)
+
+
+@cache
+def crowd(set_up: simulate.SetUpName, clutter: float) -> simulate.RadarPlots:
+    """Simulate sixty flights at once, without identities and heights."""
+    plans = simulate.routes(set_up, CROWD, rng=generator(113, SET_UPS.index(set_up)))
+    rng = generator(114, SET_UPS.index(set_up))
+    traffic = simulate.flights(plans, wind=WIND[set_up][0] / 2, rng=rng)
+    return simulate.radar_plots(
+        traffic,
+        [simulate.set_up(set_up).radar],
+        clutter=clutter,
+        height_missing_probability=1.0,
+        identity_missing_probability=1.0,
+        rng=rng,
+    )
+
+
+def associations() -> str:
+    """Tabulate plots that went astray, flights that were lost and false tracks in clutter."""
+    rows = []
+    for motion in MOTIONS:
+        cells = []
+        for set_up in SET_UPS:
+            seen = crowd(set_up, CLUTTER)
+            plans = simulate.routes(set_up, CROWD, rng=generator(113, SET_UPS.index(set_up)))
+            found = track(
+                seen.plots,
+                [simulate.set_up(set_up).radar],
+                motion,
+                manoeuvres=MANOEUVRES[set_up],
+                plans=plans if motion.endswith("plan") else [],
+            )
+            rows_with_plots = found.rows((found.plot >= 0) & found.confirmed)
+            target = seen.target[rows_with_plots.plot]
+            owner = {
+                number: int(np.bincount(target[rows_with_plots.track == number] + 1).argmax()) - 1
+                for number in np.unique(rows_with_plots.track)
+            }
+            own = np.array([owner[number] for number in rows_with_plots.track])
+            held = np.array([k for k in owner.values() if k >= 0])
+            lost = np.mean([np.count_nonzero(held == k) != 1 for k in range(CROWD)])
+            cells.append(f"{np.mean(target != own):.2%}, {lost:.1%}, {len(owner) - len(held)}")
+        rows.append([f'`"{motion}"`', *cells])
+    return markdown(["plots astray, flights lost, false tracks", *SET_UPS], rows)
 
 
 def priors() -> str:
