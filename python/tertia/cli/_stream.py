@@ -30,14 +30,13 @@ from tertia.cli._radar_plots import (
     doubt_unit,
 )
 from tertia.cli._radars import RadarSites
-from tertia.cli._terminal import WRONG_USAGE, counted, fail, note
+from tertia.cli._terminal import INTERRUPTED, WRONG_USAGE, counted, fail, note
 from tertia.tables._track_rows import IDENTITIES, Clock, Identities, track_rows
 from tertia.tracker import NO_IDENTITY, Fate, Plots, Tracker, TrackTable
 
 Rows: TypeAlias = Literal["csv", "jsonl"]
 
 STDIN = Path("-")
-INTERRUPTED = 130
 _MICROSECONDS = 1e6
 # before Python 3.11 a fraction of a second has six digits, and an offset all of its own
 _DATE = len("2026-03-01")

@@ -1,0 +1,19 @@
+"""The command `tertia`, also as `python -m tertia`."""
+
+import sys
+
+
+def main() -> None:
+    """Run it; an interrupt ends it in one line even while its modules are imported."""
+    try:
+        from tertia import cli  # noqa: PLC0415  # what takes long must be inside
+
+        cli.main()
+    except KeyboardInterrupt:
+        print("tertia: interrupted", file=sys.stderr)
+        # as shells do: 128 and the number of the signal
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()
