@@ -90,6 +90,8 @@ COMMANDS = {
         "evaluate", "air_truth.csv", ("--truth", EXAMPLES / "air_truth.csv"), "east_m"
     ),
 }
+# writes a page, and no table
+REPORT = Command("report", *COMMANDS["track"][1:])
 every_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=list(COMMANDS))
 
 
@@ -232,11 +234,11 @@ MISTAKES = {
 }
 
 
-@every_command
+@pytest.mark.parametrize("command", [*COMMANDS.values(), REPORT], ids=[*COMMANDS, "report"])
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes_in_files(mistake: str, command: Command, tmp_path: Path) -> None:
     path = spoil(mistake, command, tmp_path)
-    output = tmp_path / "out.csv"
+    output = tmp_path / ("out.html" if command is REPORT else "out.csv")
     code, err = fails(tmp_path, command.name, path, *command.options, "--output", output)
     expected, message = MISTAKES[mistake]
     assert code == expected
@@ -310,7 +312,7 @@ def test_asterix_is_for_tracks(command: str, tmp_path: Path) -> None:
     path.write_bytes(b"\x30\x00\x04\x00")
     one = COMMANDS[command]
     _, err = fails(tmp_path, one.name, path, *one.options)
-    assert "ASTERIX is for tertia track, and for the truth of evaluate" in err
+    assert "ASTERIX is for tertia track and report, and for the truth of evaluate" in err
 
 
 # ------------------------------------------------------------------------------------------------

@@ -135,7 +135,8 @@ def read_any(path: Path) -> pl.DataFrame:
     if path.is_dir():
         fail(f"cannot read {path}: it is a folder")
     if kind in ASTERIX:
-        fail(f"cannot read {path}: ASTERIX is for tertia track, and for the truth of evaluate")
+        told = "ASTERIX is for tertia track and report, and for the truth of evaluate"
+        fail(f"cannot read {path}: {told}")
     if kind == ".json":
         fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")
     try:
