@@ -20,6 +20,7 @@ try:
         _simulate,
         _track,
         _trajectory,
+        _weights,
     )
     from tertia.cli._command import command, written_out
 except ModuleNotFoundError:
@@ -28,7 +29,7 @@ except ModuleNotFoundError:
 
 __all__ = ["main"]
 
-_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _track, _evaluate, _report, _simulate)
+_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _weights, _track, _evaluate, _report, _simulate)
 
 app = typer.Typer(
     name="tertia",
@@ -70,6 +71,7 @@ app.command(epilog=_epilog(*_bearing.EXAMPLES))(command(_bearing.bearing))
 app.command(epilog=_epilog(*_fuse.EXAMPLES))(command(_fuse.fuse))
 app.command(epilog=_epilog(*_locate.EXAMPLES))(command(_locate.locate))
 app.command(epilog=_epilog(*_trajectory.EXAMPLES))(command(_trajectory.trajectory))
+app.command("weights", epilog=_epilog(*_weights.EXAMPLES))(command(_weights.weigh))
 app.command(epilog=_epilog(*_track.EXAMPLES))(command(_track.track))
 app.command(epilog=_epilog(*_evaluate.EXAMPLES))(command(_evaluate.evaluate))
 app.command(epilog=_epilog(*_report.EXAMPLES))(command(_report.report))
