@@ -84,7 +84,7 @@ def test_incomplete_rows_are_left_out(tmp_path: Path) -> None:
         ("sensor,x\n", ("--column", "x"), 1, "is empty"),
         ("sensor,x\na,1\n", ("--column", "sensor"), 2, "--by and --column are both sensor"),
         ("sensor,x\na,1\n", ("--column", "x", "--loss", 0), 2, "--loss is 0"),
-        ("sensor,x\n" + "a,1\nb,1\n" * 9, ("--column", "x"), 1, "singular"),
+        ("sensor,x\n" + "a,1\nb,1\n" * 9, ("--column", "x"), 1, "sensor a: x is always the same"),
     ],
 )
 def test_mistakes(

@@ -91,7 +91,7 @@ def weigh(
     _tables.check_suffixes(output, None)
     samples = _read(file, by, columns)
     with working("Weighing"):
-        weighed = _weigh(samples, bound, differences=differences)
+        weighed = _weigh(samples, columns, bound, differences=differences)
     table = weighed.rows(columns)
     if output is None:
         told = pl.DataFrame([_cells(row, columns) for row in table.to_dicts()])
@@ -124,11 +124,18 @@ def _read(path: Path, by: str, columns: list[str]) -> dict[str, FloatArray]:
     return {name: group.select(columns).to_numpy() for (name,), group in groups.items()}
 
 
-def _weigh(samples: dict[str, FloatArray], bound: float, *, differences: bool) -> _Weighed:
+def _weigh(
+    samples: dict[str, FloatArray], columns: list[str], bound: float, *, differences: bool
+) -> _Weighed:
     counts = [len(sample) for sample in samples.values()]
     for name, sample in samples.items():
         if len(sample) < 2:
             fail(f"sensor {name} has 1 measurement; two at least tell how it scatters")
+        for column, same in zip(columns, np.ptp(sample, axis=0) == 0, strict=True):
+            if same:
+                fail(
+                    f"sensor {name}: {column} is always the same; how it scatters tells its weight"
+                )
     means = np.array([sample.mean(axis=0) for sample in samples.values()])
     # of the means
     covariances = np.array(
