@@ -14,8 +14,6 @@
 pub mod assignment;
 pub mod gate;
 pub mod grid;
-#[cfg(test)]
-mod random;
 pub mod score;
 
 pub use assignment::{Assigner, Pair};

@@ -8,9 +8,9 @@ mod groups;
 mod paper;
 mod robust;
 
-use crate::angle::{principal, require_period, unwrap};
-use crate::error::{Result, require, require_count, require_level};
-use crate::moments::Moments;
+use crate::base::angle::{principal, require_period, unwrap};
+use crate::base::error::{Result, require, require_count, require_level};
+use crate::base::moments::Moments;
 use crate::screening::{
     BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
 };

@@ -15,10 +15,10 @@ mod state;
 mod steady;
 mod steps;
 
-use crate::angle::principal;
-pub use crate::angle::require_period;
-use crate::distribution::chi_square_upper_quantile;
-use crate::error::{Result, require};
+use crate::base::angle::principal;
+pub use crate::base::angle::require_period;
+use crate::base::distribution::chi_square_upper_quantile;
+use crate::base::error::{Result, require};
 use factored::Factored;
 
 pub use block::{LANES, run_block};

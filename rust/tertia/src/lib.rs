@@ -30,7 +30,7 @@
 //!
 //! # Order
 //!
-//! `error, moments, distribution, angle, matrix, vector <- screening <- bearing <- weights <-
+//! `base <- screening <- bearing <- weights <-
 //! location <- kalman <- smoothing <- fusion`, `kalman, association, flightplan <- tracker`, with
 //! [`batch`] and [`missing`] for their callers: a module uses those to its left only.
 //! Kernels take slices and fill the caller's outputs.
@@ -71,24 +71,18 @@
 //! | [`flightplan::Route`], N waypoints | O(N) a position, O(1) in a turn that is known | O(N) |
 //! | [`tracker::Tracker::track`] | O(T + P log P) where few plots compete | O(T) |
 
-mod angle;
 pub mod association;
-pub mod batch;
+mod base;
 pub mod bearing;
-mod distribution;
-mod error;
 pub mod flightplan;
 pub mod fusion;
 pub mod kalman;
 pub mod location;
-mod matrix;
-pub mod missing;
-mod moments;
 pub mod screening;
 pub mod smoothing;
 pub mod tracker;
-mod vector;
 pub mod weights;
 
-pub use error::{Error, Result};
-pub use moments::Moments;
+pub use base::error::{Error, Result};
+pub use base::moments::Moments;
+pub use base::{batch, missing};

@@ -17,10 +17,10 @@ pub use hypothesis::{
 pub use k_sigma::{KSigmaRule, Replacement};
 pub use leave_one_out::{LeaveOneOutRule, Order, Statistics, mask, statistics};
 
-pub use crate::angle::unwrap;
+pub use crate::base::angle::unwrap;
 
-use crate::error::{Error, Result};
-use crate::moments::Moments;
+use crate::base::error::{Error, Result};
+use crate::base::moments::Moments;
 
 /// A value with a larger share of the sum of squares is not downdated but left out anew.
 const MAX_SHARE: f64 = 0.5;

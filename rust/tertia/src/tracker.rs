@@ -29,7 +29,7 @@ pub use plot::{Fate, Plot, Radar};
 pub use settings::{Plan, Settings};
 pub use window::WindowRule;
 
-use crate::error::{Error, Result, require};
+use crate::base::error::{Error, Result, require};
 use clutter::Clutter;
 use plot::Measured;
 use scan::{Scan, Sky};

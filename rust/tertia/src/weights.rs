@@ -11,8 +11,8 @@ mod group;
 mod loss;
 mod propagation;
 
-use crate::error::Result;
-use crate::matrix::{Square, into_cholesky, read_covariance, write};
+use crate::base::error::Result;
+use crate::base::matrix::{Square, into_cholesky, read_covariance, write};
 use group::Problem;
 use loss::Loss;
 use nalgebra::allocator::Allocator;

@@ -296,7 +296,7 @@ fn refill<T: Copy>(buffer: &mut Vec<T>, length: usize, value: T) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::association::random::Random;
+    use crate::base::random::Random;
 
     /// The sum of the gains, after checking that nothing is used twice and every choice is a pair.
     fn total(pairs: &[Pair], result: &[Option<u32>], columns: usize) -> f64 {

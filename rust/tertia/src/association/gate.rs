@@ -1,9 +1,9 @@
 //! Gates: how far from its prediction a plot may be, and where in the gate it is.
 
 use super::grid::Grid;
-use crate::distribution::chi_square_upper_quantile;
-use crate::error::{Error, Result, require};
-use crate::matrix::read_covariance;
+use crate::base::distribution::chi_square_upper_quantile;
+use crate::base::error::{Error, Result, require};
+use crate::base::matrix::read_covariance;
 use nalgebra::SMatrix;
 
 /// Probability of the inner gate: straight and uniform motion goes on.
@@ -328,7 +328,7 @@ fn read_covariances<const M: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::association::random::Random;
+    use crate::base::random::Random;
 
     #[test]
     fn thresholds_of_the_paper() {

@@ -4,7 +4,7 @@
 //! the plane were wound around a torus. So neither memory nor time depend on how far points are
 //! apart: one plot at 1e9 m costs nothing. A row of neighbouring cells is one stretch of memory.
 
-use crate::error::{Error, Result, require};
+use crate::base::error::{Error, Result, require};
 
 /// Buckets per point, at least: fewer than one point of other cells is looked at in each.
 const BUCKETS_PER_POINT: usize = 2;
@@ -189,7 +189,7 @@ fn side(points: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::association::random::Random;
+    use crate::base::random::Random;
 
     fn found(grid: &Grid, centre: [f64; 2], half_width: [f64; 2]) -> Vec<usize> {
         let mut found = Vec::new();

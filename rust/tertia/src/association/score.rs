@@ -1,6 +1,6 @@
 //! What it is worth to give a plot to a track.
 
-use crate::error::{Result, require};
+use crate::base::error::{Result, require};
 
 /// How much larger than the covariance that of a false association is, where nothing is said.
 pub const DEFAULT_RATIO: f64 = 100.0;

@@ -1,9 +1,9 @@
 //! Groups of consecutive measurements.
 
 use super::GroupOutput;
-use crate::distribution::student_two_sided_quantile;
-use crate::error::Result;
-use crate::moments::Moments;
+use crate::base::distribution::student_two_sided_quantile;
+use crate::base::error::Result;
+use crate::base::moments::Moments;
 use crate::screening::extreme_variance_p_value;
 
 /// Mean, variance, size and weight of each group.

@@ -2,8 +2,8 @@
 
 use super::groups::{GroupTable, group_range, student_factor};
 use super::{GroupRule, VarianceTest, Workspace};
-use crate::error::{Error, Result};
-use crate::moments::Moments;
+use crate::base::error::{Error, Result};
+use crate::base::moments::Moments;
 use crate::screening::thompson_tau;
 
 /// Groups that a test among groups needs.

@@ -2,8 +2,8 @@
 
 use super::groups::GroupTable;
 use super::{RobustRule, Workspace};
-use crate::distribution::{digamma, trigamma, trigamma_inverse};
-use crate::error::Result;
+use crate::base::distribution::{digamma, trigamma, trigamma_inverse};
+use crate::base::error::Result;
 
 /// Fewest measurements.
 pub(super) const MIN_COUNT: usize = 5;

@@ -2,7 +2,7 @@
 
 use super::plane::{along, between, cross, dot, minus, norm, turned, unit};
 use super::turn::{STRAIGHT, Turn};
-use crate::distribution::normal_two_sided;
+use crate::base::distribution::normal_two_sided;
 
 /// The radius of a capture arc, in those of the turn.
 const RADII: [f64; 2] = [0.8, 1.6];

@@ -2,7 +2,7 @@
 
 use super::plane::{Vector, along, between, dot, left, minus, norm};
 use super::turn::Turn;
-use crate::error::{Error, Result, require, require_each};
+use crate::base::error::{Error, Result, require, require_each};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -329,7 +329,7 @@ fn fly_by(waypoints: &[Vector], speeds: &[f64], bank: f64, turn_rate: f64) -> Ve
 }
 
 fn check_waypoints(waypoints: &[Vector]) -> Result<()> {
-    crate::error::require_count("waypoints", waypoints.len(), 2)?;
+    crate::base::error::require_count("waypoints", waypoints.len(), 2)?;
     for (at, w) in waypoints.iter().enumerate() {
         let refuse = |axis: usize, requirement| {
             let (argument, index, value) = ("waypoints", vec![at, axis], w[axis]);

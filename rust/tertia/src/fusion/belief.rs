@@ -1,7 +1,7 @@
 //! What the centre believes of a radar's noise.
 
 use super::rules::Beliefs;
-use crate::angle::median;
+use crate::base::angle::median;
 use crate::kalman::Innovation;
 
 /// Innovations count as if they were at most so many nominal variances.

@@ -3,10 +3,10 @@
 use super::intersection::Intersection;
 use super::joint::{Joint, vector};
 use super::rules::shares;
-use crate::angle::{nearest, principal};
-use crate::distribution::chi_square_upper;
-use crate::error::{Error, Result};
-use crate::matrix::{
+use crate::base::angle::{nearest, principal};
+use crate::base::distribution::chi_square_upper;
+use crate::base::error::{Error, Result};
+use crate::base::matrix::{
     Square, assembled, is_large_semidefinite, read_covariance, symmetrise, write, zeros,
 };
 use crate::weights::{COVARIANCES, Combiner, Group, require_estimates};

@@ -11,8 +11,8 @@
 //! maximise `φ − m Σ ω_k` have the sum 1 by themselves. They are found by an interior point method
 //! (primal-dual), which treats all estimates alike: equal ones get equal shares.
 
-use crate::error::{Error, Result};
-use crate::matrix::{Square, large, solve_definite, zeros};
+use crate::base::error::{Error, Result};
+use crate::base::matrix::{Square, large, solve_definite, zeros};
 use crate::weights::Group;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim};

@@ -12,8 +12,8 @@
 //! then nothing that is left is correlated with ν. Only covariances of differences are inverted,
 //! and without correlation these are the formulas of [`crate::weights`].
 
-use crate::error::{Error, Result};
-use crate::matrix::{
+use crate::base::error::{Error, Result};
+use crate::base::matrix::{
     Square, factorise_sum, half_solve, invert, is_regular, is_semidefinite, symmetrise, zeros,
 };
 use nalgebra::allocator::Allocator;

@@ -1,6 +1,6 @@
 //! The rules by which states are weighed.
 
-use crate::error::{Result, require};
+use crate::base::error::{Result, require};
 
 /// How the states of the radars are fused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,8 +6,8 @@ use super::series::{PRODUCTS, PerStep, Series, Summary, log_likelihood};
 use super::shared::Gains;
 use super::state::{FACTORS_ABOVE, State, residual};
 use super::steps::Steps;
+use crate::base::vector::Vector;
 use crate::kalman::wrapped;
-use crate::vector::Vector;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Series that are filtered together: vectors enough to hide that each waits for its last step.

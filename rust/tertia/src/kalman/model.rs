@@ -1,7 +1,7 @@
 //! The motion model: acceleration that fades (Singer 1970), and its discretisations.
 
 use super::state::State;
-use crate::error::{Result, require};
+use crate::base::error::{Result, require};
 use serde::{Deserialize, Serialize};
 
 /// Below this αT the series are used, above it the closed forms.

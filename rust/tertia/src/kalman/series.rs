@@ -4,7 +4,7 @@ use super::filter::Filter;
 use super::model::{Singer, Transition};
 use super::state::{Innovation, State, residual};
 use super::steps::Steps;
-use crate::error::{Error, Result, require, require_each};
+use crate::base::error::{Error, Result, require, require_each};
 use std::f64::consts::TAU;
 
 /// A covariance that changes by less in a step has converged.

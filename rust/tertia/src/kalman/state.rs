@@ -2,7 +2,7 @@
 
 use super::factored::Factored;
 use super::model::Transition;
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 
 /// Angle, rate and acceleration, with the elements (0, 0), (0, 1), (0, 2), (1, 1), (1, 2) and
 /// (2, 2) of their covariance.

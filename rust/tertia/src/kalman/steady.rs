@@ -5,7 +5,7 @@
 //! much as P0/R is large. Here numbers have twice the digits.
 
 use super::model::{Singer, Transition};
-use crate::error::{Error, Result, require};
+use crate::base::error::{Error, Result, require};
 use nalgebra::{Matrix3, RowVector3, Vector3};
 use twofloat::TwoFloat;
 

@@ -8,7 +8,7 @@
 use super::descent::{FAR, HUBER, Loss, ROUNDING};
 use super::measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS};
 use super::small::{self, Matrix, REGULAR};
-use crate::vector::Vector;
+use crate::base::vector::Vector;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Instants side by side: two vectors of AVX2, so that one works while the other waits.

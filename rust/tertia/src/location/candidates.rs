@@ -6,7 +6,7 @@
 
 use super::measurement::{Kind, Measurement};
 use super::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};
-use crate::angle::median;
+use crate::base::angle::median;
 
 /// Points tried of each sort at most: more are drawn at random, always the same.
 const MOST: usize = 64;

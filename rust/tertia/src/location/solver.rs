@@ -7,7 +7,7 @@ use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::measurement::{Kind, Measurement, Row};
 use super::small::{Factor, Matrix, Vector, add, norm, quadratic};
-use crate::distribution::chi_square_upper;
+use crate::base::distribution::chi_square_upper;
 
 /// Least squares end where a step is shorter than so many standard deviations.
 const TOLERANCE: f64 = 1e-9;

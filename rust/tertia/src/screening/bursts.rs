@@ -4,9 +4,9 @@
 //! started from median and MAD, solved exactly by dynamic programming.
 
 use super::Summary;
-use crate::angle::median;
-use crate::error::{Result, require, require_count};
-use crate::moments::Moments;
+use crate::base::angle::median;
+use crate::base::error::{Result, require, require_count};
+use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
 /// MAD of the normal distribution to its standard deviation.

@@ -1,12 +1,14 @@
 //! Tests of a single value, of the most deviating one, and of the largest variance.
 
 use super::moments_of_others;
-use crate::distribution::{
+use crate::base::distribution::{
     fisher_upper, fisher_upper_quantile, normal_two_sided, normal_two_sided_quantile,
     student_two_sided, student_two_sided_quantile,
 };
-use crate::error::{Result, require, require_count, require_each, require_finite, require_level};
-use crate::moments::Moments;
+use crate::base::error::{
+    Result, require, require_count, require_each, require_finite, require_level,
+};
+use crate::base::moments::Moments;
 
 /// A test statistic and the probability of a more extreme one when nothing is anomalous.
 #[derive(Clone, Copy, Debug, PartialEq)]

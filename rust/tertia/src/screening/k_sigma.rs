@@ -1,8 +1,8 @@
 //! The classical rule (M1): each value against the mean and variance of the whole sample.
 
 use super::{Summary, moments_of_cleaned};
-use crate::error::{Error, Result, require, require_count};
-use crate::moments::Moments;
+use crate::base::error::{Error, Result, require, require_count};
+use crate::base::moments::Moments;
 
 /// What takes the place of an anomalous value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! The leave-one-out rule (M2)–(M4): each value against the mean and variance of the others.
 
 use super::{MAX_SHARE, Summary, moments_of_cleaned, moments_of_kept, moments_of_others};
-use crate::error::{Result, require, require_count};
-use crate::moments::{BLOCK, Moments};
+use crate::base::error::{Result, require, require_count};
+use crate::base::moments::{BLOCK, Moments};
 use pulp::{Simd, WithSimd};
 
 /// A mean that is smaller than this share of the spread has lost three digits to cancellation.

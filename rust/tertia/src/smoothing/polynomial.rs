@@ -2,8 +2,8 @@
 //! degree may be chosen by a test.
 
 use super::basis::Basis;
-use crate::distribution::{fisher_upper_quantile, normal_two_sided_quantile};
-use crate::error::{Error, Result, require, require_each, require_level};
+use crate::base::distribution::{fisher_upper_quantile, normal_two_sided_quantile};
+use crate::base::error::{Error, Result, require, require_each, require_level};
 use pulp::{Simd, WithSimd};
 use std::ops::Range;
 

@@ -1,7 +1,7 @@
 //! The plots of a target: positions with their covariances, at instants.
 
 use super::basis::Basis;
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 
 /// Products of two standard deviations and of their reciprocals stay finite.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;

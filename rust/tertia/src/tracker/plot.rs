@@ -1,7 +1,7 @@
 //! Radars and their plots: from range and azimuth to east and north.
 
 use super::estimate::Plane;
-use crate::error::{Result, require};
+use crate::base::error::{Result, require};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.

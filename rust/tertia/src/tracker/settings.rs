@@ -2,7 +2,7 @@
 
 use super::filter::Motion;
 use super::plot::Radar;
-use crate::error::{Result, require};
+use crate::base::error::{Result, require};
 use crate::flightplan::Route;
 use serde::{Deserialize, Serialize};
 

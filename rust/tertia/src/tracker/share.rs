@@ -7,7 +7,7 @@ use super::scan::{Claim, reach};
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Grid, Pair};
-use crate::batch::for_each_row;
+use crate::base::batch::for_each_row;
 use std::num::NonZero;
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.

@@ -1,9 +1,9 @@
 //! The fused estimate, and whether the estimates agree.
 
 use super::group::{Group, Sum};
-use crate::distribution::chi_square_upper;
-use crate::error::{Error, Result};
-use crate::matrix::{Square, symmetrise, zeros};
+use crate::base::distribution::chi_square_upper;
+use crate::base::error::{Error, Result};
+use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OVector};
 

@@ -1,6 +1,6 @@
 //! How well a sample covariance is known.
 
-use crate::error::{Result, require};
+use crate::base::error::{Result, require};
 
 /// How a covariance was estimated from n measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

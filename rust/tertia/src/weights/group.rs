@@ -4,8 +4,8 @@
 //! `X (X + Y)^-1 Y`. Only sums are inverted, so a sensor may be singular by itself.
 
 use super::COVARIANCES;
-use crate::error::{Error, Result};
-use crate::matrix::{
+use crate::base::error::{Error, Result};
+use crate::base::matrix::{
     Square, factorise_sum, half_solve, invert, is_regular, is_semidefinite, read_covariance,
     symmetrise, zeros,
 };

@@ -2,8 +2,8 @@
 //! error over the fused covariance.
 
 use super::group::{Group, Problem};
-use crate::error::Result;
-use crate::matrix::{Square, symmetrise, zeros};
+use crate::base::error::Result;
+use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 

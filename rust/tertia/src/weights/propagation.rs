@@ -5,8 +5,8 @@
 //! blocks are `P_kj = A_j^T ⊗ B_j` (vec by columns), and everything else follows from A_j and B_j.
 
 use super::group::{Problem, Sum};
-use crate::error::Result;
-use crate::matrix::{Square, symmetrise, zeros};
+use crate::base::error::Result;
+use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 

@@ -4,7 +4,7 @@
 //! offset of 1e9 costs nothing; blocks that fit the L1 cache are summed twice (mean, then squares
 //! about it) and merged, so memory is read once and the squares never cancel.
 
-use crate::error::{Error, Result, require_finite};
+use crate::base::error::{Error, Result, require_finite};
 use pulp::{Simd, WithSimd};
 
 /// Independent sums per block: enough to hide the latency of the adder at 256 bits. It is fixed, so

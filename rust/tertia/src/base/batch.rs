@@ -3,7 +3,7 @@
 //! Threads live for one call: there is no pool whose threads a forked process would miss, and
 //! starting them (about 50 µs each) is paid only where the work takes a millisecond or more.
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use std::num::NonZero;
 use std::sync::Mutex;
 
@@ -120,7 +120,7 @@ mod tests {
                 0.0,
                 NonZero::new(n),
                 || (),
-                |(), row| crate::error::require("x", row as f64, row < 700, "below 700"),
+                |(), row| crate::base::error::require("x", row as f64, row < 700, "below 700"),
             );
             assert_eq!(result.unwrap_err().row, 700);
         }

@@ -1,6 +1,6 @@
 //! Angles: wrapping, and unwrapping about the circular median.
 
-use crate::error::{Result, require, require_count, require_each, require_finite};
+use crate::base::error::{Result, require, require_count, require_each, require_finite};
 use std::f64::consts::TAU;
 
 /// Farther from zero, the rounding of an angle is more than 1e-7 periods.

@@ -1,6 +1,6 @@
 //! Samples with missing (nan) measurements: taken out before a kernel, put back after it.
 
-use crate::error::Error;
+use crate::base::error::Error;
 
 /// The measurements that are there, and where they were.
 #[derive(Clone, Debug, Default)]

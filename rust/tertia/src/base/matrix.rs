@@ -3,7 +3,7 @@
 //! Nothing is compared but in units of the matrix's own diagonal, so components may have units of
 //! very different size.
 
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix};
 

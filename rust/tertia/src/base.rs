@@ -1,0 +1,15 @@
+//! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
+//! rows on threads.
+//!
+//! `error <- matrix, moments, distribution, angle, vector, missing, batch`
+
+pub(crate) mod angle;
+pub mod batch;
+pub(crate) mod distribution;
+pub(crate) mod error;
+pub(crate) mod matrix;
+pub mod missing;
+pub(crate) mod moments;
+#[cfg(test)]
+pub(crate) mod random;
+pub(crate) mod vector;
