@@ -1,0 +1,199 @@
+"""What holds for every result, whatever computes it; and what nearly every test needs.
+
+A test gives the input, a checker here says what must be true of the output:
+
+=============================  =====================================================================
+`assert_same`                  two results, field by field, to the last bit
+`assert_near`                  two arrays, relative to the largest element or to a scale
+`assert_result`                frozen, with slots; arrays are contiguous, and float64, int64 or bool
+`assert_covariance`            symmetric to the last bit, and not indefinite by more than rounding
+`assert_batch_is_loop`         a batch gives what its parts give one by one
+`assert_threads`               the same bits with one thread, several, and the default
+`assert_permutes`              inputs in another order give outputs in that order
+`assert_scales`                inputs in other units give outputs in those units
+`assert_turns`                 whole turns added to wrapped data change nothing
+`assert_unchanged`             arguments are left as they were
+`assert_refused`               an error of the right type whose text names what is wrong
+=============================  =====================================================================
+"""
+
+import dataclasses
+import inspect
+import re
+
+import numpy as np
+import pytest
+from tolerances import VECTOR
+
+NAN, INF = np.nan, np.inf
+
+
+def rng(*seed):
+    return np.random.default_rng(seed or 0)
+
+
+def close(expected, relative=VECTOR):
+    """For scalars and arrays: relative to each element, and nan where nan is expected."""
+    return pytest.approx(expected, rel=relative, abs=0, nan_ok=True)
+
+
+def transposed(matrix):
+    return np.swapaxes(matrix, -1, -2)
+
+
+def diagonal(matrix):
+    return np.diagonal(matrix, axis1=-2, axis2=-1)
+
+
+def covariances(m, *batch, seed=0, size=1.0):
+    """Random covariances (*batch, m, m), of condition numbers up to about 100."""
+    root = rng(seed).normal(size=(*batch, m, 3 * m + 3)) * size
+    return root @ transposed(root) / (3 * m + 3)
+
+
+def fields(result):
+    """The fields of a result by name; those of tuples by number, and of anything else ''."""
+    if dataclasses.is_dataclass(result):
+        return {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
+    if isinstance(result, tuple):
+        return {str(i): value for i, value in enumerate(result)}
+    return {"": result}
+
+
+def assert_same(found, expected, names=None):
+    """To the last bit, in all fields or those named; where a result holds others, in theirs."""
+    a, b = fields(found), fields(expected)
+    assert a.keys() == b.keys()
+    for name in a if names is None else names:
+        if dataclasses.is_dataclass(a[name]) or isinstance(a[name], tuple):
+            assert_same(a[name], b[name])
+        else:
+            np.testing.assert_array_equal(a[name], b[name], err_msg=name, strict=True)
+
+
+def assert_near(found, expected, tolerance=VECTOR, scale=None):
+    """Relative to the largest element, or to `scale`, which broadcasts; nan at the same places."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    if scale is None:
+        scale = np.nanmax(np.abs(expected), initial=0) or 1.0
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=tolerance)
+
+
+def assert_result(result):
+    """What holds for every result class."""
+    kind = type(result)
+    assert dataclasses.is_dataclass(kind)
+    assert not hasattr(result, "__dict__"), f"{kind.__name__} has no slots"
+    for name, value in fields(result).items():
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(result, name, value)
+        if isinstance(value, np.ndarray):
+            assert value.flags.c_contiguous, name
+            assert value.dtype in (np.float64, np.int64, np.bool_) or value.dtype.kind == "U", name
+        elif dataclasses.is_dataclass(value):
+            assert_result(value)
+    assert repr(result).startswith(kind.__name__)
+
+
+def assert_covariance(matrix, rounding=1e-13):
+    """In units of the standard deviations; nothing is asked of rows that are not finite."""
+    matrix = np.asarray(matrix)
+    np.testing.assert_array_equal(matrix, transposed(matrix))
+    known = matrix[np.isfinite(matrix).all((-2, -1))]
+    assert len(known) or not matrix.size or matrix.ndim == 2
+    sigma = np.sqrt(diagonal(known))
+    sigma = np.where(sigma > 0, sigma, 1.0)
+    scaled = known / (sigma[..., :, np.newaxis] * sigma[..., np.newaxis, :])
+    assert np.linalg.eigvalsh(scaled).min(initial=INF) > -rounding * matrix.shape[-1]
+
+
+def assert_batch_is_loop(function, *batched, names=None):
+    """`function(*batched)`, where each argument has one more leading axis than it needs."""
+    together = fields(function(*batched))
+    for i, parts in enumerate(zip(*batched, strict=True)):
+        alone = fields(function(*parts))
+        assert together.keys() == alone.keys()
+        for name in together if names is None else names:
+            if together[name] is None or isinstance(together[name], str):
+                assert together[name] == alone[name], name
+                continue
+            found = np.asarray(together[name])[i]
+            np.testing.assert_array_equal(found, alone[name], err_msg=f"{name}[{i}]")
+
+
+def assert_threads(function, names=None):
+    """`function(n_threads=...)`."""
+    alone = function(n_threads=1)
+    for n_threads in (2, 5, None):
+        assert_same(function(n_threads=n_threads), alone, names)
+
+
+def assert_permutes(function, values, order, names, axis=-1, tolerance=None):
+    """`values` in another order along `axis`; `names` maps each field to its axis, or to None."""
+    before, after = (fields(function(v)) for v in (values, np.take(values, order, axis)))
+    for name, along in names.items():
+        expected = before[name] if along is None else np.take(before[name], order, along)
+        if tolerance is None:
+            np.testing.assert_array_equal(after[name], expected, err_msg=name)
+        else:
+            assert_near(after[name], expected, tolerance)
+
+
+def assert_scales(function, values, factor, powers, tolerance=None):
+    """`values` times `factor`; `powers` maps each field to the power of the factor in its unit.
+
+    A power of two as `factor` changes no bit.
+    """
+    before, after = fields(function(values)), fields(function(np.asarray(values) * factor))
+    for name, power in powers.items():
+        expected = before[name] * float(factor) ** power if power else before[name]
+        if tolerance is None:
+            np.testing.assert_array_equal(after[name], expected, err_msg=name)
+        else:
+            assert_near(after[name], expected, tolerance)
+
+
+def assert_turns(function, angles, period, names, tolerance):
+    """Whole turns added, other ones to each angle; fields are angles where `names` says True."""
+    angles = np.asarray(angles)
+    turns = rng(1).integers(-3, 4, angles.shape) * period
+    before, after = fields(function(angles)), fields(function(angles + turns))
+    for name, is_angle in names.items():
+        away = np.asarray(after[name] - before[name]) if is_angle else None
+        if away is None:
+            assert_near(after[name], before[name], tolerance)
+        else:
+            away = (away + period / 2) % period - period / 2
+            np.testing.assert_allclose(away, 0, atol=tolerance * period, err_msg=name)
+
+
+def assert_unchanged(function, *arrays):
+    """Arguments, which cannot be written to, are as they were."""
+    copies = [np.array(array) for array in arrays]
+    for array in arrays:
+        array.flags.writeable = False
+    try:
+        function(*arrays)
+    finally:
+        for array in arrays:
+            array.flags.writeable = True
+    for array, copy in zip(arrays, copies, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def assert_refused(call, error, text):
+    """`call()` fails with `error`, whose message has `text` in it."""
+    with pytest.raises(error, match=re.escape(text)):
+        call()
+
+
+def outcome(function, *arguments, others=(), **options):
+    """The result, or None after an error that names one of the arguments; a panic is neither."""
+    try:
+        return function(*arguments, **options)
+    except (ValueError, TypeError) as error:
+        message = "\n".join([str(error), *getattr(error, "__notes__", [])])
+    names = [*inspect.signature(function).parameters, *others]
+    assert any(re.search(rf"\b{name}\b", message) for name in names), message
+    return None

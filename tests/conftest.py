@@ -1,0 +1,19 @@
+"""What several tests are given."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., Path]:
+    """Write a text, or lines, to a file."""
+
+    def to_file(text: str | Iterable[str], name: str = "records.csv") -> Path:
+        path = tmp_path / name
+        lines = text if isinstance(text, str) else "\n".join(text) + "\n"
+        path.write_text(lines, encoding="utf-8")
+        return path
+
+    return to_file
