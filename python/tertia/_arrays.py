@@ -79,6 +79,36 @@ def _require_each(array: FloatArray, holds: BoolArray, name: str, requirement: s
         raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
 
 
+def radians(
+    value: npt.ArrayLike, name: str, *, degrees: bool = False, is_sigma: bool = False
+) -> FloatArray:
+    """Return angles in radians; nan remains, and what cannot be radians is refused.
+
+    Where there is geometry (`sensors`, `location`, `trajectory`, `tracker`, `geo`, `simulate`),
+    angles are radians, clockwise from north. Whoever has degrees says `degrees=True`, which
+    converts the angles given in that call; what is stored or returned is radians. Series of angles
+    (`bearing`, `screening`, `kalman`, `smoothing`, `fusion`) are in the unit of their `period`,
+    and only latitude, longitude and columns named `*_deg` are always degrees.
+
+    An azimuth of more than two turns or a sigma of more than half a turn is nearly always degrees
+    that were not declared, and would otherwise give a wrong position without a word.
+    """
+    array = samples(value, name)
+    if degrees:
+        array = np.radians(array)
+    most = np.pi if is_sigma else 4 * np.pi
+    bad = np.argwhere(np.isfinite(array) & (np.abs(array) > most))
+    if len(bad):
+        index = tuple(bad[0])
+        given = np.degrees(array[index]) if degrees else array[index]
+        if degrees:
+            limit = f"at most {np.degrees(most):g} degrees"
+        else:
+            limit = f"at most {'pi' if is_sigma else '4 pi'}; are these degrees? pass degrees=True"
+        raise ValueError(f"{_place(name, index)} is {given}; it must be {limit}")
+    return array
+
+
 def flag(value: Any, name: str) -> bool:
     """Return `value` as a bool."""
     if not isinstance(value, (bool, np.bool_)):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.cli import _asterix, _tables
 from tertia.cli._measurements import doubt_degrees, numbers_of_names
 from tertia.cli._radars import RadarSites
@@ -17,8 +18,8 @@ from tertia.tracker import NO_IDENTITY, Plots
 
 TIME, AZIMUTH, RADAR = "time_s", "azimuth_deg", "radar"
 # columns of which one is taken, the first that is there, and their units
-RANGES = {"range_m": 1.0, "range_nm": 1852.0}
-HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
+RANGES = {"range_m": 1.0, "range_nm": NAUTICAL_MILE}
+HEIGHTS = {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}
 DIGITS_TOLD = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 NAMES = (TIME, AZIMUTH, RADAR, *RANGES, *HEIGHTS, *IDENTITIES)
 # as many plots tell whether a unit is right: medians below or above which it hardly is

@@ -10,6 +10,7 @@ import polars as pl
 import typer
 
 from tertia import simulate as simulated
+from tertia._units import FLIGHT_LEVEL
 from tertia.cli import _tables
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, working
 from tertia.flightplan import FlightPlan
@@ -34,7 +35,6 @@ _RING = 0.35
 # periods and noise of the radars, in those of the set-up; then they repeat
 _PACES, _NOISES = (1.0, 1.25, 1.5), (1.0, 1.2, 1.4)
 _UP = 50.0
-_HUNDRED_FEET = 30.48
 _OUTLIERS, _DUPLICATES, _NO_HEIGHT, _NO_IDENTITY, _GARBLED = 0.02, 0.01, 0.02, 0.03, 0.002
 # what is wrong with the last of several radars: metres; times its azimuth noise after half the time
 _BIAS, _WORSE = 150.0, 2.5
@@ -231,7 +231,7 @@ def _frame(record: RadarPlots) -> pl.DataFrame:
 def _plot_rows(seen: pl.DataFrame, radars: Sequence[Radar]) -> pl.DataFrame:
     """Return the plots as files have them."""
     code = seen["identity"].to_list()
-    level = (seen["height"] / _HUNDRED_FEET).round().fill_nan(None)
+    level = (seen["height"] / FLIGHT_LEVEL).round().fill_nan(None)
     return pl.DataFrame(
         {
             "time_s": seen["time"].round(3),

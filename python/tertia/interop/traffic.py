@@ -15,14 +15,15 @@ from traffic.core import Flight
 
 from tertia import smoothing
 from tertia._arrays import BoolArray, FloatArray, positive, real
+from tertia._units import FOOT, KNOT
 from tertia.geo import LocalFrame
 from tertia.tables._fit import fit_sensor
 
 __all__ = ["smooth"]
 
-_FOOT, _KNOT, _RADIUS = 0.3048, 1852.0 / 3600.0, 6_371_000.0
+_RADIUS = 6_371_000.0
 # metres per second: vertical rates are in feet per minute
-_FOOT_PER_MINUTE = _FOOT / 60.0
+_FOOT_PER_MINUTE = FOOT / 60.0
 # sum of squared residuals in units of their variances: no flight has one by noise alone
 _GATE = 36.0
 _MOST_PASSES = 10
@@ -111,11 +112,11 @@ def _vertical(
     times: FloatArray, altitude: FloatArray, sigma: float | None
 ) -> tuple[dict[str, FloatArray | BoolArray], FloatArray]:
     """Return the columns of the vertical motion, and the heights in metres."""
-    y = altitude[:, np.newaxis] * _FOOT
-    known = None if sigma is None else _positive(sigma, "altitude_sigma") * _FOOT
+    y = altitude[:, np.newaxis] * FOOT
+    known = None if sigma is None else _positive(sigma, "altitude_sigma") * FOOT
     found, outlier = _robust(times, y, y, known, "altitude")
-    value, deviation = found.mean / _FOOT, found.sigma / _FOOT
-    covariance = found.covariance[:, 0, 1] / (_FOOT * _FOOT_PER_MINUTE)
+    value, deviation = found.mean / FOOT, found.sigma / FOOT
+    covariance = found.covariance[:, 0, 1] / (FOOT * _FOOT_PER_MINUTE)
     columns: dict[str, FloatArray | BoolArray] = {
         "altitude": value[:, 0],
         "altitude_sigma": _known(deviation[:, 0]),
@@ -156,9 +157,9 @@ def _horizontal(
     return {
         "latitude": north,
         "longitude": east,
-        "groundspeed": speed / _KNOT,
+        "groundspeed": speed / KNOT,
         "track": np.degrees(np.arctan2(*velocity.T)) % 360.0,
-        "groundspeed_sigma": velocity_sigma / _KNOT,
+        "groundspeed_sigma": velocity_sigma / KNOT,
         "track_sigma": np.minimum(track_sigma, 180.0),
         "position_sigma_m": position_sigma,
         "velocity_sigma_m_s": velocity_sigma,

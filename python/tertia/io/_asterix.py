@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tertia._units import FOOT, NAUTICAL_MILE
 from tertia.io._packets import MAGIC, udp_payloads
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ _PLOTS, _SERVICE, _TRACKS, _REPORTS = 48, 34, 62, 21
 _HEADER = 3
 _DAY = 86_400.0
 _NORTH_MARKER = 1
-_FOOT, _NAUTICAL_MILE = 0.3048, 1852.0
 # of I048/020
 _DETECTIONS = (
     "none",
@@ -417,7 +417,7 @@ def _plot(items: _Items) -> dict[str, Any]:
         "simulated": bool(items.whole("020", "SIM") or items.whole("020", "TST")),
         "field_monitor": bool(items.whole("020", "RAB")),
         "track_number": items.whole("161", "TRN"),
-        "speed_m_s": _times(speed, _NAUTICAL_MILE),
+        "speed_m_s": _times(speed, NAUTICAL_MILE),
         "course_deg": items.number("200", "°", "HDG"),
     }
 
@@ -430,7 +430,7 @@ def _track(items: _Items) -> dict[str, Any]:
         "target": None if number is None else str(number),
         "latitude_deg": items.number("105", "°", "LAT"),
         "longitude_deg": items.number("105", "°", "LON"),
-        "height_m": _times(items.number("130", "ft"), _FOOT),
+        "height_m": _times(items.number("130", "ft"), FOOT),
         "flight_level": items.number("136", "FL"),
         "east_m": items.number("100", "m", "X"),
         "north_m": items.number("100", "m", "Y"),
@@ -450,9 +450,9 @@ def _report(items: _Items) -> dict[str, Any]:
         "target": address,
         "latitude_deg": items.number(place, "°", "LAT"),
         "longitude_deg": items.number(place, "°", "LON"),
-        "height_m": _times(items.number("140", "ft"), _FOOT),
+        "height_m": _times(items.number("140", "ft"), FOOT),
         "flight_level": items.number("145", "FL"),
-        "speed_m_s": _times(items.number("160", "NM/s", "GS"), _NAUTICAL_MILE),
+        "speed_m_s": _times(items.number("160", "NM/s", "GS"), NAUTICAL_MILE),
         "course_deg": items.number("160", "°", "TA"),
         "icao_address": address,
         "callsign": items.text("170"),

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator
+from tertia._units import FLIGHT_LEVEL
 from tertia.simulate._records import _number, _require
 from tertia.simulate._traffic import Traffic
 from tertia.tracker import NO_IDENTITY, Plots, Radar
@@ -17,8 +18,6 @@ __all__ = ["RadarPlots", "radar_plots"]
 
 # no aircraft: clutter
 CLUTTER = -1
-# transponders tell heights in hundreds of feet
-_HEIGHT_STEP = 30.48
 # bits of a code that others' replies may change
 _CODE_BITS = 12
 # seconds: a step of Newton's so short that the next is below a microsecond; rounds of it
@@ -305,7 +304,8 @@ def _seen(
     outlier = random.uniform(size=n) < faults.outlier
     error = random.standard_normal((2, n)) * np.where(outlier, faults.size, 1.0)
     azimuth = np.angle(1j * offset[rows].conj()) + bias[1] + radar.azimuth_sigma * error[1]
-    told = np.round(height[rows] / _HEIGHT_STEP) * _HEIGHT_STEP
+    # transponders report hundreds of feet
+    told = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL
     told[random.uniform(size=n) < faults.no_height] = np.nan
     return {
         "time": time[rows],

@@ -11,6 +11,7 @@ import polars as pl
 
 from tertia import tracker
 from tertia._arrays import FloatArray, IntArray
+from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
 from tertia.tables._columns import numbers, times
 from tertia.tables._kinds import Table, names, take
@@ -18,8 +19,8 @@ from tertia.tables._track_rows import IDENTITIES, Clock, Identities, track_rows
 from tertia.tracker import NO_IDENTITY, Motion, Plots, Radar
 
 # columns of which one is taken, the first that is there, and their units
-_RANGES = {"range_m": 1.0, "range_nm": 1852.0}
-_HEIGHTS = {"height_m": 1.0, "flight_level": 30.48}
+_RANGES = {"range_m": 1.0, "range_nm": NAUTICAL_MILE}
+_HEIGHTS = {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}
 _TIME, _AZIMUTH, _RADAR = "time_s", "azimuth_deg", "radar"
 _NAMES = (_TIME, _AZIMUTH, _RADAR, *_RANGES, *_HEIGHTS, *IDENTITIES)
 

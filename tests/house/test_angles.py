@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+from checks import assert_refused
+
+from tertia import _units
+from tertia._arrays import radians
+
+
+def test_radians_stay_and_degrees_are_converted():
+    given = [0.0, -4 * np.pi, np.nan, 7.0]
+    np.testing.assert_array_equal(radians(given, "azimuth"), given)
+    np.testing.assert_array_equal(
+        radians([[90.0, -720.0]], "azimuth", degrees=True), np.radians([[90.0, -720.0]])
+    )
+    assert radians(180.0, "azimuth_sigma", degrees=True, is_sigma=True) == np.pi
+    assert radians(np.inf, "azimuth_sigma", is_sigma=True) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "text"),
+    [
+        ([1.0, 90.0], {}, "azimuth[1] is 90.0; it must be at most 4 pi; are these degrees? pass"),
+        (-12.6, {}, "azimuth is -12.6; it must be at most 4 pi"),
+        (3.2, {"is_sigma": True}, "azimuth is 3.2; it must be at most pi; are these degrees?"),
+        ([[721]], {"degrees": True}, "azimuth[0, 0] is 721.0; it must be at most 720 degrees"),
+        (181, {"degrees": True, "is_sigma": True}, "azimuth is 181.0; it must be at most 180 deg"),
+    ],
+)
+def test_what_cannot_be_is_refused(given, options, text):
+    assert_refused(lambda: radians(given, "azimuth", **options), ValueError, text)
+
+
+def test_units():
+    assert _units.KNOT == pytest.approx(0.514444, abs=1e-6)
+    assert _units.FLIGHT_LEVEL == 30.48
