@@ -21,7 +21,7 @@ fn polynomials(c: &mut Criterion) {
     for (name, chosen) in [("degree 2", Degree::Fixed(2)), ("adaptive", Degree::Adaptive(3))] {
         for (kind, times) in [("equal steps", None), ("irregular", Some(&times[..]))] {
             let mut polynomial = Polynomial::try_new(13, chosen, 0, 0.05).unwrap();
-            let record = Record { y: black_box(&y), times, variances: None };
+            let record = Record { y: black_box(&y), time: times, variance: None };
             group.bench_function(format!("{name}, {kind}"), |b| {
                 b.iter(|| {
                     let mut out =

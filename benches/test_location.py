@@ -15,7 +15,7 @@ RADARS = [Station(p, range_sigma=10.0, azimuth_sigma=0.005, elevation_sigma=0.00
 @pytest.mark.parametrize("method", ["robust", "least-squares"])
 def test_locate(benchmark, method, faults, batch):
     target = [1000.0, 1500.0, 500.0]
-    record = simulate.stations(RADARS, target, fault_probability=faults, batch=batch, rng=1)
+    record = simulate.stations(RADARS, target, outlier_probability=faults, batch=batch, rng=1)
     benchmark(locate, RADARS, **record.measurements, method=method, n_threads=1)
 
 

@@ -20,7 +20,7 @@ def test_local_polynomial(benchmark, shape, degree, irregular):
     y = series(shape)
     times = np.arange(shape[-1]) + 0.3 * np.sin(np.arange(shape[-1])) if irregular else None
     benchmark.extra_info["instants"] = y.size
-    benchmark(local_polynomial, y, 13, degree, times=times, n_threads=1)
+    benchmark(local_polynomial, y, 13, degree, time=times, n_threads=1)
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])

@@ -62,7 +62,7 @@ def area(cell_km: float = 2.0, south_km: float = -HEIGHT_KM / 2) -> Area:
     north = np.arange(south_km + cell_km / 2, south_km + HEIGHT_KM, cell_km)
     location = passive_location(
         1e3 * np.stack(np.meshgrid(east, north), axis=-1),
-        sites=1e3 * np.array(SITES_KM),
+        stations=1e3 * np.array(SITES_KM),
         azimuth_sigma=float(np.radians(AZIMUTH_SIGMA_DEG)),
         range_difference_sigma=RANGE_DIFFERENCE_SIGMA_M,
     )

@@ -388,21 +388,21 @@ def test_what_is_not_given_is_fitted(write: Callable[..., Path], tmp_path: Path)
     clean = Z.copy()
     clean[1, 30] = np.nan
     expected = [
-        fit_noise(row[seen], times=TIMES[seen], period=360.0)
+        fit_noise(row[seen], time=TIMES[seen], period=360.0)
         for row, seen in zip(clean, ~np.isnan(Z), strict=True)
     ]
-    best = min(expected, key=lambda fit: fit.relative_errors[1])
+    best = min(expected, key=lambda fit: fit.sigma[1] / fit.acceleration_sigma)
     name = SENSORS[expected.index(best)]
     left = {"A": "0", "B": "1"}
 
-    def told(value: float, error: float, sensor: str) -> list[str]:
-        return [f"{value:.3g}", f"{error:.0%}", sensor, left[sensor]]
+    def told(value: float, sigma: float, sensor: str) -> list[str]:
+        return [f"{value:.3g}", f"{sigma / value:.0%}", sensor, left[sensor]]
 
     assert fits(done.out) == {
-        "sigma of A": told(expected[0].measurement_sigma, expected[0].relative_errors[2], "A"),
-        "sigma of B": told(expected[1].measurement_sigma, expected[1].relative_errors[2], "B"),
-        "alpha": told(best.alpha, best.relative_errors[0], name),
-        "acceleration sigma": told(best.acceleration_sigma, best.relative_errors[1], name),
+        "sigma of A": told(expected[0].measurement_sigma, expected[0].sigma[2], "A"),
+        "sigma of B": told(expected[1].measurement_sigma, expected[1].sigma[2], "B"),
+        "alpha": told(best.alpha, best.sigma[0], name),
+        "acceleration sigma": told(best.acceleration_sigma, best.sigma[1], name),
     }
     variance = [[fit.measurement_sigma**2] for fit in expected]
     result = fuse_series(Z, variance, best.model(2.0), times=TIMES, period=360.0)
@@ -433,7 +433,7 @@ def test_a_fit_takes_all_series_of_a_sensor() -> None:
     z[1, 60:] = np.nan
     found = _fit.fit_sensor("A", [(times, row) for row in z], 360.0)
     assert found.left_out == 0
-    expected = fit_noise(z, times=times, period=360.0)
+    expected = fit_noise(z, time=times, period=360.0)
     assert found.noise.measurement_sigma == pytest.approx(expected.measurement_sigma, rel=1e-6)
     assert found.noise.alpha == pytest.approx(expected.alpha, rel=1e-5)
 
@@ -444,7 +444,7 @@ def test_a_fit_takes_the_longest_series_up_to_a_limit(monkeypatch: pytest.Monkey
     monkeypatch.setattr(_fit, "_MOST_PLOTS", 60)
     found = _fit.fit_sensor("A", [(times[:30], z[0][:30]), (times, z[1])], 360.0)
     present = np.flatnonzero(~np.isnan(z[1]))[:60]
-    expected = fit_noise(z[1][present], times=times[present], period=360.0)
+    expected = fit_noise(z[1][present], time=times[present], period=360.0)
     assert found.noise.measurement_sigma == pytest.approx(expected.measurement_sigma, rel=1e-9)
 
 
@@ -457,7 +457,7 @@ def test_outliers_do_not_spoil_a_fit() -> None:
         times = MODEL.dt * np.arange(150)
         fit = _fit.fit_sensor("A", [(times, z)], 360.0)
         assert fit.left_out > 0
-        plain = fit_noise(z, times=times, period=360.0)
+        plain = fit_noise(z, time=times, period=360.0)
         sigma.append((fit.noise.measurement_sigma, plain.measurement_sigma))
     robust, plain_median = np.median(sigma, axis=0)
     assert abs(robust / 0.1 - 1) < 0.1
@@ -476,7 +476,7 @@ def test_what_a_sensor_tells_of_the_motion_is_the_error_of_its_acceleration() ->
     # an acceleration without alpha is told for one alpha only
     errors = {"A": (0.9, 0.2, 0.1), "B": (0.5, 0.3, 0.1), "C": (np.inf, 0.1, 0.1)}
     told = [
-        _fit.SensorFit(name, SimpleNamespace(relative_errors=np.array(e)), 0)  # type: ignore[arg-type]
+        _fit.SensorFit(name, SimpleNamespace(acceleration_sigma=1.0, sigma=np.array(e)), 0)  # type: ignore[arg-type]
         for name, e in errors.items()
     ]
     assert _fit.best_motion(told).sensor == "A"

@@ -81,7 +81,7 @@ def truth() -> FloatArray:
 def recording(seed: int = 5) -> Values:
     """Return measurements in the units of files, (steps, K), some missing, some faults."""
     found = simulate.stations(
-        sites(), truth(), fault_probability=0.04, missing_probability=0.1, rng=seed
+        sites(), truth(), outlier_probability=0.04, missing_probability=0.1, rng=seed
     ).measurements
     return {kind: np.round(values / UNIT[kind], 4) for kind, values in found.items()}
 
@@ -366,7 +366,7 @@ def test_latitude_and_longitude_in_space(suffix: str, write: Write, tmp_path: Pa
     known = on_the_earth(frame)
     track = np.linspace([50.0, 14.6, 9000.0], [50.1, 14.9, 9500.0], STEPS)
     measured = simulate.stations(
-        known, frame.to_local(*track.T), fault_probability=0.04, missing_probability=0.1, rng=3
+        known, frame.to_local(*track.T), outlier_probability=0.04, missing_probability=0.1, rng=3
     ).measurements
     values = {kind: np.round(v / UNIT[kind], 4) for kind, v in measured.items()}
     path = write(wide(values))

@@ -46,12 +46,12 @@ CALLS = {
     "screening.k_sigma": lambda y, t: screening.k_sigma(y, nan_policy="omit").cleaned,
     "estimate_bearing": lambda y, t: tertia.estimate_bearing(y, nan_policy="omit").outlier,
     "kalman.filter_series": lambda y, t: (
-        kalman.filter_series(y, 1.0, MODEL, times=t, period=360.0).mean
+        kalman.filter_series(y, 1.0, MODEL, time=t, period=360.0).mean
     ),
     "kalman.smooth_series": lambda y, t: (
-        kalman.smooth_series(y, 1.0, MODEL, times=t, period=360.0).mean
+        kalman.smooth_series(y, 1.0, MODEL, time=t, period=360.0).mean
     ),
-    "smoothing.local_polynomial": lambda y, t: smoothing.local_polynomial(y, times=t).value,
+    "smoothing.local_polynomial": lambda y, t: smoothing.local_polynomial(y, time=t).value,
     "fusion.fuse_series": lambda y, t: (
         fusion.fuse_series([y, y], 1.0, MODEL, times=t, period=360.0).mean
     ),
@@ -73,8 +73,8 @@ def test_null_is_an_error_where_nan_is(kind):
     for call in (screening.leave_one_out, screening.grubbs, screening.unwrap):
         with pytest.raises(ValueError, match=r"\[3\] is nan; every measurement must be a finite"):
             call(KINDS[kind](GAPS))
-    with pytest.raises(ValueError, match=r"times\[3\] is nan; it must be a finite number"):
-        kalman.filter_series(RECORD, 1.0, MODEL, times=KINDS[kind](GAPS))
+    with pytest.raises(ValueError, match=r"time\[3\] is nan; it must be a finite number"):
+        kalman.filter_series(RECORD, 1.0, MODEL, time=KINDS[kind](GAPS))
 
 
 @pytest.mark.parametrize(

@@ -561,7 +561,7 @@ class TestAxes:
         axes = rotations(3, d, seed=54)
         stations = tilted(places, axes)
         kinds = ("range", "azimuth", "elevation")[:d]
-        record = simulate.stations(stations, target, measurements=kinds, batch=2000, rng=55)
+        record = simulate.stations(stations, target, kinds=kinds, batch=2000, rng=55)
         truth = reference.predict(target, places, axes)
         for kind in kinds:
             error = np.mean(record.measurements[kind] - truth[kind], axis=0)
@@ -885,7 +885,7 @@ class TestSimulated:
         record = simulate.stations(
             self.STATIONS,
             TARGET,
-            fault_probability=0.2,
+            outlier_probability=0.2,
             missing_probability=0.1,
             batch=20_000,
             rng=22,
@@ -893,7 +893,7 @@ class TestSimulated:
         truth = reference.predict(TARGET, PLANE)
         for kind, s in (("range", 10.0), ("azimuth", 0.005)):
             u = (record.measurements[kind] - truth[kind]) / s
-            fault = record.fault[kind]
+            fault = record.outlier[kind]
             clean = u[~fault & ~np.isnan(u)]
             assert abs(clean.std() - 1) < 0.01
             assert abs(np.abs(u[fault]).mean() - 20) < 0.05
@@ -901,12 +901,12 @@ class TestSimulated:
             assert abs(fault.mean() - 0.18) < 0.005
 
     def test_errors(self):
-        with pytest.raises(ValueError, match="fault_probability"):
-            simulate.stations(self.STATIONS, TARGET, fault_probability=2.0)
+        with pytest.raises(ValueError, match="outlier_probability"):
+            simulate.stations(self.STATIONS, TARGET, outlier_probability=2.0)
         with pytest.raises(ValueError, match="position"):
             simulate.stations(self.STATIONS, [1.0, 2.0, 3.0])
         with pytest.raises(ValueError, match="measurements"):
-            simulate.stations(self.STATIONS, TARGET, measurements=["elevation"])
+            simulate.stations(self.STATIONS, TARGET, kinds=["elevation"])
 
 
 class TestPictures:

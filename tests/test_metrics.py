@@ -206,16 +206,16 @@ class TestRmse:
 
 class TestAutocorrelation:
     def test_vectors(self):
-        np.testing.assert_array_equal(metrics.autocorrelation([1, -1, 1, -1], lags=1), [1, -1])
+        np.testing.assert_array_equal(metrics.autocorrelation([1, -1, 1, -1], nlags=1), [1, -1])
         # 1*2 + 2*3 over the roots of 1 + 4 and 4 + 9
-        found = metrics.autocorrelation([1.0, 2.0, 3.0], lags=2)
+        found = metrics.autocorrelation([1.0, 2.0, 3.0], nlags=2)
         assert found == close([1.0, 8 / np.sqrt(5 * 13), 1.0])
 
     def test_each_lag_by_itself(self):
         """Over the pairs of which both are known."""
         v = rng(1).normal(size=(3, 2, 50))
         v[rng(2).random(v.shape) < 0.3] = NAN
-        found = metrics.autocorrelation(v, lags=7)
+        found = metrics.autocorrelation(v, nlags=7)
         assert found.shape == (3, 2, 8)
         for place in np.ndindex(3, 2):
             for lag in range(8):
@@ -235,16 +235,16 @@ class TestAutocorrelation:
 
     def test_of_a_process_with_memory(self):
         noise = rng(4).normal(size=200_000)
-        found = metrics.autocorrelation(noise[1:] + 0.5 * noise[:-1], lags=3)
+        found = metrics.autocorrelation(noise[1:] + 0.5 * noise[:-1], nlags=3)
         # 1/2 over 1 + 1/4
         assert found == pytest.approx([1, 0.4, 0, 0], abs=0.01)
 
     def test_where_there_are_no_pairs_it_is_nan(self):
-        found = metrics.autocorrelation([1.0, NAN, 2.0, NAN], lags=3)
+        found = metrics.autocorrelation([1.0, NAN, 2.0, NAN], nlags=3)
         np.testing.assert_array_equal(found, [1, NAN, 1, NAN])
-        assert np.isnan(metrics.autocorrelation([NAN, NAN], lags=1)).all()
-        assert np.isnan(metrics.autocorrelation([0.0, 0.0], lags=1)).all()
-        np.testing.assert_array_equal(metrics.autocorrelation([5.0], lags=0), [1.0])
+        assert np.isnan(metrics.autocorrelation([NAN, NAN], nlags=1)).all()
+        assert np.isnan(metrics.autocorrelation([0.0, 0.0], nlags=1)).all()
+        np.testing.assert_array_equal(metrics.autocorrelation([5.0], nlags=0), [1.0])
 
     @pytest.mark.parametrize(
         ("innovation", "lags", "kind", "message"),
@@ -268,7 +268,7 @@ class TestAutocorrelation:
         metrics.nees,
         lambda a, p: metrics.nis(a, p[..., 0]),
         lambda a, p: metrics.rmse(a, axis=0),
-        lambda a, p: metrics.autocorrelation(a, lags=1),
+        lambda a, p: metrics.autocorrelation(a, nlags=1),
     ],
     ids=["nees", "nis", "rmse", "autocorrelation"],
 )

@@ -662,7 +662,7 @@ def test_smoothing_draws_one_axis_of_a_track() -> None:
         ),
         ({"times": np.arange(3)}, ValueError, r"times has shape \(3,\); it must be \(8,\)"),
         ({"width": "x"}, TypeError, "width is 'x'"),
-        ({"result": 1}, TypeError, "result is 1; it must be a PolynomialSmooth"),
+        ({"result": 1}, TypeError, "result is 1; it must be a LocalPolynomial"),
         (
             {"result": smoothing.local_polynomial(np.zeros((2, 8)), 5)},
             ValueError,

@@ -255,7 +255,7 @@ def measurements(position, sites):
 class TestPassiveLocation:
     @pytest.mark.parametrize("sites", [SITES, np.array([[1e3, -2e3], [-4e3, 9e3]])])
     def test_jacobian_by_complex_steps(self, sites):
-        target = passive_location(POSITIONS, sites=sites)
+        target = passive_location(POSITIONS, stations=sites)
         assert target.jacobian.shape == (4, 3, 2)
         for place, found in zip(POSITIONS, target.jacobian, strict=True):
             for i in range(2):
@@ -289,7 +289,7 @@ class TestPassiveLocation:
         )
         np.testing.assert_allclose(finer.covariances, plain.covariances / 4, rtol=INVERSES)
         shift = np.array([1e3, -5e3])
-        moved = passive_location(POSITIONS + shift, sites=SITES + shift)
+        moved = passive_location(POSITIONS + shift, stations=SITES + shift)
         np.testing.assert_allclose(moved.covariances, plain.covariances, rtol=1e-9)
 
     @pytest.mark.parametrize("shape", [(), (4,), (2, 2), (0,)])
@@ -345,9 +345,13 @@ class TestPassiveLocation:
             ({"position": ["1", "2"]}, TypeError, "position has dtype"),
             ({"position": [40e3, 0.0]}, ValueError, r"position \[40000\. +0\.\] lies on the line"),
             ({"position": [[0, 4e4], [-15e3, 0]]}, ValueError, r"position \[-15000\. +0\.\] lies"),
-            ({"sites": [1.0, 2.0]}, ValueError, r"sites is \(2,\); .*\(2, 2\)"),
-            ({"sites": [[0, 0], [0, np.inf]]}, ValueError, r"sites\[1, 1\] is inf"),
-            ({"sites": [[5.0, 5.0], [5.0, 5.0]]}, ValueError, "lies on the line through the sites"),
+            ({"stations": [1.0, 2.0]}, ValueError, r"stations is \(2,\); .*\(2, 2\)"),
+            ({"stations": [[0, 0], [0, np.inf]]}, ValueError, r"stations\[1, 1\] is inf"),
+            (
+                {"stations": [[5.0, 5.0], [5.0, 5.0]]},
+                ValueError,
+                "lies on the line through the stations",
+            ),
             ({"azimuth_sigma": 0.0}, ValueError, "azimuth_sigma is 0.0; it must be between"),
             ({"azimuth_sigma": "1"}, TypeError, "azimuth_sigma is '1'"),
             ({"range_difference_sigma": -1}, ValueError, "range_difference_sigma is -1"),
@@ -573,8 +577,8 @@ class TestRadarScenario:
         steps = 100 if name == "asynchronous" else 50
         assert s.z.shape == s.outlier.shape == (*shape, 2, steps)
         assert s.truth.shape == (*shape, steps, 3)
-        assert s.counted.shape == s.fault.shape == (steps,)
-        assert s.counted.dtype == s.fault.dtype == bool
+        assert s.counted.shape == s.disturbed.shape == (steps,)
+        assert s.counted.dtype == s.disturbed.dtype == bool
         track = fuse_series(s.z, s.measurement_variance, s.model)
         error = (track.mean - s.truth)[..., s.counted, 0]
         assert error.shape == (*shape, 30)
@@ -584,7 +588,7 @@ class TestRadarScenario:
     def test_fault_and_scans_that_count(self, name):
         s = radar_scenario(name, rng=1)
         fault = list(FAULTS.get(name, []))
-        np.testing.assert_array_equal(np.flatnonzero(s.fault), fault)
+        np.testing.assert_array_equal(np.flatnonzero(s.disturbed), fault)
         first, step = (40, 2) if name == "asynchronous" else (20, 1)
         np.testing.assert_array_equal(
             np.flatnonzero(s.counted), np.arange(first, s.z.size / 2, step)
@@ -592,12 +596,12 @@ class TestRadarScenario:
 
     def test_the_fault_begins_in_the_middle(self):
         shorter = radar_scenario("noisy", steps=47, rng=1)
-        np.testing.assert_array_equal(np.flatnonzero(shorter.fault), range(23, 47))
+        np.testing.assert_array_equal(np.flatnonzero(shorter.disturbed), range(23, 47))
         quicker = SingerModel(2.5, 0.05, 0.003)
         turn = radar_scenario("turn", model=quicker, steps=100, rng=1)
-        np.testing.assert_array_equal(np.flatnonzero(turn.fault), range(50, 74))
+        np.testing.assert_array_equal(np.flatnonzero(turn.disturbed), range(50, 74))
         long_ago = radar_scenario("outliers", steps=40, rng=1)
-        np.testing.assert_array_equal(np.flatnonzero(long_ago.fault), range(20, 40))
+        np.testing.assert_array_equal(np.flatnonzero(long_ago.disturbed), range(20, 40))
 
     @pytest.mark.parametrize("name", SCENARIOS)
     def test_noise_in_the_fault_and_elsewhere(self, name):
@@ -605,7 +609,7 @@ class TestRadarScenario:
         usual = [0.05, 0.2] if name in {"known", "unknown"} else [0.1, 0.1]
         faulty = [0.1, 0.5] if name == "noisy" else usual
         sound = np.where(s.outlier, np.nan, plot_errors(s))
-        for steps, sigma in ((~s.fault, usual), (s.fault, faulty)):
+        for steps, sigma in ((~s.disturbed, usual), (s.disturbed, faulty)):
             for radar, expected in enumerate(sigma):
                 error = sound[:, radar, steps]
                 error = error[~np.isnan(error)]
@@ -623,11 +627,11 @@ class TestRadarScenario:
     def test_outliers(self, name):
         s = radar_scenario(name, batch=MANY, rng=3)
         assert not s.outlier[:, 0].any()
-        assert not s.outlier[:, 1, ~s.fault].any()
+        assert not s.outlier[:, 1, ~s.disturbed].any()
         if name != "outliers":
             assert not s.outlier.any()
             return
-        wrong = s.outlier[:, 1, s.fault]
+        wrong = s.outlier[:, 1, s.disturbed]
         assert wrong.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / wrong.size))
         size = plot_errors(s)[s.outlier]
         assert size.std() == pytest.approx(1.5, rel=4 / np.sqrt(2 * size.size))
@@ -640,8 +644,8 @@ class TestRadarScenario:
     def test_outage(self):
         s = radar_scenario("outage", batch=MANY, rng=5)
         seen = ~np.isnan(s.z)
-        assert not seen[:, 1, s.fault].any()
-        for rest in (seen[:, 0, s.fault], seen[:, 0, ~s.fault], seen[:, 1, ~s.fault]):
+        assert not seen[:, 1, s.disturbed].any()
+        for rest in (seen[:, 0, s.disturbed], seen[:, 0, ~s.disturbed], seen[:, 1, ~s.disturbed]):
             assert rest.mean() == pytest.approx(0.7, abs=4 * np.sqrt(0.21 / rest.size))
         # plots are missing one by one
         lost = ~seen[:, 0] - 0.3

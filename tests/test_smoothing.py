@@ -48,7 +48,7 @@ class TestPolynomial:
         np.testing.assert_array_equal(np.isfinite(found.sigma), known)
         np.testing.assert_allclose(found.sigma[known], sigma[known], rtol=POLYNOMIAL)
         assert_close(found.value[known], value[known], POLYNOMIAL * 10**derivative, sigma[known])
-        if "variances" in options:
+        if "variance" in options:
             assert found.residual_variance is None
             assert found.degrees_of_freedom is None
         else:
@@ -69,7 +69,7 @@ class TestPolynomial:
             )
             assert np.all(found.degree == degree)
             times = 1e6 + 0.25 * np.arange(200)
-            scaled = local_polynomial(y, window, degree, derivative=derivative, times=times)
+            scaled = local_polynomial(y, window, degree, derivative=derivative, time=times)
             np.testing.assert_allclose(scaled.value, found.value * 4.0**derivative, rtol=1e-14)
             np.testing.assert_allclose(scaled.sigma, found.sigma * 4.0**derivative, rtol=1e-14)
 
@@ -89,7 +89,7 @@ class TestPolynomial:
             c = mpmath.lu_solve(powers.T * powers, powers.T * own)
             expected = [float(mpmath.factorial(p) * c[p]) for p in range(degree + 1)]
         for derivative in range(degree + 1):
-            found = local_polynomial(y, window, degree, times=times, derivative=derivative)
+            found = local_polynomial(y, window, degree, time=times, derivative=derivative)
             i = window // 2 + 2
             assert abs(found.value[i] - expected[derivative]) <= 1e-13 * found.sigma[i]
 
@@ -101,9 +101,9 @@ class TestPolynomial:
         if kind in {"irregular", "all"}:
             times = np.sort(rng(4).uniform(0, 100, n))
             times[[5, 21, 22]] = times[[4, 20, 20]]
-            options["times"] = times
+            options["time"] = times
         if kind in {"weights", "all"}:
-            options["variances"] = 10 ** rng(5).uniform(-1, 1, n)
+            options["variance"] = 10 ** rng(5).uniform(-1, 1, n)
         if kind in {"gaps", "all"}:
             y = gaps(y, 0.4)
         top = degree if isinstance(degree, int) else degree[1]
@@ -118,22 +118,20 @@ class TestPolynomial:
         # two points on a line tell no noise
         assert np.all(fixed.sigma == INF)
         assert np.isnan(fixed.residual_variance)
-        known = local_polynomial(y, 5, 1, variances=0.25)
+        known = local_polynomial(y, 5, 1, variance=0.25)
         np.testing.assert_allclose(known.sigma[3:6], [0.5, 0.5**1.5, 0.5])
         np.testing.assert_array_equal(known.degree >= 0, np.isfinite(known.sigma))
         assert np.all(local_polynomial([NAN] * 5).sigma == INF)
         assert local_polynomial([]).value.shape == (0,)
         # equal times are one instant
-        assert np.all(local_polynomial([1.0, 2.0, 3.0], 3, 1, times=[2, 2, 2]).degree == -1)
-        np.testing.assert_allclose(
-            local_polynomial([1.0, 2.0, 3.0], 3, 0, times=[2, 2, 2]).value, 2
-        )
+        assert np.all(local_polynomial([1.0, 2.0, 3.0], 3, 1, time=[2, 2, 2]).degree == -1)
+        np.testing.assert_allclose(local_polynomial([1.0, 2.0, 3.0], 3, 0, time=[2, 2, 2]).value, 2)
 
     @pytest.mark.parametrize("variances", [None, 1.0])
     def test_a_degree_that_cannot_be_tested_is_not_chosen(self, variances):
         y = gaps(series(40), 0.0)
         y[15:27] = NAN
-        found = local_polynomial(y, 13, variances=variances)
+        found = local_polynomial(y, 13, variance=variances)
         counts = np.array(
             [np.count_nonzero(~np.isnan(y[max(0, min(i - 6, 27)) :][:13])) for i in range(40)]
         )
@@ -148,8 +146,8 @@ class TestPolynomial:
             times[1:-1] += rng(3).integers(-20, 20, 78) / 128
         y = np.round(series(80) * 2**20) / 2**20
         options = {"degree": degree if isinstance(degree, int) else "adaptive", "derivative": 1}
-        plain = local_polynomial(y, times=times, **options)
-        moved = local_polynomial(y + 2.0**30, times=times + 2.0**20, **options)
+        plain = local_polynomial(y, time=times, **options)
+        moved = local_polynomial(y + 2.0**30, time=times + 2.0**20, **options)
         np.testing.assert_array_equal(plain.degree, moved.degree)
         assert_close(moved.value, plain.value, 1e-12, plain.sigma)
         np.testing.assert_allclose(moved.sigma, plain.sigma, rtol=1e-12)
@@ -168,7 +166,7 @@ class TestPolynomial:
         y = np.where(random.random(40) < 0.2, NAN, np.polynomial.polynomial.polyval(t, c))
         size = np.sum(np.abs(c)) * 5.0**degree + 1e-300
         for chosen in (degree, "adaptive"):
-            found = local_polynomial(y, window, chosen, times=t, max_degree=3)
+            found = local_polynomial(y, window, chosen, time=t, max_degree=3)
             there = found.degree >= 0
             if chosen == "adaptive":
                 # windows with few measurements cannot test the degree
@@ -181,9 +179,9 @@ class TestPolynomial:
     def test_shift_and_scale(self, shift, scale, pace, seed):
         y, t = gaps(series(50, seed), 0.1, seed), np.sort(rng(seed).uniform(0, 50, 50))
         for times in (None, t):
-            plain = local_polynomial(y, 9, times=times, derivative=1)
+            plain = local_polynomial(y, 9, time=times, derivative=1)
             when = (np.arange(50) if times is None else times) * pace
-            found = local_polynomial((y + shift) * scale, 9, times=when, derivative=1)
+            found = local_polynomial((y + shift) * scale, 9, time=when, derivative=1)
             np.testing.assert_array_equal(found.degree, plain.degree)
             unit = scale / pace
             assert_close(found.value, plain.value * unit, 1e-9, plain.sigma * unit)
@@ -196,7 +194,7 @@ class TestPolynomial:
         t = np.arange(window) - 6.0
         y = 5 + 3 * t - t**2 + rng(11).normal(size=(trials, window))
         options = {"max_degree": 3, "significance": level}
-        found = local_polynomial(y, window, variances=1.0 if known else None, **options)
+        found = local_polynomial(y, window, variance=1.0 if known else None, **options)
         too_high = np.count_nonzero(found.degree[:, 6] == 3)
         low, high = stats.binom.interval(1 - CHANCE, trials, level)
         assert low <= too_high <= high
@@ -234,7 +232,7 @@ class TestPolynomial:
         truth = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyder(c, derivative))
         y = np.polynomial.polynomial.polyval(t, c)
         y = y + np.sqrt(variances) * rng(3).normal(size=(trials, n))
-        found = local_polynomial(y, 11, 2, times=t, variances=variances, derivative=derivative)
+        found = local_polynomial(y, 11, 2, time=t, variance=variances, derivative=derivative)
         ratio = np.mean((found.value - truth) ** 2, axis=0) / found.sigma[0] ** 2
         low, high = stats.chi2.interval(1 - CHANCE / n, trials) / np.array(trials)
         assert np.all((low < ratio) & (ratio < high))
@@ -243,13 +241,13 @@ class TestPolynomial:
         y = gaps(series(12 * 500).reshape(3, 4, 500), 0.01)
         times = np.sort(rng(1).uniform(0, 500, (3, 4, 500)))
         for when in (None, times, times[0, 0]):
-            one = local_polynomial(y, times=when, n_threads=1)
-            many = local_polynomial(y, times=when, n_threads=3)
+            one = local_polynomial(y, time=when, n_threads=1)
+            many = local_polynomial(y, time=when, n_threads=3)
             for name in ("value", "sigma", "degree", "residual_variance", "degrees_of_freedom"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
             for place in np.ndindex(3, 4):
                 own = None if when is None else np.broadcast_to(when, y.shape)[place]
-                alone = local_polynomial(y[place], times=own)
+                alone = local_polynomial(y[place], time=own)
                 np.testing.assert_array_equal(alone.value, one.value[place])
                 np.testing.assert_array_equal(alone.sigma, one.sigma[place])
                 assert isinstance(alone.residual_variance, float)
@@ -267,12 +265,12 @@ class TestPolynomial:
             ({"max_degree": 12}, ValueError, "max_degree is 12; it must be less than window - 1"),
             ({"degree": 1, "derivative": 2}, ValueError, "derivative is 2; it must be not above"),
             ({"significance": 1.0}, ValueError, "significance is 1; it must be between 0 and 1"),
-            ({"times": [0, 1, 3, 2]}, ValueError, r"times\[3\] is 2; times must not decrease"),
-            ({"times": [0, 1, NAN, 2]}, ValueError, r"times\[2\] is nan"),
-            ({"times": [0, 1]}, ValueError, r"times has shape \(2,\); for a batch \(\) it must be"),
-            ({"variances": [1, 0, 1, 1]}, ValueError, r"variances\[1\] is 0; it must be positive"),
-            ({"variances": [1, 1]}, ValueError, r"variances has shape \(2,\)"),
-            ({"variances": NAN}, ValueError, r"variances\[0\] is nan"),
+            ({"time": [0, 1, 3, 2]}, ValueError, r"time\[3\] is 2; time must not decrease"),
+            ({"time": [0, 1, NAN, 2]}, ValueError, r"time\[2\] is nan"),
+            ({"time": [0, 1]}, ValueError, r"time has shape \(2,\); for a batch \(\) it must be"),
+            ({"variance": [1, 0, 1, 1]}, ValueError, r"variance\[1\] is 0; it must be positive"),
+            ({"variance": [1, 1]}, ValueError, r"variance has shape \(2,\)"),
+            ({"variance": NAN}, ValueError, r"variance\[0\] is nan"),
         ],
     )
     def test_errors(self, arguments, error, message):
@@ -281,7 +279,7 @@ class TestPolynomial:
 
     def test_it_tells_what_it_did(self):
         assert repr(local_polynomial(np.arange(20.0) + series(20) * 1e-3, 5, 1)) == (
-            "PolynomialSmooth(value of shape (20,), 100% of degree 1)"
+            "LocalPolynomial(value of shape (20,), 100% of degree 1)"
         )
         assert "no polynomial" in repr(local_polynomial([NAN]))
 
@@ -310,7 +308,7 @@ class TestTrack:
     def check(self, y, covariance, times, q, initial=None):
         """Everything against one dense normal distribution in 300 digits."""
         y = np.asarray(y, dtype=float)
-        found = smooth(y, covariance, times=times, jerk=q, initial=initial)
+        found = smooth(y, covariance, time=times, jerk=q, initial=initial)
         mean, matrix, innovation, likelihood = reference.smooth(y, covariance, times, q, initial)
         self.assert_valid(found)
         sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
@@ -326,7 +324,7 @@ class TestTrack:
         assert_close(found.innovation, innovation, TRACK, np.maximum(1, np.abs(innovation)))
         assert found.count == np.count_nonzero(~np.isnan(innovation)) or initial is None
         other = 3 * q + 0.1
-        apart = smooth(y, covariance, times=times, jerk=other, initial=initial).log_likelihood
+        apart = smooth(y, covariance, time=times, jerk=other, initial=initial).log_likelihood
         expected = reference.smooth(y, covariance, times, other, initial)[3] - likelihood
         size = max(1, abs(apart), abs(found.log_likelihood))
         assert apart - found.log_likelihood == pytest.approx(expected, abs=TRACK * size)
@@ -396,7 +394,7 @@ class TestTrack:
         assert found.count == max(0, 2 * count - 6)
         fitted = smooth(y, covariances(6, 2))
         if count <= 3:
-            assert (fitted.jerk, fitted.jerk_error) == (0.0, INF)
+            assert (fitted.jerk, fitted.jerk_sigma) == (0.0, INF)
 
     def test_axes_that_are_not_measured_alike(self):
         y = rng(1).normal(size=(7, 3))
@@ -426,7 +424,7 @@ class TestTrack:
         n = 100_000
         t = np.arange(n) / n
         y = 1e6 * t + rng(1).normal(size=n)
-        found = smooth(y[:, np.newaxis], 1.0, times=t, jerk=0.0)
+        found = smooth(y[:, np.newaxis], 1.0, time=t, jerk=0.0)
         basis = np.linalg.qr(np.polynomial.legendre.legvander(2 * t - 1, 2))[0]
         # without the slope, which would cost the reference its digits
         expected = 1e6 * t + basis @ (basis.T @ (y - 1e6 * t))
@@ -457,7 +455,7 @@ class TestTrack:
         missing = rng(4).random(y.shape) < 0.1
         missing[:, 5] = True
         y[missing] = NAN
-        found = smooth(y, covariance, times=times, jerk=q)
+        found = smooth(y, covariance, time=times, jerk=q)
         error = found.mean - truth
         places = [0, 1, 3, 5, len(times) // 2, len(times) - 2, len(times) - 1]
         low, high = metrics.consistency_bounds(trials, d, 1 - CHANCE / 28)
@@ -480,7 +478,7 @@ class TestTrack:
         q, trials = 0.3, 300
         _, y = simulated(trials, np.arange(100.0), 2, q, np.eye(2))
         found = smooth(y, 1.0)
-        error = np.log(found.jerk / q) / found.jerk_error
+        error = np.log(found.jerk / q) / (found.jerk_sigma / found.jerk)
         assert np.abs(np.mean(error)) < 0.25
         low, high = metrics.consistency_bounds(trials, 1, 1 - CHANCE / 4)
         assert low * 0.9 <= np.mean(error**2) <= high * 1.1
@@ -489,25 +487,25 @@ class TestTrack:
             assert best == pytest.approx(found.log_likelihood[i], rel=1e-12)
             for factor in (0.97, 1.03):
                 assert smooth(y[i], 1.0, jerk=found.jerk[i] * factor).log_likelihood < best
-            step = 0.05 * found.jerk_error[i]
+            step = 0.05 * found.jerk_sigma[i] / found.jerk[i]
             beside = [
                 smooth(y[i], 1.0, jerk=found.jerk[i] * np.exp(s)).log_likelihood
                 for s in (-step, step)
             ]
             curvature = (2 * best - sum(beside)) / step**2
-            assert found.jerk_error[i] == pytest.approx(curvature**-0.5, rel=0.03)
+            assert found.jerk_sigma[i] / found.jerk[i] == pytest.approx(curvature**-0.5, rel=0.03)
 
     def test_a_jerk_that_is_not_told(self):
         t = np.arange(30.0)
         steady = (t + 0.1 * t**2)[:, np.newaxis] + 1e-3 * rng(1).normal(size=(30, 1))
         found = smooth(steady, 1.0)
-        assert (found.jerk, found.jerk_error) == (0.0, INF)
+        assert (found.jerk, found.jerk_sigma) == (0.0, INF)
         assert "jerk 0 ± inf%" in repr(found)
 
     def test_a_jerk_that_hides_the_noise(self):
         y = rng(1).normal(size=(60, 1)).cumsum(axis=0) * 1e8
         found = smooth(y, 1e-6)
-        assert np.isfinite(found.jerk_error)
+        assert np.isfinite(found.jerk_sigma)
         assert found.nis[10:].mean() == pytest.approx(1, abs=0.5)
 
     @settings(max_examples=25, deadline=None)
@@ -516,12 +514,12 @@ class TestTrack:
         d = 2
         y, times = gaps(series(40 * d, seed).reshape(40, d), 0.1, seed), np.arange(40.0)
         matrix = covariances(40, d, seed)
-        plain = smooth(y, matrix, times=times)
-        found = smooth(y * scale + shift, matrix * scale**2, times=times * pace + shift)
+        plain = smooth(y, matrix, time=times)
+        found = smooth(y * scale + shift, matrix * scale**2, time=times * pace + shift)
         if plain.jerk > 0:
             assert found.jerk == pytest.approx(plain.jerk * scale**2 / pace**5, rel=1e-3)
         jerk = plain.jerk * scale**2 / pace**5
-        found = smooth(y * scale + shift, matrix * scale**2, times=times * pace, jerk=jerk)
+        found = smooth(y * scale + shift, matrix * scale**2, time=times * pace, jerk=jerk)
         unit = scale / pace ** np.repeat([0, 1, 2], d)
         offset = np.repeat([shift, 0, 0], d)
         rounding = 1e-9 + 1e-14 * np.abs(shift) / scale
@@ -548,7 +546,7 @@ class TestTrack:
             found = smooth(y, same, jerk=[0.1, 0.1, 0.1])
             np.testing.assert_array_equal(found.mean, plain.mean)
         number = smooth(y, 0.5, jerk=0.1, dt=1.0)
-        same = smooth(y, 0.5 * np.eye(2), jerk=0.1, times=np.arange(20.0))
+        same = smooth(y, 0.5 * np.eye(2), jerk=0.1, time=np.arange(20.0))
         np.testing.assert_array_equal(number.covariance, same.covariance)
         # what belongs to a missing component is not looked at
         y[0, 3, 1] = NAN
@@ -574,7 +572,7 @@ class TestTrack:
             "log_likelihood",
             "count",
             "jerk",
-            "jerk_error",
+            "jerk_sigma",
         )
         for name in names:
             np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
@@ -601,10 +599,10 @@ class TestTrack:
             ),
             ({"covariance": np.ones(3)}, ValueError, r"covariance has shape \(3,\); for y of"),
             ({"covariance": NAN}, ValueError, r"covariance\[0, 0\] is nan"),
-            ({"times": [0, 2, 1]}, ValueError, r"times\[2\] is 1; times must not decrease"),
-            ({"times": [0, 1]}, ValueError, r"times has shape \(2,\)"),
-            ({"times": [0, 1, NAN]}, ValueError, r"times\[2\] is nan"),
-            ({"times": [0, 1, 2], "dt": 1.0}, ValueError, "give either times or dt"),
+            ({"time": [0, 2, 1]}, ValueError, r"time\[2\] is 1; time must not decrease"),
+            ({"time": [0, 1]}, ValueError, r"time has shape \(2,\)"),
+            ({"time": [0, 1, NAN]}, ValueError, r"time\[2\] is nan"),
+            ({"time": [0, 1, 2], "dt": 1.0}, ValueError, "give either time or dt"),
             ({"dt": 0.0}, ValueError, "dt is 0.0; it must be a positive number"),
             ({"jerk": -1.0}, ValueError, "jerk is -1.0; it must not be negative"),
             ({"jerk": [1.0, -1.0]}, ValueError, r"jerk\[1\] is -1.0"),

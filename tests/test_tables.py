@@ -339,7 +339,7 @@ class TestSmooth:
             own = found.filter(target=target).sort("time_s")
             variance = np.column_stack([own["s_m"].to_numpy(), np.full(own.height, 30.0)]) ** 2
             y = own.select("east_m", "north_m").to_numpy()
-            expected = smoothing.smooth(y, variance, times=own["time_s"])
+            expected = smoothing.smooth(y, variance, time=own["time_s"])
             names = [
                 f"{a}_{q}"
                 for q in ("smoothed", "rate", "acceleration")

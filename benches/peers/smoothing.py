@@ -127,7 +127,7 @@ def polynomials(n):
         "equal steps": (lambda y: local_polynomial(y, WINDOW, n_threads=1), y),
         "irregular": (
             lambda y: local_polynomial(
-                y, WINDOW, times=np.arange(n) + 0.3 * np.sin(np.arange(n)), n_threads=1
+                y, WINDOW, time=np.arange(n) + 0.3 * np.sin(np.arange(n)), n_threads=1
             ),
             y,
         ),

@@ -16,9 +16,9 @@ from tertia import metrics, simulate
 from tertia.fusion import FusionResult, fuse_series
 from tertia.kalman import (
     AngleFilter,
-    FilterResult,
+    FilteredSeries,
     SingerModel,
-    SmoothResult,
+    SmoothedSeries,
     filter_series,
     fit_noise,
     smooth_series,
@@ -130,7 +130,7 @@ def errors(scenario: RadarScenario, angle: FloatArray) -> FloatArray:
     return error
 
 
-def alone(scenario: RadarScenario, radar: int) -> FilterResult:
+def alone(scenario: RadarScenario, radar: int) -> FilteredSeries:
     """Return the track of a radar's own filter."""
     variance = scenario.measurement_variance[radar]
     return filter_series(scenario.z[:, radar], variance, scenario.model)
@@ -642,7 +642,7 @@ def fit_coverage() -> str:
         found = np.array(
             [[f.alpha, f.acceleration_sigma, f.measurement_sigma, f.density] for f in fits]
         )
-        claimed = np.array([[*fit.relative_errors, fit.density_error] for fit in fits])
+        claimed = np.array([[*fit.sigma, fit.density_sigma] for fit in fits]) / found
         cells = []
         for c in range(4):
             told = np.isfinite(claimed[:, c])
@@ -673,7 +673,7 @@ def filter_consistency() -> str:
         result = filter_series(record.z[:, 0], variance, used)
         innovation, s = result.innovation[:, late], result.innovation_variance[:, late]
         nis = np.asarray(metrics.nis(innovation, s)).mean()
-        lag = metrics.autocorrelation(innovation / np.sqrt(s), lags=1)[:, 1].mean()
+        lag = metrics.autocorrelation(innovation / np.sqrt(s), nlags=1)[:, 1].mean()
         error = (result.mean - record.truth)[:, late]
         rmse_of = 1000 * float(metrics.rmse(error[..., 0]))
         nees = per_dimension(error, result.covariance[:, late])
@@ -734,7 +734,7 @@ def smoothing_figure() -> Figure:
     z, truth = record.z[0], record.truth
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     axes: Iterable[Axes] = figure.subplots(2, 1, sharex=True, sharey=True)
-    found: dict[str, tuple[FilterResult | SmoothResult, str]] = {
+    found: dict[str, tuple[FilteredSeries | SmoothedSeries, str]] = {
         "filtered: error of the angle, ±2 sigma": (filter_series(z, SIGMA**2, MODEL), ORANGE),
         "smoothed": (smooth_series(z, SIGMA**2, MODEL), BLUE),
     }

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown
 from tertia import metrics, plot
-from tertia.smoothing import PolynomialSmooth, TrackSmooth, local_polynomial, smooth
+from tertia.smoothing import LocalPolynomial, SmoothedPositions, local_polynomial, smooth
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -46,7 +46,7 @@ def shapes(amplitude: float) -> dict[str, FloatArray]:
     }
 
 
-def smoothed(y: FloatArray, degree: Any) -> PolynomialSmooth:
+def smoothed(y: FloatArray, degree: Any) -> LocalPolynomial:
     """Smooth with a window of 13."""
     return local_polynomial(y, WINDOW, degree)
 
@@ -84,7 +84,7 @@ def degrees_chosen() -> str:
             y = truth + rng.standard_normal((TRIALS, truth.size))
             cells = []
             for variances in (None, 1.0):
-                degree = local_polynomial(y, WINDOW, variances=variances).degree[:, 10:31]
+                degree = local_polynomial(y, WINDOW, variance=variances).degree[:, 10:31]
                 counts = [100 * np.mean(degree == p) for p in range(4)]
                 cells.append(", ".join(f"{count:.0f}" for count in counts))
             label = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
@@ -100,7 +100,7 @@ def ends() -> str:
         cells = []
         for derivative in range(min(degree, 2) + 1):
             sigma = local_polynomial(
-                np.zeros(41), WINDOW, degree, derivative=derivative, variances=1.0
+                np.zeros(41), WINDOW, degree, derivative=derivative, variance=1.0
             ).sigma
             cells.append(f"{sigma[20]:.3g}, {sigma[3]:.3g}, {sigma[0]:.3g}")
         rows.append([str(degree), *cells, *["–"] * (3 - len(cells))])
@@ -142,8 +142,8 @@ def methods() -> str:
                 polynomials(y, "adaptive", derivative=1),
             ),
             "the same, chi-square": (
-                polynomials(y, "adaptive", variances=SIGMA**2),
-                polynomials(y, "adaptive", variances=SIGMA**2, derivative=1),
+                polynomials(y, "adaptive", variance=SIGMA**2),
+                polynomials(y, "adaptive", variance=SIGMA**2, derivative=1),
             ),
             "`smooth`": (track.position, track.velocity),
         }
@@ -167,7 +167,7 @@ def bisquare(y: FloatArray, iterations: int = 8) -> FloatArray:
     value = y
     for _ in range(iterations):
         variances = np.swapaxes(SIGMA**2 / np.maximum(weight, 1e-9), -1, -2)
-        value = polynomials(y, 2, variances=variances)
+        value = polynomials(y, 2, variance=variances)
         weight = np.maximum(0, 1 - ((y - value) / (4.685 * SIGMA)) ** 2) ** 2
     return value
 
@@ -248,7 +248,7 @@ def tracks(runs: int, steps: int, jerk: float, *study: int) -> tuple[FloatArray,
     return truth, truth[..., :2] + rng.standard_normal((runs, steps, 2))
 
 
-def nees(track: TrackSmooth, truth: FloatArray) -> list[str]:
+def nees(track: SmoothedPositions, truth: FloatArray) -> list[str]:
     """Mean NEES per dimension of position, velocity and acceleration, with standard errors."""
     cells = []
     for i, name in enumerate(("position", "velocity", "acceleration")):
@@ -268,7 +268,7 @@ def jerk_fit() -> str:
             truth, y = tracks(runs, steps, jerk, steps, int(100 * jerk))
             fitted, known = smooth(y, 1.0), smooth(y, 1.0, jerk=jerk)
             found = np.asarray(fitted.jerk)
-            error = np.asarray(fitted.jerk_error)
+            error = np.asarray(fitted.jerk_sigma) / np.asarray(fitted.jerk)
             told_ = (found > 0) & np.isfinite(error)
             inside = np.abs(np.log(found[told_] / jerk)) < 2 * error[told_]
             rows.append(
@@ -294,11 +294,11 @@ def consistency() -> str:
     rows = []
     for name, at in {"first": 0, "second": 1, "middle": 20, "last": 39}.items():
         one = slice(at, at + 1)
-        part = TrackSmooth(
+        part = SmoothedPositions(
             track.mean[:, one],
             track.covariance[:, one],
             track.innovation[:, one],
-            *(track.log_likelihood, track.count, track.jerk, track.jerk_error),
+            *(track.log_likelihood, track.count, track.jerk, track.jerk_sigma),
         )
         rows.append([name, *nees(part, truth[:, one])])
     return markdown(["instant", "position", "velocity", "acceleration"], rows)
@@ -313,9 +313,9 @@ def track_figure() -> Figure:
     times = STEP * np.arange(STEPS)
     figure = Figure(figsize=(8, 6), layout="constrained")
     top, bottom = figure.subplots(2, sharex=True)
-    track = smooth(x[:, np.newaxis], variances[:, np.newaxis], times=times)
+    track = smooth(x[:, np.newaxis], variances[:, np.newaxis], time=times)
     plot.smoothing(x[:, np.newaxis], track, times=times, ax=top)
-    curve = local_polynomial(x, WINDOW, times=times, variances=variances)
+    curve = local_polynomial(x, WINDOW, time=times, variance=variances)
     plot.smoothing(x, curve, times=times, ax=bottom)
     for ax, title in ((top, "smooth"), (bottom, "local_polynomial")):
         ax.plot(times, truth[:, 0], ":", color="0.3", linewidth=1)

@@ -482,7 +482,7 @@ def _window_errors(truth: FloatArray, noise: float, number: int) -> FloatArray:
         squares.append(
             [
                 _mean_square(
-                    local_polynomial(fixes.position.T, int(window), variances=variances).value.T,
+                    local_polynomial(fixes.position.T, int(window), variance=variances).value.T,
                     truth,
                     near,
                 )

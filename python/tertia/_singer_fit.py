@@ -74,15 +74,21 @@ def fit_singer(
     value, logs = likelihood(peak.at)
     likelihood.spread(value, "parabolas")
     alpha, acceleration_sigma, measurement_sigma = np.exp(logs).tolist()
-    relative_errors, density_error = _errors(likelihood, peak)
+    with np.errstate(invalid="ignore"):
+        estimates = np.exp([*logs, 2 * logs[1] - logs[0]])
+    estimates[3] *= 2 / interval**3
+    estimates[:2] /= [interval, interval**2]
+    errors = np.append(*_errors(likelihood, peak))
+    sigma = np.full(4, np.inf)
+    np.multiply(errors, estimates, out=sigma, where=np.isfinite(errors))
     return (
         alpha / interval,
         acceleration_sigma / interval**2,
         measurement_sigma,
-        relative_errors,
+        sigma[:3],
         value,
         likelihood.count,
-        density_error,
+        float(sigma[3]),
         likelihood.limits(peak.at),
     )
 
@@ -90,7 +96,7 @@ def fit_singer(
 def _usual_interval(intervals: FloatArray) -> float:
     positive = intervals[intervals > 0]
     if positive.size == 0:
-        raise ValueError("no time passes between the plots; dt must be positive, or times rise")
+        raise ValueError("no time passes between the plots; dt must be positive, or time rise")
     return float(np.median(positive[positive > _BRIEF * np.mean(positive)]))
 
 

@@ -32,10 +32,10 @@ from tertia._singer_fit import Limit, fit_singer
 
 __all__ = [
     "AngleFilter",
-    "FilterResult",
+    "FilteredSeries",
     "NoiseFit",
     "SingerModel",
-    "SmoothResult",
+    "SmoothedSeries",
     "Store",
     "filter_series",
     "fit_noise",
@@ -58,7 +58,7 @@ class SingerModel:
     Attributes
     ----------
     dt : float
-        Time from plot to plot, where no times are given.
+        Time from plot to plot, where no time is given.
     alpha : float
         Manoeuvre frequency, one over the time in which an acceleration fades.
     acceleration_sigma : float
@@ -109,7 +109,7 @@ class SingerModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilterResult:
+class FilteredSeries:
     """A filtered series.
 
     Attributes
@@ -160,14 +160,14 @@ class FilterResult:
 
     def __repr__(self) -> str:
         """Tell the shape and the likelihood."""
-        told = f"FilterResult(mean of shape {self.mean.shape}"
+        told = f"FilteredSeries(mean of shape {self.mean.shape}"
         if isinstance(self.count, np.ndarray):
             return f"{told})"
         return f"{told}, {self.count} innovations, log-likelihood {self.log_likelihood:.6g})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothResult:
+class SmoothedSeries:
     """A smoothed series.
 
     Attributes
@@ -193,7 +193,7 @@ class SmoothResult:
 
     def __repr__(self) -> str:
         """Tell the shape."""
-        return f"SmoothResult(mean of shape {self.mean.shape})"
+        return f"SmoothedSeries(mean of shape {self.mean.shape})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,15 +216,15 @@ class NoiseFit:
     ----------
     alpha, acceleration_sigma, measurement_sigma : float
         The estimates.
-    relative_errors : ndarray of shape (3,)
-        Standard errors of their logarithms, in this order; inf for what the recording does not
-        tell.
+    sigma : ndarray of shape (3,)
+        Their standard uncertainties, in this order, to first order: those of their logarithms times
+        the estimates. inf for what the recording does not determine.
     log_likelihood : float
         At the maximum.
     count : int
         Plots that tell something.
-    density_error : float
-        Standard error of the logarithm of `density`; inf if the recording does not tell it.
+    density_sigma : float
+        Standard uncertainty of `density`, likewise.
     limits : tuple of str
         Names as above; empty if no parameter is 0 or infinite.
     """
@@ -232,10 +232,10 @@ class NoiseFit:
     alpha: float
     acceleration_sigma: float
     measurement_sigma: float
-    relative_errors: FloatArray
+    sigma: FloatArray
     log_likelihood: float
     count: int
-    density_error: float
+    density_sigma: float
     limits: tuple[Limit, ...]
 
     @property
@@ -252,13 +252,15 @@ class NoiseFit:
     def __repr__(self) -> str:
         """Tell the estimates with their errors; at limits, those that the recording tells."""
         names = ["alpha", "acceleration_sigma", "measurement_sigma"]
-        errors = dict(zip(names, self.relative_errors, strict=True))
+        sigmas = dict(zip(names, self.sigma, strict=True))
         if "white acceleration" in self.limits:
-            errors = {"density": self.density_error} | errors
+            sigmas = {"density": self.density_sigma} | sigmas
         if self.limits:
-            errors = {name: error for name, error in errors.items() if np.isfinite(error)}
+            sigmas = {name: sigma for name, sigma in sigmas.items() if np.isfinite(sigma)}
         told = ", ".join(
-            f"{name} {getattr(self, name):.3g} ± {e:.0%}" for name, e in errors.items()
+            f"{name} {value:.3g} ± {sigma / value:.0%}"
+            for name, sigma in sigmas.items()
+            if (value := getattr(self, name))
         )
         limits = ", ".join(self.limits)
         return f"NoiseFit({': '.join(filter(None, (limits, told)))})"
@@ -270,12 +272,12 @@ def filter_series(
     model: SingerModel,
     *,
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
-    times: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
     period: float | None = None,
     store: Store = "all",
-    out: FilterResult | None = None,
+    out: FilteredSeries | None = None,
     n_threads: int | None = None,
-) -> FilterResult:
+) -> FilteredSeries:
     """Filter series of plots.
 
     Parameters
@@ -289,14 +291,14 @@ def filter_series(
     initial : (mean, covariance), optional
         State at the first step before its plot, of shapes (..., 3) and (..., 3, 3). By default
         nothing is known but the variance of the acceleration.
-    times : array_like of shape (steps,) or (..., steps), optional
+    time : array_like of shape (steps,) or (..., steps), optional
         Times of the steps, not decreasing; by default `model.dt` apart.
     period : float, optional
         360.0 for degrees, 2*pi for radians; None for data that do not wrap. Angles come back in
         [0, period).
     store : {"all", "mean", "final"}
         What to keep: everything, the means of all steps, or mean and covariance of the last one.
-    out : FilterResult, optional
+    out : FilteredSeries, optional
         Result of an earlier call with the same shapes and the same `store`. Its arrays of all steps
         are written over and returned again, which spares fresh memory; after an error they hold
         anything.
@@ -305,7 +307,7 @@ def filter_series(
 
     Returns
     -------
-    FilterResult
+    FilteredSeries
         States, innovations and the likelihood.
 
     Raises
@@ -332,13 +334,13 @@ def filter_series(
     >>> result.mean[-1].round(2), result.sigma[-1].round(2)
     (array([ 1.11,  0.13, -0.  ]), array([0.1 , 0.02, 0.  ]))
     """
-    batch, variance = _batch(z, measurement_variance, model, initial, times=times, period=period)
+    batch, variance = _batch(z, measurement_variance, model, initial, time=time, period=period)
     filled = _filled(batch["z"].shape, store, out)
     (last_mean, last_upper, likelihood), count = _core.filter_series(
         batch, store, filled, threads(n_threads)
     )
     mean, upper, innovation, innovation_variance = filled
-    return FilterResult(
+    return FilteredSeries(
         last_mean if store == "final" else mean,
         innovation,
         innovation_variance,
@@ -349,15 +351,15 @@ def filter_series(
     )
 
 
-def _filled(shape: tuple[int, ...], store: Store, out: FilterResult | None) -> list[FloatArray]:
+def _filled(shape: tuple[int, ...], store: Store, out: FilteredSeries | None) -> list[FloatArray]:
     """Return arrays for mean, upper triangle, innovation and its variance of all steps."""
     none = (*shape[:-1], 0)
     many, every = (shape if store != "final" else none), (shape if store == "all" else none)
     shapes = (*many, 3), (*every, 6), every, every
     if out is None:
         return [np.empty(size) for size in shapes]
-    if not isinstance(out, FilterResult):
-        raise TypeError(f"out is of type {type(out).__name__}; it must be a FilterResult")
+    if not isinstance(out, FilteredSeries):
+        raise TypeError(f"out is of type {type(out).__name__}; it must be a FilteredSeries")
     if store == "final":
         raise ValueError('out is of no use with store="final", which keeps no steps')
     arrays = [out.mean, out.upper, out.innovation, out.innovation_variance]
@@ -376,20 +378,20 @@ def smooth_series(
     model: SingerModel,
     *,
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
-    times: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
     period: float | None = None,
     n_threads: int | None = None,
-) -> SmoothResult:
+) -> SmoothedSeries:
     """Estimate the state at every step from all plots, those before and those after.
 
     Parameters
     ----------
-    z, measurement_variance, model, initial, times, period, n_threads
+    z, measurement_variance, model, initial, time, period, n_threads
         See `filter_series`.
 
     Returns
     -------
-    SmoothResult
+    SmoothedSeries
         Means and covariances; before the first plot nothing is known.
 
     Raises
@@ -412,8 +414,8 @@ def smooth_series(
     >>> result.mean[:, 0].round(2)
     array([359.11, 359.78,   0.45,   1.11])
     """
-    batch, _ = _batch(z, measurement_variance, model, initial, times=times, period=period)
-    return SmoothResult(*_core.smooth_series(batch, threads(n_threads)))
+    batch, _ = _batch(z, measurement_variance, model, initial, time=time, period=period)
+    return SmoothedSeries(*_core.smooth_series(batch, threads(n_threads)))
 
 
 def steady_state(model: SingerModel, measurement_variance: float) -> tuple[FloatArray, FloatArray]:
@@ -466,7 +468,7 @@ def fit_noise(
     z: npt.ArrayLike,
     *,
     dt: float | None = None,
-    times: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
     period: float | None = None,
     n_threads: int | None = None,
 ) -> NoiseFit:
@@ -479,7 +481,7 @@ def fit_noise(
         the same parameters.
     dt : float, optional
         Time from plot to plot.
-    times : array_like of shape (steps,) or (..., steps), optional
+    time : array_like of shape (steps,) or (..., steps), optional
         Times of the steps, instead of `dt`.
     period : float, optional
         360.0 for degrees, 2*pi for radians; None for data that do not wrap.
@@ -495,7 +497,7 @@ def fit_noise(
     ------
     ValueError
         Too few plots, plots that a line or parabola fits exactly, shapes that do not fit, times
-        that decrease, or neither or both of `dt` and `times`.
+        that decrease, or neither or both of `dt` and `time`.
     TypeError
         An argument of the wrong type.
 
@@ -518,10 +520,10 @@ def fit_noise(
     >>> round(fit.measurement_sigma, 2)
     0.09
     """
-    if (dt is None) == (times is None):
-        raise ValueError("give either dt or times")
+    if (dt is None) == (time is None):
+        raise ValueError("give either dt or time")
     unit = SingerModel(1.0 if dt is None else dt, 0.0, 0.0, exact=True)
-    batch, _ = _batch(z, 1.0, unit, None, times=times, period=period)
+    batch, _ = _batch(z, 1.0, unit, None, time=time, period=period)
     plots = int(np.count_nonzero(~np.isnan(batch["z"])))
     if plots < _FEWEST_TO_FIT:
         raise ValueError(f"z has {plots} plots; at least {_FEWEST_TO_FIT} are needed")
@@ -549,7 +551,7 @@ def _batch(
     model: SingerModel,
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None,
     *,
-    times: npt.ArrayLike | None,
+    time: npt.ArrayLike | None,
     period: float | None,
 ) -> tuple[dict[str, Any], FloatArray]:
     """Return the arguments as the core takes them, and the variances."""
@@ -564,7 +566,7 @@ def _batch(
     return {
         "z": plots,
         "variance": variance,
-        "dt": _intervals(times, model, steps, batch),
+        "dt": _intervals(time, model, steps, batch),
         "initial": None if initial is None else _initial(initial, batch),
         "model": model._core,
         "period": None if period is None else real(period, "period"),
@@ -587,18 +589,20 @@ def _rows(
 
 
 def _intervals(
-    times: npt.ArrayLike | None, model: SingerModel, steps: int, batch: tuple[int, ...]
+    time: npt.ArrayLike | None, model: SingerModel, steps: int, batch: tuple[int, ...]
 ) -> FloatArray:
-    if times is None:
+    if time is None:
         return np.array([model.dt])
-    instants = finite(times, "times")
+    instants = finite(time, "time")
     if instants.ndim == 0:
-        raise ValueError("times is a single number; it must be of shape (..., steps)")
-    intervals = np.diff(_rows(instants, (steps,), batch, "times"), axis=-1)
+        raise ValueError("time is a single number; it must be of shape (..., steps)")
+    intervals = np.diff(_rows(instants, (steps,), batch, "time"), axis=-1)
     back = np.argwhere(intervals < 0)
     if len(back):
         place = ", ".join(map(str, (*back[0][:-1], back[0][-1] + 1)))
-        raise ValueError(f"times[{place}] is before the time of the step before; times must rise")
+        raise ValueError(
+            f"time[{place}] is before the time of the step before; time must not decrease"
+        )
     return intervals
 
 

@@ -27,11 +27,11 @@ from tertia._arrays import (
     threads,
 )
 
-__all__ = ["PolynomialSmooth", "TrackSmooth", "local_polynomial", "smooth"]
+__all__ = ["LocalPolynomial", "SmoothedPositions", "local_polynomial", "smooth"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PolynomialSmooth:
+class LocalPolynomial:
     """A series smoothed by local polynomials, or a derivative of it.
 
     Attributes
@@ -62,11 +62,11 @@ class PolynomialSmooth:
             f"{count / counts.sum():.0%} of degree {degree}"
             for degree, count in zip(used, counts, strict=True)
         )
-        return f"PolynomialSmooth(value of shape {self.value.shape}, {told or 'no polynomial'})"
+        return f"LocalPolynomial(value of shape {self.value.shape}, {told or 'no polynomial'})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackSmooth:
+class SmoothedPositions:
     """A smoothed track.
 
     Attributes
@@ -86,8 +86,9 @@ class TrackSmooth:
         Measured numbers beyond those that are needed to know the state.
     jerk : float or ndarray of shape (...)
         Intensity of the white jerk: the variance of the acceleration grows by it per unit of time.
-    jerk_error : float or ndarray of shape (...)
-        Standard error of its logarithm; 0 if it was given, inf if the track does not tell it.
+    jerk_sigma : float or ndarray of shape (...)
+        Standard uncertainty of `jerk`, to first order; 0 if the jerk was given, inf if the plots do
+        not determine it.
     """
 
     mean: FloatArray
@@ -96,7 +97,7 @@ class TrackSmooth:
     log_likelihood: float | FloatArray
     count: int | IntArray
     jerk: float | FloatArray
-    jerk_error: float | FloatArray
+    jerk_sigma: float | FloatArray
 
     @property
     def position(self) -> FloatArray:
@@ -147,10 +148,10 @@ class TrackSmooth:
 
     def __repr__(self) -> str:
         """Tell the shape and the jerk."""
-        told = f"TrackSmooth(position of shape {self.innovation.shape}"
+        told = f"SmoothedPositions(position of shape {self.innovation.shape}"
         if isinstance(self.jerk, np.ndarray):
             return f"{told})"
-        return f"{told}, jerk {self.jerk:.3g} ± {self.jerk_error:.0%})"
+        return f"{told}, jerk {self.jerk:.3g} ± {_relative(self.jerk, self.jerk_sigma):.0%})"
 
 
 def local_polynomial(
@@ -158,13 +159,13 @@ def local_polynomial(
     window: int = 13,
     degree: int | Literal["adaptive"] = "adaptive",
     *,
-    times: npt.ArrayLike | None = None,
-    variances: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
+    variance: npt.ArrayLike | None = None,
     derivative: int = 0,
     max_degree: int = 3,
     significance: float = 0.05,
     n_threads: int | None = None,
-) -> PolynomialSmooth:
+) -> LocalPolynomial:
     """Smooth a series by the polynomial that fits the instants around each one best.
 
     Parameters
@@ -177,9 +178,9 @@ def local_polynomial(
     degree : {"adaptive"} or int
         Degree of the polynomials, at most 9 and less than `window`. "adaptive": in each window the
         highest one up to `max_degree` whose coefficient is significant.
-    times : array_like of shape (N,) or (..., N), optional
+    time : array_like of shape (N,) or (..., N), optional
         Times of the instants, not decreasing; by default 0, 1, 2, ...
-    variances : array_like of shape (), (N,) or (..., N), optional
+    variance : array_like of shape (), (N,) or (..., N), optional
         Variances of the measurements. By default they are equal and unknown.
     derivative : int
         0 for the value, 1 for its rate, ..., at most the degree. Adaptive degrees are not lower.
@@ -192,7 +193,7 @@ def local_polynomial(
 
     Returns
     -------
-    PolynomialSmooth
+    LocalPolynomial
         Values, or derivatives, with standard errors and degrees.
 
     Raises
@@ -206,7 +207,7 @@ def local_polynomial(
     Notes
     -----
     A degree is tested from the highest down: coefficient p of orthogonal polynomials, by F(1, ν)
-    with ν = n - p - 1 from what the window of n measurements leaves; with `variances` by chi-square
+    with ν = n - p - 1 from what the window of n measurements leaves; with `variance` by chi-square
     of one degree of freedom. Each test has the level `significance`. A window with too few
     measurements to test the highest degree has no value, nor has one with too few for a fixed
     degree.
@@ -226,7 +227,7 @@ def local_polynomial(
     >>> y = t + np.random.default_rng(1).standard_normal(40)
     >>> smooth = local_polynomial(y)
     >>> smooth
-    PolynomialSmooth(value of shape (40,), 95% of degree 1, 5% of degree 2)
+    LocalPolynomial(value of shape (40,), 95% of degree 1, 5% of degree 2)
     >>> rate = local_polynomial(y, derivative=1)
     >>> print(f"{rate.value[20]:.2f} ± {rate.sigma[20]:.2f}")
     0.93 ± 0.07
@@ -237,11 +238,11 @@ def local_polynomial(
         raise ValueError(f"degree is {degree!r}; it must be 'adaptive' or an integer")
     top = integer(max_degree, "max_degree", 0) if adaptive else integer(degree, "degree", 0)
     batch, n = series.shape[:-1], series.shape[-1]
-    noise = None if variances is None else np.atleast_1d(samples(variances, "variances"))
+    noise = None if variance is None else np.atleast_1d(samples(variance, "variance"))
     value, sigma, used, variance, freedom = _core.local_polynomial(
         series,
-        None if times is None else _shared(finite(times, "times"), (n,), batch, "times", "N"),
-        None if noise is None else _variances(noise, batch, n),
+        None if time is None else _shared(finite(time, "time"), (n,), batch, "time", "N"),
+        None if noise is None else _variance(noise, batch, n),
         integer(window, "window", 1),
         top,
         adaptive,
@@ -250,20 +251,20 @@ def local_polynomial(
         threads(n_threads),
     )
     if noise is not None:
-        return PolynomialSmooth(value, sigma, used, None, None)
-    return PolynomialSmooth(value, sigma, used, scalar_or_array(variance), scalar_or_array(freedom))
+        return LocalPolynomial(value, sigma, used, None, None)
+    return LocalPolynomial(value, sigma, used, scalar_or_array(variance), scalar_or_array(freedom))
 
 
 def smooth(
     y: npt.ArrayLike,
     covariance: npt.ArrayLike,
     *,
-    times: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
     dt: float | None = None,
     jerk: npt.ArrayLike | None = None,
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     n_threads: int | None = None,
-) -> TrackSmooth:
+) -> SmoothedPositions:
     """Estimate position, velocity and acceleration at every instant from all plots.
 
     Parameters
@@ -274,10 +275,10 @@ def smooth(
         Their covariances: one matrix for all instants, or one for each; or variances of independent
         axes. A shape (D, D) is always one matrix. What belongs to a missing component is not looked
         at.
-    times : array_like of shape (N,) or (..., N), optional
+    time : array_like of shape (N,) or (..., N), optional
         Times of the instants, not decreasing; equal ones are plots of one instant.
     dt : float, optional
-        Time between instants, instead of `times`. By default 1.
+        Time between instants, instead of `time`. By default 1.
     jerk : array_like of shape () or (...), optional
         Intensity of the white jerk of every axis, in position² / time⁵; 0 is constant acceleration.
         By default that which makes each track most likely.
@@ -289,7 +290,7 @@ def smooth(
 
     Returns
     -------
-    TrackSmooth
+    SmoothedPositions
         States with their covariances, the likelihood and innovations.
 
     Raises
@@ -322,9 +323,9 @@ def smooth(
     >>> t = 5.0 * np.arange(60)
     >>> truth = np.column_stack([2000 * np.cos(t / 60), 2000 * np.sin(t / 60)])
     >>> y = truth + 20.0 * np.random.default_rng(1).standard_normal((60, 2))
-    >>> track = smooth(y, 20.0**2, times=t)
+    >>> track = smooth(y, 20.0**2, time=t)
     >>> track
-    TrackSmooth(position of shape (60, 2), jerk 0.00151 ± 35%)
+    SmoothedPositions(position of shape (60, 2), jerk 0.00151 ± 35%)
     >>> print(f"{np.std(y - truth):.0f} m, {np.std(track.position - truth):.0f} m")
     17 m, 4 m
     """
@@ -344,14 +345,18 @@ def smooth(
         intensity = _shared(intensity[..., np.newaxis], (1,), batch, "jerk", "")
     tracks = {
         "y": plots,
-        "times": _instants(times, dt, batch, n),
+        "time": _instants(time, dt, batch, n),
         "covariance": matrices,
         "each": each,
         "jerk": intensity,
         "initial": None if initial is None else _prior(initial, batch, 3 * dimension),
     }
     mean, matrix, innovation, *told = _core.smooth(tracks, threads(n_threads))
-    return TrackSmooth(mean, matrix, innovation, *map(scalar_or_array, told))
+    return SmoothedPositions(mean, matrix, innovation, *map(scalar_or_array, told))
+
+
+def _relative(value: float, sigma: float) -> float:
+    return sigma / value if value > 0 else np.inf
 
 
 def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArray:
@@ -378,10 +383,10 @@ def _shared(
     raise ValueError(f"{name} has shape {own}; for a batch {batch} it must be {expected}")
 
 
-def _variances(variances: FloatArray, batch: tuple[int, ...], n: int) -> FloatArray:
-    if variances.size == 1:
-        return variances.reshape(1)
-    return _shared(variances, (n,), batch, "variances", "N")
+def _variance(variance: FloatArray, batch: tuple[int, ...], n: int) -> FloatArray:
+    if variance.size == 1:
+        return variance.reshape(1)
+    return _shared(variance, (n,), batch, "variance", "N")
 
 
 def _covariances(
@@ -409,16 +414,16 @@ def _covariances(
 
 
 def _instants(
-    times: npt.ArrayLike | None, dt: float | None, batch: tuple[int, ...], n: int
+    time: npt.ArrayLike | None, dt: float | None, batch: tuple[int, ...], n: int
 ) -> FloatArray:
-    if times is None:
+    if time is None:
         step = 1.0 if dt is None else real(dt, "dt")
         if not 0 < step < np.inf:
             raise ValueError(f"dt is {step}; it must be a positive number")
         return step * np.arange(n, dtype=np.float64)
     if dt is not None:
-        raise ValueError("give either times or dt")
-    return _shared(finite(times, "times"), (n,), batch, "times", "N")
+        raise ValueError("give either time or dt")
+    return _shared(finite(time, "time"), (n,), batch, "time", "N")
 
 
 def _prior(

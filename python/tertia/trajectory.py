@@ -32,7 +32,7 @@ from tertia.location import (
     _turned,
     locate,
 )
-from tertia.smoothing import TrackSmooth, local_polynomial, smooth
+from tertia.smoothing import SmoothedPositions, local_polynomial, smooth
 
 __all__ = ["Order", "Smoother", "Spatial", "Trajectory", "reconstruct"]
 
@@ -124,7 +124,7 @@ class Trajectory:
     bias, bias_sigma : Residuals or None
         Estimated biases of the stations, of shape (K,) for each kind, and their standard errors;
         None if none were estimated.
-    smoothed : TrackSmooth or None
+    smoothed : SmoothedPositions or None
         What the smoother tells besides: likelihood, jerk, innovations. None for local polynomials
         and where measurements were smoothed.
     """
@@ -139,7 +139,7 @@ class Trajectory:
     residuals: Residuals
     bias: Residuals | None
     bias_sigma: Residuals | None
-    smoothed: TrackSmooth | None
+    smoothed: SmoothedPositions | None
 
     @property
     def sigma(self) -> FloatArray:
@@ -393,12 +393,12 @@ class _Plots:
         known = _is_finite(fixes.covariance)[:, np.newaxis]
         return cls(np.where(known, fixes.position, np.nan), fixes.covariance)
 
-    def smoothed(self, record: _Record, jerk: float | None) -> TrackSmooth:
+    def smoothed(self, record: _Record, jerk: float | None) -> SmoothedPositions:
         """Smooth them."""
         return smooth(
             self.position,
             self.covariance,
-            times=record.times,
+            time=record.times,
             jerk=jerk,
             n_threads=record.n_threads,
         )
@@ -414,7 +414,7 @@ class _Smoothed:
     trust: FloatArray
     fixes: Location
     plots: _Plots
-    track: TrackSmooth
+    track: SmoothedPositions
 
     @classmethod
     def made(
@@ -562,14 +562,14 @@ class _Smoothed:
             )
         return np.where(known[:, np.newaxis, np.newaxis], covariance, best.covariance)
 
-    def _with_jerks(self) -> list[TrackSmooth]:
+    def _with_jerks(self) -> list[SmoothedPositions]:
         """Return the tracks with all intensities that are likely; none where it is not told.
 
         Around a fitted one that is well told; else from hardly any on, until they are unlikely.
         """
         best, jerk = self.track, float(self.track.jerk)
-        error = float(best.jerk_error)
-        if jerk > 0 and error < _JERK_TOLD:
+        error = float(best.jerk_sigma) / jerk if jerk > 0 else np.inf
+        if error < _JERK_TOLD:
             near = (jerk * np.exp(step * error) for step in _JERK_STEPS)
             return [best, *(self.plots.smoothed(self.record, one) for one in near)]
         plots, times = self.plots, self.record.times
@@ -580,7 +580,7 @@ class _Smoothed:
         least = np.min(np.linalg.eigvalsh(plots.covariance[known]))
         # below the first one the motion is that of none; the likelihood falls as a power
         first = np.log(least) - _STATE_POWER * np.log(span) - _JERK_MARGIN
-        tracks: list[TrackSmooth] = []
+        tracks: list[SmoothedPositions] = []
         top = -np.inf
         for log in first + np.arange(_MOST_JERKS):
             track = self.plots.smoothed(self.record, float(np.exp(log)))
@@ -624,8 +624,8 @@ def _polynomials(
             y,
             window,
             degree,
-            times=record.times,
-            variances=variances,
+            time=record.times,
+            variance=variances,
             derivative=derivative,
             max_degree=top,
             n_threads=record.n_threads,
@@ -727,7 +727,7 @@ def _station_motion(record: _Record, derivative: int) -> FloatArray:
         np.moveaxis(record.places, 0, -1),
         _STATION_WINDOW,
         _STATION_DEGREE,
-        times=record.times,
+        time=record.times,
         derivative=derivative,
         n_threads=record.n_threads,
     )
@@ -758,7 +758,7 @@ def _smoothed_series(
         track = smooth(
             y.T[..., np.newaxis],
             variances.T[..., np.newaxis],
-            times=record.times,
+            time=record.times,
             n_threads=record.n_threads,
         )
         states = [track.mean[..., i] for i in (0, 1, 2)]
@@ -866,12 +866,12 @@ class _Biases:
             for kind, values in measured.items()
         }
 
-    def effect(self, track: TrackSmooth) -> FloatArray:
+    def effect(self, track: SmoothedPositions) -> FloatArray:
         """Return what their uncertainty adds to the covariance of the states."""
         response = smooth(
             self.columns,
             self.spread,
-            times=self.record.times,
+            time=self.record.times,
             jerk=float(track.jerk),
             n_threads=self.record.n_threads,
         ).mean
@@ -907,7 +907,9 @@ def _information(kept: FloatArray, weight: FloatArray) -> FloatArray:
     return information
 
 
-def _spurious(record: _Record, track: TrackSmooth, weight: FloatArray, at: IntArray) -> FloatArray:
+def _spurious(
+    record: _Record, track: SmoothedPositions, weight: FloatArray, at: IntArray
+) -> FloatArray:
     """Return the information that errors of the positions alone make."""
     position = track.position
     information = np.zeros((len(at), len(at)))
@@ -1037,7 +1039,7 @@ def _trajectory(
     *,
     outliers: Outliers | None = None,
     biases: _Biases | None = None,
-    track: TrackSmooth | None = None,
+    track: SmoothedPositions | None = None,
 ) -> Trajectory:
     position, velocity, acceleration = states
     measured = record.measured if biases is None else biases.removed_from(record.measured)

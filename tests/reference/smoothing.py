@@ -11,12 +11,12 @@ WIDE = mpmath.mpf(10) ** 140
 DIGITS = 300
 
 
-def polynomial(y, window, degree, *, times=None, variances=None, derivative=0, significance=0.05):
+def polynomial(y, window, degree, *, time=None, variance=None, derivative=0, significance=0.05):
     """Value, standard error for unit variance, and degree, instant by instant; highest degree if a
     tuple (0, highest) is given."""
     y, n = np.asarray(y, dtype=float), len(y)
-    t = np.arange(n) if times is None else np.asarray(times, dtype=float)
-    v = np.ones(n) if variances is None else np.broadcast_to(variances, n)
+    t = np.arange(n) if time is None else np.asarray(time, dtype=float)
+    v = np.ones(n) if variance is None else np.broadcast_to(variance, n)
     adaptive = isinstance(degree, tuple)
     top = degree[1] if adaptive else degree
     value, error, used = np.full(n, np.nan), np.full(n, np.inf), np.full(n, -1)
@@ -28,14 +28,14 @@ def polynomial(y, window, degree, *, times=None, variances=None, derivative=0, s
         own = np.arange(start, start + size)
         own = own[~np.isnan(y[own])]
         highest = min(top, len(set(t[own])) - 1)
-        if highest < top or (adaptive and variances is None and len(own) < top + 2):
+        if highest < top or (adaptive and variance is None and len(own) < top + 2):
             continue
         fits = [_powers(t[own] - t[i], y[own], v[own], p) for p in range(highest + 1)]
         p = highest
         while adaptive and p > derivative:
             nu = len(own) - p - 1
             gain = fits[p - 1][2] - fits[p][2]
-            if variances is not None:
+            if variance is not None:
                 if gain > stats.chi2.isf(significance, 1):
                     break
             elif gain * nu > stats.f.isf(significance, 1, nu) * fits[p][2]:
@@ -50,8 +50,8 @@ def polynomial(y, window, degree, *, times=None, variances=None, derivative=0, s
             coefficients, covariance, _ = fits[highest]
             residuals[i] = y[i] - coefficients[0]
             expected[i] = 1 - covariance[0, 0] / v[i]
-    variance = np.nansum(residuals**2) / np.nansum(expected)
-    return value, error * (1 if variances is not None else np.sqrt(variance)), used, variance
+    found = np.nansum(residuals**2) / np.nansum(expected)
+    return value, error * (1 if variance is not None else np.sqrt(found)), used, found
 
 
 def _powers(t, y, v, degree):

@@ -26,7 +26,7 @@ def smoothed(y, variances, times, window, highest, derivative=0):
     """Columns smoothed by polynomials of adaptive degree, their standard errors, (N, M) each."""
     fits = [
         polynomial(
-            column, window, (0, highest), times=times, variances=variance, derivative=derivative
+            column, window, (0, highest), time=times, variance=variance, derivative=derivative
         )[:2]
         for column, variance in zip(y.T, variances.T, strict=True)
     ]

@@ -230,11 +230,12 @@ def _say(one: _Reconstructed) -> None:
     result = one.result
     _positions.say_located(one.record, result.fixes, result.position, result.sigma)
     if result.smoothed is not None:
-        error = float(result.smoothed.jerk_error)
+        jerk, sigma = float(result.smoothed.jerk), float(result.smoothed.jerk_sigma)
+        error = sigma / jerk if sigma and jerk else sigma
         told = "given" if error == 0 else f"fitted, relative error {error:.0%}"
         if not np.isfinite(error):
             told = "fitted, but hardly told by the measurements"
-        typer.echo(f"  jerk {float(result.smoothed.jerk):.3g} ({told})")
+        typer.echo(f"  jerk {jerk:.3g} ({told})")
 
 
 def _rows(one: _Reconstructed, sites: Sites, columns: Columns) -> pl.DataFrame:

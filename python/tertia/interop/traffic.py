@@ -172,15 +172,15 @@ def _horizontal(
 
 def _robust(
     times: FloatArray, y: FloatArray, telling: FloatArray, sigma: float | None, name: str
-) -> tuple[smoothing.TrackSmooth, BoolArray]:
+) -> tuple[smoothing.SmoothedPositions, BoolArray]:
     """Smooth all axes of y without outliers; the axes `telling` tell the noise and the jerk."""
     far = _coarse(times, y)
     variance = _variance(times, np.where(far[:, np.newaxis], np.nan, telling), sigma, name)
     missing = np.isnan(y).any(axis=1)
     for _ in range(_MOST_PASSES):
         left = (far | missing)[:, np.newaxis]
-        jerk = smoothing.smooth(np.where(left, np.nan, telling), variance, times=times).jerk
-        found = smoothing.smooth(np.where(left, np.nan, y), variance, times=times, jerk=jerk)
+        jerk = smoothing.smooth(np.where(left, np.nan, telling), variance, time=times).jerk
+        found = smoothing.smooth(np.where(left, np.nan, y), variance, time=times, jerk=jerk)
         again = _far(y, found, variance, far)
         if np.array_equal(again, far):
             break
@@ -221,7 +221,7 @@ def _variance(times: FloatArray, y: FloatArray, sigma: float | None, name: str) 
 
 
 def _far(
-    y: FloatArray, found: smoothing.TrackSmooth, variance: float, left_out: BoolArray
+    y: FloatArray, found: smoothing.SmoothedPositions, variance: float, left_out: BoolArray
 ) -> BoolArray:
     """Return which rows are far from the path that all the others make."""
     off = y - found.position

@@ -182,36 +182,36 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
     return value
 
 
-def autocorrelation(innovation: npt.ArrayLike, lags: int = 20) -> FloatArray:
+def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
     """Return the autocorrelation of innovations, which is 0 where the filter fits.
 
     Parameters
     ----------
     innovation : array_like of shape (..., steps)
         Innovations over their standard deviations; nan where there is none.
-    lags : int
+    nlags : int
         The largest lag, less than steps.
 
     Returns
     -------
-    ndarray of shape (..., lags + 1)
+    ndarray of shape (..., nlags + 1)
         For lags 0, 1, ...; the first is 1. That of white innovations has a standard deviation of
         about 1 over the root of the number of pairs. Not centred: the mean should be 0 as well.
 
     Raises
     ------
     ValueError
-        Fewer steps than lags.
+        No more steps than `nlags`.
     TypeError
         An argument of the wrong type.
 
     Examples
     --------
     >>> from tertia import metrics
-    >>> metrics.autocorrelation([1.0, -1.0, 1.0, -1.0], lags=1)
+    >>> metrics.autocorrelation([1.0, -1.0, 1.0, -1.0], nlags=1)
     array([ 1., -1.])
     """
-    v, last = samples(innovation, "innovation"), integer(lags, "lags", 0)
+    v, last = samples(innovation, "innovation"), integer(nlags, "nlags", 0)
     if v.ndim == 0 or v.shape[-1] <= last:
         raise ValueError(f"innovation has shape {v.shape}; it must have more than {last} steps")
     known = ~np.isnan(v)

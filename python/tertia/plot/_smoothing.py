@@ -8,7 +8,7 @@ import numpy.typing as npt
 from tertia._arrays import integer, real, samples
 from tertia.plot._axes import BAND, KEPT, RESULT, add_legend, new_axes
 from tertia.plot._tracks import _instants, _shorten_dates
-from tertia.smoothing import PolynomialSmooth, TrackSmooth
+from tertia.smoothing import LocalPolynomial, SmoothedPositions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def smoothing(
     y: npt.ArrayLike,
-    result: PolynomialSmooth | TrackSmooth,
+    result: LocalPolynomial | SmoothedPositions,
     *,
     times: npt.ArrayLike | None = None,
     axis: int = 0,
@@ -30,7 +30,7 @@ def smoothing(
     ----------
     y : array_like of shape (N,), or (N, D) for a track
         As given to `tertia.smoothing`; nan is not drawn.
-    result : PolynomialSmooth or TrackSmooth
+    result : LocalPolynomial or SmoothedPositions
         What came of it: values, or positions.
     times : array_like of shape (N,), optional
         Times of the instants, numbers or datetime64; by default they are numbered from 0.
@@ -68,18 +68,19 @@ def smoothing(
     '60 of 60 instants'
     """
     series = samples(y, "y")
-    if isinstance(result, TrackSmooth):
+    if isinstance(result, SmoothedPositions):
         number = integer(axis, "axis", 0)
         dimension = result.innovation.shape[-1]
         if number >= dimension:
             raise ValueError(f"axis is {number}; result has {dimension} axes")
         shape = result.innovation.shape
         value, sigma = result.mean[..., number], result.sigma[..., number]
-    elif isinstance(result, PolynomialSmooth):
+    elif isinstance(result, LocalPolynomial):
         number, shape = None, result.value.shape
         value, sigma = result.value, result.sigma
     else:
-        raise TypeError(f"result is {result!r}; it must be a PolynomialSmooth or a TrackSmooth")
+        message = "it must be a LocalPolynomial or a SmoothedPositions"
+        raise TypeError(f"result is {result!r}; {message}")
     if value.ndim != 1:
         raise ValueError(f"result has a batch of shape {value.shape[:-1]}; one series can be drawn")
     if series.shape != shape:

@@ -40,8 +40,8 @@ _FARTHEST = 1e12
 _SCENARIO_SIGMA = 0.1
 # scans until filters have settled
 _SETTLED = 20
-# scans with the fault, from the middle on
-_FAULT_SCANS = {"noisy": np.inf, "outliers": 20, "outage": 8}
+# disturbed scans, from the middle on
+_DISTURBED_SCANS = {"noisy": np.inf, "outliers": 20, "outage": 8}
 # the target that turns: metres per second, metres, radians per second, seconds
 _SPEED, _DISTANCE, _TURN_RATE, _TURN_TIME = 200.0, 60e3, np.radians(1.5), 60.0
 
@@ -179,15 +179,15 @@ def direction_finder(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassiveLocation:
-    """Two sites that measure two azimuths and a range difference, and what they can tell.
+    """Two stations that measure two azimuths and a range difference, and what they can tell.
 
     Attributes
     ----------
     position : ndarray of shape (..., 2)
         The target, east and north in metres.
     jacobian : ndarray of shape (..., 3, 2)
-        Derivatives of the azimuth from the first site, that from the second (radians) and the range
-        to the first site less that to the second (metres) with respect to the position.
+        Derivatives of the azimuth from the first station, that from the second (radians) and the
+        range to the first station less that to the second (metres), by the position.
     sigma : ndarray of shape (3,)
         Standard deviations of the three measurements.
     covariances : ndarray of shape (..., 2, 2, 2)
@@ -217,11 +217,11 @@ class PassiveLocation:
 def passive_location(
     position: npt.ArrayLike,
     *,
-    sites: npt.ArrayLike = ((-15e3, 0.0), (15e3, 0.0)),
+    stations: npt.ArrayLike = ((-15e3, 0.0), (15e3, 0.0)),
     azimuth_sigma: float = np.radians(0.3).item(),
     range_difference_sigma: float = 100.0,
 ) -> PassiveLocation:
-    """Return what two passive sites can tell about a target.
+    """Return what two passive stations can tell about a target.
 
     This is the example of the source of `tertia.weights`.
 
@@ -229,8 +229,8 @@ def passive_location(
     ----------
     position : array_like of shape (..., 2)
         The target, east and north in metres.
-    sites : array_like of shape (2, 2)
-        The sites, likewise.
+    stations : array_like of shape (2, 2)
+        Positions of the stations, likewise.
     azimuth_sigma : float
         Standard deviation of an azimuth, in radians.
     range_difference_sigma : float
@@ -244,8 +244,8 @@ def passive_location(
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, or a target on the line through the sites, where
-        the azimuths do not cross.
+        A wrong shape, a number outside its domain, or a target on the line through the stations,
+        where the azimuths do not cross.
     TypeError
         An argument of the wrong type.
 
@@ -257,11 +257,13 @@ def passive_location(
     array([[169., 450.],
            [142., 742.]])
     """
-    target, places = finite(position, "position"), finite(sites, "sites")
+    target, places = finite(position, "position"), finite(stations, "stations")
     _require(target.shape[-1:] == (2,), "position", target.shape, "of shape (..., 2)")
-    _require(places.shape == (2, 2), "sites", places.shape, "of shape (2, 2)")
+    _require(places.shape == (2, 2), "stations", places.shape, "of shape (2, 2)")
     farthest = max(float(np.max(np.abs(x), initial=0)) for x in (target, places))
-    _require(farthest <= _FARTHEST, "position", farthest, f"within {_FARTHEST:g} m, as the sites")
+    _require(
+        farthest <= _FARTHEST, "position", farthest, f"within {_FARTHEST:g} m, as the stations"
+    )
     sigma = np.array(
         [_number(azimuth_sigma, "azimuth_sigma", 1e-12, 10)] * 2
         + [_number(range_difference_sigma, "range_difference_sigma", 1e-9, 1e12)]
@@ -273,7 +275,7 @@ def passive_location(
     on_line = np.argwhere(np.abs(height) <= 1e-9 * np.sum(baseline**2))
     if len(on_line):
         where = target[tuple(on_line[0])]
-        raise ValueError(f"position {where} lies on the line through the sites; it must not")
+        raise ValueError(f"position {where} lies on the line through the stations; it must not")
     toward = offset / distance
     # azimuths turn clockwise from north
     azimuths = np.stack([toward[..., 1], -toward[..., 0]], axis=-1) / distance
@@ -293,14 +295,14 @@ class StationRecord:
     ----------
     measurements : dict of str to ndarray of shape (..., K)
         What `tertia.location.locate` takes: `locate(stations, **record.measurements)`.
-    fault : dict of str to ndarray of bool, shape (..., K)
-        Which measurements are faults.
+    outlier : dict of str to ndarray of bool, shape (..., K)
+        Which measurements are outliers.
     position : ndarray of shape (..., D)
         The target.
     """
 
     measurements: dict[str, FloatArray]
-    fault: dict[str, BoolArray]
+    outlier: dict[str, BoolArray]
     position: FloatArray
 
 
@@ -308,14 +310,14 @@ def stations(
     stations: Sequence[Station],
     position: npt.ArrayLike,
     *,
-    measurements: Sequence[Kind] | None = None,
-    fault_probability: float = 0.0,
-    fault_size: float = 20.0,
+    kinds: Sequence[Kind] | None = None,
+    outlier_probability: float = 0.0,
+    outlier_size: float = 20.0,
     missing_probability: float = 0.0,
     batch: int | tuple[int, ...] = (),
     rng: np.random.Generator | int | None = None,
 ) -> StationRecord:
-    """Simulate what several stations measure of a target, with normal noise and faults.
+    """Simulate what several stations measure of a target, with normal noise and outliers.
 
     Parameters
     ----------
@@ -323,12 +325,12 @@ def stations(
         The stations; each measures what it has a standard deviation of.
     position : array_like of shape (..., D)
         The target.
-    measurements : sequence of {"range", "azimuth", "elevation"}, optional
+    kinds : sequence of {"range", "azimuth", "elevation"}, optional
         What is measured; by default all that there are standard deviations of.
-    fault_probability : float
-        Probability that a measurement is a fault.
-    fault_size : float
-        Offset of a fault, in standard deviations, up or down.
+    outlier_probability : float
+        Probability that a measurement is an outlier.
+    outlier_size : float
+        Offset of an outlier, in standard deviations, up or down.
     missing_probability : float
         Probability that a measurement is missing.
     batch : int or tuple of int
@@ -362,26 +364,26 @@ def stations(
     target = finite(position, "position")
     d = places.shape[-1]
     _require(target.shape[-1:] == (d,), "position", target.shape, f"of shape (..., {d})")
-    fault_probability = _number(fault_probability, "fault_probability", 0, 1)
+    outlier_probability = _number(outlier_probability, "outlier_probability", 0, 1)
     missing_probability = _number(missing_probability, "missing_probability", 0, 1)
-    size, source = _number(fault_size, "fault_size", 0), generator(rng)
+    size, source = _number(outlier_size, "outlier_size", 0), generator(rng)
     truth = _sights(_turned(target[..., np.newaxis, :] - places, axes))
-    if measurements is None:
+    if kinds is None:
         chosen = [kind for kind in truth if not np.all(np.isnan(sigmas.get(kind, np.nan)))]
     else:
-        chosen = list(measurements)
+        chosen = list(kinds)
     record: dict[str, FloatArray] = {}
-    fault: dict[str, BoolArray] = {}
+    outlier: dict[str, BoolArray] = {}
     for kind in chosen:
-        _require(kind in truth, "measurements", kind, f"one of {', '.join(truth)}")
+        _require(kind in truth, "kinds", kind, f"one of {', '.join(truth)}")
         shape = (*_shape(batch), *truth[kind].shape)
-        wrong = source.uniform(size=shape) < fault_probability
+        wrong = source.uniform(size=shape) < outlier_probability
         sign = np.where(source.uniform(size=shape) < 0.5, -1.0, 1.0)
         error = source.standard_normal(shape) + np.where(wrong, size * sign, 0.0)
         gone = source.uniform(size=shape) < missing_probability
         record[kind] = np.where(gone, np.nan, truth[kind] + sigmas[kind] * error)
-        fault[kind] = wrong & ~np.isnan(record[kind])
-    return StationRecord(record, fault, np.broadcast_to(target, (*_shape(batch), *target.shape)))
+        outlier[kind] = wrong & ~np.isnan(record[kind])
+    return StationRecord(record, outlier, np.broadcast_to(target, (*_shape(batch), *target.shape)))
 
 
 def _sights(offset: FloatArray) -> dict[str, FloatArray]:
@@ -533,14 +535,14 @@ class RadarScenario(RadarRecord):
         Model of the motion for the filter.
     counted : ndarray of bool, shape (steps,)
         Steps in which errors count: the filters have settled, and radar 1 scans.
-    fault : ndarray of bool, shape (steps,)
-        Steps of the fault or of the turn; in "unknown" all.
+    disturbed : ndarray of bool, shape (steps,)
+        Steps of the disturbance or of the turn; in "unknown" all.
     """
 
     measurement_variance: FloatArray
     model: SingerModel
     counted: BoolArray
-    fault: BoolArray
+    disturbed: BoolArray
 
 
 def radar_scenario(
@@ -611,8 +613,8 @@ def radar_scenario(
     _require_model(model)
     steps = integer(steps, "steps", 2 * _SETTLED)
     since = np.arange(float(steps)) - steps // 2
-    counted, fault = np.arange(steps) >= _SETTLED, _fault(name, since, model.dt)
-    second = fault & [[False], [True]]
+    counted, disturbed = np.arange(steps) >= _SETTLED, _disturbed(name, since, model.dt)
+    second = disturbed & [[False], [True]]
     stated = np.full((2, 1), _SCENARIO_SIGMA)
     motion, options = model, dict[str, Any](sigma=stated)
     if name == "noisy":
@@ -631,21 +633,23 @@ def radar_scenario(
         model = motion = replace(model, dt=model.dt / 2)
         scans = np.arange(2 * steps) % 2 == [[0], [1]]
         options["detection_probability"] = scans
-        counted, fault = np.repeat(counted, 2) & scans[0], np.repeat(fault, 2)
+        counted, disturbed = np.repeat(counted, 2) & scans[0], np.repeat(disturbed, 2)
         steps *= 2
     record = radars(motion, steps, batch=batch, rng=rng, **options)
     if name == "turn":
         path = _right_angle(since * model.dt)
         record.truth[:] = path
         record.z[:] += path[:, 0]
-    return RadarScenario(record.z, record.truth, record.outlier, stated**2, model, counted, fault)
+    return RadarScenario(
+        record.z, record.truth, record.outlier, stated**2, model, counted, disturbed
+    )
 
 
-def _fault(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
-    """Return the scans of the fault, of those `since` the middle."""
+def _disturbed(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
+    """Return the disturbed scans, of those `since` the middle."""
     if name == "unknown":
         return np.ones(since.shape, dtype=bool)
-    scans = _FAULT_SCANS.get(name, 0.0)
+    scans = _DISTURBED_SCANS.get(name, 0.0)
     return (since >= 0) & (since * dt < _TURN_TIME if name == "turn" else since < scans)
 
 

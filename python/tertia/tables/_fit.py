@@ -33,8 +33,9 @@ class SensorFit:
     @property
     def motion_error(self) -> float:
         """How badly the motion is told: inf where alpha is not told at all."""
-        alpha, acceleration, _ = self.noise.relative_errors
-        return float(acceleration) if np.isfinite(alpha) else np.inf
+        alpha, acceleration, _ = self.noise.sigma
+        told = np.isfinite(alpha) and self.noise.acceleration_sigma > 0
+        return float(acceleration / self.noise.acceleration_sigma) if told else np.inf
 
 
 def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> SensorFit:
@@ -46,7 +47,7 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
     times, z = _stacked(series)
     everything = np.count_nonzero(~np.isnan(z))
     for _ in range(_MOST_PASSES):
-        noise = fit_noise(z, times=times, period=period)
+        noise = fit_noise(z, time=times, period=period)
         far = _far(z, times, period, noise)
         rest = np.where(far, np.nan, z)
         if not far.any() or np.count_nonzero(~np.isnan(rest)) < _FEWEST_PLOTS:
@@ -81,7 +82,7 @@ def _stacked(series: Sequence[Series]) -> Series:
 def _far(z: FloatArray, times: FloatArray, period: float | None, noise: NoiseFit) -> BoolArray:
     """Return which plots are far from the track that all the others make."""
     variance = noise.measurement_sigma**2
-    smooth = smooth_series(z, variance, noise.model(1.0), times=times, period=period)
+    smooth = smooth_series(z, variance, noise.model(1.0), time=times, period=period)
     off = z - smooth.mean[..., 0]
     if period is not None:
         off -= period * np.round(off / period)

@@ -124,8 +124,10 @@ def _fit(
 def _sigma(fit: SensorFit) -> Fitted:
     noise = fit.noise
     name = f"sigma of {fit.sensor}"
-    return Fitted(name, noise.measurement_sigma, noise.relative_errors[2], fit.sensor, fit.left_out)
+    return _motion(name, noise.measurement_sigma, 2, fit)
 
 
 def _motion(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
-    return Fitted(name, value, fit.noise.relative_errors[which], fit.sensor, fit.left_out)
+    sigma = float(fit.noise.sigma[which])
+    relative = sigma / value if value > 0 else math.inf
+    return Fitted(name, value, relative, fit.sensor, fit.left_out)

@@ -84,9 +84,9 @@ def smooth(
     moments = t[rows]
     values, sigmas = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
 
-    def tracks(elements: Any) -> tuple[Any, smoothing.TrackSmooth]:
+    def tracks(elements: Any) -> tuple[Any, smoothing.SmoothedPositions]:
         found = smoothing.smooth(
-            y[elements], variance[elements], times=moments[elements], jerk=intensity
+            y[elements], variance[elements], time=moments[elements], jerk=intensity
         )
         return rows[elements], found
 

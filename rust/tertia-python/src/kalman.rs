@@ -80,7 +80,7 @@ impl<'py> Batch<'py> {
         Ok(Samplings {
             z: Samples::extract(&self.z, "z")?,
             variance: Samples::extract(&self.variance, "measurement_variance")?,
-            dt: Samples::extract(&self.dt, "times")?,
+            dt: Samples::extract(&self.dt, "time")?,
             initial: initial.map(|value| Samples::extract(value, "initial")).transpose()?,
         })
     }

@@ -31,15 +31,15 @@ type Smooth<'py> = (
     Array<'py>,
 );
 
-/// Value, sigma, degree, residual variance and degrees of freedom of every row. `times` and
-/// `variances` may have one row for all, `variances` one number in a row.
+/// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
+/// `variance` may have one row for all, `variance` one number in a row.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // those of the Python function
 pub fn local_polynomial<'py>(
     py: Python<'py>,
     y: &Bound<'py, PyAny>,
-    times: Option<&Bound<'py, PyAny>>,
-    variances: Option<&Bound<'py, PyAny>>,
+    time: Option<&Bound<'py, PyAny>>,
+    variance: Option<&Bound<'py, PyAny>>,
     window: usize,
     degree: usize,
     adaptive: bool,
@@ -48,11 +48,11 @@ pub fn local_polynomial<'py>(
     n_threads: Threads,
 ) -> PyResult<Fitted<'py>> {
     let samples = Samples::extract(y, "y")?;
-    let times = times.map(|times| Samples::extract(times, "times")).transpose()?;
-    let variances = variances.map(|value| Samples::extract(value, "variances")).transpose()?;
+    let time = time.map(|time| Samples::extract(time, "time")).transpose()?;
+    let variance = variance.map(|value| Samples::extract(value, "variance")).transpose()?;
     let rows = samples.rows(0)?;
-    let times = times.as_ref().map(|times| times.rows(0)).transpose()?;
-    let variances = variances.as_ref().map(|variances| variances.rows(0)).transpose()?;
+    let time = time.as_ref().map(|time| time.rows(0)).transpose()?;
+    let variance = variance.as_ref().map(|variance| variance.rows(0)).transpose()?;
     let chosen = if adaptive { Degree::Adaptive(degree) } else { Degree::Fixed(degree) };
     let polynomial =
         Polynomial::try_new(window, chosen, derivative, significance).map_err(value_error)?;
@@ -72,9 +72,9 @@ pub fn local_polynomial<'py>(
         let new = || polynomial.clone();
         for_each_row(items, cost, n_threads, new, |polynomial, ((row, y), out)| {
             let (((value, sigma), degree), fit) = out;
-            let times = times.as_ref().map(|rows| shared(rows, row));
-            let variances = variances.as_ref().map(|rows| shared(rows, row));
-            let record = Record { y, times, variances };
+            let time = time.as_ref().map(|rows| shared(rows, row));
+            let variance = variance.as_ref().map(|rows| shared(rows, row));
+            let record = Record { y, time, variance };
             *fit = polynomial.smooth(&record, &mut smoothing::Output { value, sigma, degree })?;
             Ok(())
         })
@@ -90,13 +90,13 @@ pub fn local_polynomial<'py>(
     ))
 }
 
-/// Tracks of D axes: `times`, `covariance`, `jerk` and `initial` (mean, then covariance row by row)
+/// Tracks of D axes: `time`, `covariance`, `jerk` and `initial` (mean, then covariance row by row)
 /// may have one row for all.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Tracks<'py> {
     y: Bound<'py, PyAny>,
-    times: Bound<'py, PyAny>,
+    time: Bound<'py, PyAny>,
     covariance: Bound<'py, PyAny>,
     /// Whether every instant has a covariance of its own.
     each: bool,
@@ -104,7 +104,7 @@ pub struct Tracks<'py> {
     initial: Option<Bound<'py, PyAny>>,
 }
 
-/// Means, covariances, innovations, likelihood, count, jerk and its relative error.
+/// Means, covariances, innovations, likelihood, count, jerk and its standard uncertainty.
 #[pyfunction]
 pub fn smooth<'py>(
     py: Python<'py>,
@@ -115,15 +115,15 @@ pub fn smooth<'py>(
         value.as_ref().map(|value| Samples::extract(value, name)).transpose()
     };
     let y = Samples::extract(&tracks.y, "y")?;
-    let times = Samples::extract(&tracks.times, "times")?;
+    let time = Samples::extract(&tracks.time, "time")?;
     let covariance = Samples::extract(&tracks.covariance, "covariance")?;
     let (jerk, initial) = (optional(&tracks.jerk, "jerk")?, optional(&tracks.initial, "initial")?);
     let y = y.blocks(2)?;
-    let (times, covariance) = (times.rows(0)?, covariance.blocks(if tracks.each { 3 } else { 2 })?);
+    let (time, covariance) = (time.rows(0)?, covariance.blocks(if tracks.each { 3 } else { 2 })?);
     let jerk = jerk.as_ref().map(|jerk| jerk.rows(1)).transpose()?;
     let initial = initial.as_ref().map(|initial| initial.rows(1)).transpose()?;
     let (d, count) = (y.shape[y.shape.len() - 1], y.count());
-    let (n, states) = (times.len(), 3 * d);
+    let (n, states) = (time.len(), 3 * d);
     let instants = &y.shape[..y.shape.len() - 1];
     let mut mean = Output::new(py, &[instants, &[states]].concat())?;
     let mut matrices = Output::new(py, &[instants, &[states, states]].concat())?;
@@ -149,7 +149,7 @@ pub fn smooth<'py>(
                 let (mean, covariance) = shared(initial, row).split_at(states);
                 Prior { mean, covariance }
             });
-            let track = Track::try_new(d, shared(&times, row), y, noise, prior)?;
+            let track = Track::try_new(d, shared(&time, row), y, noise, prior)?;
             let fit = match &jerk {
                 Some(jerk) => JerkFit { jerk: shared(jerk, row)[0], relative_error: 0.0 },
                 None => smoothing::fit_jerk(&track, workspace),
@@ -170,6 +170,6 @@ pub fn smooth<'py>(
         column(|(summary, _)| summary.log_likelihood)?,
         array(py, y.batch(), counts)?,
         column(|(_, fit)| fit.jerk)?,
-        column(|(_, fit)| fit.relative_error)?,
+        column(|(_, fit)| fit.sigma())?,
     ))
 }

@@ -31,9 +31,9 @@ pub struct Record<'a> {
     /// The measurements; nan where there is none.
     pub y: &'a [f64],
     /// Their times; without them 0, 1, 2, …
-    pub times: Option<&'a [f64]>,
+    pub time: Option<&'a [f64]>,
     /// Their variances: one for each, or one for all.
-    pub variances: Option<&'a [f64]>,
+    pub variance: Option<&'a [f64]>,
 }
 
 /// Where the results go: one element per instant.
@@ -145,7 +145,7 @@ impl Polynomial {
         let n = record.y.len();
         let mut residuals = Residuals::default();
         self.at.start = None;
-        let regular = if record.variances.is_none() { regular_step(record) } else { None };
+        let regular = if record.variance.is_none() { regular_step(record) } else { None };
         let mut done = 0;
         if let Some(step) = regular.filter(|_| self.window <= n) {
             let stencil = Stencil::new(self, step);
@@ -298,14 +298,14 @@ impl Polynomial {
     /// Whether the window is enough to test the highest degree. One that is not would not show a
     /// curvature, and so not the error of leaving it out.
     fn can_choose(&self, record: &Record<'_>, most: usize) -> bool {
-        let enough = self.at.x.len() > most + 1 || record.variances.is_some();
+        let enough = self.at.x.len() > most + 1 || record.variance.is_some();
         self.at.top == Some(most) && enough
     }
 
     /// The highest degree whose coefficient is significant.
     fn chosen(&mut self, record: &Record<'_>, top: usize) -> usize {
         let count = self.at.x.len();
-        let known = record.variances.is_some();
+        let known = record.variance.is_some();
         let rounding = count as f64 * (f64::EPSILON * self.at.largest).powi(2);
         let mut squares = self.at.squares.max(if known { 0.0 } else { rounding });
         for p in (self.derivative + 1..=top).rev() {
@@ -328,7 +328,7 @@ impl Polynomial {
     /// Turns standard errors for unit variance into those of the record.
     fn scaled(&self, record: &Record<'_>, residuals: Residuals, out: &mut Output<'_>) -> Fit {
         let nothing = Fit { residual_variance: f64::NAN, degrees_of_freedom: f64::NAN };
-        if record.variances.is_some() {
+        if record.variance.is_some() {
             return nothing;
         }
         let count = record.y.iter().filter(|y| !y.is_nan()).count() as f64;
@@ -348,11 +348,11 @@ impl Polynomial {
 
 impl Record<'_> {
     fn time(&self, i: usize) -> f64 {
-        self.times.map_or(i as f64, |times| times[i])
+        self.time.map_or(i as f64, |times| times[i])
     }
 
     fn variance(&self, i: usize) -> f64 {
-        match self.variances {
+        match self.variance {
             None => 1.0,
             Some([single]) => *single,
             Some(each) => each[i],
@@ -363,11 +363,11 @@ impl Record<'_> {
 fn require_record(record: &Record<'_>) -> Result<()> {
     let requirement = "a measurement must be a finite number, or nan for none";
     require_each("y", record.y, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
-    if let Some(times) = record.times {
+    if let Some(times) = record.time {
         let requirement = "every time must be a finite number";
-        require_each("times", times, |t| t.abs() <= LARGEST, requirement)?;
+        require_each("time", times, |t| t.abs() <= LARGEST, requirement)?;
         if let Some(before) = times.windows(2).position(|pair| pair[1] < pair[0]) {
-            let (argument, requirement) = ("times", "times must not decrease");
+            let (argument, requirement) = ("time", "time must not decrease");
             let (index, value) = (before + 1, times[before + 1]);
             return Err(Error::InvalidMeasurement { argument, index, value, requirement });
         }
@@ -376,7 +376,7 @@ fn require_record(record: &Record<'_>) -> Result<()> {
     for index in 0..record.y.len() {
         let value = record.variance(index);
         if !record.y[index].is_nan() && !VARIANCES.contains(&value) {
-            let argument = "variances";
+            let argument = "variance";
             return Err(Error::InvalidMeasurement { argument, index, value, requirement });
         }
     }
@@ -385,7 +385,7 @@ fn require_record(record: &Record<'_>) -> Result<()> {
 
 /// The step of times that are equally spaced, but for rounding.
 fn regular_step(record: &Record<'_>) -> Option<f64> {
-    let Some(times) = record.times else { return Some(1.0) };
+    let Some(times) = record.time else { return Some(1.0) };
     let (&first, &last) = (times.first()?, times.last()?);
     let step = (last - first) / (times.len() - 1).max(1) as f64;
     let rounding = ROUNDINGS * f64::EPSILON * first.abs().max(last.abs());

@@ -310,14 +310,14 @@ impl<'a> Track<'a> {
 }
 
 fn require_times(times: &[f64]) -> Result<()> {
-    let argument = "times";
+    let argument = "time";
     for (index, &value) in times.iter().enumerate() {
         if value.is_nan() || value.abs() > LARGEST {
             let requirement = "every time must be a finite number";
             return Err(Error::InvalidMeasurement { argument, index, value, requirement });
         }
         if index > 0 && value < times[index - 1] {
-            let requirement = "times must not decrease";
+            let requirement = "time must not decrease";
             return Err(Error::InvalidMeasurement { argument, index, value, requirement });
         }
     }
