@@ -905,7 +905,7 @@ class TestSimulated:
             simulate.stations(self.STATIONS, TARGET, outlier_probability=2.0)
         with pytest.raises(ValueError, match="position"):
             simulate.stations(self.STATIONS, [1.0, 2.0, 3.0])
-        with pytest.raises(ValueError, match="measurements"):
+        with pytest.raises(ValueError, match="kinds"):
             simulate.stations(self.STATIONS, TARGET, kinds=["elevation"])
 
 
