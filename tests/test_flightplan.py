@@ -15,7 +15,7 @@ from tertia.flightplan import (
     FlightPlan,
     conformance,
     correlate,
-    refine,
+    estimate_times_over,
 )
 from tertia.io import read_plans
 
@@ -67,9 +67,9 @@ class TestTurns:
     )
     def test_vector_of_the_projection(self, position, s, offset):
         found = plan().project(position)
-        assert found.distance - START == pytest.approx(s, abs=1e-9)
+        assert found.along_track - START == pytest.approx(s, abs=1e-9)
         # inside of a turn to the right
-        assert found.offset == pytest.approx(offset, abs=1e-9)
+        assert found.cross_track == pytest.approx(offset, abs=1e-9)
 
     @pytest.mark.parametrize("degrees", [-140, -60, -5, 3, 30, 90, 120])
     @pytest.mark.parametrize("speed", [60.0, 150.0, 250.0])
@@ -95,7 +95,7 @@ class TestTurns:
             assert np.abs(np.angle(np.exp(1j * (bearing - np.pi / 2 + course)))) < 1e-9
         near = np.random.default_rng(1).normal(size=(200, 2)) * 3000 + expected["start"]
         found = one.project(near)
-        for p, distance, offset in zip(near, found.distance, found.offset, strict=True):
+        for p, distance, offset in zip(near, found.along_track, found.cross_track, strict=True):
             s, e = reference.project(expected, p)
             # the nearest point of all is not farther than that of the rule by the bisector
             assert abs(offset) <= e + 1e-6
@@ -156,7 +156,7 @@ class TestTurns:
         assert position.shape == velocity.shape == (3, 4, 2)
         assert isinstance(one.path(3.0)[1], float)
         found = one.project(np.zeros((3, 4, 2)))
-        assert found.distance.shape == found.offset.shape == found.course.shape == (3, 4)
+        assert found.along_track.shape == found.cross_track.shape == found.course.shape == (3, 4)
         assert isinstance(one.project([0, 1]).leg, int)
         assert one.at(np.zeros(0))[0].shape == (0, 2)
 
@@ -181,7 +181,7 @@ class TestHardRoutes:
         assert np.isfinite(velocity).all()
         step = np.linalg.norm(np.diff(position, axis=0), axis=1)
         assert step.max() <= 220 * (times[1] - times[0]) * (1 + 1e-9)
-        np.testing.assert_allclose(one.project(position).offset, 0, atol=1e-6)
+        np.testing.assert_allclose(one.project(position).cross_track, 0, atol=1e-6)
 
     def test_neighbouring_turns_share_a_short_leg(self):
         one = FlightPlan([[0, 0], [0, 4e4], [1e4, 4e4], [1e4, 8e4]], 250.0)
@@ -198,7 +198,7 @@ class TestHardRoutes:
             position, _ = one.path(distances)
             step = np.linalg.norm(np.diff(position, axis=0), axis=1)
             assert np.all(step <= np.diff(distances) * (1 + 1e-9) + 1e-9)
-            np.testing.assert_allclose(one.project(position).offset, 0, atol=1e-8 * scale)
+            np.testing.assert_allclose(one.project(position).cross_track, 0, atol=1e-8 * scale)
             assert np.all(np.diff(one.times) >= 0)
 
 
@@ -225,9 +225,7 @@ class TestCorrelation:
         velocity = 215 * np.array([[np.cos(0.05), np.sin(0.05)]])
         root = rng.normal(size=(4, 4)) * [[100], [100], [3], [3]]
         covariance = (root @ root.T)[np.newaxis]
-        found = correlate(
-            [one], times, position, velocity, covariances=covariance, heights=[9100.0]
-        )
+        found = correlate([one], times, position, velocity, covariance=covariance, height=[9100.0])
         u, n = velocity[0] / 215, np.array([-velocity[0, 1], velocity[0, 0]]) / 215
         expected = reference.score(
             800.0, 0.05, 5.0, 400 - 9e4 / 220, 100.0,
@@ -260,7 +258,7 @@ class TestCorrelation:
         position, velocity = plans[0].at(times)
 
         def decided(identity, moved=0.0):
-            found = correlate(plans, times, position + moved, velocity, identities=identity)
+            found = correlate(plans, times, position + moved, velocity, identity=identity)
             return found.plan, found.status
 
         assert decided(6) == (1, CorrelationStatus.LINKED)
@@ -298,8 +296,8 @@ class TestCorrelation:
         correct = mistaken = total = 0
         for trial in range(1600 // live):
             plans, states = shared_routes(live, np.random.default_rng([5, live, trial]))
-            heights = states.pop("heights")
-            found = correlate(plans, **states, heights=heights if known else None)
+            heights = states.pop("height")
+            found = correlate(plans, **states, height=heights if known else None)
             correct += np.count_nonzero(found.plan == np.arange(live))
             mistaken += np.count_nonzero((found.plan >= 0) & (found.plan != np.arange(live)))
             total += live
@@ -331,7 +329,7 @@ def shared_routes(live, rng, scan=10.0):
             actual, now, rng, aside=rng.normal(0, 300.0), position_sigma=100.0, velocity_sigma=4.0
         )
         tracks.append((now, position, velocity, covariance, height + rng.normal(0, 15.0, 5)))
-    keys = ("times", "positions", "velocities", "covariances", "heights")
+    keys = ("time", "position", "velocity", "covariance", "height")
     return plans, dict(zip(keys, map(np.stack, zip(*tracks, strict=True)), strict=True))
 
 
@@ -343,14 +341,14 @@ class TestConformance:
         position, velocity, covariance = tracked(
             one, times, rng, aside=250.0, position_sigma=60.0, velocity_sigma=3.0
         )
-        found = conformance(one, times, position, velocity, covariances=covariance)
-        assert found.conforming.all()
-        assert found.level.max() < 4
-        np.testing.assert_allclose(found.offset, 250.0, atol=400)
+        found = conformance(one, times, position, velocity, covariance=covariance)
+        assert found.conforms.all()
+        assert found.cusum.max() < 4
+        np.testing.assert_allclose(found.cross_track, 250.0, atol=400)
         expected = np.searchsorted(one.times[1:-1], times)
         assert np.abs(found.leg - expected).max() <= 1
         assert np.mean(found.leg == expected) > 0.9
-        np.testing.assert_allclose(found.distance, 210 * times, atol=400)
+        np.testing.assert_allclose(found.along_track, 210 * times, atol=400)
         assert 0.05 < np.mean(found.in_zone) < 0.7
 
     def test_levels_by_their_formula(self):
@@ -364,9 +362,9 @@ class TestConformance:
         level = 0.0
         for i in range(12):
             level = reference.level(level, e[i], dc[i])
-            assert found.level[i] == pytest.approx(level, rel=1e-12)
+            assert found.cusum[i] == pytest.approx(level, rel=1e-12)
             if level > 14:
-                assert not found.conforming[i]
+                assert not found.conforms[i]
                 break
         else:
             pytest.fail("it was never blocked")
@@ -378,12 +376,12 @@ class TestConformance:
         direct = FlightPlan([[0, 0], [0, 3e4], [1.05e5, 7.5e4], *WAY[3:]], 210.0)
         position, velocity = direct.at(times)
         found = conformance(one, times, position, velocity)
-        away = ~found.conforming & (times < direct.times[-2])
-        assert found.conforming[:12].all()
+        away = ~found.conforms & (times < direct.times[-2])
+        assert found.conforms[:12].all()
         assert 119 < times[away][0] < 260
         again = times[away][-1]
         assert direct.times[2] < again < direct.times[2] + 120
-        assert found.conforming[(times > again) & (times < direct.times[-1])].all()
+        assert found.conforms[(times > again) & (times < direct.times[-1])].all()
 
     def test_gaps(self):
         one = FlightPlan(WAY, 210.0)
@@ -392,9 +390,9 @@ class TestConformance:
         missing = np.arange(60) % 3 == 1
         times[missing] = NAN
         found = conformance(one, times, position, velocity)
-        assert not found.conforming[missing].any()
-        assert found.conforming[~missing].all()
-        assert np.isnan(found.offset[missing]).all()
+        assert not found.conforms[missing].any()
+        assert found.conforms[~missing].all()
+        assert np.isnan(found.cross_track[missing]).all()
         assert (found.leg[missing] == -1).all()
 
 
@@ -435,20 +433,20 @@ def ahead(flight, rng, before):
     position = position + rng.normal(0, 200.0) * right + rng.normal(0, 75.0, position.shape)
     velocity = speeds[:, np.newaxis] * u + rng.normal(0, 4.0, u.shape)
     covariance = np.tile(np.diag([75.0**2, 75**2, 16, 16]), (len(times), 1, 1))
-    found = refine(one, times, position, velocity, covariances=covariance)
-    follows = conformance(one, times, position, velocity, covariances=covariance)
+    found = estimate_times_over(one, times, position, velocity, covariance=covariance)
+    follows = conformance(one, times, position, velocity, covariance=covariance)
     passed = np.interp(flown.distances, distances, times)
     for waypoint in range(1, len(one.waypoints) - 1):
         at = np.searchsorted(times, passed[waypoint] - before)
         # after a minute on the way, while the plan is followed
-        if times[at] > 60 and follows.conforming[at]:
-            here = np.interp(follows.distance[at], one.distances, one.times)
+        if times[at] > 60 and follows.conforms[at]:
+            here = np.interp(follows.along_track[at], one.distances, one.times)
             alone = times[at] + one.times[waypoint] - here
             true = passed[waypoint]
-            yield found.times[at, waypoint] - true, found.sigma[at, waypoint], alone - true
+            yield found.time[at, waypoint] - true, found.sigma[at, waypoint], alone - true
 
 
-class TestPassingTimes:
+class TestTimesOver:
     @pytest.mark.parametrize(("before", "rms"), [(120.0, 4.7), (300.0, 22.0)])
     def test_refined_times(self, before, rms):
         rng = np.random.default_rng(8)
@@ -474,9 +472,9 @@ class TestPassingTimes:
             n = 60
             position = np.column_stack([distance[:n], np.zeros(n)])
             velocity = np.column_stack([speed[:n], np.zeros(n)])
-            found = refine(one, times[:n], position, velocity)
+            found = estimate_times_over(one, times[:n], position, velocity)
             true = np.interp(60e3, distance, times)
-            scores.append((found.times[-1, 1] - true) / found.sigma[-1, 1])
+            scores.append((found.time[-1, 1] - true) / found.sigma[-1, 1])
         low, high = stats.chi2.ppf([CHANCE / 2, 1 - CHANCE / 2], 400) / 400
         assert low * 0.9 < np.mean(np.square(scores)) < high * 1.1
 
@@ -487,16 +485,16 @@ class TestPassingTimes:
         speeds = 190 + rng.normal(0, 5, 30)
         position = np.column_stack([200 * times, np.zeros(30)])
         velocity = np.column_stack([speeds, np.zeros(30)])
-        found = refine(one, times, position, velocity)
+        found = estimate_times_over(one, times, position, velocity)
         for k in (0, 3, 29):
             expected = reference.mean_speed(times[: k + 1], speeds[: k + 1])
             assert found.speed[k] == pytest.approx(expected, rel=1e-12)
             rest = (3e5 - 200 * times[k]) / expected
-            assert found.times[k, 1] == pytest.approx(times[k] + rest, rel=1e-12)
+            assert found.time[k, 1] == pytest.approx(times[k] + rest, rel=1e-12)
         covariance = np.tile(np.diag([2500.0, 1, 9, 1]), (30, 1, 1))
-        wide = refine(one, times, position, velocity, covariances=covariance)
+        wide = estimate_times_over(one, times, position, velocity, covariance=covariance)
         np.testing.assert_allclose(wide.speed_sigma, 3.0)
-        tau = wide.times[-1, 1] - times[-1]
+        tau = wide.time[-1, 1] - times[-1]
         relative = 9 / wide.speed[-1] ** 2 + 0.04**2 / 60 * tau / 3
         expected = 2500 / wide.speed[-1] ** 2 + tau**2 * relative
         assert wide.sigma[-1, 1] == pytest.approx(np.sqrt(expected), rel=1e-12)
@@ -506,8 +504,8 @@ class TestPassingTimes:
         times = np.arange(0, 600, 10.0)
         position, velocity = one.at(times)
         position[20:, 0] += 2e4
-        found = refine(one, times, position, velocity)
-        blocked = np.flatnonzero(~conformance(one, times, position, velocity).conforming)[0]
+        found = estimate_times_over(one, times, position, velocity)
+        blocked = np.flatnonzero(~conformance(one, times, position, velocity).conforms)[0]
         assert 20 <= blocked < 24
         np.testing.assert_array_equal(found.speed[blocked:], found.speed[blocked])
 
@@ -550,7 +548,7 @@ class TestBadInput:
     def test_queries(self):
         with pytest.raises(ValueError, match="time is nan"):
             plan().at(NAN)
-        with pytest.raises(ValueError, match=r"distance\[1\] is inf"):
+        with pytest.raises(ValueError, match=r"along_track\[1\] is inf"):
             plan().path([0, INF])
         with pytest.raises(ValueError, match=r"position has shape \(3,\)"):
             plan().project([0, 1, 2])
@@ -563,24 +561,24 @@ class TestBadInput:
             correlate([], times, state, state)
         with pytest.raises(TypeError, match="plans must be a sequence"):
             correlate(plan(), times, state, state)
-        with pytest.raises(ValueError, match=r"velocities has shape \(4, 2\)"):
+        with pytest.raises(ValueError, match=r"velocity has shape \(4, 2\)"):
             correlate([plan()], times, state, state[:4])
-        with pytest.raises(ValueError, match=r"positions\[0, 1\] is inf"):
+        with pytest.raises(ValueError, match=r"position\[0, 1\] is inf"):
             correlate([plan()], times, [[0, INF], *[[0, 0]] * 4], state)
-        with pytest.raises(ValueError, match=r"covariances has shape \(4, 4\)"):
-            correlate([plan()], times, state, state, covariances=np.eye(4))
-        with pytest.raises(ValueError, match=r"identities has shape \(3,\)"):
-            correlate([plan()], times, state, state, identities=[1, 2, 3])
-        with pytest.raises(TypeError, match="identities has dtype float64"):
-            correlate([plan()], times, state, state, identities=1.5)
-        with pytest.raises(ValueError, match=r"times must increase; 4.0 is followed by 3.0"):
+        with pytest.raises(ValueError, match=r"covariance has shape \(4, 4\)"):
+            correlate([plan()], times, state, state, covariance=np.eye(4))
+        with pytest.raises(ValueError, match=r"identity has shape \(3,\)"):
+            correlate([plan()], times, state, state, identity=[1, 2, 3])
+        with pytest.raises(TypeError, match="identity has dtype float64"):
+            correlate([plan()], times, state, state, identity=1.5)
+        with pytest.raises(ValueError, match=r"time must increase; 4.0 is followed by 3.0"):
             conformance(plan(), [0, 1, 4, 3, 5], state, state)
-        with pytest.raises(ValueError, match=r"times has shape \(2, 5\)"):
-            refine(plan(), np.ones((2, 5)), np.ones((2, 5, 2)), np.ones((2, 5, 2)))
-        with pytest.raises(ValueError, match="drift is -1"):
-            refine(plan(), times, state, state, drift=-1)
-        with pytest.raises(ValueError, match="period is 0"):
-            conformance(plan(), times, state, state, period=0)
+        with pytest.raises(ValueError, match=r"time has shape \(2, 5\)"):
+            estimate_times_over(plan(), np.ones((2, 5)), np.ones((2, 5, 2)), np.ones((2, 5, 2)))
+        with pytest.raises(ValueError, match="speed_change_sigma is -1"):
+            estimate_times_over(plan(), times, state, state, speed_change_sigma=-1)
+        with pytest.raises(ValueError, match="update_interval is 0"):
+            conformance(plan(), times, state, state, update_interval=0)
 
 
 class TestFiles:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
 from studies.pages import BLUE, GREEN, GREY, ORANGE, markdown
-from tertia.flightplan import FlightPlan, conformance, correlate, refine
+from tertia.flightplan import FlightPlan, conformance, correlate, estimate_times_over
 
 ROUTES, LEG = 10, 1e5
 SCAN = 10.0
@@ -88,8 +88,8 @@ def identification() -> str:
                     times,
                     position,
                     velocity,
-                    covariances=np.broadcast_to(covariance, (live, 5, 4, 4)),
-                    heights=heights if known else None,
+                    covariance=np.broadcast_to(covariance, (live, 5, 4, 4)),
+                    height=heights if known else None,
                 )
                 plan = np.asarray(found.plan)
                 right = plan == np.arange(live)
@@ -160,15 +160,15 @@ def passing() -> str:
             errors: list[tuple[float, float, float]] = []
             for one, flown, times, distances, speeds in flights(60, rng, wind):
                 position, velocity, covariances = tracked(flown, distances, speeds, rng)
-                found = refine(one, times, position, velocity, covariances=covariances)
-                follows = conformance(one, times, position, velocity, covariances=covariances)
+                found = estimate_times_over(one, times, position, velocity, covariance=covariances)
+                follows = conformance(one, times, position, velocity, covariance=covariances)
                 passed = np.interp(flown.distances, distances, times)
                 for waypoint in range(1, len(passed) - 1):
                     at = int(np.searchsorted(times, passed[waypoint] - before))
-                    if times[at] > 60 and follows.conforming[at]:
-                        here = np.interp(follows.distance[at], one.distances, one.times)
+                    if times[at] > 60 and follows.conforms[at]:
+                        here = np.interp(follows.along_track[at], one.distances, one.times)
                         alone = times[at] + one.times[waypoint] - here - passed[waypoint]
-                        error = found.times[at, waypoint] - passed[waypoint]
+                        error = found.time[at, waypoint] - passed[waypoint]
                         errors.append((error, found.sigma[at, waypoint], alone))
             refined, sigma, alone_ = np.sqrt(np.mean(np.square(errors), axis=0))
             rows.append(
@@ -201,8 +201,8 @@ def blocking() -> str:
                 position, velocity, covariances = tracked(
                     flown, 200.0 * times, np.full(times.shape, 200.0), rng
                 )
-                found = conformance(plan, times, position, velocity, covariances=covariances)
-                blocked = np.flatnonzero(~found.conforming)
+                found = conformance(plan, times, position, velocity, covariance=covariances)
+                blocked = np.flatnonzero(~found.conforms)
                 if blocked.size:
                     delays.append(times[blocked[0]] - left)
             share = f"{len(delays) / total:.0%}"

@@ -7,6 +7,7 @@ __all__ = [
     "VERSION",
     "AngleFilter",
     "PlotTracker",
+    "Route",
     "TrackFusion",
     "assign_pairs",
     "bursts",
@@ -43,10 +44,6 @@ __all__ = [
     "location_accuracy",
     "paper_score",
     "paper_score_zero",
-    "passing_times",
-    "plan_geometry",
-    "plan_path",
-    "plan_project",
     "plan_speeds",
     "simulated_excess",
     "singer_transition",
@@ -54,6 +51,7 @@ __all__ = [
     "smooth_series",
     "steady_state",
     "thompson_tau",
+    "times_over",
     "unknown_sigma",
     "unwrap",
     "weight_bias",
@@ -304,25 +302,42 @@ def gate_pairs(
 def assign_pairs(
     row: IntArray, column: IntArray, gain: FloatArray, rows: int, columns: int, method: str
 ) -> IntArray: ...
+@final
+class Route:
+    def __init__(
+        self,
+        waypoints: FloatArray,
+        speeds: FloatArray,
+        heights: FloatArray,
+        start_time: float,
+        bank: float,
+        turn_rate: float,
+        identity: int,
+    ) -> None: ...
+    @property
+    def length(self) -> float: ...
+    @property
+    def times(self) -> FloatArray: ...
+    @property
+    def distances(self) -> FloatArray: ...
+    def turns(self) -> tuple[list[FloatArray], list[FloatArray]]: ...
+    def path(self, values: FloatArray, are_times: bool) -> list[FloatArray]: ...
+    def project(
+        self, positions: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]: ...
+
 def plan_speeds(
     waypoints: FloatArray, times: FloatArray, bank: float, turn_rate: float
 ) -> FloatArray: ...
-def plan_geometry(
-    plan: dict[str, Any],
-) -> tuple[float, FloatArray, FloatArray, list[FloatArray], list[FloatArray]]: ...
-def plan_path(plan: dict[str, Any], values: FloatArray, are_times: bool) -> list[FloatArray]: ...
-def plan_project(
-    plan: dict[str, Any], positions: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]: ...
 def correlate(
-    plans: list[dict[str, Any]],
+    plans: list[Route],
     tracks: dict[str, Any],
     identities: list[int],
     n_threads: int | None,
 ) -> tuple[FloatArray, IntArray, IntArray]: ...
 def conformance(
-    plan: dict[str, Any], track: dict[str, Any], period: float
+    route: Route, track: dict[str, Any], update_interval: float
 ) -> tuple[IntArray, list[FloatArray], list[BoolArray]]: ...
-def passing_times(
-    plan: dict[str, Any], track: dict[str, Any], legs: list[int], drift: float
+def times_over(
+    route: Route, track: dict[str, Any], update_interval: float, speed_change_sigma: float
 ) -> list[FloatArray]: ...

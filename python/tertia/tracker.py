@@ -555,7 +555,7 @@ class Tracker:
                     integer(code, "emergency_codes", 0) for code in emergency_codes
                 ],
                 "patience": _PATIENCE,
-                "plans": [_plan(plan) for plan in self.plans],
+                "plans": [plan._route for plan in self.plans],
                 "plan_prior": real(plan_prior, "plan_prior"),
                 "wind": (float(air[0]), float(air[1])),
                 "wind_sigma": real(wind_sigma, "wind_sigma"),
@@ -828,14 +828,6 @@ def _numbers(radar: Radar) -> list[float]:
         radar.range_max,
         radar.detection_probability,
     ]
-
-
-def _plan(plan: FlightPlan) -> tuple[Any, ...]:
-    """Return a flight plan as the core takes it."""
-    heights = np.empty(0) if plan.heights is None else np.ascontiguousarray(plan.heights)
-    numbers = [plan.start_time, plan.bank, plan.turn_rate]
-    identity = NO_IDENTITY if plan.identity is None else plan.identity
-    return plan.waypoints, plan.speeds, heights, numbers, identity
 
 
 def _require_motion(motion: str) -> None:

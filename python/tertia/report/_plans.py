@@ -55,7 +55,7 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], period: float) -> l
         own = own[int(np.argmax(known == plan)) :]
         on = (table.plan[own] == plan) & table.conforming[own]
         path = plans[plan].project(table.position[own])
-        distance, offset = np.asarray(path.distance), np.asarray(path.offset)
+        distance, offset = np.asarray(path.along_track), np.asarray(path.cross_track)
         # where a flight has come to the end of its plan, nothing is asked
         ended = np.flatnonzero(on & (distance > plans[plan].length - _ENDS))
         kept = slice(None, int(ended[0]) if len(ended) else None)

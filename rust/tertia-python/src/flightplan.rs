@@ -6,7 +6,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
-use tertia::flightplan::{self, Monitor, Projection, Refinement, Route, Sighting, Turn};
+use tertia::flightplan::{
+    self, Monitor, Plan, Projection, Sighting, SpeedHistory, TimeOver, Turn, Verdict,
+    speed_histories,
+};
 
 /// Cost of a score by leg, plot and plan, for the choice of threads.
 const SCORE_NS: f64 = 170.0;
@@ -16,74 +19,191 @@ const LEG_NS: f64 = 150.0;
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
-type Geometry<'py> = (f64, Array<'py>, Array<'py>, [Array<'py>; 4], [Array<'py>; 3]);
 type Projected<'py> = (Array<'py>, Array<'py>, Array<'py>, Integers<'py>);
 
-/// A flight plan as Python holds it.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct Plan<'py> {
-    waypoints: Bound<'py, PyAny>,
-    speeds: Bound<'py, PyAny>,
+/// A flight plan, checked and laid out once.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct Route {
+    plan: Plan,
+    waypoints: Vec<[f64; 2]>,
+    heights: Vec<f64>,
     start_time: f64,
-    heights: Option<Bound<'py, PyAny>>,
-    bank: f64,
-    turn_rate: f64,
-    identity: i64,
 }
 
-impl Plan<'_> {
-    fn route(&self) -> PyResult<Route> {
-        let waypoints = pairs(&self.waypoints, "waypoints")?;
-        let speeds = numbers(&self.speeds, "speeds")?;
-        let heights = self.heights.as_ref().map(|value| numbers(value, "heights")).transpose()?;
-        let heights = heights.unwrap_or_default();
-        let (bank, rate) = (self.bank, self.turn_rate);
-        Route::try_new(&waypoints, &speeds, self.start_time, &heights, bank, rate)
-            .map_err(value_error)
+#[pymethods]
+impl Route {
+    /// Waypoints (N, 2), speeds (N − 1), heights (N, or none), identity (negative: not known).
+    #[new]
+    fn new(
+        waypoints: &Bound<'_, PyAny>,
+        speeds: &Bound<'_, PyAny>,
+        heights: &Bound<'_, PyAny>,
+        start_time: f64,
+        bank: f64,
+        turn_rate: f64,
+        identity: i64,
+    ) -> PyResult<Self> {
+        let waypoints = pairs(waypoints, "waypoints")?;
+        let (speeds, heights) = (numbers(speeds, "speeds")?, numbers(heights, "heights")?);
+        let route =
+            flightplan::Route::try_new(&waypoints, &speeds, start_time, &heights, bank, turn_rate)
+                .map_err(value_error)?;
+        Ok(Self { plan: Plan { route, bank, turn_rate, identity }, waypoints, heights, start_time })
+    }
+
+    /// What pickle makes a copy from.
+    #[allow(clippy::type_complexity)] // arguments of `new`
+    fn __getnewargs__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, f64, f64, f64, i64)> {
+        let Plan { route, bank, turn_rate, identity } = &self.plan;
+        let waypoints = self.waypoints.concat();
+        Ok((
+            array(py, &[self.waypoints.len(), 2], waypoints)?,
+            array(py, &[route.legs()], route.speeds().to_vec())?,
+            array(py, &[self.heights.len()], self.heights.clone())?,
+            self.start_time,
+            *bank,
+            *turn_rate,
+            *identity,
+        ))
+    }
+
+    /// Length of the path in metres.
+    #[getter]
+    fn length(&self) -> f64 {
+        self.plan.route.length()
+    }
+
+    /// Times over the waypoints.
+    #[getter]
+    fn times<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let times = self.plan.route.times();
+        array(py, &[times.len()], times.to_vec())
+    }
+
+    /// Path distances of the waypoints.
+    #[getter]
+    fn distances<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let marks = self.plan.route.marks();
+        array(py, &[marks.len()], marks.to_vec())
+    }
+
+    /// Angles, radii, leads and arcs of the turns; their starts, ends and centres.
+    fn turns<'py>(&self, py: Python<'py>) -> PyResult<([Array<'py>; 4], [Array<'py>; 3])> {
+        let route = &self.plan.route;
+        let turns = &route.turns()[..route.legs() - 1];
+        let column = |f: fn(&Turn) -> f64| array(py, &[turns.len()], turns.iter().map(f).collect());
+        let points = |f: fn(&Turn) -> [f64; 2]| {
+            array(py, &[turns.len(), 2], turns.iter().flat_map(f).collect())
+        };
+        Ok((
+            [
+                column(|turn| turn.angle)?,
+                column(|turn| turn.radius)?,
+                column(|turn| turn.lead)?,
+                column(Turn::arc)?,
+            ],
+            [points(|turn| turn.start)?, points(|turn| turn.end)?, points(|turn| turn.centre)?],
+        ))
+    }
+
+    /// Positions, directions or velocities, and heights at path distances, or at times.
+    fn path<'py>(
+        &self,
+        py: Python<'py>,
+        values: &Bound<'py, PyAny>,
+        are_times: bool,
+    ) -> PyResult<[Array<'py>; 3]> {
+        let route = &self.plan.route;
+        let samples = Samples::extract(values, if are_times { "time" } else { "along_track" })?;
+        let rows = samples.blocks(0)?;
+        let shape = [rows.shape, &[2]].concat();
+        let (mut position, mut direction) = (Output::new(py, &shape)?, Output::new(py, &shape)?);
+        let mut height = Output::new(py, rows.shape)?;
+        let count = rows.values.len();
+        let outputs = chunks(position.values()?, 2, count)
+            .zip(chunks(direction.values()?, 2, count))
+            .zip(height.values()?);
+        release(py, LEG_NS * count as f64, || {
+            for (&value, ((position, direction), height)) in rows.values.iter().zip(outputs) {
+                let (p, u) = if are_times { route.at(value) } else { route.path(value) };
+                position.copy_from_slice(&p);
+                direction.copy_from_slice(&u);
+                *height = route.height(if are_times { route.distance(value) } else { value });
+            }
+        });
+        Ok([position.into_array(), direction.into_array(), height.into_array()])
+    }
+
+    /// Along-track and cross-track distances, directions and legs of the nearest points of the path.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        positions: &Bound<'py, PyAny>,
+    ) -> PyResult<Projected<'py>> {
+        let route = &self.plan.route;
+        let samples = Samples::extract(positions, "position")?;
+        let rows = samples.blocks(1)?;
+        let points = pairs(positions, "position")?;
+        let cost = LEG_NS * (points.len() * route.legs()) as f64;
+        let found: Vec<Projection> =
+            release(py, cost, || points.iter().map(|&p| route.project(p)).collect());
+        let batch = rows.batch();
+        Ok((
+            array(py, batch, found.iter().map(|f| f.along_track).collect())?,
+            array(py, batch, found.iter().map(|f| f.cross_track).collect())?,
+            array(py, rows.shape, found.iter().flat_map(|f| f.course).collect())?,
+            array(py, batch, found.iter().map(|f| f.leg as i64).collect())?,
+        ))
     }
 }
 
-/// Tracks (..., N): positions, velocities, covariances of both, heights; all but the times, positions
-/// and velocities may be missing.
+impl Route {
+    /// The plan, as the core has it.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+}
+
+/// Tracks (..., N): positions, velocities, covariances of both, heights; the last two may be missing.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Tracks<'py> {
-    times: Bound<'py, PyAny>,
-    positions: Bound<'py, PyAny>,
-    velocities: Bound<'py, PyAny>,
-    covariances: Option<Bound<'py, PyAny>>,
-    heights: Option<Bound<'py, PyAny>>,
+    time: Bound<'py, PyAny>,
+    position: Bound<'py, PyAny>,
+    velocity: Bound<'py, PyAny>,
+    covariance: Option<Bound<'py, PyAny>>,
+    height: Option<Bound<'py, PyAny>>,
 }
 
 impl Tracks<'_> {
     /// The sightings of all tracks, one after the other, and the shape (..., N).
     fn sightings(&self) -> PyResult<(Vec<Sighting>, Vec<usize>)> {
-        let times = Samples::extract(&self.times, "times")?;
-        let shape = times.shape().to_vec();
-        let times = times.rows(0)?.values.into_owned();
-        let positions = pairs(&self.positions, "positions")?;
-        let velocities = pairs(&self.velocities, "velocities")?;
-        let covariances = self
-            .covariances
-            .as_ref()
-            .map(|value| rows_of::<16>(value, "covariances", 2))
-            .transpose()?;
-        let heights = self.heights.as_ref().map(|value| numbers(value, "heights")).transpose()?;
-        let n = times.len();
+        let time = Samples::extract(&self.time, "time")?;
+        let shape = time.shape().to_vec();
+        let time = time.rows(0)?.values.into_owned();
+        let (position, velocity) =
+            (pairs(&self.position, "position")?, pairs(&self.velocity, "velocity")?);
+        let covariance = self.covariance.as_ref();
+        let covariance =
+            covariance.map(|value| rows_of::<16>(value, "covariance", 2)).transpose()?;
+        let height = self.height.as_ref().map(|value| numbers(value, "height")).transpose()?;
+        let n = time.len();
         let counts = [
-            positions.len(),
-            velocities.len(),
-            covariances.as_ref().map_or(n, Vec::len),
-            heights.as_ref().map_or(n, Vec::len),
+            position.len(),
+            velocity.len(),
+            covariance.as_ref().map_or(n, Vec::len),
+            height.as_ref().map_or(n, Vec::len),
         ];
         if counts.iter().any(|&count| count != n) {
             return Err(PyValueError::new_err("the arrays of the tracks differ in length"));
         }
         let sighting = |i: usize| {
-            let covariance = covariances.as_ref().map(|rows| &rows[i]);
-            let height = heights.as_ref().map_or(f64::NAN, |heights| heights[i]);
-            Sighting::new(times[i], positions[i], velocities[i], covariance, height)
+            let covariance = covariance.as_ref().map(|rows| &rows[i]);
+            let height = height.as_ref().map_or(f64::NAN, |height| height[i]);
+            Sighting::new(time[i], position[i], velocity[i], covariance, height)
         };
         Ok(((0..n).map(sighting).collect(), shape))
     }
@@ -113,7 +233,7 @@ fn pairs(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<[f64; 2]>
     rows_of::<2>(value, name, 1)
 }
 
-/// The speeds with which a plan passes its waypoints at given times.
+/// The speeds at which a plan is over its waypoints at given times.
 #[pyfunction]
 pub fn plan_speeds<'py>(
     py: Python<'py>,
@@ -123,96 +243,22 @@ pub fn plan_speeds<'py>(
     turn_rate: f64,
 ) -> PyResult<Array<'py>> {
     let (waypoints, times) = (pairs(waypoints, "waypoints")?, numbers(times, "times")?);
-    let route = Route::through(&waypoints, &times, &[], bank, turn_rate).map_err(value_error)?;
+    let route = flightplan::Route::through(&waypoints, &times, &[], bank, turn_rate)
+        .map_err(value_error)?;
     array(py, &[route.legs()], route.speeds().to_vec())
-}
-
-/// Length, passing times and distances of the waypoints; of the turns angles, radii, leads and arcs,
-/// and starts, ends and centres.
-#[pyfunction]
-pub fn plan_geometry<'py>(py: Python<'py>, plan: Plan<'py>) -> PyResult<Geometry<'py>> {
-    let route = plan.route()?;
-    let turns = &route.turns()[..route.legs() - 1];
-    let column = |f: fn(&Turn) -> f64| array(py, &[turns.len()], turns.iter().map(f).collect());
-    let points =
-        |f: fn(&Turn) -> [f64; 2]| array(py, &[turns.len(), 2], turns.iter().flat_map(f).collect());
-    Ok((
-        route.length(),
-        array(py, &[route.legs() + 1], route.times().to_vec())?,
-        array(py, &[route.legs() + 1], route.marks().to_vec())?,
-        [
-            column(|turn| turn.angle)?,
-            column(|turn| turn.radius)?,
-            column(|turn| turn.lead)?,
-            column(Turn::arc)?,
-        ],
-        [points(|turn| turn.start)?, points(|turn| turn.end)?, points(|turn| turn.centre)?],
-    ))
-}
-
-/// Positions, directions, and distances of a plan at distances, or at times.
-#[pyfunction]
-pub fn plan_path<'py>(
-    py: Python<'py>,
-    plan: Plan<'py>,
-    values: &Bound<'py, PyAny>,
-    are_times: bool,
-) -> PyResult<[Array<'py>; 3]> {
-    let route = plan.route()?;
-    let samples = Samples::extract(values, if are_times { "time" } else { "distance" })?;
-    let rows = samples.blocks(0)?;
-    let shape = [rows.shape, &[2]].concat();
-    let (mut position, mut direction) = (Output::new(py, &shape)?, Output::new(py, &shape)?);
-    let mut height = Output::new(py, rows.shape)?;
-    let count = rows.values.len();
-    let outputs = chunks(position.values()?, 2, count)
-        .zip(chunks(direction.values()?, 2, count))
-        .zip(height.values()?);
-    release(py, LEG_NS * count as f64, || {
-        for (&value, ((position, direction), height)) in rows.values.iter().zip(outputs) {
-            let (p, u) = if are_times { route.at(value) } else { route.path(value) };
-            position.copy_from_slice(&p);
-            direction.copy_from_slice(&u);
-            *height = route.height(if are_times { route.distance(value) } else { value });
-        }
-    });
-    Ok([position.into_array(), direction.into_array(), height.into_array()])
-}
-
-/// Distances, offsets, directions and legs of the points of a plan nearest to positions.
-#[pyfunction]
-pub fn plan_project<'py>(
-    py: Python<'py>,
-    plan: Plan<'py>,
-    positions: &Bound<'py, PyAny>,
-) -> PyResult<Projected<'py>> {
-    let route = plan.route()?;
-    let samples = Samples::extract(positions, "position")?;
-    let rows = samples.blocks(1)?;
-    let points = pairs(positions, "position")?;
-    let cost = LEG_NS * (points.len() * route.legs()) as f64;
-    let found: Vec<Projection> =
-        release(py, cost, || points.iter().map(|&p| route.project(p)).collect());
-    let batch = rows.batch();
-    Ok((
-        array(py, batch, found.iter().map(|f| f.distance).collect())?,
-        array(py, batch, found.iter().map(|f| f.offset).collect())?,
-        array(py, rows.shape, found.iter().flat_map(|f| f.course).collect())?,
-        array(py, batch, found.iter().map(|f| f.leg as i64).collect())?,
-    ))
 }
 
 /// Mean scores (..., M) of tracks (..., N) against M plans, the plan of each, and why.
 #[pyfunction]
 pub fn correlate<'py>(
     py: Python<'py>,
-    plans: Vec<Plan<'py>>,
+    plans: Vec<PyRef<'py, Route>>,
     tracks: Tracks<'py>,
     identities: &Bound<'py, PyAny>,
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<(Array<'py>, Integers<'py>, Integers<'py>)> {
-    let routes = plans.iter().map(Plan::route).collect::<PyResult<Vec<_>>>()?;
-    let names: Vec<i64> = plans.iter().map(|plan| plan.identity).collect();
+    let names: Vec<i64> = plans.iter().map(|route| route.plan.identity).collect();
+    let routes: Vec<&flightplan::Route> = plans.iter().map(|route| &route.plan.route).collect();
     let (seen, shape) = tracks.sightings()?;
     let (&n, batch) = shape.split_last().unwrap_or((&0, &[]));
     let count: usize = batch.iter().product();
@@ -222,7 +268,7 @@ pub fn correlate<'py>(
     }
     let mut scores = Output::new(py, &[batch, &[routes.len()]].concat())?;
     let (mut chosen, mut status) = (repeated(-1_i64, count)?, repeated(0_i64, count)?);
-    let legs: usize = routes.iter().map(Route::legs).sum();
+    let legs: usize = routes.iter().map(|route| route.legs()).sum();
     let cost = SCORE_NS * (legs * n * count) as f64;
     let outputs = chunks(scores.values()?, routes.len(), count)
         .zip(chunks(&mut chosen, 1, count))
@@ -249,78 +295,62 @@ pub fn correlate<'py>(
     Ok((scores.into_array(), array(py, batch, chosen)?, array(py, batch, status)?))
 }
 
-/// Legs, distances, offsets, levels, and whether it conforms and may be turning, of every sighting
-/// of a track; nan, no leg and no conformance where there is none.
+/// Legs, along-track and cross-track distances, cumulative sums, and whether it conforms and may be
+/// turning, of every sighting of a track; nan, no leg and no conformance where there is none.
 #[pyfunction]
 #[allow(clippy::type_complexity)] // what Python unpacks
 pub fn conformance<'py>(
     py: Python<'py>,
-    plan: Plan<'py>,
+    route: PyRef<'py, Route>,
     track: Tracks<'py>,
-    period: f64,
+    update_interval: f64,
 ) -> PyResult<(Integers<'py>, [Array<'py>; 3], [Marks<'py>; 2])> {
-    let route = plan.route()?;
     let (seen, shape) = track.sightings()?;
-    let n = seen.len();
-    let (mut legs, mut numbers) = (repeated(-1_i64, n)?, [(); 3].map(|()| vec![f64::NAN; n]));
-    let mut marks = [(); 2].map(|()| vec![false; n]);
-    let mut monitor: Option<Monitor> = None;
-    for (i, seen) in seen.iter().enumerate().filter(|(_, seen)| seen.is_present()) {
-        let monitor = monitor.get_or_insert_with(|| Monitor::new(route.project(seen.position).leg));
-        let verdict = monitor.update(&route, seen, 0.0, period);
-        let (distance, offset) = route.project_leg(verdict.leg, seen.position);
-        legs[i] = verdict.leg as i64;
-        numbers[0][i] = distance;
-        numbers[1][i] = offset;
-        numbers[2][i] = verdict.level;
-        marks[0][i] = verdict.conforming;
-        marks[1][i] = verdict.in_zone;
-    }
-    let [distance, offset, level] = numbers.map(|values| array(py, &shape, values));
-    let [conforming, in_zone] = marks.map(|values| array(py, &shape, values));
-    Ok((array(py, &shape, legs)?, [distance?, offset?, level?], [conforming?, in_zone?]))
+    let route = &route.plan.route;
+    let verdicts: Vec<_> = release(py, LEG_NS * seen.len() as f64, || {
+        Monitor::follow(route, &seen, update_interval).collect()
+    });
+    let number = |f: fn(&Verdict) -> f64| {
+        let values = verdicts.iter().map(|verdict| verdict.as_ref().map_or(f64::NAN, f));
+        array(py, &shape, values.collect())
+    };
+    let mark = |f: fn(&Verdict) -> bool| {
+        array(py, &shape, verdicts.iter().map(|verdict| verdict.as_ref().is_some_and(f)).collect())
+    };
+    let legs = verdicts.iter().map(|verdict| verdict.map_or(-1, |verdict| verdict.leg as i64));
+    Ok((
+        array(py, &shape, legs.collect())?,
+        [number(|v| v.along_track)?, number(|v| v.cross_track)?, number(|v| v.cusum)?],
+        [mark(|v| v.conforms)?, mark(|v| v.in_zone)?],
+    ))
 }
 
-/// Passing times (N, W) with their standard deviations, speeds with theirs, after every sighting of a
-/// track, those on a leg of -1 left out.
+/// Times over the waypoints (N, W) and speeds after every sighting of a track, each with its standard
+/// deviation.
 #[pyfunction]
-pub fn passing_times<'py>(
+pub fn times_over<'py>(
     py: Python<'py>,
-    plan: Plan<'py>,
+    route: PyRef<'py, Route>,
     track: Tracks<'py>,
-    legs: Vec<i64>,
-    drift: f64,
+    update_interval: f64,
+    speed_change_sigma: f64,
 ) -> PyResult<[Array<'py>; 4]> {
-    let route = plan.route()?;
     let (seen, shape) = track.sightings()?;
-    if legs.len() != seen.len() {
-        return Err(PyValueError::new_err("legs must have one for each sighting"));
-    }
-    let (n, count) = (seen.len(), route.legs() + 1);
-    let (mut times, mut sigmas) = (Vec::with_capacity(n * count), Vec::with_capacity(n * count));
-    let (mut speeds, mut speed_sigmas) = (Vec::with_capacity(n), Vec::with_capacity(n));
-    let mut refinement = Refinement::new(drift);
-    for (seen, &leg) in seen.iter().zip(&legs) {
-        if let Ok(leg) = usize::try_from(leg)
-            && leg < route.legs()
-            && seen.is_present()
-        {
-            refinement.update(&route, leg, seen);
-        }
-        for waypoint in 0..count {
-            let passing = refinement.passing(&route, waypoint);
-            times.push(passing.time);
-            sigmas.push(passing.sigma);
-        }
-        let (speed, sigma) = refinement.speed();
-        speeds.push(speed);
-        speed_sigmas.push(sigma);
-    }
+    let route = &route.plan.route;
+    let count = route.legs() + 1;
     let wide = [shape.as_slice(), &[count]].concat();
+    let cost = LEG_NS * (seen.len() * count) as f64;
+    let (over, speeds): (Vec<TimeOver>, Vec<(f64, f64)>) = release(py, cost, || {
+        let histories: Vec<_> = speed_histories(route, &seen, update_interval).collect();
+        let over = histories.iter().flat_map(|history| {
+            (0..count).map(|waypoint| history.time_over(route, waypoint, speed_change_sigma))
+        });
+        (over.collect(), histories.iter().map(SpeedHistory::speed).collect())
+    });
     Ok([
-        array(py, &wide, times)?,
-        array(py, &wide, sigmas)?,
-        array(py, &shape, speeds)?,
-        array(py, &shape, speed_sigmas)?,
+        array(py, &wide, over.iter().map(|over| over.time).collect())?,
+        array(py, &wide, over.iter().map(|over| over.sigma).collect())?,
+        array(py, &shape, speeds.iter().map(|(speed, _)| *speed).collect())?,
+        array(py, &shape, speeds.iter().map(|(_, sigma)| *sigma).collect())?,
     ])
 }

@@ -26,9 +26,7 @@ mod core_module {
     #[pymodule_export]
     use super::bearing::estimate_bearing;
     #[pymodule_export]
-    use super::flightplan::{
-        conformance, correlate, passing_times, plan_geometry, plan_path, plan_project, plan_speeds,
-    };
+    use super::flightplan::{Route, conformance, correlate, plan_speeds, times_over};
     #[pymodule_export]
     use super::fusion::{TrackFusion, fuse_series};
     #[pymodule_export]

@@ -1,15 +1,15 @@
 //! Bindings of `tertia::tracker`.
 
 use crate::arrays::{Output, Samples, array, release, room_for, value_error};
-use numpy::{PyArrayDyn, PyReadonlyArray1, PyReadonlyArray2};
+use crate::flightplan::Route;
+use numpy::{PyArrayDyn, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::num::NonZero;
-use tertia::flightplan::Route;
 use tertia::kalman::Singer;
 use tertia::tracker::{
-    self, Fate, Motion, Noise, Plan, Plane, Plot, Radar, Row, Rows, Settings, WindowRule,
+    self, Fate, Motion, Noise, Plane, Plot, Radar, Row, Rows, Settings, WindowRule,
 };
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
@@ -41,18 +41,8 @@ pub struct Options<'py> {
     plan_prior: f64,
     wind: [f64; 2],
     wind_sigma: f64,
-    plans: Vec<PlanNumbers<'py>>,
+    plans: Vec<PyRef<'py, Route>>,
 }
-
-/// A plan: waypoints (N, 2), speeds (N − 1), heights (N or none), then start_time, bank, turn_rate;
-/// identity.
-type PlanNumbers<'py> = (
-    PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray1<'py, f64>,
-    PyReadonlyArray1<'py, f64>,
-    [f64; 3],
-    i64,
-);
 
 type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
@@ -224,26 +214,12 @@ impl Options<'_> {
             identity_error: self.identity_error,
             emergency_codes: self.emergency_codes,
             patience: self.patience,
-            plans: self.plans.iter().map(plan).collect::<PyResult<_>>()?,
+            plans: self.plans.iter().map(|route| route.plan().clone()).collect(),
             plan_prior: self.plan_prior,
             wind: self.wind,
             wind_sigma: self.wind_sigma,
         })
     }
-}
-
-fn plan(numbers: &PlanNumbers<'_>) -> PyResult<Plan> {
-    let (waypoints, speeds, heights, [start_time, bank, turn_rate], identity) = numbers;
-    let waypoints: Vec<[f64; 2]> =
-        waypoints.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect();
-    let (speeds, heights) = (speeds.as_slice()?, heights.as_slice()?);
-    let route = Route::try_new(&waypoints, speeds, *start_time, heights, *bank, *turn_rate);
-    Ok(Plan {
-        route: route.map_err(value_error)?,
-        bank: *bank,
-        turn_rate: *turn_rate,
-        identity: *identity,
-    })
 }
 
 fn motion(name: &str, parameters: &[f64]) -> PyResult<Motion> {

@@ -26,7 +26,7 @@ pub use estimate::{Estimate, Plane};
 pub use filter::Motion;
 pub use motion::Noise;
 pub use plot::{Fate, Plot, Radar};
-pub use settings::{Plan, Settings};
+pub use settings::Settings;
 pub use window::WindowRule;
 
 use crate::base::error::{Error, Result, require};

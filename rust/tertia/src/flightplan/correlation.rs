@@ -88,12 +88,12 @@ pub fn score(route: &Route, seen: &Sighting) -> f64 {
         let near = route.nearest_on(leg, seen.position);
         let term =
             |error: f64, sigma: f64, variance: f64| error * error / (sigma * sigma + variance);
-        let mut sum = term(near.offset, OFFSET_SIGMA, seen.position_variance[1]);
+        let mut sum = term(near.cross_track, OFFSET_SIGMA, seen.position_variance[1]);
         let course = between(near.course, seen.velocity);
         sum += term(course, COURSE_SIGMA, seen.course_variance);
         sum += term(speed - route.speeds()[leg], SPEED_SIGMA, seen.speed_variance);
-        sum += term(seen.time - route.time(near.distance), TIME_SIGMA, 0.0);
-        let height = route.height(near.distance) - seen.height;
+        sum += term(seen.time - route.time(near.along_track), TIME_SIGMA, 0.0);
+        let height = route.height(near.along_track) - seen.height;
         if !height.is_nan() {
             sum += term(height, HEIGHT_SIGMA, 0.0);
         }
@@ -107,7 +107,7 @@ pub fn score(route: &Route, seen: &Sighting) -> f64 {
 ///
 /// # Panics
 /// If there is not one score for each route.
-pub fn mean_scores(routes: &[Route], seen: &[Sighting], scores: &mut [f64]) -> usize {
+pub fn mean_scores(routes: &[&Route], seen: &[Sighting], scores: &mut [f64]) -> usize {
     let present = || seen.iter().filter(|seen| seen.is_present());
     let count = present().count();
     for (route, mean) in routes.iter().zip(scores) {

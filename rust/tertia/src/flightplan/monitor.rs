@@ -22,7 +22,7 @@ const UNPLANNED: f64 = 5.0;
 /// A deviation counts no more than this, and less this each scan.
 const LARGEST: f64 = 20.0;
 const FORGIVEN: f64 = 4.0;
-/// The level above which the plan is blocked, and that at a new start.
+/// The sum above which the plan is blocked, and that at a new start.
 const BLOCKING: f64 = 14.0;
 const FRESH: f64 = 4.0;
 /// Back on a leg: metres aside, radians off its course, scans in succession.
@@ -34,9 +34,9 @@ const BACK_SCANS: u32 = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Monitor {
     leg: usize,
-    level: f64,
+    cusum: f64,
     blocked: bool,
-    held: bool,
+    suspended: bool,
     /// The track may come back on this leg or a later one.
     least_leg: usize,
     /// The leg it seems to be back on, and for how many scans.
@@ -47,7 +47,7 @@ pub struct Monitor {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
     /// Whether the plan can be believed: it is not blocked, and its end is ahead.
-    pub conforming: bool,
+    pub conforms: bool,
     /// Whether it was blocked by this scan.
     pub blocked: bool,
     /// The leg on which the plan is believed again since this scan.
@@ -56,20 +56,37 @@ pub struct Verdict {
     pub advanced: bool,
     /// The leg that it is on.
     pub leg: usize,
-    /// Coordinate in the turn at the end of that leg, see [`Turn`].
-    pub s: f64,
-    /// Distance from the path, positive to the right.
-    pub offset: f64,
+    /// Distance along the path, metres.
+    pub along_track: f64,
+    /// Distance from it, positive to the right.
+    pub cross_track: f64,
     /// Whether the turn may be flown now.
     pub in_zone: bool,
     /// The cumulative sum B.
-    pub level: f64,
+    pub cusum: f64,
 }
 
 impl Monitor {
     /// A monitor of a track that is on a leg.
     pub fn new(leg: usize) -> Self {
-        Self { leg, level: 0.0, blocked: false, held: false, least_leg: leg, back: None }
+        Self { leg, cusum: 0.0, blocked: false, suspended: false, least_leg: leg, back: None }
+    }
+
+    /// Verdicts on the sightings of a track, from the leg nearest to the first one on; `None` where
+    /// there is no sighting.
+    pub fn follow(
+        route: &Route,
+        seen: &[Sighting],
+        update_interval: f64,
+    ) -> impl Iterator<Item = Option<Verdict>> {
+        let mut monitor: Option<Self> = None;
+        seen.iter().map(move |seen| {
+            seen.is_present().then(|| {
+                let nearest = || Self::new(route.project(seen.position).leg);
+                let monitor = monitor.get_or_insert_with(nearest);
+                monitor.update(route, seen, 0.0, update_interval)
+            })
+        })
     }
 
     /// The leg that the track is on, or was on when the plan was blocked.
@@ -78,8 +95,8 @@ impl Monitor {
     }
 
     /// The cumulative sum B.
-    pub fn level(&self) -> f64 {
-        self.level
+    pub fn cusum(&self) -> f64 {
+        self.cusum
     }
 
     /// Whether the plan is blocked.
@@ -94,15 +111,15 @@ impl Monitor {
         self.back = None;
     }
 
-    /// Blocks the plan until [`Monitor::release`], for an emergency or a plan that is wrong.
-    pub fn hold(&mut self) {
+    /// Blocks the plan until [`Monitor::resume`], for an emergency or a plan that is wrong.
+    pub fn suspend(&mut self) {
         self.block(self.leg);
-        self.held = true;
+        self.suspended = true;
     }
 
     /// Lets the plan be believed again where the track comes back to it.
-    pub fn release(&mut self) {
-        self.held = false;
+    pub fn resume(&mut self) {
+        self.suspended = false;
     }
 
     /// Takes a scan: where the track is seen, the probability μ that it turns as no plan says, seconds
@@ -111,46 +128,52 @@ impl Monitor {
     /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked where B > 14. Where a turn may be
     /// flown, there is a tolerance; from 0.3 d + 600 m before its arc on, its courses are no errors,
     /// and μ counts nothing.
-    pub fn update(&mut self, route: &Route, seen: &Sighting, turning: f64, period: f64) -> Verdict {
+    pub fn update(
+        &mut self,
+        route: &Route,
+        seen: &Sighting,
+        turning: f64,
+        update_interval: f64,
+    ) -> Verdict {
         let Sighting { position, velocity, .. } = *seen;
         let (mut advanced, mut blocked, mut rejoined) = (false, false, None);
         if self.blocked {
             rejoined = self.come_back(route, position, velocity);
         } else {
-            while route.is_on_next(self.leg, position, velocity, period) {
+            while route.is_on_next(self.leg, position, velocity, update_interval) {
                 self.leg += 1;
-                self.level = self.level.min(FRESH);
+                self.cusum = self.cusum.min(FRESH);
                 advanced = true;
             }
         }
         let turn = route.turn(self.leg);
-        let (s, offset) = turn.project(position);
-        let in_zone = turn.in_zone(s, norm(velocity), period);
+        let (s, cross_track) = turn.project(position);
+        let in_zone = turn.in_zone(s, norm(velocity), update_interval);
         if !self.blocked && rejoined.is_none() {
-            let q = deviation(turn, [s, offset], seen, turning, in_zone);
-            self.level = (self.level + q.min(LARGEST) - FORGIVEN).max(0.0);
-            if self.level > BLOCKING {
+            let q = deviation(turn, [s, cross_track], seen, turning, in_zone);
+            self.cusum = (self.cusum + q.min(LARGEST) - FORGIVEN).max(0.0);
+            if self.cusum > BLOCKING {
                 self.block(self.leg);
                 blocked = true;
             }
         }
         let has_ended = self.leg + 1 == route.legs() && s > 0.0;
         Verdict {
-            conforming: !self.blocked && !has_ended,
+            conforms: !self.blocked && !has_ended,
             blocked,
             rejoined,
             advanced,
             leg: self.leg,
-            s,
-            offset,
+            along_track: route.turn_start(self.leg) + s,
+            cross_track,
             in_zone,
-            level: self.level,
+            cusum: self.cusum,
         }
     }
 
     /// The leg on which the track has been long enough, if any.
     fn come_back(&mut self, route: &Route, p: Vector, velocity: Vector) -> Option<usize> {
-        if self.held {
+        if self.suspended {
             self.back = None;
             return None;
         }
@@ -169,7 +192,7 @@ impl Monitor {
             _ => (leg, 1),
         });
         let (leg, _) = self.back.filter(|&(_, scans)| scans >= BACK_SCANS)?;
-        *self = Self { level: FRESH, ..Self::new(leg) };
+        *self = Self { cusum: FRESH, ..Self::new(leg) };
         Some(leg)
     }
 }
@@ -177,13 +200,13 @@ impl Monitor {
 /// The squared deviation q from the path at a leg's end.
 fn deviation(
     turn: &Turn,
-    [s, offset]: [f64; 2],
+    [s, cross_track]: [f64; 2],
     seen: &Sighting,
     turning: f64,
     in_zone: bool,
 ) -> f64 {
     let room = ROOM + ROOM_LEAD * turn.lead * turn.angle.abs().min(1.0);
-    let far = (offset.abs() - if in_zone { room } else { 0.0 }).max(0.0);
+    let far = (cross_track.abs() - if in_zone { room } else { 0.0 }).max(0.0);
     let far = far * far / (OFFSET_SIGMA * OFFSET_SIGMA + seen.position_variance[1]);
     let off_course = |course: f64| course * course / (COURSE_SIGMA.powi(2) + seen.course_variance);
     if in_zone && s > -(EARLY_LEAD * turn.lead + EARLY) {
@@ -206,7 +229,7 @@ mod tests {
     use super::*;
 
     const SPEED: f64 = 200.0;
-    const PERIOD: f64 = 5.0;
+    const INTERVAL: f64 = 5.0;
 
     fn seen(position: Vector, velocity: Vector) -> Sighting {
         let seen = Sighting::new(0.0, position, velocity, None, f64::NAN);
@@ -221,14 +244,14 @@ mod tests {
     #[test]
     fn a_track_on_the_path_conforms_to_the_end() {
         let (route, mut monitor) = (route(), Monitor::new(0));
-        for k in 0..(route.length() / SPEED / PERIOD) as usize {
-            let (p, v) = route.at(k as f64 * PERIOD);
-            let verdict = monitor.update(&route, &seen(p, v), 0.0, PERIOD);
-            assert!(verdict.conforming && verdict.level == 0.0, "{k}: {verdict:?}");
+        for k in 0..(route.length() / SPEED / INTERVAL) as usize {
+            let (p, v) = route.at(k as f64 * INTERVAL);
+            let verdict = monitor.update(&route, &seen(p, v), 0.0, INTERVAL);
+            assert!(verdict.conforms && verdict.cusum == 0.0, "{k}: {verdict:?}");
         }
         assert_eq!(monitor.leg(), 2);
         let (p, v) = route.at(1e4);
-        assert!(!monitor.update(&route, &seen(p, v), 0.0, PERIOD).conforming);
+        assert!(!monitor.update(&route, &seen(p, v), 0.0, INTERVAL).conforms);
     }
 
     #[test]
@@ -236,19 +259,19 @@ mod tests {
         let (route, mut monitor) = (route(), Monitor::new(0));
         let mut blocked_at = None;
         for k in 0..120 {
-            let p = [0.0, k as f64 * SPEED * PERIOD];
-            let verdict = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, PERIOD);
+            let p = [0.0, k as f64 * SPEED * INTERVAL];
+            let verdict = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, INTERVAL);
             if verdict.blocked {
                 blocked_at = Some(k);
             }
         }
-        let late = blocked_at.unwrap() as f64 * SPEED * PERIOD - 6e4;
+        let late = blocked_at.unwrap() as f64 * SPEED * INTERVAL - 6e4;
         assert!((0.0..15e3).contains(&late), "{late}");
         for k in 1..=6 {
-            let p = along([5e4, 1e5], k as f64 * SPEED * PERIOD, [0.0, 1.0]);
-            let verdict = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, PERIOD);
+            let p = along([5e4, 1e5], k as f64 * SPEED * INTERVAL, [0.0, 1.0]);
+            let verdict = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, INTERVAL);
             assert_eq!(verdict.rejoined, (k == 5).then_some(2));
-            assert_eq!(verdict.conforming, k >= 5);
+            assert_eq!(verdict.conforms, k >= 5);
         }
     }
 
@@ -260,7 +283,7 @@ mod tests {
             (1..100).find(|&k| {
                 let course = (0.06 * k as f64).sin_cos();
                 let velocity = [SPEED * course.0, SPEED * course.1];
-                !monitor.update(&route, &seen([0.0, 1e4], velocity), turning, PERIOD).conforming
+                !monitor.update(&route, &seen([0.0, 1e4], velocity), turning, INTERVAL).conforms
             })
         };
         assert!(scans(1.0) < scans(0.0), "{:?} {:?}", scans(1.0), scans(0.0));
@@ -268,19 +291,19 @@ mod tests {
         let mut monitor = start;
         let (p, v) = route.turn(0).at(0.5 * route.turn(0).arc());
         let velocity = [SPEED * v[0], SPEED * v[1]];
-        assert_eq!(monitor.update(&route, &seen(p, velocity), 1.0, PERIOD).level, 0.0);
+        assert_eq!(monitor.update(&route, &seen(p, velocity), 1.0, INTERVAL).cusum, 0.0);
     }
 
     #[test]
-    fn a_held_plan_stays_blocked() {
+    fn a_suspended_plan_stays_blocked() {
         let (route, mut monitor) = (route(), Monitor::new(0));
-        monitor.hold();
+        monitor.suspend();
         let scan = |monitor: &mut Monitor, k: usize| {
-            let (p, v) = route.at(k as f64 * PERIOD);
-            monitor.update(&route, &seen(p, v), 0.0, PERIOD).conforming
+            let (p, v) = route.at(k as f64 * INTERVAL);
+            monitor.update(&route, &seen(p, v), 0.0, INTERVAL).conforms
         };
         assert!((0..30).all(|k| !scan(&mut monitor, k)));
-        monitor.release();
+        monitor.resume();
         assert!(!(30..34).any(|k| scan(&mut monitor, k)));
         assert!(scan(&mut monitor, 34));
     }

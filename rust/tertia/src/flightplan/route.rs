@@ -1,4 +1,4 @@
-//! The whole way: straight legs, arcs between them, and when its points are passed.
+//! The whole path: straight legs, arcs between them, and the times over its points.
 
 use super::plane::{Vector, along, between, dot, left, minus, norm};
 use super::turn::Turn;
@@ -33,9 +33,9 @@ pub struct Route {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// Its distance from the first waypoint along the path, metres; negative before it.
-    pub distance: f64,
+    pub along_track: f64,
     /// Distance of the position from it, positive to the right of the course.
-    pub offset: f64,
+    pub cross_track: f64,
     /// Direction of the path there, of length 1.
     pub course: [f64; 2],
     /// The leg that it is on.
@@ -157,6 +157,11 @@ impl Route {
         &self.turns[leg]
     }
 
+    /// Path distance at the start of a turn.
+    pub(super) fn turn_start(&self, leg: usize) -> f64 {
+        self.starts[leg]
+    }
+
     /// Turns, one for each leg.
     pub fn turns(&self) -> &[Turn] {
         &self.turns
@@ -235,7 +240,7 @@ impl Route {
         let mut best = self.nearest_on(0, p);
         for leg in 1..self.legs() {
             let other = self.nearest_on(leg, p);
-            if other.offset.abs() < best.offset.abs() {
+            if other.cross_track.abs() < best.cross_track.abs() {
                 best = other;
             }
         }
@@ -261,7 +266,7 @@ impl Route {
                 let (s, _) = arc.project(p);
                 if s >= 0.0 && s <= arc.arc() {
                     let other = self.seen_from(p, self.starts[at] + s, leg);
-                    if other.offset.abs() < best.offset.abs() {
+                    if other.cross_track.abs() < best.cross_track.abs() {
                         best = other;
                     }
                 }
@@ -273,8 +278,8 @@ impl Route {
     fn seen_from(&self, p: Vector, distance: f64, leg: usize) -> Projection {
         let (position, course) = self.path(distance);
         let aside = minus(p, position);
-        let offset = norm(aside).copysign(-dot(aside, left(course)));
-        Projection { distance, offset, course, leg }
+        let cross_track = norm(aside).copysign(-dot(aside, left(course)));
+        Projection { along_track: distance, cross_track, course, leg }
     }
 
     /// Where a position is with respect to a leg and the turn at its end, wherever else the path may
@@ -284,9 +289,15 @@ impl Route {
         (self.starts[leg] + s, offset)
     }
 
-    /// Whether an aircraft on a leg, seen once in a `period`, is on the next one: past the arc,
+    /// Whether an aircraft on a leg, seen once each `update_interval`, is on the next one: past the arc,
     /// within 4° of its course and 1500 m of its line, or past the zone of the turn.
-    pub fn is_on_next(&self, leg: usize, p: [f64; 2], velocity: [f64; 2], period: f64) -> bool {
+    pub fn is_on_next(
+        &self,
+        leg: usize,
+        p: [f64; 2],
+        velocity: [f64; 2],
+        update_interval: f64,
+    ) -> bool {
         if leg + 1 >= self.legs() {
             return false;
         }
@@ -294,7 +305,7 @@ impl Route {
         let (s, offset) = turn.project(p);
         let has_turned = between(turn.outbound, velocity).abs() < NEXT_COURSE;
         (s > turn.arc() && has_turned && offset.abs() < NEXT_OFFSET)
-            || s > turn.zone_end(norm(velocity), period)
+            || s > turn.zone_end(norm(velocity), update_interval)
     }
 
     /// Position along a leg and aside of its line (to the right), and its length.
@@ -378,11 +389,11 @@ mod tests {
             assert!(moved <= step * (1.0 + 1e-9) && moved > 0.99 * step, "{distance}: {moved}");
             assert!(between(course, u).abs() < step / 1000.0, "{distance}");
             let found = route.project(p);
-            assert!(found.offset.abs() < 1e-6, "{distance}: {found:?}");
+            assert!(found.cross_track.abs() < 1e-6, "{distance}: {found:?}");
             // the way crosses itself
             assert!(
-                (found.distance - distance).abs() < 1e-6
-                    || norm(minus(route.path(found.distance).0, p)) < 1e-6
+                (found.along_track - distance).abs() < 1e-6
+                    || norm(minus(route.path(found.along_track).0, p)) < 1e-6
             );
             assert!((route.distance(route.time(distance)) - distance).abs() < 1e-6);
             (before, course) = (p, u);

@@ -164,15 +164,15 @@ impl Turn {
     }
 
     /// Whether a turn of more than 4° may be flown at `s` by an aircraft with this speed that is seen
-    /// once in a `period`: `−(0.7 d + 2VT) < s < R|θ| + 0.4 d + 2VT`.
-    pub fn in_zone(&self, s: f64, speed: f64, period: f64) -> bool {
-        let begin = -(ZONE_BEFORE * self.lead + ZONE_SCANS * speed * period);
-        self.angle.abs() > STRAIGHT && begin < s && s < self.zone_end(speed, period)
+    /// once each `update_interval`: `−(0.7 d + 2VT) < s < R|θ| + 0.4 d + 2VT`.
+    pub fn in_zone(&self, s: f64, speed: f64, update_interval: f64) -> bool {
+        let begin = -(ZONE_BEFORE * self.lead + ZONE_SCANS * speed * update_interval);
+        self.angle.abs() > STRAIGHT && begin < s && s < self.zone_end(speed, update_interval)
     }
 
     /// Where the zone ends.
-    pub(super) fn zone_end(&self, speed: f64, period: f64) -> f64 {
-        self.arc() + ZONE_AFTER * self.lead + ZONE_SCANS * speed * period
+    pub(super) fn zone_end(&self, speed: f64, update_interval: f64) -> f64 {
+        self.arc() + ZONE_AFTER * self.lead + ZONE_SCANS * speed * update_interval
     }
 }
 

@@ -9,9 +9,10 @@ use super::bank::{Bank, PLAN, STRAIGHT, TURN};
 use super::estimate::{Estimate, Moments, Plane};
 use super::filter::changes;
 use super::motion::{self, Noise};
-use super::settings::{Plan, Settings};
+use super::settings::Settings;
 use crate::flightplan::{
-    Monitor, Refinement, Sighting, Turn, Verdict, capture_in_wind, hazard, lead_in_wind, lead_ratio,
+    Monitor, Plan, Sighting, SpeedHistory, Turn, Verdict, capture_in_wind, hazard, lead_in_wind,
+    lead_ratio,
 };
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
@@ -64,7 +65,7 @@ pub(super) struct Guide {
     pub plan: usize,
     pub monitor: Monitor,
     pub conforming: bool,
-    refinement: Refinement,
+    history: SpeedHistory,
     /// Turns flown, and turns not flown.
     turns: [f64; 2],
     in_zone: bool,
@@ -83,7 +84,7 @@ impl Guide {
             plan,
             monitor: Monitor::new(leg),
             conforming: true,
-            refinement: Refinement::default(),
+            history: SpeedHistory::default(),
             turns: [BEFOREHAND * prior, BEFOREHAND * (1.0 - prior)],
             in_zone: false,
             turning: None,
@@ -107,7 +108,7 @@ impl Guide {
 
     /// Ground speed, as far as it is known by now.
     pub fn speed(&self, estimate: &Estimate<4>) -> f64 {
-        let (speed, _) = self.refinement.speed();
+        let (speed, _) = self.history.speed();
         if speed.is_finite() { speed } else { estimate.mean[2].hypot(estimate.mean[3]) }
     }
 
@@ -203,14 +204,14 @@ impl Guide {
 
     /// Blocks the plan until it is freed; a second bank has to be released before.
     pub fn hold(&mut self) {
-        self.monitor.hold();
+        self.monitor.suspend();
         self.conforming = false;
         self.in_zone = false;
     }
 
     /// Lets the plan be believed again where the track comes back to it.
     pub fn free(&mut self) {
-        self.monitor.release();
+        self.monitor.resume();
     }
 
     /// Ends the second bank: what it says goes into the first.
@@ -243,8 +244,8 @@ impl Guide {
         }
         let turning = bank.probability[TURN] / bank.total();
         let verdict = self.watch(estimate, turning, settings, time, period);
-        if verdict.advanced || !verdict.in_zone || !verdict.conforming {
-            self.leave(bank, verdict.conforming);
+        if verdict.advanced || !verdict.in_zone || !verdict.conforms {
+            self.leave(bank, verdict.conforms);
         }
     }
 
@@ -263,10 +264,10 @@ impl Guide {
         let covariance: [f64; 16] = std::array::from_fn(|k| estimate.covariance[(k / 4, k % 4)]);
         let seen = Sighting::new(time, position, velocity, Some(&covariance), f64::NAN);
         let verdict = self.monitor.update(route, &seen, turning, period);
-        self.conforming = verdict.conforming;
+        self.conforming = verdict.conforms;
         self.in_zone = verdict.in_zone;
         if self.conforming {
-            self.refinement.update(route, verdict.leg, &seen);
+            self.history.update(route, verdict.leg, &seen);
         }
         verdict
     }

@@ -3,21 +3,8 @@
 use super::filter::Motion;
 use super::plot::Radar;
 use crate::base::error::{Result, require};
-use crate::flightplan::Route;
+use crate::flightplan::Plan;
 use serde::{Deserialize, Serialize};
-
-/// A flight plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
-    /// Its legs, turns and times.
-    pub route: Route,
-    /// Bank of its turns, rad.
-    pub bank: f64,
-    /// Largest rate of its turns, rad/s.
-    pub turn_rate: f64,
-    /// What the transponder answers; negative where it is not known.
-    pub identity: i64,
-}
 
 /// What a tracker is told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,8 +5,8 @@ use super::filter::{Filter, Motion};
 use super::height::Vertical;
 use super::plan::Guide;
 use super::plot::{Measured, Radar};
-use super::settings::{Plan, Settings};
-use crate::flightplan::{self, Link, Sighting, decide};
+use super::settings::Settings;
+use crate::flightplan::{self, Link, Plan, Sighting, decide};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 

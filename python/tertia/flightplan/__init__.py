@@ -1,0 +1,29 @@
+"""Flight plans: the path an aircraft has filed, and how a track relates to it.
+
+A plan is a route of straight legs with fly-by turns along arcs tangent to both legs, and a ground
+speed on each leg. Positions are local east and north in metres, courses are radians clockwise from
+north, and turn angles and cross-track distances are positive to the right. `tertia.io.read_plans`
+reads plans from files.
+"""
+
+from tertia.flightplan._conformance import (
+    Conformance,
+    TimesOver,
+    conformance,
+    estimate_times_over,
+)
+from tertia.flightplan._correlation import Correlation, CorrelationStatus, correlate
+from tertia.flightplan._plan import FlightPlan, Projection, Turns
+
+__all__ = [
+    "Conformance",
+    "Correlation",
+    "CorrelationStatus",
+    "FlightPlan",
+    "Projection",
+    "TimesOver",
+    "Turns",
+    "conformance",
+    "correlate",
+    "estimate_times_over",
+]

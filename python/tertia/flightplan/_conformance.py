@@ -1,0 +1,199 @@
+"""Whether a track follows its plan, and when it will be over the waypoints ahead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, IntArray, real
+from tertia.flightplan._plan import FlightPlan
+from tertia.flightplan._tracks import one_track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conformance:
+    """Whether a track follows its plan, plot by plot.
+
+    Attributes
+    ----------
+    conforms : ndarray of bool, shape (N,)
+        Whether the plan can be believed: it is not blocked, and its end is ahead.
+    cusum : ndarray of shape (N,)
+        Cumulative sum of deviations; the plan is blocked when it exceeds 14.
+    along_track : ndarray of shape (N,)
+        Metres along the path, on the leg that is flown.
+    cross_track : ndarray of shape (N,)
+        Metres from the path, positive to the right.
+    leg : ndarray of int, shape (N,)
+        Leg that is flown, or was flown when the plan was blocked; -1 where there is no plot.
+    in_zone : ndarray of bool, shape (N,)
+        Whether the turn at the end of the leg may be flown now.
+    """
+
+    conforms: BoolArray
+    cusum: FloatArray
+    along_track: FloatArray
+    cross_track: FloatArray
+    leg: IntArray
+    in_zone: BoolArray
+
+    def __repr__(self) -> str:
+        """Return the number of plots that conform."""
+        return f"Conformance({np.count_nonzero(self.conforms)} of {self.conforms.size} plots)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimesOver:
+    """Estimated times over the waypoints (ETO), as known after each plot of a track.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N, W)
+        Time over each waypoint in seconds; nan once it has been passed, and before the first plot.
+    sigma : ndarray of shape (N, W)
+        Standard deviation of the time.
+    speed : ndarray of shape (N,)
+        Mean ground speed of the last minute, on the present leg, in metres per second.
+    speed_sigma : ndarray of shape (N,)
+        Standard deviation of the speed.
+    """
+
+    time: FloatArray
+    sigma: FloatArray
+    speed: FloatArray
+    speed_sigma: FloatArray
+
+    def __repr__(self) -> str:
+        """Return the times after the last plot."""
+        pairs = zip(self.time[-1], self.sigma[-1], strict=True)
+        listed = ", ".join(
+            "passed" if np.isnan(time) else f"{time:.0f} ± {sigma:.2g}" for time, sigma in pairs
+        )
+        return f"TimesOver({listed})"
+
+
+def conformance(
+    plan: FlightPlan,
+    time: npt.ArrayLike,
+    position: npt.ArrayLike,
+    velocity: npt.ArrayLike,
+    *,
+    covariance: npt.ArrayLike | None = None,
+    update_interval: float | None = None,
+) -> Conformance:
+    """Monitor whether a track follows a plan.
+
+    Parameters
+    ----------
+    plan : FlightPlan
+        The plan.
+    time : array_like of shape (N,)
+        Seconds, increasing; nan where there is no plot.
+    position, velocity : array_like of shape (N, 2)
+        East and north in metres, and their rates in metres per second.
+    covariance : array_like of shape (N, 4, 4), optional
+        Covariance of position and velocity; by default zero.
+    update_interval : float, optional
+        Seconds between plots; by default the median of the time differences.
+
+    Returns
+    -------
+    Conformance
+        For each plot the leg, the position relative to it, the cumulative sum, and whether the
+        plan can be believed.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not match, an infinite number, or times that do not increase.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    The deviation of a plot is `q = max(|e| - tolerance, 0)²/(350² + P) + course error²/(5°² +
+    σψ²)` with the cross-track distance e. The tolerance is 0 on straight legs, and
+    `500 + 0.35 lead min(1, |angle|)` metres where a turn may be flown. From 0.3 leads and 600 m
+    before the arc on, only courses outside those of both legs count as errors. The plan is
+    blocked when the cumulative sum `B = max(0, B + min(q, 20) - 4)` exceeds 14. It is believed
+    again after five successive plots within 1200 m and 6° of the same leg, this one or a later
+    one.
+
+    Examples
+    --------
+    An aircraft that does not turn:
+
+    >>> import numpy as np
+    >>> from tertia.flightplan import FlightPlan, conformance
+    >>> plan = FlightPlan([[0, 0], [0, 50e3], [50e3, 50e3]], 200.0)
+    >>> time = np.arange(0.0, 400.0, 10.0)
+    >>> position = np.column_stack([0 * time, 200 * time])
+    >>> found = conformance(plan, time, position, np.tile([0.0, 200.0], (40, 1)))
+    >>> found, float(time[~found.conforms][0])
+    (Conformance(26 of 40 plots), 260.0)
+    """
+    track, interval = one_track(time, position, velocity, covariance, update_interval)
+    leg, numbers, marks = _core.conformance(plan._route, track, interval)
+    along_track, cross_track, cusum = numbers
+    return Conformance(marks[0], cusum, along_track, cross_track, leg, marks[1])
+
+
+def estimate_times_over(
+    plan: FlightPlan,
+    time: npt.ArrayLike,
+    position: npt.ArrayLike,
+    velocity: npt.ArrayLike,
+    *,
+    covariance: npt.ArrayLike | None = None,
+    update_interval: float | None = None,
+    speed_change_sigma: float = 0.04,
+) -> TimesOver:
+    """Estimate from a track the times over the waypoints of its plan.
+
+    Parameters
+    ----------
+    plan, time, position, velocity, covariance, update_interval
+        As in `conformance`.
+    speed_change_sigma : float
+        Standard deviation of the change of ground speed in a minute, relative to the speed of the
+        plan: wind, and the crew's choice.
+
+    Returns
+    -------
+    TimesOver
+        Times and speeds with their standard deviations, after each plot.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not match, an infinite number, times that do not increase, or a negative
+        `speed_change_sigma`.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    The rest of the plan is flown at the mean ground speed of the last minute (weights fall by e in
+    60 s), in proportion to the planned speeds. Plots that do not conform to the plan are ignored.
+    The variance of a time tau seconds ahead is `s²/V² + tau² (r² + q tau/3)`: s² is the variance
+    of the along-track position, r² the relative variance of the mean speed, and
+    `q = speed_change_sigma²/60 s` describes the random walk of the speed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.flightplan import FlightPlan, estimate_times_over
+    >>> plan = FlightPlan([[0, 0], [60e3, 0], [90e3, 0]], 200.0)
+    >>> time = np.arange(0.0, 200.0, 10.0)
+    >>> slower = FlightPlan(plan.waypoints, 190.0)
+    >>> plan.times, estimate_times_over(plan, time, *slower.at(time))
+    (array([  0., 300., 450.]), TimesOver(passed, 316 ± 4.2, 474 ± 14))
+    """
+    track, interval = one_track(time, position, velocity, covariance, update_interval)
+    walk = real(speed_change_sigma, "speed_change_sigma")
+    if not 0 <= walk < np.inf:
+        raise ValueError(f"speed_change_sigma is {walk}; it must be finite and not negative")
+    return TimesOver(*_core.times_over(plan._route, track, interval, walk))

@@ -1,0 +1,133 @@
+"""Which plan a track flies."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray, scalar_or_array, threads
+from tertia.flightplan._plan import NO_IDENTITY, FlightPlan
+from tertia.flightplan._tracks import tracks_of
+
+
+class CorrelationStatus(enum.IntEnum):
+    """Why a track has a plan (accepted by its score, or linked by its identity) or has none."""
+
+    NONE = 0
+    AMBIGUOUS = 1
+    ACCEPTED = 2
+    LINKED = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correlation:
+    """Which plans tracks fly.
+
+    Attributes
+    ----------
+    plan : int or ndarray of int, shape (...)
+        Index of the plan; -1 if there is none, or if the decision is ambiguous.
+    status : CorrelationStatus or ndarray of int, shape (...)
+        Linked by identity, accepted by the score, ambiguous, or none.
+    scores : ndarray of shape (..., M)
+        Mean score of each plan, at most 0; nan without plots.
+    """
+
+    plan: int | IntArray
+    status: CorrelationStatus | IntArray
+    scores: FloatArray
+
+    def __repr__(self) -> str:
+        """Return the decision, or the number of each."""
+        if isinstance(self.status, CorrelationStatus):
+            return f"Correlation({self.status.name.lower()}, plan {self.plan})"
+        counts = [
+            f"{np.count_nonzero(self.status == status)} {status.name.lower()}"
+            for status in CorrelationStatus
+        ]
+        return f"Correlation({', '.join(counts)})"
+
+
+def correlate(
+    plans: Sequence[FlightPlan],
+    time: npt.ArrayLike,
+    position: npt.ArrayLike,
+    velocity: npt.ArrayLike,
+    *,
+    covariance: npt.ArrayLike | None = None,
+    height: npt.ArrayLike | None = None,
+    identity: npt.ArrayLike | None = None,
+    n_threads: int | None = None,
+) -> Correlation:
+    """Find the plans that tracks fly.
+
+    Parameters
+    ----------
+    plans : sequence of M FlightPlan
+        The plans.
+    time : array_like of shape (..., N)
+        Times of the last N plots of each track in seconds; nan where there is no plot.
+    position, velocity : array_like of shape (..., N, 2)
+        East and north in metres, and their rates in metres per second.
+    covariance : array_like of shape (..., N, 4, 4), optional
+        Covariance of position and velocity; by default zero.
+    height : array_like of shape (..., N), optional
+        Metres; nan where unknown.
+    identity : array_like of int, shape (...), optional
+        Reply of the transponder; -1 where there is none.
+    n_threads : int, optional
+        Number of threads; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    Correlation
+        Plan, status and scores of each track.
+
+    Raises
+    ------
+    ValueError
+        No plan, shapes that do not match, or an infinite number.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    The score of a plot is `-1/2 [e²/(700² + P) + dpsi²/((3°)² + s_psi²) + dV²/(12² + s_V²) +
+    dt²/120² + dh²/150²]` with the cross-track distance e and the differences of course, speed, time
+    and height from the plan, on the leg where it fits best. A plan of the same identity is linked
+    if its mean score is above -25. Otherwise the best plan is accepted if its mean score is above
+    -8 and at least 3 above the next best, over five plots or more. All else is left to the
+    controller. Cost O(legs) per plan and plot.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.flightplan import FlightPlan, correlate
+    >>> plans = [FlightPlan([[0, y], [90e3, y]], 200.0) for y in (0.0, 20e3)]
+    >>> time = np.arange(100.0, 150.0, 10.0)
+    >>> position, velocity = plans[1].at(time)
+    >>> correlate(plans, time, position + [300.0, -400.0], velocity)
+    Correlation(accepted, plan 1)
+    """
+    if isinstance(plans, FlightPlan) or not all(isinstance(plan, FlightPlan) for plan in plans):
+        raise TypeError("plans must be a sequence of FlightPlan")
+    if not len(plans):
+        raise ValueError("plans is empty; there must be one plan or more")
+    tracks = tracks_of(time, position, velocity, covariance, height)
+    batch = tracks["time"].shape[:-1]
+    names = np.asarray(NO_IDENTITY if identity is None else identity)
+    if names.dtype.kind not in "iu":
+        raise TypeError(f"identity has dtype {names.dtype}; it must hold integers")
+    if names.shape not in {(), batch}:
+        raise ValueError(f"identity has shape {names.shape}; it must be {batch}")
+    every = np.broadcast_to(names, batch).reshape(-1).tolist()
+    scores, plan, status = _core.correlate(
+        [plan._route for plan in plans], tracks, every, threads(n_threads)
+    )
+    reason = status if batch else CorrelationStatus(int(status))
+    return Correlation(scalar_or_array(plan), reason, scores)

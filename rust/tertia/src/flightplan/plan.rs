@@ -1,0 +1,17 @@
+//! A flight plan as it is filed: the route and who flies it.
+
+use super::route::Route;
+use serde::{Deserialize, Serialize};
+
+/// A route, the turns it was planned with, and the identity of the aircraft.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Its legs, turns and times.
+    pub route: Route,
+    /// Bank of its turns, rad.
+    pub bank: f64,
+    /// Largest rate of its turns, rad/s.
+    pub turn_rate: f64,
+    /// What the transponder answers; negative where it is not known.
+    pub identity: i64,
+}
