@@ -1,5 +1,7 @@
 """Cost of gating and assignment from Python, beside SciPy's tree and its dense assignment."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
@@ -53,9 +55,10 @@ def test_gospa(benchmark):
     benchmark(metrics.gospa, tracks, plots, 2000.0)
 
 
-def test_surveillance(benchmark):
+def test_indicators(benchmark):
     time = np.repeat(np.arange(0, 400, 4.0), 100)
     track = np.tile(np.arange(100), 100)
     place = np.column_stack([200.0 * time, 1e4 * track])
-    truth = {"truth_time": time, "target": track, "truth_position": place}
-    benchmark(metrics.surveillance, time, track, place, **truth, period=4.0, distance=500.0)
+    tracks = SimpleNamespace(time=time, track=track, position=place)
+    truth = metrics.Truth(time, track, place)
+    benchmark(metrics.indicators, tracks, truth, max_distance=500.0, update_interval=4.0)

@@ -8,6 +8,7 @@ import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -791,16 +792,19 @@ def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
     arguments = (tmp_path / "tracks.parquet", "--truth", EXAMPLES / "air_truth.csv", "--period", 5)
     told = judge(*arguments, "--distance", 700, "--plot", picture, folder=tmp_path)
     rows = frame.filter(pl.col("confirmed") & pl.col("plot").is_not_null())
-    _, target = np.unique(truth["target"].to_numpy(), return_inverse=True)
-    expected = metrics.surveillance(
-        rows["time_s"].to_numpy(),
-        rows["track"].to_numpy(),
-        rows.select("east_m", "north_m").to_numpy(),
-        truth_time=truth["time_s"].to_numpy(),
-        target=target,
-        truth_position=truth.select("east_m", "north_m").to_numpy(),
-        period=5.0,
-        distance=700.0,
+    expected = metrics.indicators(
+        SimpleNamespace(
+            time=rows["time_s"].to_numpy(),
+            track=rows["track"].to_numpy(),
+            position=rows.select("east_m", "north_m").to_numpy(),
+        ),
+        metrics.Truth(
+            truth["time_s"].to_numpy(),
+            truth["target"].to_numpy(),
+            truth.select("east_m", "north_m").to_numpy(),
+        ),
+        max_distance=700.0,
+        update_interval=5.0,
     )
     assert told["probability of update"] == expected.probability_of_update > 0.98
     assert told["RMSE"] == expected.rmse < 100.0

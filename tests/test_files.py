@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -452,18 +453,21 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
         found, tmp_path, "evaluate", "--truth", tmp_path / "truth.feather", "--period", 4
     )
     rows = found.filter(pl.col("confirmed") & pl.col("plot").is_not_null())
-    names, target = np.unique(truth["target"].to_numpy().astype(str), return_inverse=True)
-    figures = metrics.surveillance(
-        rows["time_s"].to_numpy(),
-        rows["track"].to_numpy(),
-        rows.select("east_m", "north_m").to_numpy(),
-        truth_time=truth["time_s"].to_numpy(),
-        target=target,
-        truth_position=truth.select("east_m", "north_m").to_numpy(),
-        period=4.0,
-        distance=1000.0,
+    figures = metrics.indicators(
+        SimpleNamespace(
+            time=rows["time_s"].to_numpy(),
+            track=rows["track"].to_numpy(),
+            position=rows.select("east_m", "north_m").to_numpy(),
+        ),
+        metrics.Truth(
+            truth["time_s"].to_numpy(),
+            truth["target"].to_numpy().astype(str),
+            truth.select("east_m", "north_m").to_numpy(),
+        ),
+        max_distance=1000.0,
+        update_interval=4.0,
     )
     values = dict(told.select("figure", "value").rows())
-    assert values["targets"] == len(names)
+    assert values["targets"] == len(figures.matching.targets)
     assert values["probability of update"] == figures.probability_of_update > 0.9
     assert values["RMSE"] == figures.rmse < 100.0

@@ -1,6 +1,7 @@
 """The metrics of tracking by hand, by SciPy, and by brute force."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy import optimize
 from scipy.spatial.distance import cdist
 
 from tertia import metrics
-from tertia.metrics import gospa, match_tracks, surveillance, track_errors
+from tertia.metrics import Truth, gospa, indicators, match_tracks, track_errors
 
 NAN, INF = float("nan"), float("inf")
 
@@ -74,18 +75,18 @@ def by_definition(x, y, c, p, alpha):
 
 class TestGospa:
     @pytest.mark.parametrize(("n", "m"), [(0, 0), (0, 3), (3, 0), (1, 1), (3, 3), (2, 5), (5, 2)])
-    @pytest.mark.parametrize("order", [1, 2, 3.5])
+    @pytest.mark.parametrize("p", [1, 2, 3.5])
     @pytest.mark.parametrize("alpha", [0.5, 1, 2])
-    def test_against_the_definition(self, n, m, order, alpha):
+    def test_against_the_definition(self, n, m, p, alpha):
         for seed in range(5):
             generator = rng(3, n, m, seed)
             dimensions = 2 + seed % 2
             x = generator.uniform(0, 20, (n, dimensions))
             y = generator.uniform(0, 20, (m, dimensions))
-            found = gospa(x, y, 9.0, order, alpha)
-            assert found.distance == pytest.approx(by_definition(x, y, 9.0, order, alpha))
+            found = gospa(x, y, 9.0, p, alpha)
+            assert found.distance == pytest.approx(by_definition(x, y, 9.0, p, alpha))
             parts = found.localisation + found.missed + found.false
-            assert found.distance == pytest.approx(parts ** (1 / order))
+            assert found.distance == pytest.approx(parts ** (1 / p))
 
     def test_parts_by_hand(self):
         """As Stone Soup: 3 and 4 metres off, one missed, two false; half of 10² each."""
@@ -131,8 +132,8 @@ class TestGospa:
             (([[1, NAN]], [[1, 2]], 1), ValueError, r"estimates\[0, 1\] is nan"),
             (([[1, 2]], [[1, 2]], 0), ValueError, "cutoff is 0"),
             (([[1, 2]], [[1, 2]], INF), ValueError, "cutoff is inf"),
-            (([[1, 2]], [[1, 2]], 1, 0.5), ValueError, "order is 0.5"),
-            (([[1, 2]], [[1, 2]], 1, NAN), ValueError, "order is nan"),
+            (([[1, 2]], [[1, 2]], 1, 0.5), ValueError, "p is 0.5"),
+            (([[1, 2]], [[1, 2]], 1, NAN), ValueError, "p is nan"),
             (([[1, 2]], [[1, 2]], 1, 2, 0), ValueError, "alpha is 0"),
             (([[1, 2]], [[1, 2]], 1, 2, 2.1), ValueError, "alpha is 2.1"),
             (([[1, 2]], [[1, 2]], "x"), TypeError, "cutoff is 'x'"),
@@ -144,24 +145,28 @@ class TestGospa:
 
 
 def flights(*rows):
-    """Truth of targets, one row each: identifier, then times and positions."""
+    """Columns of the truth of targets, one argument each: identifier, then times and positions."""
     columns = [(t, name, (x, y)) for name, points in rows for t, x, y in points]
     time, target, position = zip(*columns, strict=True)
-    return {"truth_time": time, "target": target, "truth_position": position}
+    return {"time": time, "target": target, "position": position}
 
 
 def updates(*rows):
     """Updates, one row each: time, track, east, north."""
     time, track, east, north = np.array(rows, dtype=float).T
-    return time, track.astype(int), np.column_stack([east, north])
+    return tracks(time, track.astype(int), np.column_stack([east, north]))
 
 
-TWO = flights((5, [(0, 0, 0), (10, 1000, 0)]), (2, [(0, 0, 100), (10, 1000, 100)]))
+def tracks(time, track, position):
+    return SimpleNamespace(time=time, track=track, position=position)
+
+
+TWO = Truth(**flights((5, [(0, 0, 0), (10, 1000, 0)]), (2, [(0, 0, 100), (10, 1000, 100)])))
 
 
 class TestMatchTracks:
     def test_the_nearest_target_between_its_times(self):
-        found = match_tracks(*updates((4, 1, 400, 10), (4, 2, 390, 95)), **TWO, distance=50)
+        found = match_tracks(updates((4, 1, 400, 10), (4, 2, 390, 95)), TWO, max_distance=50)
         np.testing.assert_array_equal(found.targets, [2, 5])
         np.testing.assert_array_equal(found.target, [1, 0])
         np.testing.assert_allclose(found.error, [[0, 10], [-10, -5]])
@@ -170,49 +175,49 @@ class TestMatchTracks:
 
     def test_outside_its_time_a_target_is_not_there(self):
         rows = [(t, 1, 100 * t, 0) for t in (-1e-6, 0, 10, 10 + 1e-6)]
-        found = match_tracks(*updates(*rows), **TWO, distance=50)
+        found = match_tracks(updates(*rows), TWO, max_distance=50)
         np.testing.assert_array_equal(found.matched, [False, True, True, False])
 
     def test_a_track_keeps_its_target(self):
         """At 5 s it is nearer to the other one, but still within the distance."""
         rows = [(4, 1, 400, 0), (5, 1, 500, 70), (6, 1, 600, 95)]
-        found = match_tracks(*updates(*rows), **TWO, distance=80)
+        found = match_tracks(updates(*rows), TWO, max_distance=80)
         np.testing.assert_array_equal(found.targets[found.target], [5, 5, 2])
         np.testing.assert_array_equal(found.switches, [0, 0])
 
     def test_a_switch_is_a_target_under_another_track(self):
         rows = [(1, 1, 100, 0), (2, 9, 200, 0), (3, 9, 300, 0), (4, 1, 400, 0)]
-        found = match_tracks(*updates(*rows), **TWO, distance=50)
+        found = match_tracks(updates(*rows), TWO, max_distance=50)
         np.testing.assert_array_equal(found.switches, [0, 2])
 
     def test_two_tracks_that_change_places(self):
         before = [(1, 1, 100, 0), (1, 2, 100, 100)]
         after = [(2, 1, 200, 100), (2, 2, 200, 0)]
-        found = match_tracks(*updates(*before, *after), **TWO, distance=50)
+        found = match_tracks(updates(*before, *after), TWO, max_distance=50)
         np.testing.assert_array_equal(found.targets[found.target], [5, 2, 2, 5])
         np.testing.assert_array_equal(found.switches, [1, 1])
 
     def test_a_second_track_shows_none(self):
         rows = [(1, 1, 100, 10), (1, 2, 100, -2), (2, 1, 200, 10), (2, 2, 200, -2)]
-        found = match_tracks(*updates(*rows), **TWO, distance=50)
+        found = match_tracks(updates(*rows), TWO, max_distance=50)
         np.testing.assert_array_equal(found.target, [-1, 1, -1, 1])
 
     def test_as_many_as_possible(self):
         """The first track is nearest to the target that is the only one for the second."""
         rows = [(1, 1, 100, 45), (1, 2, 100, -70)]
-        found = match_tracks(*updates(*rows), **TWO, distance=80)
+        found = match_tracks(updates(*rows), TWO, max_distance=80)
         np.testing.assert_array_equal(found.targets[found.target], [2, 5])
 
     def test_updates_of_one_scan_at_different_times(self):
         rows = [(1, 1, 100, 0), (2, 2, 200, 1), (5, 1, 500, 0), (6, 2, 600, 1)]
-        apart = match_tracks(*updates(*rows), **TWO, distance=50)
+        apart = match_tracks(updates(*rows), TWO, max_distance=50)
         assert apart.matched.all()
-        found = match_tracks(*updates(*rows), **TWO, distance=50, period=4)
+        found = match_tracks(updates(*rows), TWO, max_distance=50, update_interval=4)
         np.testing.assert_array_equal(found.matched, [True, False, True, False])
 
     def test_a_track_twice_in_a_scan(self):
         rows = [(1, 1, 100, 0), (2, 1, 200, 20), (2, 2, 200, 15)]
-        found = match_tracks(*updates(*rows), **TWO, distance=50, period=4)
+        found = match_tracks(updates(*rows), TWO, max_distance=50, update_interval=4)
         np.testing.assert_array_equal(found.target, [1, 1, -1])
 
     def test_the_order_does_not_matter(self):
@@ -234,8 +239,10 @@ class TestMatchTracks:
         )
         other_order = generator.permutation(24)
         shuffled = {key: np.asarray(column)[other_order] for key, column in truth.items()}
-        one = match_tracks(*rows, **truth, distance=150)
-        other = match_tracks(*(column[order] for column in rows), **shuffled, distance=150)
+        one = match_tracks(tracks(*rows), Truth(**truth), max_distance=150)
+        other = match_tracks(
+            tracks(*(column[order] for column in rows)), Truth(**shuffled), max_distance=150
+        )
         np.testing.assert_array_equal(one.target[order], other.target)
         np.testing.assert_array_equal(one.switches, other.switches)
         assert 20 < one.matched.sum() < len(kept)
@@ -257,62 +264,96 @@ class TestMatchTracks:
             expected.append(error)
         generator.shuffle(truth)
         instants, names, points = zip(*truth, strict=True)
-        columns = {"truth_time": instants, "target": names, "truth_position": points}
+        rows = (np.concatenate(column) for column in (time, track, place))
         found = match_tracks(
-            np.concatenate(time),
-            np.concatenate(track),
-            np.concatenate(place),
-            **columns,
-            distance=100,
-            period=10,
+            tracks(*rows), Truth(instants, names, points), max_distance=100, update_interval=10
         )
         assert found.matched.all()
         np.testing.assert_allclose(found.error, np.concatenate(expected), atol=1e-9)
 
     def test_no_updates(self):
-        found = match_tracks([], np.empty(0, int), np.empty((0, 2)), **TWO, distance=50)
+        found = match_tracks(tracks([], np.empty(0, int), np.empty((0, 2))), TWO, max_distance=50)
         assert found.target.shape == (0,)
         np.testing.assert_array_equal(found.switches, [0, 0])
 
     @pytest.mark.parametrize(
         ("change", "kind", "message"),
         [
-            ({"time": [[1.0]]}, ValueError, r"time has shape \(1, 1\)"),
-            ({"time": [NAN]}, ValueError, r"time\[0\] is nan"),
-            ({"track": [1, 2]}, ValueError, r"track has shape \(2,\)"),
-            ({"track": [1.0]}, TypeError, "track has dtype float64"),
-            ({"position": [1, 2]}, ValueError, r"position has shape \(2,\)"),
-            ({"position": [[1, 2, 3]]}, ValueError, r"and truth_position \(4, 2\)"),
+            ({"time": [[1.0]]}, ValueError, r"tracks\.time has shape \(1, 1\)"),
+            ({"time": [NAN]}, ValueError, r"tracks\.time\[0\] is nan"),
+            ({"track": [1, 2]}, ValueError, r"tracks\.track has shape \(2,\)"),
+            ({"track": [1.0]}, TypeError, r"tracks\.track has dtype float64"),
+            ({"position": [1, 2]}, ValueError, r"tracks\.position has shape \(2,\)"),
+            ({"position": [[1, 2, 3]]}, ValueError, r"and truth\.position \(4, 2\)"),
+            ({"max_distance": 0}, ValueError, "max_distance is 0"),
+            ({"update_interval": -1}, ValueError, "update_interval is -1"),
+            ({"truth": None}, TypeError, "truth is None"),
+        ],
+    )
+    def test_errors(self, change, kind, message):
+        right = {"time": [1], "track": [1], "position": [[0, 0]], "truth": TWO, "max_distance": 50}
+        changed = {**right, **change}
+        shown = tracks(*(changed.pop(name) for name in ("time", "track", "position")))
+        with pytest.raises(kind, match=message):
+            match_tracks(shown, **changed)
+
+
+class TestTruth:
+    def test_sorts_and_names(self):
+        rows = [(4, "b", (1, 1)), (0, "b", (0, 0)), (2, "a", (5, 5))]
+        truth = Truth(*zip(*rows, strict=True))
+        np.testing.assert_array_equal(truth.targets, ["a", "b"])
+        np.testing.assert_array_equal(truth.target, [0, 1, 1])
+        np.testing.assert_array_equal(truth.time, [2, 0, 4])
+        np.testing.assert_array_equal(truth.first, [2, 0])
+        np.testing.assert_array_equal(truth.last, [2, 4])
+        assert [(name, len(time)) for name, time, _ in truth] == [("a", 1), ("b", 2)]
+        assert len(truth) == 2
+
+    def test_position_and_course_by_hand(self):
+        path = [(0, (0, 0, 9)), (10, (0, 100, 9)), (20, (100, 100, 9))]
+        truth = Truth([t for t, _ in path], [7] * 3, [x for _, x in path])
+        np.testing.assert_allclose(truth.at(0, [5, 15, 21])[:2], [[0, 50, 9], [50, 100, 9]])
+        assert np.isnan(truth.at(0, [-1e-9, 20 + 1e-9])).all()
+        np.testing.assert_array_equal(truth.present(0, [0, 20, 21]), [True, True, False])
+        np.testing.assert_allclose(truth.course([0, 0, 0], [0, 10, 20]), np.radians([0, 45, 90]))
+        assert np.isnan(truth.course([-1], [0])).all()
+        assert np.isnan(truth.at([-1], [0])).all()
+
+    @pytest.mark.parametrize(
+        ("change", "kind", "message"),
+        [
             ({"target": [1, 2]}, ValueError, r"target has shape \(2,\)"),
+            ({"target": [5.0] * 4}, TypeError, "target has dtype float64"),
             ({"target": [5, 5, 5, 5]}, ValueError, r"target 5 has two positions at 0\.0"),
-            ({"truth_position": [[0, INF]] * 4}, ValueError, r"truth_position\[0, 1\] is inf"),
-            ({"distance": 0}, ValueError, "distance is 0"),
-            ({"period": -1}, ValueError, "period is -1"),
+            ({"position": [[0, INF]] * 4}, ValueError, r"position\[0, 1\] is inf"),
             (
-                {"truth_time": [], "target": np.empty(0, int), "truth_position": np.empty((0, 2))},
+                {"time": [], "target": np.empty(0, int), "position": np.empty((0, 2))},
                 ValueError,
-                "truth_time is empty",
+                "time is empty",
             ),
         ],
     )
     def test_errors(self, change, kind, message):
-        right = {"time": [1], "track": [1], "position": [[0, 0]], **TWO, "distance": 50}
+        right = {"time": TWO.time, "target": TWO.target, "position": TWO.position}
         with pytest.raises(kind, match=message):
-            match_tracks(**{**right, **change})
+            Truth(**{**right, "time": [0, 10, 0, 10], **change})
 
 
-ONE = flights((3, [(0, 0, 0), (100, 10_000, 0)]))
+ONE = Truth(**flights((3, [(0, 0, 0), (100, 10_000, 0)])))
 
 
 def seen(*times, track=1, north=0.0):
     return [(t, track, 100 * t, north) for t in times]
 
 
-def judged(*rows, truth=ONE, period=4.0, distance=500.0):
-    return surveillance(*updates(*rows), **truth, period=period, distance=distance)
+def judged(*rows, truth=ONE, update_interval=4.0, max_distance=500.0):
+    return indicators(
+        updates(*rows), truth, update_interval=update_interval, max_distance=max_distance
+    )
 
 
-class TestSurveillance:
+class TestIndicators:
     def test_everything_is_there(self):
         found = judged(*seen(*range(0, 101, 4)))
         assert found.probability_of_update == 1
@@ -364,7 +405,7 @@ class TestSurveillance:
         truth = flights(
             (3, [(0, 0, 0), (100, 10_000, 0)]), (1, [(0, 0, 9e4), (8, 0, 9e4), (20, 0, 9e4)])
         )
-        found = judged(*seen(*range(0, 101, 4)), truth=truth)
+        found = judged(*seen(*range(0, 101, 4)), truth=Truth(**truth))
         np.testing.assert_array_equal(found.expected_updates, [6, 26])
         np.testing.assert_array_equal(found.missed_updates, [6, 0])
         assert found.probability_of_update == pytest.approx(26 / 32)
@@ -380,7 +421,7 @@ class TestSurveillance:
         truth = flights((3, [(0, 0, 0), (100, 10_000, 0)]), (4, [(0, 0, 2e4), (100, 0, 2e4)]))
         rows += [(0, 3, 0, 2e4), (4, 3, 0, 3e4), (8, 3, 0, 3e4)]
         rows += [(40, 4, 0, 2e4), (44, 4, 0, 3e4)]
-        found = judged(*rows, truth=truth)
+        found = judged(*rows, truth=Truth(**truth))
         assert found.false_updates == 6
         assert found.false_tracks == 2
         assert found.switches == 1
@@ -395,34 +436,33 @@ class TestSurveillance:
         np.testing.assert_allclose(np.sort(np.unique(across.round(6))), [-30, 40])
 
     def test_by_monte_carlo_it_is_the_probability_of_detection(self):
-        """Where updates are missed independently, the ratio is that of detection."""
+        """With independent misses it is that of detection; long gaps are counted exactly."""
         generator = rng(9)
         time = np.arange(0, 4000, 4.0)
         truth = flights(*[(k, [(0, 0, 5e3 * k), (3996, 4e5, 5e3 * k)]) for k in range(20)])
-        rows = []
+        rows, missed = [], 0
         for k in range(20):
             there = generator.uniform(size=len(time)) < 0.9
             t = time[there]
             rows += [(a, k, a * 4e5 / 3996, 5e3 * k) for a in t]
-        found = judged(*rows, truth=truth)
+            gaps = np.diff(np.append(np.flatnonzero(there), len(time))) - 1
+            missed += gaps[gaps >= 3].sum()
+        found = judged(*rows, truth=Truth(**truth))
         total = found.expected_updates.sum()
         sigma = np.sqrt(0.9 * 0.1 / total)
         assert abs(found.probability_of_update - 0.9) < 3 * sigma
-        # three or more in a row: 0.9 (3 0.1³ + 4 0.1⁴ 0.9 ...) a scan
-        share = sum(m * 0.1**m * 0.9**2 for m in range(3, 40))
-        assert found.long_gap_ratio == pytest.approx(share, rel=0.35)
+        assert found.long_gap_ratio == missed / total > 0
 
     def test_no_updates_at_all(self):
-        found = surveillance(
-            [], np.empty(0, int), np.empty((0, 2)), **ONE, period=4.0, distance=500.0
-        )
+        none = tracks([], np.empty(0, int), np.empty((0, 2)))
+        found = indicators(none, ONE, update_interval=4.0, max_distance=500.0)
         assert found.probability_of_update == 0
         assert found.long_gap_ratio == 1
         assert found.missed_targets == 1
         assert np.isnan(found.rmse)
 
     def test_errors(self):
-        for key in ("period", "distance"):
+        for key in ("update_interval", "max_distance"):
             with pytest.raises(ValueError, match=f"{key} is 0"):
                 judged(*seen(0, 4), **{key: 0})
             with pytest.raises(TypeError, match=f"{key} is None"):

@@ -32,7 +32,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tertia.metrics import gospa, surveillance
+from tertia.metrics import Truth, gospa, indicators
 from tertia.simulate import dense_traffic, encounter, radar_plots
 from tertia.tracker import Radar, Tracker, cartesian, track
 
@@ -351,16 +351,8 @@ def figures(picture, scene):
     traffic = scene.traffic
     when = traffic.time
     target = np.broadcast_to(np.arange(len(traffic))[:, np.newaxis], when.shape)
-    found = surveillance(
-        picture.time,
-        picture.track,
-        picture.position,
-        truth_time=when.ravel(),
-        target=target.ravel(),
-        truth_position=traffic.position.reshape(-1, 2),
-        period=PERIOD,
-        distance=CUTOFF,
-    )
+    truth = Truth(when.ravel(), target.ravel(), traffic.position.reshape(-1, 2))
+    found = indicators(picture, truth, max_distance=CUTOFF, update_interval=PERIOD)
     return np.array(
         [
             mean_gospa(picture, scene),

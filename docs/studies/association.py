@@ -1,6 +1,7 @@
 """The tables of the page on association."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -157,16 +158,14 @@ def updates() -> str:
         north = 1e4 * np.arange(targets)
         place = np.column_stack([150.0 * time[scan], north[track]])
         ends = np.repeat([0.0, time[-1]], targets)
-        found = metrics.surveillance(
-            time[scan] + rng.uniform(-0.1, 0.1, len(scan)) * period,
-            track,
-            place,
-            truth_time=ends + np.repeat([-1.0, 1.0], targets) * 0.1 * period,
-            target=np.tile(np.arange(targets), 2),
-            truth_position=np.column_stack([150.0 * ends, np.tile(north, 2)]),
-            period=period,
-            distance=500.0,
+        when = time[scan] + rng.uniform(-0.1, 0.1, len(scan)) * period
+        truth = metrics.Truth(
+            ends + np.repeat([-1.0, 1.0], targets) * 0.1 * period,
+            np.tile(np.arange(targets), 2),
+            np.column_stack([150.0 * ends, np.tile(north, 2)]),
         )
+        tracks = SimpleNamespace(time=when, track=track, position=place)
+        found = metrics.indicators(tracks, truth, max_distance=500.0, update_interval=period)
         miss = 1.0 - probability
         # m in a row, m >= 3, between two updates: m miss^m probability^2 a scan
         long = miss**3 * (3 - 2 * miss)

@@ -11,11 +11,11 @@ from tertia.cli import _tables
 from tertia.cli._judged import read_pair
 from tertia.cli._options import PlotFile, RequiredPeriod, TargetDistance, check_judging, pair
 from tertia.cli._terminal import WRONG_USAGE, fail, note, print_table, shown, working
+from tertia.metrics import Truth
 from tertia.report._evaluation import (
     PARTS,
     Judged,
     Rows,
-    Truth,
     figures,
     judge,
     rmse,
@@ -116,7 +116,7 @@ def _table(judged: Judged, period: float) -> pl.DataFrame:
 def _by_target(judged: Judged) -> pl.DataFrame:
     told, matching = judged.told, judged.told.matching
     rows = []
-    for k, name in enumerate(judged.truth.names):
+    for k, name in enumerate(judged.truth.targets.tolist()):
         own = matching.target == k
         expected = int(told.expected_updates[k])
         missed = int(told.missed_updates[k])
@@ -156,7 +156,7 @@ def _draw(judged: Judged, path: Path) -> None:
 
 def _draw_plan(ax: "Axes", judged: Judged) -> None:
     rows, matched = judged.rows, judged.told.matching.matched
-    for k, _, position in judged.truth.along():
+    for k, (_, _, position) in enumerate(judged.truth):
         ax.plot(*position.T / 1e3, color=_TRUE, linewidth=3, label="_truth" if k else "truth")
     places = rows.position[rows.updated] / 1e3
     for chosen, colour, mark, label in (

@@ -10,7 +10,8 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.cli import _asterix, _tables
 from tertia.cli._places import GEODETIC
 from tertia.cli._terminal import WRONG_USAGE, fail
-from tertia.report._evaluation import Rows, Truth
+from tertia.metrics import Truth
+from tertia.report._evaluation import Rows
 
 _PLACE = ("east_m", "north_m")
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
@@ -167,11 +168,12 @@ def _rows(frame: pl.DataFrame, path: Path, seconds: FloatArray) -> Rows:
 
 def _truth(frame: pl.DataFrame, path: Path, seconds: FloatArray) -> Truth:
     places = _places(frame, path)
-    target, names = _names(frame["target"], path)
+    numbers, names = _names(frame["target"], path)
+    target = np.asarray(names)[numbers]
     order = np.lexsort((seconds, target))
-    again = (np.diff(target[order]) == 0) & (np.diff(seconds[order]) == 0)
+    again = (target[order][1:] == target[order][:-1]) & (np.diff(seconds[order]) == 0)
     if np.any(again):
         row = int(order[1:][again].min())
-        told = f"a second position of target {names[target[row]]} at time_s {frame['time_s'][row]}"
+        told = f"a second position of target {target[row]} at time_s {frame['time_s'][row]}"
         fail(f"{_tables.place(path, row)}: {told}")
-    return Truth(seconds, target, places, names)
+    return Truth(seconds, target, places)

@@ -37,7 +37,8 @@ from tertia.cli._radar_plots import (
 from tertia.cli._radars import RadarSites, read_radars
 from tertia.cli._stations import Sites, read_stations
 from tertia.cli._terminal import WRONG_USAGE, fail, print_table, shown
-from tertia.report import Emitter, Report, Truth
+from tertia.metrics import Truth
+from tertia.report import Emitter, Report
 from tertia.tracker import Motion
 
 EXAMPLES = (

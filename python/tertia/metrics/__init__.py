@@ -1,26 +1,29 @@
-"""Metrics: how large errors are, whether they are as large as they are said to be, and tracking.
+"""Metrics: how large errors are, whether they agree with their covariances, how good tracks are.
 
-`nees`, `nis`, `consistency_bounds`, `autocorrelation` and `rmse` are about errors, `track_errors`
-turns them along and across a course, `gospa` compares sets of positions, `match_tracks` and
-`surveillance` a whole picture of tracks with the truth.
+`nees`, `nis`, `consistency_bounds`, `autocorrelation` and `rmse` are about errors. `track_errors`
+resolves them along and across a course, `gospa` compares sets of positions, and `match_tracks` and
+`indicators` compare tracks with the truth.
 """
 
 from tertia.metrics._consistency import autocorrelation, consistency_bounds, nees, nis, rmse
 from tertia.metrics._gospa import Gospa, gospa
-from tertia.metrics._matching import Matching, match_tracks, track_errors
-from tertia.metrics._surveillance import Surveillance, surveillance
+from tertia.metrics._indicators import Indicators, indicators
+from tertia.metrics._matching import Matching, Tracks, match_tracks, track_errors
+from tertia.metrics._truth import Truth
 
 __all__ = [
     "Gospa",
+    "Indicators",
     "Matching",
-    "Surveillance",
+    "Tracks",
+    "Truth",
     "autocorrelation",
     "consistency_bounds",
     "gospa",
+    "indicators",
     "match_tracks",
     "nees",
     "nis",
     "rmse",
-    "surveillance",
     "track_errors",
 ]

@@ -18,13 +18,13 @@ class Gospa:
     Attributes
     ----------
     distance : float
-        The metric, in metres: `(localisation + missed + false)^(1/order)`.
+        The metric, in metres: `(localisation + missed + false)^(1/p)`.
     localisation : float
-        Sum of the distances of estimates to their targets, to the power `order`.
+        Sum of the distances of estimates from their targets, each to the power `p`.
     missed : float
-        What targets without an estimate cost, in the same unit.
+        The same for targets without an estimate.
     false : float
-        What estimates without a target cost, in the same unit.
+        The same for estimates without a target.
     """
 
     distance: float
@@ -33,7 +33,7 @@ class Gospa:
     false: float
 
     def __repr__(self) -> str:
-        """Tell the metric and its parts."""
+        """Return the metric and its parts as text."""
         return (
             f"Gospa({self.distance:.6g}: localisation {self.localisation:.6g}, "
             f"missed {self.missed:.6g}, false {self.false:.6g})"
@@ -44,7 +44,7 @@ def gospa(
     estimates: npt.ArrayLike,
     truth: npt.ArrayLike,
     cutoff: float,
-    order: float = 2.0,
+    p: float = 2.0,
     alpha: float = 2.0,
 ) -> Gospa:
     """Return how far a set of estimated positions is from the true ones.
@@ -57,11 +57,11 @@ def gospa(
         True positions.
     cutoff : float
         Metres at which an estimate is as bad as none.
-    order : float
-        Exponent, at least 1: the larger, the more do outliers cost.
+    p : float
+        Exponent, at least 1: the larger it is, the more large errors cost.
     alpha : float
-        Above 0 and at most 2. With 2 a target or estimate that is left over costs half of
-        `cutoff**order`.
+        Above 0 and at most 2. With 2, a target or estimate without a partner costs half of
+        `cutoff**p`.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def gospa(
     Notes
     -----
     Rahmathullah, Garcia-Fernandez, Svensson 2017, definition 1: the least sum, over all one-to-one
-    pairings of the smaller set, of `min(d, cutoff)^order`, and `cutoff^order / alpha` for each
+    pairings of the smaller set, of `min(d, cutoff)^p`, and `cutoff^p / alpha` for each
     element by which the larger set is larger. A pair at the cutoff is one missed target and one
     false estimate, half each. Only for `alpha = 2` do the parts count all of them alike.
 
@@ -97,15 +97,15 @@ def gospa(
     if found.shape[-1] != true.shape[-1]:
         raise ValueError(f"estimates has shape {found.shape} and truth {true.shape}")
     limit = float(positive(real(cutoff, "cutoff"), "cutoff"))
-    p, divisor = real(order, "order"), real(alpha, "alpha")
-    if not 1.0 <= p < np.inf:
-        raise ValueError(f"order is {p}; it must be at least 1")
+    power, divisor = real(p, "p"), real(alpha, "alpha")
+    if not 1.0 <= power < np.inf:
+        raise ValueError(f"p is {power}; it must be at least 1")
     if not 0.0 < divisor <= 2.0:
         raise ValueError(f"alpha is {divisor}; it must be above 0 and at most 2")
     n, m = len(found), len(true)
     row, column, distance = pairs_within(found, true, limit)
     # in units of the cutoff, so that no power overflows
-    cost = (distance / limit) ** p
+    cost = (distance / limit) ** power
     chosen = _core.assign_pairs(row, column, 1.0 - cost, n, m, "global")
     mine = chosen[row] == column
     at_cutoff = min(n, m) - np.count_nonzero(mine)
@@ -113,8 +113,8 @@ def gospa(
     missed = at_cutoff / 2 + max(m - n, 0) / divisor
     false = at_cutoff / 2 + max(n - m, 0) / divisor
     total = localisation + missed + false
-    unit = limit**p
-    return Gospa(limit * total ** (1 / p), unit * localisation, unit * missed, unit * false)
+    unit = limit**power
+    return Gospa(limit * total ** (1 / power), unit * localisation, unit * missed, unit * false)
 
 
 def pairs_within(

@@ -4,7 +4,6 @@
 """
 
 from tertia.report._bearings import Emitter
-from tertia.report._evaluation import Truth
 from tertia.report._report import Report, make
 
-__all__ = ["Emitter", "Report", "Truth", "make"]
+__all__ = ["Emitter", "Report", "make"]

@@ -11,8 +11,9 @@ from tertia import metrics
 from tertia._arrays import FloatArray, IntArray
 from tertia.flightplan import FlightPlan
 from tertia.location import Station
+from tertia.metrics import Truth
 from tertia.report._bearings import Emitter, Heard, hear
-from tertia.report._evaluation import MOST_NEES, Judged, Truth, judge, usual_periods
+from tertia.report._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import (
     Biases,
@@ -204,13 +205,7 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
     """Compare the states with those of the targets that the joint tracks show."""
     tracks = joint.rows.track[joint.rows.updated]
     target = _shown(tracks, joint.told.matching.target, fused.told.track)
-    places = np.full((len(target), 2), np.nan)
-    for k, time, position in truth.along():
-        own = target == k
-        for axis in range(2):
-            places[own, axis] = np.interp(
-                fused.told.time[own], time, position[:, axis], left=np.nan, right=np.nan
-            )
+    places = truth.at(target, fused.told.time)[:, :2]
     states = dict(fused.states)
     states |= {
         f"#{k}": (fused.told.state[:, k], fused.told.covariance[:, k])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.metrics import Indicators, Truth
 
 # a track that ends is in the picture for so many of its radars' periods
 _AGE = 1.5
@@ -32,42 +33,18 @@ class Rows:
     covariance: FloatArray | None
     updated: BoolArray
 
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Where targets were: seconds, metres; `target` numbers the names."""
-
-    time: FloatArray
-    target: IntArray
-    position: FloatArray
-    names: list[str]
-
-    def along(self) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-        """Yield each target with its times and positions, in order."""
-        order = np.lexsort((self.time, self.target))
-        starts = np.searchsorted(self.target[order], np.arange(1, len(self.names)))
-        for k, rows in enumerate(np.split(order, starts)):
-            yield k, self.time[rows], self.position[rows]
-
-    def at(self, instants: FloatArray) -> FloatArray:
-        """Return where all targets are, (K, T, 2), nan while they are not there."""
-        found = np.full((len(self.names), len(instants), 2), np.nan)
-        for k, time, position in self.along():
-            for axis in range(2):
-                found[k, :, axis] = np.interp(
-                    instants, time, position[:, axis], left=np.nan, right=np.nan
-                )
-        return found
-
-    def course(self, target: IntArray, time: FloatArray) -> FloatArray:
-        """Return courses of targets, (N,), nan for target -1."""
-        found = np.full(len(time), np.nan)
-        for k, moments, position in self.along():
-            own = target == k
-            if len(moments) > 1 and np.any(own):
-                velocity = np.gradient(position, moments, axis=0)
-                found[own] = np.arctan2(*(np.interp(time[own], moments, v) for v in velocity.T))
-        return found
+    def updates(self) -> Rows:
+        """Return the rows with a plot."""
+        of = self.updated
+        return Rows(
+            self.time[of],
+            self.track[of],
+            self.radar[of],
+            self.position[of],
+            self.velocity[of],
+            None if self.covariance is None else self.covariance[of],
+            of[of],
+        )
 
 
 def usual_periods(rows: Rows) -> list[float]:
@@ -113,7 +90,8 @@ def gospa(
     required, slowest = periods
     first, last = truth.time.min(), truth.time.max()
     instants = first + required * np.arange(np.floor((last - first) / required + _ROUNDING) + 1)
-    shown, there = pictures(rows, instants, _AGE * slowest), truth.at(instants)
+    shown = pictures(rows, instants, _AGE * slowest)
+    there = truth.at(np.arange(len(truth))[:, np.newaxis], instants)
     told = np.empty((len(instants), 4))
     for t in range(len(instants)):
         estimates, places = (x[:, t][np.isfinite(x[:, t, 0])] for x in (shown, there))
@@ -128,7 +106,7 @@ class Judged:
 
     rows: Rows
     truth: Truth
-    told: metrics.Surveillance
+    told: Indicators
     along: FloatArray
     across: FloatArray
     nees: FloatArray | None
@@ -146,23 +124,14 @@ def judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: floa
 
     `periods` has the required one and that of the slowest radar.
     """
-    updated = rows.updated
-    told = metrics.surveillance(
-        rows.time[updated],
-        rows.track[updated],
-        rows.position[updated],
-        truth_time=truth.time,
-        target=truth.target,
-        truth_position=truth.position,
-        period=periods[0],
-        distance=distance,
-    )
+    updates = rows.updates()
+    told = metrics.indicators(updates, truth, max_distance=distance, update_interval=periods[0])
     matching = told.matching
-    course = truth.course(matching.target, rows.time[updated])
+    course = truth.course(matching.target, updates.time)
     along, across = metrics.track_errors(matching.error, course)
     nees = None
-    if rows.covariance is not None:
-        nees = np.asarray(metrics.nees(matching.error, rows.covariance[updated]))
+    if updates.covariance is not None:
+        nees = np.asarray(metrics.nees(matching.error, updates.covariance))
     instants, parts = gospa(rows, truth, periods, distance)
     return Judged(rows, truth, told, np.asarray(along), np.asarray(across), nees, instants, parts)
 
@@ -175,7 +144,7 @@ def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]
     mean = judged.gospa[:, 0].mean()
     roots = np.sqrt(np.mean(judged.gospa[:, 1:] ** 2, axis=0))
     found: list[tuple[str, float | None, str]] = [
-        ("targets", len(truth.names), ""),
+        ("targets", len(truth), ""),
         ("missed targets", told.missed_targets, ""),
         ("tracks", confirmed, ""),
         ("false tracks", told.false_tracks, ""),

@@ -167,7 +167,7 @@ def _truth_step(told: Analysis) -> int:
 def _truth(told: Analysis) -> dict[str, Any]:
     assert told.truth is not None
     step = _truth_step(told)
-    ways = [place[::step] / 1e3 for _, _, place in told.truth.along()]
+    ways = [place[::step] / 1e3 for _, _, place in told.truth]
     look = {"color": GREY, "width": 5}
     return line("truth", *joined(ways).T, line=look, hoverinfo="skip", opacity=0.45)
 
@@ -178,12 +178,12 @@ def _truth_tracks(told: Analysis) -> list[dict[str, Any]]:
     step = _truth_step(told)
     return [
         {
-            "name": told.truth.names[k],
+            "name": str(name),
             "t": numbers(time[::step], 8),
             "x": numbers(place[::step, 0] / 1e3, 6),
             "y": numbers(place[::step, 1] / 1e3, 6),
         }
-        for k, time, place in told.truth.along()
+        for name, time, place in told.truth
     ]
 
 

@@ -12,9 +12,9 @@ from tertia import tracker
 from tertia._arrays import positive, real
 from tertia.flightplan import FlightPlan
 from tertia.location import Station
+from tertia.metrics import Truth
 from tertia.report._analysis import analyse
 from tertia.report._bearings import Emitter
-from tertia.report._evaluation import Truth
 from tertia.report._tables import summary
 from tertia.tracker import Motion, Plots, Radar, TrackTable
 
@@ -91,7 +91,7 @@ def make(
         How targets move; see `tertia.tracker.Tracker`.
     plans : sequence of FlightPlan
         Flight plans, for "imm-plan".
-    truth : Truth, optional
+    truth : tertia.metrics.Truth, optional
         Where targets were.
     stations : sequence of Station
         Direction finders, in the plane.

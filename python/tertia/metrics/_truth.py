@@ -1,0 +1,190 @@
+"""Where the targets really were."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite
+
+
+@dataclass(slots=True, frozen=True, eq=False, init=False)
+class Truth:
+    """True positions of targets over time, with which tracks are compared.
+
+    Between its times a target flies straight; before its first and after its last it is not there.
+
+    Parameters
+    ----------
+    time : array_like of shape (L,)
+        Times in seconds, in any order.
+    target : array_like of shape (L,)
+        Whose position it is: integers or strings.
+    position : array_like of shape (L, m)
+        Positions in metres, m = 2 or 3.
+
+    Attributes
+    ----------
+    time : ndarray of shape (L,)
+    position : ndarray of shape (L, m)
+        Sorted by target and time.
+    target : ndarray of int, shape (L,)
+        Index into `targets`.
+    targets : ndarray of shape (K,)
+        The identifiers of the targets, in increasing order.
+    first, last : ndarray of shape (K,)
+        First and last time of each target.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number that is not finite, a target with two positions at one
+        time, no row.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.metrics import Truth
+    >>> truth = Truth([0, 8, 0], ["KLM", "KLM", "BAW"], [[0, 0], [800, 0], [90, 0]])
+    >>> truth
+    Truth(2 targets, 3 positions)
+    >>> truth.at([1, 0, 0], [4, 0, 4])
+    array([[400.,   0.],
+           [ 90.,   0.],
+           [ nan,  nan]])
+    """
+
+    time: FloatArray
+    target: IntArray
+    position: FloatArray
+    targets: npt.NDArray[Any]
+    first: FloatArray
+    last: FloatArray
+    # a time is its rank among all, so that a target and a time together are one integer
+    _ranks: FloatArray = field(repr=False)
+    _keys: IntArray = field(repr=False)
+
+    def __init__(self, time: npt.ArrayLike, target: npt.ArrayLike, position: npt.ArrayLike) -> None:
+        times, labels, points = rows(time, target, position, "", "target")
+        if len(times) == 0:
+            raise ValueError("time is empty; there must be a target")
+        targets, index = np.unique(labels, return_inverse=True)
+        order = np.lexsort((times, index))
+        index, times = index[order], times[order]
+        again = np.flatnonzero((np.diff(index) == 0) & (np.diff(times) == 0))
+        if len(again):
+            name = targets[index[again[0]]]
+            raise ValueError(f"target {name} has two positions at {times[again[0]]}; it needs one")
+        ranks = np.unique(times)
+        starts = np.flatnonzero(np.diff(index, prepend=-1))
+        values = {
+            "time": times,
+            "target": index.astype(np.int64),
+            "position": points[order],
+            "targets": targets,
+            "first": times[starts],
+            "last": times[np.append(starts[1:], len(index)) - 1],
+            "_ranks": ranks,
+            "_keys": index * (len(ranks) + 1) + np.searchsorted(ranks, times) + 1,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        """Return the number of targets."""
+        return len(self.targets)
+
+    def __repr__(self) -> str:
+        """Return the numbers of targets and positions."""
+        return f"Truth({len(self)} targets, {len(self.time)} positions)"
+
+    def __iter__(self) -> Iterator[tuple[Any, FloatArray, FloatArray]]:
+        """Yield each target with its times and positions, in order of time."""
+        starts = np.flatnonzero(np.diff(self.target)) + 1
+        paths = np.split(self.time, starts), np.split(self.position, starts)
+        yield from zip(self.targets.tolist(), *paths, strict=True)
+
+    def present(self, target: npt.ArrayLike, time: npt.ArrayLike) -> BoolArray:
+        """Return whether targets are there; arguments as of `at`."""
+        k, when = np.asarray(target), np.asarray(time)
+        return np.asarray((k >= 0) & (when >= self.first[k]) & (when <= self.last[k]))
+
+    def at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
+        """Return positions by linear interpolation.
+
+        Parameters
+        ----------
+        target : array_like of int, shape (...)
+            Indices into `targets`; -1 is no target.
+        time : array_like of shape (...)
+            Times in seconds.
+
+        Returns
+        -------
+        ndarray of shape (..., m)
+            Positions in metres, nan where a target is not there.
+        """
+        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
+        there = self.present(k, when)
+        found = np.full((*k.shape, self.position.shape[1]), np.nan)
+        found[there] = self._between(k[there], when[there])
+        return found
+
+    def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
+        """Return courses in radians clockwise from north; arguments as of `at`.
+
+        They are interpolated between central differences; nan where a target has one position
+        alone.
+        """
+        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
+        found = np.full(k.shape, np.nan)
+        for one, (_, times, position) in enumerate(self):
+            own = k == one
+            if len(times) > 1 and np.any(own):
+                velocity = np.gradient(position[:, :2], times, axis=0).T
+                found[own] = np.arctan2(*(np.interp(when[own], times, v) for v in velocity))
+        return found
+
+    def _between(self, target: IntArray, time: FloatArray) -> FloatArray:
+        rank = np.searchsorted(self._ranks, time, side="right")
+        before = np.searchsorted(self._keys, target * (len(self._ranks) + 1) + rank, "right") - 1
+        after = np.where(self.time[before] < time, before + 1, before)
+        span = np.where(after > before, self.time[after] - self.time[before], 1.0)
+        share = ((time - self.time[before]) / span)[..., np.newaxis]
+        step = self.position[after] - self.position[before]
+        return np.asarray(self.position[before] + share * step)
+
+
+def rows(
+    time: npt.ArrayLike,
+    label: npt.ArrayLike,
+    position: npt.ArrayLike,
+    prefix: str,
+    noun: str,
+) -> tuple[FloatArray, npt.NDArray[Any], FloatArray]:
+    """Return the columns of a table of positions."""
+    times, points = finite(time, f"{prefix}time"), finite(position, f"{prefix}position")
+    labels = np.asarray(label)
+    if labels.dtype.kind == "O" and all(isinstance(one, str) for one in labels.flat):
+        labels = labels.astype(str)
+    if labels.dtype.kind not in "iuUT":
+        raise TypeError(
+            f"{prefix}{noun} has dtype {labels.dtype}; it must hold integers or strings"
+        )
+    if times.ndim != 1:
+        raise ValueError(f"{prefix}time has shape {times.shape}; it must be (N,)")
+    n = len(times)
+    if labels.shape != (n,):
+        raise ValueError(
+            f"{prefix}{noun} has shape {labels.shape}; it must be ({n},), as {prefix}time"
+        )
+    if points.ndim != 2 or len(points) != n or points.shape[1] not in (2, 3):
+        raise ValueError(
+            f"{prefix}position has shape {points.shape}; it must be ({n}, 2) or ({n}, 3)"
+        )
+    return times, labels, points
