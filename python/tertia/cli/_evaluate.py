@@ -12,7 +12,7 @@ from tertia.cli._judged import read_pair
 from tertia.cli._options import PlotFile, RequiredPeriod, TargetDistance, check_judging, pair
 from tertia.cli._terminal import WRONG_USAGE, fail, note, print_table, shown, working
 from tertia.metrics import Truth
-from tertia.report._evaluation import (
+from tertia.metrics._evaluation import (
     PARTS,
     Judged,
     Rows,

@@ -11,7 +11,7 @@ from tertia.cli import _asterix, _tables
 from tertia.cli._places import GEODETIC
 from tertia.cli._terminal import WRONG_USAGE, fail
 from tertia.metrics import Truth
-from tertia.report._evaluation import Rows
+from tertia.metrics._evaluation import Rows
 
 _PLACE = ("east_m", "north_m")
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")

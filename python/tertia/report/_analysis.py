@@ -12,8 +12,8 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.flightplan import FlightPlan
 from tertia.location import Station
 from tertia.metrics import Truth
+from tertia.metrics._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.report._bearings import Emitter, Heard, hear
-from tertia.report._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import (
     Biases,

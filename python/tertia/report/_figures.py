@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tertia import metrics
 from tertia._arrays import FloatArray
+from tertia.metrics._evaluation import PARTS
 from tertia.report._analysis import (
     INTERSECTION,
     OPTIMAL_FOUND,
@@ -19,7 +20,6 @@ from tertia.report._analysis import (
     mean_nees,
 )
 from tertia.report._bearings import Heard
-from tertia.report._evaluation import PARTS
 
 # of Okabe and Ito, in lightness between white and black: for light and dark pages, and for people
 # who see fewer colours

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tertia._arrays import FloatArray
+from tertia.metrics._evaluation import figures
 from tertia.plot import rounded
 from tertia.report._analysis import (
     FOUND,
@@ -18,7 +19,6 @@ from tertia.report._analysis import (
     Analysis,
     within,
 )
-from tertia.report._evaluation import figures
 from tertia.tracker import Fate
 
 Row = dict[str, Any]

@@ -9,7 +9,7 @@ import numpy as np
 
 from tertia import fusion
 from tertia._arrays import BoolArray, FloatArray, IntArray
-from tertia.report._evaluation import Rows
+from tertia.metrics._evaluation import Rows
 from tertia.tracker import Fate, Plots, Radar, TrackTable
 
 Run = Callable[[Plots, Sequence[Radar]], TrackTable]

@@ -1,4 +1,4 @@
-"""Tracks beside the truth: rows of both, pictures of instants, GOSPA, the figures of all."""
+"""Tracks versus truth: rows of both, pictures of instants, GOSPA, figures of the whole."""
 
 from __future__ import annotations
 
