@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::bearing::{
-    Estimator, GroupOutput, GroupRule, Method, RobustRule, VarianceTest, Workspace,
+    BlockOutput, Estimator, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
 use tertia::screening::BurstRule;
 
@@ -20,7 +20,7 @@ fn record() -> Vec<f64> {
 
 fn benches(c: &mut Criterion) {
     let variance_test = VarianceTest::Cochran(0.05);
-    let rule = GroupRule { k: 2.5, group_size: 10, variance_test };
+    let rule = PaperRule { k: 2.5, block_size: 10, variance_test };
     let bursts = BurstRule::try_new(2.5, 3.0, (2, 20), 0.0, 0.0).unwrap();
     let theta = record();
     let mut group = c.benchmark_group("bearing of 100");
@@ -29,17 +29,17 @@ fn benches(c: &mut Criterion) {
         ("k-sigma", Method::KSigma(2.5)),
         ("paper", Method::Paper(rule)),
         ("corrected", Method::Corrected(rule, 0.05)),
-        ("robust", Method::Robust(RobustRule { bursts, group_size: 10 })),
+        ("robust", Method::Robust(RobustRule { bursts, block_size: 10 })),
     ] {
         let estimator = Estimator::try_new(method, Some(360.0), 0.0).unwrap();
         let mut outlier = [false; 100];
         let [mut mean, mut variance, mut weight] =
-            [(); 3].map(|()| vec![0.0; estimator.groups(theta.len())]);
+            [(); 3].map(|()| vec![0.0; estimator.blocks(theta.len())]);
         let mut workspace = Workspace::default();
         group.bench_function(name, |b| {
             b.iter(|| {
                 let mut output =
-                    GroupOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
+                    BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
                 let theta = black_box(&theta);
                 estimator.estimate(theta, &mut outlier, &mut output, &mut workspace).unwrap()
             });

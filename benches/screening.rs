@@ -3,8 +3,8 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::screening::{
-    BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics, mask,
-    statistics, unwrap,
+    BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement, Statistics,
+    mask, statistics, unwrap,
 };
 
 const LENGTHS: [usize; 6] = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000];
@@ -46,7 +46,7 @@ fn benches(c: &mut Criterion) {
     lengths(c, "statistics", 10_000_000, |y| {
         statistics(y, &mut first[..y.len()], &mut second[..y.len()]).unwrap();
     });
-    let rule = LeaveOneOutRule::try_new(2.5, Statistics::Sequential, Order::Forward, true, 1);
+    let rule = LeaveOneOutRule::try_new(2.5, Statistics::Sequential, Direction::Forward, true, 1);
     let rule = rule.unwrap();
     lengths(c, "leave_one_out", 1_000_000, |y| {
         rule.screen(y, &mut flags[..y.len()], &mut first[..y.len()], &mut scratch).unwrap();

@@ -11,7 +11,7 @@ FUNCTIONS = {
     "leave_one_out": lambda y: screening.leave_one_out(y, n_threads=1),
     "k_sigma": lambda y: screening.k_sigma(y, n_threads=1),
     "bursts": lambda y: screening.bursts(y, n_threads=1),
-    "unwrap": lambda y: screening.unwrap(y, n_threads=1),
+    "unwrap_about_median": lambda y: screening.unwrap_about_median(y, n_threads=1),
 }
 
 

@@ -15,7 +15,7 @@ BURST = np.ravel(
         [13.8, 14.4, 13.5, 10.2, 9.3, 10.9, 9.8, 11.0, 9.6, 10.4, 9.2, 10.7, 10.0, 9.5, 10.1],
     ]
 )
-GROUPS = np.ravel(
+BLOCKS = np.ravel(
     [
         [10.3, 9.6, 10.5, 9.8],
         [10.4, 10.1, 9.5, 10.2],
@@ -29,13 +29,16 @@ CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
 RECORDS = [(n, seed) for n in (12, 30, 47, 100, 203) for seed in range(8)]
 
 
-# the last one may reject all groups
+# the last one may reject all blocks
 VARIANCE_TESTS = ["cochran", 12.0, None, "student"]
 
 
-def limit(test, size, level=0.05):
+def limit(test, size, significance=0.05):
     """The k2 of the reference for a `variance_test`."""
-    words = {"cochran": {"level": level}, "student": reference.student_factor(size, level)}
+    words = {
+        "cochran": {"significance": significance},
+        "student": reference.student_factor(size, significance),
+    }
     return words.get(test, test)
 
 
@@ -67,36 +70,36 @@ def check_estimate(theta, estimate, period=360.0):
     side = np.sign(turned(theta - value, period) if period else theta - value)
     polarity = (side * estimate.outlier).mean(axis=-1)
     np.testing.assert_allclose(estimate.polarity, polarity, atol=1e-15)
-    if estimate.group_weights is not None:
-        np.testing.assert_allclose(estimate.group_weights.sum(axis=-1), 1.0, rtol=1e-14)
-        assert np.all(estimate.group_weights >= 0)
-        used = np.where(estimate.group_weights > 0, estimate.group_means, 0.0)
-        mean = (estimate.group_weights * used).sum(axis=-1)
+    if estimate.block_weights is not None:
+        np.testing.assert_allclose(estimate.block_weights.sum(axis=-1), 1.0, rtol=1e-14)
+        assert np.all(estimate.block_weights >= 0)
+        used = np.where(estimate.block_weights > 0, estimate.block_means, 0.0)
+        mean = (estimate.block_weights * used).sum(axis=-1)
         error = turned(mean - value[..., 0], period) if period else mean - value[..., 0]
         np.testing.assert_allclose(error, 0.0, atol=1e-12 * (period or np.abs(mean).max()))
 
 
 class TestVectors:
     def test_the_default_leaves_out_a_point_and_a_burst(self):
-        estimate = estimate_bearing(BURST, period=None, group_size=5, max_burst=10)
+        estimate = estimate_bearing(BURST, period=None, block_size=5, max_burst=10)
         assert estimate.outlier.nonzero()[0].tolist() == [5, 12, 13, 14, 15, 16, 17]
         assert (estimate.value, estimate.sigma) == close((10.047826086957, 0.147745201280))
 
     @pytest.mark.parametrize("variance_test", ["cochran", 34.1188565541952])
-    def test_the_paper_replaces_two_groups(self, variance_test):
+    def test_the_paper_replaces_two_blocks(self, variance_test):
         """No single value is anomalous at k = 4, one mean and one variance are."""
         estimate = estimate_bearing(
-            GROUPS, period=None, method="paper", k=4.0, group_size=4, variance_test=variance_test
+            BLOCKS, period=None, method="paper", k=4.0, block_size=4, variance_test=variance_test
         )
         assert estimate.value == close(9.94980517130307)
         assert estimate.sigma == close(0.105587824271096)
         assert estimate.outlier.nonzero()[0].tolist() == [8, 9, 10, 11, 16, 17, 18, 19]
-        assert 1 / (1 / estimate.group_variances).sum() == close(0.0111487886343038)
-        assert estimate.group_weights[4] == estimate.group_weights[3]
+        assert 1 / (1 / estimate.block_variances).sum() == close(0.0111487886343038)
+        assert estimate.block_weights[4] == estimate.block_weights[3]
 
     def test_intermediate_numbers_of_the_vectors(self):
-        """V3: D before and after correction, F of the noisy group; V7: the start."""
-        d = GROUPS.reshape(6, 4).var(axis=1, ddof=1)
+        """V3: D before and after correction, F of the noisy block; V7: the start."""
+        d = BLOCKS.reshape(6, 4).var(axis=1, ddof=1)
         assert 1 / (1 / d).sum() == close(0.0167163285407597)
         assert d[4] / np.delete(d, 4).mean() == close(64.925068119891)
         c = critical_value(6, 0.05, test="cochran", degrees_of_freedom=3)
@@ -104,15 +107,15 @@ class TestVectors:
         assert f == close(5.68647609236586)
         assert 6 * f == close(34.1188565541952)
         untested = estimate_bearing(
-            GROUPS, period=None, method="paper", k=4.0, group_size=4, variance_test=None
+            BLOCKS, period=None, method="paper", k=4.0, block_size=4, variance_test=None
         )
         assert untested.sigma**2 == close(0.0167163285407597)
-        assert untested.group_means[2] == close(10.01)
+        assert untested.block_means[2] == close(10.01)
         deviation = np.abs(BURST - np.median(BURST))
         assert np.median(BURST) == close(10.35)
         assert 1.4826 * 30 / 29.2 * np.median(deviation) == close(1.066253424658)
 
-    def test_students_quantile_rejects_a_clean_group_nearly_always(self):
+    def test_students_quantile_rejects_a_clean_block_nearly_always(self):
         theta = record(100, 1, batch=300, **CLEAN)
         counts = {}
         for test in ("student", "cochran"):
@@ -148,32 +151,32 @@ class TestAgreesWithTheFormulas:
     def test_paper(self, n, seed, size, test):
         theta = record(n, seed)
         expected = reference.paper(theta, 2.4, size, limit(test, size))
-        options = {"method": "paper", "k": 2.4, "group_size": size, "variance_test": test}
+        options = {"method": "paper", "k": 2.4, "block_size": size, "variance_test": test}
         estimate = self.check(theta, expected, **options)
         mean, variance, weight = expected[3]
-        np.testing.assert_allclose(estimate.group_means, mean, rtol=PARITY)
-        np.testing.assert_allclose(estimate.group_variances, variance, rtol=PARITY)
-        np.testing.assert_allclose(estimate.group_weights, weight, rtol=PARITY)
+        np.testing.assert_allclose(estimate.block_means, mean, rtol=PARITY)
+        np.testing.assert_allclose(estimate.block_variances, variance, rtol=PARITY)
+        np.testing.assert_allclose(estimate.block_weights, weight, rtol=PARITY)
 
     @pytest.mark.parametrize("test", VARIANCE_TESTS[:3], ids=str)
     @pytest.mark.parametrize("size", [4, 10])
     def test_corrected(self, n, seed, size, test):
         theta = record(n, seed)
-        options = {"method": "corrected", "k": 2.4, "group_size": size, "variance_test": test}
+        options = {"method": "corrected", "k": 2.4, "block_size": size, "variance_test": test}
         expected = reference.corrected(theta, 2.4, size, 0.05, limit(test, size))
         estimate = self.check(theta, expected, **options)
-        np.testing.assert_allclose(estimate.group_weights, expected[3], rtol=PARITY)
+        np.testing.assert_allclose(estimate.block_weights, expected[3], rtol=PARITY)
 
     @pytest.mark.parametrize("size", [5, 10])
-    @pytest.mark.parametrize("resolution", [0.0, 1.0])
-    def test_robust(self, n, seed, size, resolution):
+    @pytest.mark.parametrize("rounding", [0.0, 1.0])
+    def test_robust(self, n, seed, size, rounding):
         theta = record(n, seed)
-        if resolution:
+        if rounding:
             theta = np.round(theta)
-        options = {"correlation": 0.2, "resolution": resolution}
+        options = {"correlation": 0.2, "rounding": rounding}
         expected = reference.robust(theta, size, lmax=12, **options)
-        estimate = self.check(theta, expected, group_size=size, max_burst=12, **options)
-        np.testing.assert_allclose(estimate.group_weights, expected[3], rtol=PARITY)
+        estimate = self.check(theta, expected, block_size=size, max_burst=12, **options)
+        np.testing.assert_allclose(estimate.block_weights, expected[3], rtol=PARITY)
 
     def test_on_the_circle(self, n, seed):
         """Unwrapped, estimated, wrapped back, and the polarity of what was flagged."""
@@ -181,13 +184,13 @@ class TestAgreesWithTheFormulas:
         estimators = {
             "robust": lambda y: reference.robust(y, 5),
             "corrected": lambda y: reference.corrected(y, 2.5, 5, 0.05),
-            "paper": lambda y: reference.paper(y, 2.5, 5, {"level": 0.05}),
+            "paper": lambda y: reference.paper(y, 2.5, 5, {"significance": 0.05}),
             "k-sigma": lambda y: reference.k_sigma(y, 2.5),
             "mean": lambda y: (*reference.mean(y), np.zeros(n, dtype=bool)),
         }
         for method, estimator in estimators.items():
             expected = reference.on_the_circle(estimator, theta, 360.0)
-            estimate = estimate_bearing(theta, method=method, group_size=5)
+            estimate = estimate_bearing(theta, method=method, block_size=5)
             assert turned(estimate.value - expected[0]) == pytest.approx(0, abs=1e-10)
             assert estimate.sigma == close(expected[1], PARITY)
             np.testing.assert_array_equal(estimate.outlier, expected[2])
@@ -212,7 +215,7 @@ def test_hard_samples_agree_with_the_formulas(method, name):
     value, sigma, outlier = {
         "robust": lambda: reference.robust(y, 10),
         "corrected": lambda: reference.corrected(y, 2.5, 10, 0.05),
-        "paper": lambda: reference.paper(y, 2.5, 10, {"level": 0.05}),
+        "paper": lambda: reference.paper(y, 2.5, 10, {"significance": 0.05}),
         "k-sigma": lambda: reference.k_sigma(y, 2.5),
         "mean": lambda: (*reference.mean(y), none),
     }[method]()[:3]
@@ -223,8 +226,8 @@ def test_hard_samples_agree_with_the_formulas(method, name):
     assert estimate.sigma == close(sigma, tolerance)
 
 
-def with_a_group_of_one():
-    """Six groups of four: of the first one value is left, the last one is noisy."""
+def with_a_block_of_one():
+    """Six blocks of four: of the first one value is left, the last one is noisy."""
     y = np.random.default_rng(3).normal(size=24)
     y[20:23] = [-6.0, 6.0, -5.0]
     y[:3] = [300.0, 305.0, 295.0]
@@ -232,11 +235,11 @@ def with_a_group_of_one():
 
 
 @pytest.mark.parametrize("test", VARIANCE_TESTS, ids=str)
-def test_a_group_of_one_value_does_not_stop_the_test_of_the_others(test):
-    y = with_a_group_of_one()
+def test_a_block_of_one_value_does_not_stop_the_test_of_the_others(test):
+    y = with_a_block_of_one()
     expected = reference.corrected(y, 3.0, 4, 0.05, limit(test, 4))
     estimate = estimate_bearing(
-        y, period=None, method="corrected", k=3.0, group_size=4, variance_test=test
+        y, period=None, method="corrected", k=3.0, block_size=4, variance_test=test
     )
     np.testing.assert_array_equal(estimate.outlier, expected[2])
     assert (estimate.value, estimate.sigma) == close(expected[:2], PARITY)
@@ -308,7 +311,7 @@ class TestEveryMethod:
             assert (row.value, row.sigma) == (alone.value[place], alone.sigma[place])
             np.testing.assert_array_equal(row.outlier, alone.outlier[place])
             if method in GROUPED:
-                np.testing.assert_array_equal(row.group_weights, alone.group_weights[place])
+                np.testing.assert_array_equal(row.block_weights, alone.block_weights[place])
 
     def test_layout_and_kind_of_numbers_do_not_matter(self, method):
         theta = np.round(direction_finder(40, batch=6, rng=9).theta)
@@ -366,14 +369,14 @@ def quantised(n, seed, sigma, true, trials=4000):
 
 
 class TestRoundedReadings:
-    """Readings of a resolution that is coarse beside the noise, and nothing wrong with them."""
+    """Readings of a rounding that is coarse beside the noise, and nothing wrong with them."""
 
-    @pytest.mark.parametrize("resolution", [0.0, 1.0])
+    @pytest.mark.parametrize("rounding", [0.0, 1.0])
     @pytest.mark.parametrize("true", [10.2, 10.5])
     @pytest.mark.parametrize("sigma", [0.3, 0.4, 0.5, 0.7, 1.0])
-    def test_the_error_bar_holds(self, sigma, true, resolution):
+    def test_the_error_bar_holds(self, sigma, true, rounding):
         theta = quantised(100, 1, sigma, true)
-        estimate = estimate_bearing(theta, period=None, resolution=resolution)
+        estimate = estimate_bearing(theta, period=None, rounding=rounding)
         # what the rounding itself does to the mean of infinitely many readings
         expected = quantised(100, 2, sigma, true, 20_000).mean()
         covered = np.mean(np.abs(estimate.value - expected) < 2 * estimate.sigma)
@@ -385,11 +388,11 @@ class TestRoundedReadings:
 
     @pytest.mark.parametrize("n", [30, 100])
     @pytest.mark.parametrize("seed", range(6))
-    @pytest.mark.parametrize("resolution", [0.0, 1.0])
-    def test_agrees_with_the_formulas(self, n, seed, resolution):
+    @pytest.mark.parametrize("rounding", [0.0, 1.0])
+    def test_agrees_with_the_formulas(self, n, seed, rounding):
         theta = np.round(record(n, seed, sigma=0.4, amplitude=(10, 20)))
-        expected = reference.robust(theta, 10, resolution=resolution)
-        estimate = estimate_bearing(theta, period=None, resolution=resolution)
+        expected = reference.robust(theta, 10, rounding=rounding)
+        estimate = estimate_bearing(theta, period=None, rounding=rounding)
         np.testing.assert_array_equal(estimate.outlier, expected[2])
         assert (estimate.value, estimate.sigma) == close(expected[:2], PARITY)
 
@@ -437,10 +440,10 @@ class TestErrorBars:
     @pytest.mark.parametrize(
         ("anomalies", "least", "most"), [(CLEAN, 0.908, 0.930), ({}, 0.905, 0.946)]
     )
-    @pytest.mark.parametrize("group_size", [5, 10])
-    def test_corrected(self, anomalies, least, most, group_size):
+    @pytest.mark.parametrize("block_size", [5, 10])
+    def test_corrected(self, anomalies, least, most, block_size):
         found = self.coverage(
-            200, anomalies=anomalies, method="corrected", group_size=group_size, k=2.4
+            200, anomalies=anomalies, method="corrected", block_size=block_size, k=2.4
         )
         assert least - 4 * self.error < found < most + 4 * self.error
 
@@ -451,19 +454,19 @@ class TestErrorBars:
         assert found == pytest.approx(expected, abs=4 * 0.0019)
 
     @pytest.mark.parametrize(
-        ("group_size", "anomalies", "expected"),
+        ("block_size", "anomalies", "expected"),
         [(5, CLEAN, 0.873), (5, {}, 0.770), (10, CLEAN, 0.998), (10, {}, 0.993)],
     )
-    def test_the_printed_sigma_does_not_hold(self, group_size, anomalies, expected):
-        """(7), k2 = L F: too small with groups of 5, too large with groups of 10."""
-        groups = 100 // group_size
-        c = critical_value(groups, 0.05, test="cochran", degrees_of_freedom=group_size - 1)
+    def test_the_printed_sigma_does_not_hold(self, block_size, anomalies, expected):
+        """(7), k2 = L F: too small with blocks of 5, too large with blocks of 10."""
+        blocks = 100 // block_size
+        c = critical_value(blocks, 0.05, test="cochran", degrees_of_freedom=block_size - 1)
         found = self.coverage(
             anomalies=anomalies,
             method="paper",
-            group_size=group_size,
+            block_size=block_size,
             k=2.4,
-            variance_test=groups * c * (groups - 1) / (1 - c),
+            variance_test=blocks * c * (blocks - 1) / (1 - c),
         )
         error = np.sqrt(2 * expected * (1 - expected) / self.trials)
         assert found == pytest.approx(expected, abs=4 * error)
@@ -494,18 +497,18 @@ class TestErrorBars:
         ({"period": 0}, ValueError, "period is 0; it must be a positive number"),
         ({"period": np.inf}, ValueError, "period is inf"),
         ({"period": "360"}, TypeError, "period is '360'"),
-        ({"group_size": 1}, ValueError, "group_size is 1"),
-        ({"group_size": 2.5}, TypeError, "group_size is 2.5"),
+        ({"block_size": 1}, ValueError, "block_size is 1"),
+        ({"block_size": 2.5}, TypeError, "block_size is 2.5"),
         ({"k": 0, "method": "paper"}, ValueError, "k is 0; it must be a positive number"),
         ({"k": np.nan, "method": "k-sigma"}, ValueError, "k is nan"),
         ({"variance_test": "x"}, ValueError, "variance_test is 'x'"),
         ({"variance_test": [1]}, TypeError, r"variance_test is \[1\]"),
         ({"variance_test": 0.5, "method": "paper"}, ValueError, "variance_test is 0.5"),
-        ({"level": 0, "method": "corrected"}, ValueError, "level is 0"),
-        ({"level": 1, "method": "paper"}, ValueError, "level is 1"),
+        ({"significance": 0, "method": "corrected"}, ValueError, "significance is 0"),
+        ({"significance": 1, "method": "paper"}, ValueError, "significance is 1"),
         ({"correlation": -1}, ValueError, "correlation is -1"),
         ({"point_penalty": -1}, ValueError, "point_penalty is -1"),
-        ({"resolution": np.nan}, ValueError, "resolution is nan"),
+        ({"rounding": np.nan}, ValueError, "rounding is nan"),
         ({"min_burst": 0}, ValueError, "min_burst is 0"),
         ({"nan_policy": "drop"}, ValueError, "nan_policy is 'drop'"),
         ({"n_threads": -1}, ValueError, "n_threads is -1"),
@@ -513,25 +516,25 @@ class TestErrorBars:
 )
 def test_bad_parameters(options, error, message):
     with pytest.raises(error, match=message):
-        estimate_bearing(GROUPS, **options)
+        estimate_bearing(BLOCKS, **options)
 
 
-@pytest.mark.parametrize("resolution", [1e100, 1e150, 1e160, 1e300])
-def test_an_enormous_resolution_is_an_error_or_an_estimate(resolution):
+@pytest.mark.parametrize("rounding", [1e100, 1e150, 1e160, 1e300])
+def test_an_enormous_resolution_is_an_error_or_an_estimate(rounding):
     try:
-        estimate = estimate_bearing(GROUPS, resolution=resolution)
+        estimate = estimate_bearing(BLOCKS, rounding=rounding)
     except ValueError as error:
-        assert "resolution is" in str(error)  # noqa: PT017 - either is right
+        assert "rounding is" in str(error)  # noqa: PT017 - either is right
     else:
         assert np.isfinite([estimate.value, estimate.sigma]).all()
-        assert np.isfinite(estimate.group_weights).all()
+        assert np.isfinite(estimate.block_weights).all()
 
 
-def test_where_no_group_has_two_values_left_the_error_says_so():
-    """Three of five values are excluded: 9.9 and 9.8 are left, one to a group."""
+def test_where_no_block_has_two_values_left_the_error_says_so():
+    """Three of five values are excluded: 9.9 and 9.8 are left, one to a block."""
     theta = [8.7, 9.9, 10.7, 9.8, 9.6]
-    with pytest.raises(ValueError, match="group"):
-        estimate_bearing(theta, period=None, method="corrected", group_size=2)
+    with pytest.raises(ValueError, match="block"):
+        estimate_bearing(theta, period=None, method="corrected", block_size=2)
 
 
 def test_a_bad_measurement_is_named_with_its_row():
@@ -542,7 +545,7 @@ def test_a_bad_measurement_is_named_with_its_row():
 
 
 def test_results_are_printed_usefully():
-    estimate = estimate_bearing(BURST, period=None, group_size=5, max_burst=10)
+    estimate = estimate_bearing(BURST, period=None, block_size=5, max_burst=10)
     expected = "BearingEstimate(10.0478 ± 0.148, 7 of 30 anomalous, polarity +0.233)"
     assert repr(estimate) == expected
     batch = estimate_bearing(np.stack([BURST, BURST]))

@@ -77,9 +77,9 @@ def test_numbers_are_those_of_the_library_for_every_method(
 ) -> None:
     theta = record()
     table = results(
-        write(column(theta)), tmp_path, "--method", method, "--group-size", 7, "--k", 2.2
+        write(column(theta)), tmp_path, "--method", method, "--block-size", 7, "--k", 2.2
     )
-    expected = tertia.estimate_bearing(theta, method=method, group_size=7, k=2.2)  # type: ignore[arg-type]
+    expected = tertia.estimate_bearing(theta, method=method, block_size=7, k=2.2)  # type: ignore[arg-type]
     assert table.columns == list(RESULTS)
     assert table.rows() == [
         (
@@ -322,7 +322,7 @@ def test_figure_has_a_panel_per_group_with_its_estimate() -> None:
     assert [bool(ax.get_xlabel()) for ax in visible] == [False, False, True, True, True]
     (legend,) = figure.legends
     names = [text.get_text() for text in legend.get_texts()]
-    assert sorted(names) == ["anomalous", "bearing", "group mean", "measurement", "± 2 sigma"]
+    assert sorted(names) == ["anomalous", "bearing", "block mean", "measurement", "± 2 sigma"]
 
 
 @pytest.mark.parametrize(
@@ -373,7 +373,7 @@ def test_figure_has_a_panel_per_group_with_its_estimate() -> None:
             2,
             "k is 0; it must be a positive number",
         ),
-        (["fine.csv", "--group-size", "1"], 2, "group_size is 1; it must be between 2 and .*"),
+        (["fine.csv", "--block-size", "1"], 2, "block_size is 1; it must be between 2 and .*"),
     ],
 )
 def test_errors_are_one_clear_line(
@@ -419,7 +419,7 @@ def test_version_and_help() -> None:
     assert "bearing" in run("--help").out
     assert run().code == 2
     text = run("bearing", "--help").out
-    for word in ("--column", "--by", "--method", "--period", "--group-size", "--output", "--plot"):
+    for word in ("--column", "--by", "--method", "--period", "--block-size", "--output", "--plot"):
         assert word in text
     assert "tertia bearing recording.csv --column azimuth --by station --by target" in text
 

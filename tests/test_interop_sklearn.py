@@ -17,7 +17,7 @@ from tertia.interop.sklearn import BandDetector, BurstDetector, Cleaner, Smoothe
 # one of the checks wants outliers in three wide clusters: only a sensitive detector sees any
 @parametrize_with_checks(
     [
-        BandDetector(level=0.3),
+        BandDetector(significance=0.3),
         BurstDetector(point_penalty=0.5, burst_penalty=0.5),
         Cleaner(),
         Smoother(),
@@ -31,10 +31,10 @@ class TestBands:
     @pytest.mark.parametrize("n", [20, 200])
     def test_the_level_is_that_of_new_rows(self, n):
         rng = np.random.default_rng(n)
-        level, trials, new = 0.02, 250, 100
+        significance, trials, new = 0.02, 250, 100
         found = [
             np.mean(
-                BandDetector(level)
+                BandDetector(significance)
                 .fit(rng.normal(5, 3, (n, 3)))
                 .predict(rng.normal(5, 3, (new, 3)))
                 == -1
@@ -42,7 +42,7 @@ class TestBands:
             for _ in range(trials)
         ]
         error = np.std(found) / np.sqrt(trials)
-        assert np.mean(found) == pytest.approx(level, abs=3 * error + 0.1 * level)
+        assert np.mean(found) == pytest.approx(significance, abs=3 * error + 0.1 * significance)
 
     def test_outliers_do_not_widen_the_band(self):
         rng = np.random.default_rng(3)
@@ -65,10 +65,10 @@ class TestBands:
         found = BandDetector().fit(np.ones((9, 1)))
         assert found.predict([[1.0], [1.1]]).tolist() == [1, -1]
 
-    @pytest.mark.parametrize("level", [0.0, 1.0, np.nan])
-    def test_a_level_is_between_0_and_1(self, level):
+    @pytest.mark.parametrize("significance", [0.0, 1.0, np.nan])
+    def test_a_level_is_between_0_and_1(self, significance):
         with pytest.raises(ValueError, match="it must be between 0 and 1"):
-            Cleaner(level).fit(np.ones((9, 1)))
+            Cleaner(significance).fit(np.ones((9, 1)))
 
     def test_a_column_without_measurements(self):
         with pytest.raises(ValueError, match="has 2 measurements; at least 3 are needed"):

@@ -123,8 +123,8 @@ class TestWeightedMeans:
     def test_bearing_against_fractions(self, outlier):
         """Of five values nothing is flagged; the first group of two has a weight below 1e-17."""
         y = [outlier, 1.0, 2.0, -1.0, 0.5]
-        estimate = estimate_bearing(y, period=None, group_size=2)
-        pairs = zip(estimate.group_weights, estimate.group_means, strict=True)
+        estimate = estimate_bearing(y, period=None, block_size=2)
+        pairs = zip(estimate.block_weights, estimate.block_means, strict=True)
         exact = sum(Fraction(float(w)) * Fraction(float(m)) for w, m in pairs)
         assert estimate.value == pytest.approx(float(exact), rel=VECTOR, abs=0)
 
@@ -195,14 +195,14 @@ class TestTails:
     def test_normal(self, k):
         with mpmath.workdps(60):
             exact = mpmath.erfc(mpmath.mpf(k) / mpmath.sqrt(2))
-        found = screening.false_alarm_probability(k, 5, test="known-sigma")
+        found = screening.false_alarm_probability(k, 5, test="z-test")
         assert relative_error(found, exact) < VECTOR
 
-    @pytest.mark.parametrize("level", [0.5, 0.05, 1e-3, 1e-6, 1e-12, 1e-100])
+    @pytest.mark.parametrize("significance", [0.5, 0.05, 1e-3, 1e-6, 1e-12, 1e-100])
     @pytest.mark.parametrize("n", [3, 10, 101, 10_001, 1_000_001])
-    def test_critical_value(self, n, level):
-        """The exact tail at the critical value is the level, as far as k has digits."""
-        k = screening.critical_value(n, level)
+    def test_critical_value(self, n, significance):
+        """The exact tail at the critical value is the significance, as far as k has digits."""
+        k = screening.critical_value(n, significance)
         with mpmath.workdps(60):
             nu = mpmath.mpf(n - 2)
 
@@ -211,10 +211,10 @@ class TestTails:
                 return mpmath.betainc(nu / 2, 0.5, 0, nu / (nu + t2), regularized=True)
 
             slope = (tail(k * (1 + mpmath.mpf("1e-20"))) / tail(k) - 1) / mpmath.mpf("1e-20")
-            error_of_k = abs(tail(k) / mpmath.mpf(level) - 1) / abs(slope)
+            error_of_k = abs(tail(k) / mpmath.mpf(significance) - 1) / abs(slope)
         assert float(error_of_k) < VECTOR
 
-    @pytest.mark.parametrize("test", ["unknown-sigma", "thompson-tau", "grubbs"])
+    @pytest.mark.parametrize("test", ["t-test", "thompson-tau", "grubbs"])
     @pytest.mark.parametrize("n", [3, 4, 10, 101, 10_001, 100_001])
     @pytest.mark.parametrize("k", [0.01, 1.0, 1.15, 2.5, 6.0, 20.0])
     def test_other_tests(self, test, n, k):
@@ -229,8 +229,8 @@ class TestTails:
     @staticmethod
     def student_tail(test, n, k):
         """(R3), and Thompson's tau as a function of t, inverted."""
-        nu = mpmath.mpf(n - 1 if test == "unknown-sigma" else n - 2)
-        if test == "unknown-sigma":
+        nu = mpmath.mpf(n - 1 if test == "t-test" else n - 2)
+        if test == "t-test":
             t2 = k**2 * n / (n + 1)
         else:
             room = (n - 1) ** 2 - n * k**2
@@ -240,16 +240,16 @@ class TestTails:
         p = mpmath.betainc(nu / 2, 0.5, 0, nu / (nu + t2), regularized=True)
         return min(mpmath.mpf(1), n * p) if test == "grubbs" else p
 
-    @pytest.mark.parametrize("level", [0.5, 0.05, 1e-6, 1e-12])
+    @pytest.mark.parametrize("significance", [0.5, 0.05, 1e-6, 1e-12])
     @pytest.mark.parametrize("n", [3, 10, 101, 10_001])
-    @pytest.mark.parametrize("test", ["unknown-sigma", "thompson-tau", "grubbs"])
-    def test_other_critical_values(self, test, n, level):
+    @pytest.mark.parametrize("test", ["t-test", "thompson-tau", "grubbs"])
+    def test_other_critical_values(self, test, n, significance):
         """As `test_critical_value`: an error of k itself below 1e-12."""
-        k = mpmath.mpf(screening.critical_value(n, level, test=test))
+        k = mpmath.mpf(screening.critical_value(n, significance, test=test))
         with mpmath.workdps(60):
             step = mpmath.mpf("1e-12")
-            assert self.student_tail(test, n, k * (1 - step)) > level
-            assert self.student_tail(test, n, k * (1 + step)) < level
+            assert self.student_tail(test, n, k * (1 - step)) > significance
+            assert self.student_tail(test, n, k * (1 + step)) < significance
 
     @pytest.mark.parametrize(("count", "nu"), [(2, 1), (6, 3), (10, 9), (40, 99), (200, 99)])
     @pytest.mark.parametrize("share", [1.5, 2.5, 5.0])

@@ -53,8 +53,8 @@ def band(ax: Axes) -> tuple[float, float]:
     return found.get_y(), found.get_y() + found.get_height()
 
 
-def groups(ax: Axes) -> LineCollection:
-    (found,) = (c for c in ax.collections if c.get_label() == "group mean")
+def blocks(ax: Axes) -> LineCollection:
+    (found,) = (c for c in ax.collections if c.get_label() == "block mean")
     assert isinstance(found, LineCollection)
     return found
 
@@ -109,19 +109,19 @@ def test_groups_have_their_means_extents_and_weights(
 ) -> None:
     theta = north()
     estimate = tertia.estimate_bearing(theta, method=method)
-    assert estimate.group_means is not None
-    assert estimate.group_weights is not None
-    # a group of which every measurement is anomalous has no mean
-    has_mean = np.isfinite(estimate.group_means)
-    number, weights = np.flatnonzero(has_mean), estimate.group_weights[has_mean]
+    assert estimate.block_means is not None
+    assert estimate.block_weights is not None
+    # a block of which every measurement is anomalous has no mean
+    has_mean = np.isfinite(estimate.block_means)
+    number, weights = np.flatnonzero(has_mean), estimate.block_weights[has_mean]
     assert method != "robust" or len(number) < 10
-    found = groups(plot.bearing(theta, estimate))
+    found = blocks(plot.bearing(theta, estimate))
     segments = np.array(found.get_segments())
-    expected = estimate.group_means[has_mean] % 360
+    expected = estimate.block_means[has_mean] % 360
     np.testing.assert_allclose(segments[:, 0, 1] % 360, expected, rtol=0, atol=1e-9)
     assert np.abs(segments[:, :, 1] - estimate.value).max() < 40
     assert segments[:, 0, 0].tolist() == (10 * number - 0.5).tolist()
-    # the last group takes the remainder
+    # the last block takes the remainder
     assert segments[:, 1, 0].tolist() == [104.5 if j == 9 else 10 * j + 9.5 for j in number]
     opacity = np.asarray(found.get_colors())[:, 3]
     np.testing.assert_allclose(opacity, 0.25 + 0.75 * weights / weights.max(), rtol=1e-12)
@@ -132,8 +132,8 @@ def test_groups_where_measurements_are_missing() -> None:
     theta[5:25] = np.nan
     estimate = tertia.estimate_bearing(theta, nan_policy="omit")
     ax = plot.bearing(theta, estimate)
-    segments = np.array(groups(ax).get_segments())
-    # 85 are there: eight groups, of which the first reaches over the gap
+    segments = np.array(blocks(ax).get_segments())
+    # 85 are there: eight blocks, of which the first reaches over the gap
     assert segments[:, :, 0].tolist()[:2] == [[-0.5, 29.5], [29.5, 39.5]]
     assert len(segments) == 8
     kept = line(ax, "measurement")
@@ -142,15 +142,15 @@ def test_groups_where_measurements_are_missing() -> None:
 
 
 @pytest.mark.parametrize("method", ["mean", "k-sigma"])
-def test_methods_without_groups(method: Literal["mean", "k-sigma"]) -> None:
-    ax = plot.bearing(Y, tertia.estimate_bearing(Y, method=method), group_size=3)
+def test_methods_without_blocks(method: Literal["mean", "k-sigma"]) -> None:
+    ax = plot.bearing(Y, tertia.estimate_bearing(Y, method=method), block_size=3)
     assert not ax.collections
-    assert "group mean" not in labels(ax)
+    assert "block mean" not in labels(ax)
 
 
 def test_legend_names_what_there_is() -> None:
     theta = north()
-    everything = ["anomalous", "bearing", "group mean", "measurement", "± 2 sigma"]
+    everything = ["anomalous", "bearing", "block mean", "measurement", "± 2 sigma"]
     estimate = tertia.estimate_bearing(theta)
     assert labels(plot.bearing(theta, estimate)) == everything
     assert plot.bearing(theta, estimate, legend=False).get_legend() is None
@@ -202,10 +202,10 @@ def test_screening_that_excludes() -> None:
             r"theta has shape \(9,\), but estimate was made of shape \(10,\)",
         ),
         (
-            lambda e, s: plot.bearing(Y, e, group_size=5),
-            "group_size is 5, which makes 2 groups of 10 measurements; estimate has 1",
+            lambda e, s: plot.bearing(Y, e, block_size=5),
+            "block_size is 5, which makes 2 blocks of 10 measurements; estimate has 1",
         ),
-        (lambda e, s: plot.bearing(Y, e, group_size=1), "group_size is 1; it must be between 2"),
+        (lambda e, s: plot.bearing(Y, e, block_size=1), "block_size is 1; it must be between 2"),
         (lambda e, s: plot.screening([Y], s), r"y has shape \(1, 10\); one sample of shape"),
         (
             lambda e, s: plot.screening([*Y, 1.0], s),

@@ -98,7 +98,7 @@ def test_leave_one_out_mask(y, k, n_threads):
     st.fixed_dictionaries(
         {
             "statistics": st.one_of(st.sampled_from(["sequential", "frozen"]), WORDS),
-            "order": st.one_of(st.sampled_from(["forward", "backward"]), WORDS),
+            "direction": st.one_of(st.sampled_from(["forward", "backward"]), WORDS),
             "replace": st.one_of(st.booleans(), WORDS),
             "passes": COUNTS,
             "nan_policy": POLICY,
@@ -125,7 +125,7 @@ BURST_OPTIONS = {
     "min_burst": COUNTS,
     "max_burst": COUNTS,
     "correlation": st.one_of(st.floats(-1.1, 1.1), NUMBERS),
-    "resolution": NUMBERS,
+    "rounding": NUMBERS,
     "nan_policy": POLICY,
     "n_threads": THREADS,
 }
@@ -140,7 +140,7 @@ def test_bursts(y, options):
 
 @given(SAMPLES, NUMBERS, THREADS)
 def test_unwrap(theta, period, n_threads):
-    result = outcome(screening.unwrap, theta, period, n_threads=n_threads)
+    result = outcome(screening.unwrap_about_median, theta, period, n_threads=n_threads)
     if result is not None:
         assert np.isfinite(result).all()
         spread = np.ptp(result, axis=-1) if theta.size else np.zeros(0)
@@ -149,18 +149,18 @@ def test_unwrap(theta, period, n_threads):
 
 @given(SAMPLES, SAMPLES, SAMPLES)
 def test_known_sigma(x, y, sigma):
-    result = outcome(screening.known_sigma, x, y, np.abs(sigma))
+    result = outcome(screening.z_test, x, y, np.abs(sigma))
     if result is not None:
         assert_no_silent_nan(result, None)
-        assert (np.asarray(result.p_value) <= 1).all()
+        assert (np.asarray(result.pvalue) <= 1).all()
 
 
 @given(SAMPLES, SAMPLES)
 def test_unknown_sigma(x, y):
-    result = outcome(screening.unknown_sigma, x, y)
+    result = outcome(screening.t_test, x, y)
     if result is not None:
         assert_no_silent_nan(result, None)
-        assert (np.asarray(result.p_value) <= 1).all()
+        assert (np.asarray(result.pvalue) <= 1).all()
 
 
 @given(SAMPLES)
@@ -168,32 +168,32 @@ def test_thompson_tau(y):
     result = outcome(screening.thompson_tau, y)
     if result is not None:
         assert_no_silent_nan(result, None)
-        assert result.p_value.shape == y.shape
+        assert result.pvalue.shape == y.shape
 
 
 @given(SAMPLES, NUMBERS)
-def test_grubbs(y, level):
-    result = outcome(screening.grubbs, y, level)
+def test_grubbs(y, significance):
+    result = outcome(screening.grubbs, y, significance)
     if result is not None:
         assert_no_silent_nan(result, None)
 
 
 @given(SAMPLES, NUMBERS, NUMBERS)
-def test_cochran(variances, degrees_of_freedom, level):
-    result = outcome(screening.cochran, np.abs(variances), degrees_of_freedom, level)
+def test_cochran(variances, degrees_of_freedom, significance):
+    result = outcome(screening.cochran, np.abs(variances), degrees_of_freedom, significance)
     if result is not None:
         assert_no_silent_nan(result, None)
 
 
 TESTS = st.sampled_from(
-    ["leave-one-out", "known-sigma", "unknown-sigma", "thompson-tau", "grubbs", "cochran", "x"]
+    ["leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran", "x"]
 )
 
 
 @given(COUNTS, st.one_of(st.floats(0, 1), NUMBERS), TESTS, NUMBERS)
-def test_critical_value(n, level, test, degrees):
+def test_critical_value(n, significance, test, degrees):
     options = {"test": test, "degrees_of_freedom": degrees if test == "cochran" else None}
-    k = outcome(screening.critical_value, n, level, **options)
+    k = outcome(screening.critical_value, n, significance, **options)
     if k is not None:
         assert 0 < k < np.inf
 
@@ -213,10 +213,10 @@ def test_false_alarm_probability(k, n, test, degrees):
         optional={
             **BURST_OPTIONS,
             "period": st.one_of(st.sampled_from([None, 360.0, 2 * np.pi]), NUMBERS),
-            "group_size": COUNTS,
+            "block_size": COUNTS,
             "k": NUMBERS,
             "variance_test": st.one_of(st.sampled_from(["cochran", "student", None, "x"]), NUMBERS),
-            "level": NUMBERS,
+            "significance": NUMBERS,
         },
     ),
 )
@@ -226,12 +226,12 @@ def test_estimate_bearing(theta, method, options):
     if estimate is None:
         return
     # documented: empty groups have no mean, groups of one no variance
-    allowed = ("group_means", "group_variances", "group_weights")
+    allowed = ("block_means", "block_variances", "block_weights")
     assert_no_silent_nan(estimate, None, allowed)
     assert (np.asarray(estimate.sigma) >= 0).all()
     assert np.isfinite(estimate.value).all()
-    if estimate.group_weights is not None:
-        np.testing.assert_allclose(estimate.group_weights.sum(axis=-1), 1.0, rtol=1e-12)
+    if estimate.block_weights is not None:
+        np.testing.assert_allclose(estimate.block_weights.sum(axis=-1), 1.0, rtol=1e-12)
 
 
 @given(
@@ -270,15 +270,15 @@ VALID = st.fixed_dictionaries(
     {
         "method": st.sampled_from(["robust", "corrected", "paper", "k-sigma", "mean"]),
         "period": st.sampled_from([None, 360.0]),
-        "group_size": st.integers(2, 25),
+        "block_size": st.integers(2, 25),
         "k": st.floats(0.5, 1e300),
         "variance_test": st.sampled_from(["cochran", "student", None, 1.0, 30.0]),
-        "level": st.floats(1e-6, 0.5),
+        "significance": st.floats(1e-6, 0.5),
         "point_penalty": st.floats(0.1, 10),
         "burst_penalty": st.floats(0.1, 10),
         "max_burst": st.integers(2, 40),
         "correlation": st.floats(-0.9, 0.9),
-        "resolution": st.sampled_from([0.0, 0.5, 1.0, 100.0]),
+        "rounding": st.sampled_from([0.0, 0.5, 1.0, 100.0]),
     }
 )
 

@@ -233,7 +233,7 @@ class TestScreen:
         assert found.filter(pl.col("bearing_deg").is_null())["outlier"].to_list() == [None]
         for name in ("station 0", "station 1"):
             own = found.filter(pl.col("bearing_deg").is_not_null(), station=name)
-            expected = function(screening.unwrap(own["bearing_deg"])).outlier
+            expected = function(screening.unwrap_about_median(own["bearing_deg"])).outlier
             assert own["outlier"].to_list() == expected.tolist()
             assert expected.any()
 

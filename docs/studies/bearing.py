@@ -118,7 +118,7 @@ def scenario_errors(count: int = 160, trials: int = 2000) -> dict[str, np.ndarra
     'oracle' is the mean of the measurements that are right.
     """
     methods = {
-        f"paper, n_g={size}": library(method="paper", group_size=size) for size in (5, 10, 20)
+        f"paper, n_g={size}": library(method="paper", block_size=size) for size in (5, 10, 20)
     }
     methods["paper, n_g=10, k2 = L F"] = paper(10, k=2.5)
     methods["corrected, n_g=10"] = library(method="corrected")
@@ -180,7 +180,7 @@ def north() -> str:
     options: dict[str, dict[str, Any]] = {
         "mean": {"method": "mean"},
         "k-sigma, excluded": {"method": "k-sigma", "k": K1},
-        "paper, n_g=5": {"method": "paper", "group_size": 5, "k": K1, "variance_test": k2(100, 5)},
+        "paper, n_g=5": {"method": "paper", "block_size": 5, "k": K1, "variance_test": k2(100, 5)},
         "paper, n_g=10": {"method": "paper", "k": K1, "variance_test": k2(100, 10)},
         "corrected, n_g=10": {"method": "corrected", "k": K1},
         "default": {},
@@ -197,7 +197,7 @@ def north() -> str:
     south = direction_finder(100, bearing=180.0, batch=COUNT, rng=generator(6)).theta
     medians = (
         np.median(south, axis=-1) - 180,
-        np.median(screening.unwrap(theta), axis=-1),
+        np.median(screening.unwrap_about_median(theta), axis=-1),
         np.median(theta, axis=-1),
     )
     rows.append(["median", *(f"{Errors(_wrapped(m)).rmse:.4g}" for m in medians)])
@@ -222,7 +222,7 @@ def losses() -> str:
 
 
 def variance_tests() -> str:
-    """How often a clean record loses a group to the test of the variances, N = 100."""
+    """How often a clean record loses a block to the test of the variances, N = 100."""
     clean = records(100, COUNT, generator(9), **CLEAN)
     rows = []
     for size in (5, 10):
@@ -231,7 +231,7 @@ def variance_tests() -> str:
             # a threshold of 20: nothing but the variances is tested
             options: dict[str, Any] = {
                 "method": "paper",
-                "group_size": size,
+                "block_size": size,
                 "k": 20.0,
                 "variance_test": test,
             }
@@ -239,7 +239,7 @@ def variance_tests() -> str:
             ratio = Errors(np.asarray(result.value)).rmse / METHODS["mean"](clean).rmse
             lost = np.mean(result.outlier.any(axis=-1))
             rows.append([name, f"{size}", f"{lost:.1%}", f"{ratio:.2f}"])
-    head = ["test", "n_g", "clean records that lose a group", "RMSE over that of the mean"]
+    head = ["test", "n_g", "clean records that lose a block", "RMSE over that of the mean"]
     return markdown(head, rows)
 
 

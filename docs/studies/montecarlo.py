@@ -56,11 +56,13 @@ def records(n: int, count: int, rng: np.random.Generator, **scenario: Any) -> Fl
     return direction_finder(n, batch=count, rng=rng, period=None, **scenario).theta
 
 
-def k2(n: int, group_size: int, level: float = 0.05) -> float:
-    """Return k2 of (M5) from the F distribution: L F(level / L; nu, (L-1) nu)."""
-    groups = max(n // group_size, 2)
-    c = screening.critical_value(groups, level, test="cochran", degrees_of_freedom=group_size - 1)
-    return groups * c * (groups - 1) / (1 - c)
+def k2(n: int, block_size: int, significance: float = 0.05) -> float:
+    """Return k2 of (M5) from the F distribution: L F(significance / L; nu, (L-1) nu)."""
+    blocks = max(n // block_size, 2)
+    c = screening.critical_value(
+        blocks, significance, test="cochran", degrees_of_freedom=block_size - 1
+    )
+    return blocks * c * (blocks - 1) / (1 - c)
 
 
 def library(**options: Any) -> Estimator:
@@ -73,12 +75,12 @@ def library(**options: Any) -> Estimator:
     return estimate
 
 
-def paper(group_size: int, k: float = K1, **options: Any) -> Estimator:
+def paper(block_size: int, k: float = K1, **options: Any) -> Estimator:
     """Return the algorithm as printed, with k2 from the F distribution."""
 
     def estimate(theta: FloatArray) -> Errors:
-        factor = k2(theta.shape[-1], group_size)
-        run = library(method="paper", group_size=group_size, k=k, variance_test=factor, **options)
+        factor = k2(theta.shape[-1], block_size)
+        run = library(method="paper", block_size=block_size, k=k, variance_test=factor, **options)
         return run(theta)
 
     return estimate
@@ -131,9 +133,9 @@ METHODS: dict[str, Estimator] = {
     "Hampel (3 MAD), excluded": hampel,
     "paper, n_g=5": paper(5),
     "paper, n_g=10": paper(10),
-    "paper, n_g=5, Cochran": library(method="paper", group_size=5, k=K1),
+    "paper, n_g=5, Cochran": library(method="paper", block_size=5, k=K1),
     "paper, n_g=10, Cochran": library(method="paper", k=K1),
-    "corrected, n_g=5": library(method="corrected", group_size=5, k=K1),
+    "corrected, n_g=5": library(method="corrected", block_size=5, k=K1),
     "corrected, n_g=10": library(method="corrected", k=K1),
     "default": library(),
 }

@@ -60,7 +60,7 @@ def in_many_records() -> tuple[FloatArray, dict[str, FloatArray]]:
     for part in range(10):
         theta = records(100, COUNT, generator(12, part))
         found = tertia.estimate_bearing(
-            theta, period=None, method="paper", group_size=5, k=K1, variance_test=k2(100, 5)
+            theta, period=None, method="paper", block_size=5, k=K1, variance_test=k2(100, 5)
         )
         polarity.append(np.abs(found.polarity))
         errors.append({name: METHODS[name](theta).error for name in LINES})
@@ -210,8 +210,8 @@ def claims() -> str:
         dict(zip(x, np.transpose([advantage(c), advantage(c, "paper, n_g=10")]), strict=True))
         for x, c in ((SIZES, sizes), (THRESHOLDS, thresholds), (POLARITIES, polarities))
     )
-    at_100 = [sizes[f"paper, n_g={group}"][SIZES.index(100)].rmse for group in (5, 10)]
-    at_tenth = [polarities[f"paper, n_g={group}"][10].rmse for group in (5, 10)]
+    at_100 = [sizes[f"paper, n_g={block}"][SIZES.index(100)].rmse for block in (5, 10)]
+    at_tenth = [polarities[f"paper, n_g={block}"][10].rmse for block in (5, 10)]
     low, high = np.quantile(ten_trial_ratio(), [0.025, 0.975])
     found = [
         ("RMSE at N = 100", "about 0.7°", at_100, "°"),

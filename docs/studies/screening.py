@@ -49,8 +49,13 @@ def false_alarms() -> str:
             found = leave_one_out_mask(clean, k).mean()
             cells.append(f"{false_alarm_probability(k, n):.4f} ({found:.4f})")
         rows.append([f"k = {k}", *cells])
-    for level in (0.05, 0.01, 0.001):
-        rows.append([f"k for {level:.1%}", *(f"{critical_value(n, level):.3f}" for n in sizes)])
+    for significance in (0.05, 0.01, 0.001):
+        rows.append(
+            [
+                f"k for {significance:.1%}",
+                *(f"{critical_value(n, significance):.3f}" for n in sizes),
+            ]
+        )
     return markdown(["", *(f"N = {n}" for n in sizes)], rows)
 
 

@@ -33,7 +33,6 @@ __all__ = [
     "jacobian",
     "jacobian_factors",
     "k_sigma",
-    "known_sigma",
     "least_count",
     "leave_one_out",
     "leave_one_out_mask",
@@ -50,14 +49,15 @@ __all__ = [
     "smooth",
     "smooth_series",
     "steady_state",
+    "t_test",
     "thompson_tau",
     "times_over",
-    "unknown_sigma",
-    "unwrap",
+    "unwrap_about_median",
     "weight_bias",
     "weight_covariance",
     "weight_matrices",
     "wishart_law",
+    "z_test",
 ]
 
 VERSION: str
@@ -71,7 +71,7 @@ def leave_one_out(
     y: FloatArray,
     k: float,
     statistics: str,
-    order: str,
+    direction: str,
     replace: bool,
     passes: int,
     omit: bool,
@@ -87,21 +87,23 @@ def bursts(
     min_burst: int,
     max_burst: int,
     correlation: float,
-    resolution: float,
+    rounding: float,
     omit: bool,
     n_threads: int | None,
 ) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
-def unwrap(theta: FloatArray, period: float, n_threads: int | None) -> FloatArray: ...
-def known_sigma(
+def unwrap_about_median(theta: FloatArray, period: float, n_threads: int | None) -> FloatArray: ...
+def z_test(
     x: FloatArray, row: IntArray, y: FloatArray, sigma: FloatArray
 ) -> tuple[FloatArray, FloatArray]: ...
-def unknown_sigma(x: FloatArray, row: IntArray, y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+def t_test(x: FloatArray, row: IntArray, y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
 def thompson_tau(y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
 def grubbs(y: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]: ...
 def cochran(
     variances: FloatArray, degrees_of_freedom: float
 ) -> tuple[IntArray, FloatArray, FloatArray]: ...
-def critical_value(n: int, level: float, test: str, degrees_of_freedom: float | None) -> float: ...
+def critical_value(
+    n: int, significance: float, test: str, degrees_of_freedom: float | None
+) -> float: ...
 def false_alarm_probability(
     k: float, n: int, test: str, degrees_of_freedom: float | None
 ) -> float: ...

@@ -41,22 +41,22 @@ class BearingEstimate:
     sigma : float or ndarray of shape (...)
         Its standard deviation.
     outlier : ndarray of bool, shape (..., N)
-        Which measurements are anomalous; the members of a rejected group are.
+        Which measurements are anomalous; the members of a rejected block are.
     polarity : float or ndarray of shape (...)
         `(N+ - N-) / N`: anomalous measurements above the bearing less those below.
-    group_means, group_variances, group_weights : ndarray of shape (..., L) or None
-        The groups as they entered the estimate, the means in the unwrapped angle; weights sum to
-        one. A group without measurements has mean nan, one with fewer than two variance nan. None
-        where the method has no groups.
+    block_means, block_variances, block_weights : ndarray of shape (..., L) or None
+        The blocks as they entered the estimate, the means in the unwrapped angle; weights sum to
+        one. A block without measurements has mean nan, one with fewer than two variance nan. None
+        where the method has no blocks.
     """
 
     value: float | FloatArray
     sigma: float | FloatArray
     outlier: BoolArray
     polarity: float | FloatArray
-    group_means: FloatArray | None
-    group_variances: FloatArray | None
-    group_weights: FloatArray | None
+    block_means: FloatArray | None
+    block_variances: FloatArray | None
+    block_weights: FloatArray | None
 
     def __repr__(self) -> str:
         """Tell the numbers, not the arrays."""
@@ -74,16 +74,16 @@ def estimate_bearing(
     *,
     period: float | None = 360.0,
     method: Method = "robust",
-    group_size: int = 10,
+    block_size: int = 10,
     k: float = 2.5,
     variance_test: Literal["cochran", "student"] | float | None = "cochran",
-    level: float = 0.05,
+    significance: float = 0.05,
     point_penalty: float = 2.5,
     burst_penalty: float = 3.0,
     min_burst: int = 2,
     max_burst: int = 20,
     correlation: float = 0.0,
-    resolution: float = 0.0,
+    rounding: float = 0.0,
     nan_policy: NanPolicy = "raise",
     n_threads: int | None = None,
 ) -> BearingEstimate:
@@ -102,31 +102,31 @@ def estimate_bearing(
     method : {"robust", "corrected", "paper", "k-sigma", "mean"}
         "robust": points and bursts are found as by `tertia.screening.bursts` and left out, the rest
         is averaged in blocks weighted by moderated variances.
-        "paper": the algorithm as printed: leave-one-out screening, groups with an anomalous mean or
-        variance replaced, groups weighted by 1/d_j, sigma by (M7). Its sigma is not that of the
+        "paper": the algorithm as printed: leave-one-out screening, blocks with an anomalous mean or
+        variance replaced, blocks weighted by 1/d_j, sigma by (M7). Its sigma is not that of the
         bearing: see the documentation.
         "corrected": the same with exclusion instead of replacement, Grubbs' test for the means of
-        groups, the exact test for their variances, and the right sigma.
+        blocks, the exact test for their variances, and the right sigma.
         "k-sigma": mean of the measurements that pass `|y - M| <= k sqrt(D)`.
         "mean": mean of all.
-    group_size : int
-        Consecutive measurements per group, at least 2; the last group takes the remainder.
+    block_size : int
+        Consecutive measurements per block, at least 2; the last block takes the remainder.
     k : float
         Threshold of the screening in "paper", "corrected" (k1 of the paper) and "k-sigma".
     variance_test : {"cochran", "student"}, float or None
-        When the variance of a group is too large, in "paper" and "corrected". "cochran": the exact
-        F test at `level`. A number: `d_j > k2 / sum(1/d_j)` with this k2 >= 1. "student": the k2
-        that the paper names, for demonstration only: it rejects some clean group almost always.
+        When the variance of a block is too large, in "paper" and "corrected". "cochran": the exact
+        F test at `significance`. A number: `d_j > k2 / sum(1/d_j)` with this k2 >= 1. "student":
+        the k2 that the paper names, for demonstration only: it nearly always rejects some clean block.
         None: never.
-    level : float
-        Significance level of the tests among groups.
-    point_penalty, burst_penalty, min_burst, max_burst, resolution
+    significance : float
+        Significance significance of the tests among blocks.
+    point_penalty, burst_penalty, min_burst, max_burst, rounding
         For "robust": see `tertia.screening.bursts`.
     correlation : float
         Correlation of successive measurements in a quiet record. Widens sigma by
         `sqrt((1 + correlation) / (1 - correlation))` in all methods but "paper".
     nan_policy : {"raise", "omit"}
-        "omit": nan is 'no measurement'; groups are formed of what is there.
+        "omit": nan is 'no measurement'; blocks are formed of what is there.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -154,18 +154,18 @@ def estimate_bearing(
     options = {
         "period": None if period is None else real(period, "period"),
         "method": str(method),
-        "group_size": integer(group_size, "group_size", 2),
+        "block_size": integer(block_size, "block_size", 2),
         "k": real(k, "k"),
         "variance_test": _variance_test(variance_test),
-        "level": real(level, "level"),
+        "significance": real(significance, "significance"),
         "point_penalty": real(point_penalty, "point_penalty"),
         "burst_penalty": real(burst_penalty, "burst_penalty"),
         "min_burst": integer(min_burst, "min_burst", 2),
         "max_burst": integer(max_burst, "max_burst", 2),
         "correlation": real(correlation, "correlation"),
-        "resolution": real(resolution, "resolution"),
+        "rounding": real(rounding, "rounding"),
     }
-    value, sigma, outlier, polarity, groups = _core.estimate_bearing(
+    value, sigma, outlier, polarity, blocks = _core.estimate_bearing(
         samples(theta, "theta"), options, omits(nan_policy), threads(n_threads)
     )
     return BearingEstimate(
@@ -173,7 +173,7 @@ def estimate_bearing(
         scalar_or_array(sigma),
         outlier,
         scalar_or_array(polarity),
-        *(groups or (None, None, None)),
+        *(blocks or (None, None, None)),
     )
 
 

@@ -44,17 +44,17 @@ __all__ = [
     "false_alarm_probability",
     "grubbs",
     "k_sigma",
-    "known_sigma",
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "t_test",
     "thompson_tau",
-    "unknown_sigma",
-    "unwrap",
+    "unwrap_about_median",
+    "z_test",
 ]
 
 TestName: TypeAlias = Literal[
-    "leave-one-out", "known-sigma", "unknown-sigma", "thompson-tau", "grubbs", "cochran"
+    "leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"
 ]
 
 
@@ -100,12 +100,12 @@ class OutlierTest:
     ----------
     statistic : float or ndarray
         The test statistic.
-    p_value : float or ndarray
+    pvalue : float or ndarray
         Probability of a statistic at least as large if the measurement is not anomalous.
     """
 
     statistic: float | FloatArray
-    p_value: float | FloatArray
+    pvalue: float | FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,17 +118,17 @@ class ExtremeTest:
         Which value along the last axis is the most extreme.
     statistic : float or ndarray
         The test statistic.
-    p_value : float or ndarray
+    pvalue : float or ndarray
         Probability of a statistic at least as large if no value is anomalous.
     critical_value : float
-        The statistic above which the value is anomalous at the level asked for.
+        The statistic above which the value is anomalous at the significance asked for.
     outlier : bool or ndarray of bool
         Whether the statistic is above the critical value.
     """
 
     index: int | IntArray
     statistic: float | FloatArray
-    p_value: float | FloatArray
+    pvalue: float | FloatArray
     critical_value: float
     outlier: bool | BoolArray
 
@@ -216,7 +216,7 @@ def leave_one_out(
     k: float = 2.5,
     *,
     statistics: Literal["sequential", "frozen"] = "sequential",
-    order: Literal["forward", "backward"] = "forward",
+    direction: Literal["forward", "backward"] = "forward",
     replace: bool = True,
     passes: int = 1,
     nan_policy: NanPolicy = "raise",
@@ -231,13 +231,13 @@ def leave_one_out(
     y : array_like of shape (..., N)
         Samples, N >= 3.
     k : float
-        Threshold in standard deviations of the others. A clean measurement is called anomalous with
-        probability `false_alarm_probability(k, N)`; `critical_value(N, level)` is the inverse.
+        Threshold in standard deviations of the others. A clean one is flagged with probability
+        `false_alarm_probability(k, N)`; `critical_value(N, significance)` is the inverse.
     statistics : {"sequential", "frozen"}
         "sequential", as in the paper: a measurement found anomalous leaves the statistics at once,
         so later ones are compared with a cleaner sample. "frozen": all are compared with the sample
         as it came.
-    order : {"forward", "backward"}
+    direction : {"forward", "backward"}
         Direction of a sequential pass. Which measurements are found depends on it.
     replace : bool
         Replace an anomalous measurement by `M'_i`; if False, exclude it.
@@ -278,7 +278,7 @@ def leave_one_out(
                 samples(y, "y"),
                 real(k, "k"),
                 str(statistics),
-                str(order),
+                str(direction),
                 flag(replace, "replace"),
                 integer(passes, "passes", 1),
                 omits(nan_policy),
@@ -355,7 +355,7 @@ def bursts(
     min_burst: int = 2,
     max_burst: int = 20,
     correlation: float = 0.0,
-    resolution: float = 0.0,
+    rounding: float = 0.0,
     nan_policy: NanPolicy = "raise",
     n_threads: int | None = None,
 ) -> Screening:
@@ -377,9 +377,9 @@ def bursts(
     correlation : float
         Correlation of successive measurements in a quiet record, between -1 and 1. Correlated noise
         looks like bursts; with this it does not.
-    resolution : float
+    rounding : float
         Step of the readings in the unit of y, 0: continuous or not known. A rounding variance of
-        `resolution**2 / 12` is added to that of the noise. Where more than half of the readings
+        `rounding**2 / 12` is added to that of the noise. Where more than half of the readings
         are equal and it is not known, the nearest different reading tells it.
     nan_policy : {"raise", "omit"}
         "omit": nan is 'no measurement'.
@@ -418,7 +418,7 @@ def bursts(
                 integer(min_burst, "min_burst", 2),
                 integer(max_burst, "max_burst", 2),
                 real(correlation, "correlation"),
-                real(resolution, "resolution"),
+                real(rounding, "rounding"),
                 omits(nan_policy),
                 threads(n_threads),
             )
@@ -426,7 +426,7 @@ def bursts(
     )
 
 
-def known_sigma(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierTest:
+def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierTest:
     """Test whether x is anomalous against the others y, the standard deviation being known.
 
     Equation (R1): `t = |x - mean(y)| / (sigma sqrt((n+1)/n))` is standard normal (two-sided) if x
@@ -444,7 +444,7 @@ def known_sigma(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> Out
     Returns
     -------
     OutlierTest
-        `statistic` t and `p_value`, each of shape (...).
+        `statistic` t and `pvalue`, each of shape (...).
 
     Raises
     ------
@@ -455,18 +455,18 @@ def known_sigma(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> Out
 
     Examples
     --------
-    >>> from tertia.screening import known_sigma
-    >>> test = known_sigma(12.6, [10.1, 9.8, 10.3, 10.0, 9.9], sigma=1.0)
-    >>> round(test.statistic, 4), round(test.p_value, 4)
+    >>> from tertia.screening import z_test
+    >>> test = z_test(12.6, [10.1, 9.8, 10.3, 10.0, 9.9], sigma=1.0)
+    >>> round(test.statistic, 4), round(test.pvalue, 4)
     (2.3552, 0.0185)
     """
     x, y, sigma = finite(x, "x"), samples(y, "y"), positive(sigma, "sigma")
     batch = _batch({"x": x.shape, "y": y.shape[:-1], "sigma": sigma.shape})
-    result = _core.known_sigma(_flat(x, batch), _rows(y, batch), y, _flat(sigma, batch))
+    result = _core.z_test(_flat(x, batch), _rows(y, batch), y, _flat(sigma, batch))
     return _outlier_test(result, batch)
 
 
-def unknown_sigma(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
+def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     """Test whether x is anomalous against the others y, whose standard deviation is estimated.
 
     Equations (R2) and (R3): `t = |x - mean(y)| / s`, where s is the standard deviation of the n
@@ -482,7 +482,7 @@ def unknown_sigma(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     Returns
     -------
     OutlierTest
-        `statistic` t and `p_value`, each of shape (...).
+        `statistic` t and `pvalue`, each of shape (...).
 
     Raises
     ------
@@ -493,13 +493,13 @@ def unknown_sigma(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
 
     Examples
     --------
-    >>> from tertia.screening import unknown_sigma
-    >>> round(unknown_sigma(10.8, [10.1, 9.8, 10.3, 10.0, 9.9]).p_value, 4)
+    >>> from tertia.screening import t_test
+    >>> round(t_test(10.8, [10.1, 9.8, 10.3, 10.0, 9.9]).pvalue, 4)
     0.0208
     """
     x, y = finite(x, "x"), samples(y, "y")
     batch = _batch({"x": x.shape, "y": y.shape[:-1]})
-    return _outlier_test(_core.unknown_sigma(_flat(x, batch), _rows(y, batch), y), batch)
+    return _outlier_test(_core.t_test(_flat(x, batch), _rows(y, batch), y), batch)
 
 
 def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
@@ -516,7 +516,7 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
     Returns
     -------
     OutlierTest
-        `statistic` and `p_value`, each of shape (..., N).
+        `statistic` and `pvalue`, each of shape (..., N).
 
     Raises
     ------
@@ -528,13 +528,13 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
     Examples
     --------
     >>> from tertia.screening import thompson_tau
-    >>> thompson_tau([9.8, 10.1, 10.0, 12.0]).p_value < 0.05
+    >>> thompson_tau([9.8, 10.1, 10.0, 12.0]).pvalue < 0.05
     array([False, False, False,  True])
     """
     return OutlierTest(*_core.thompson_tau(samples(y, "y")))
 
 
-def grubbs(y: npt.ArrayLike, level: float = 0.05) -> ExtremeTest:
+def grubbs(y: npt.ArrayLike, significance: float = 0.05) -> ExtremeTest:
     """Test the most deviating measurement of a sample.
 
     Grubbs' statistic `G = max |y_i - M| / sqrt(D)`, two-sided. The p-value is Bonferroni's: exact
@@ -544,7 +544,7 @@ def grubbs(y: npt.ArrayLike, level: float = 0.05) -> ExtremeTest:
     ----------
     y : array_like of shape (..., N)
         Samples, N >= 3.
-    level : float
+    significance : float
         Probability of calling a clean sample anomalous.
 
     Returns
@@ -555,7 +555,7 @@ def grubbs(y: npt.ArrayLike, level: float = 0.05) -> ExtremeTest:
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, one that is not finite, or a level outside (0, 1).
+        Fewer than 3 measurements, one that is not finite, or a significance outside (0, 1).
     TypeError
         `y` does not hold real numbers.
 
@@ -568,11 +568,11 @@ def grubbs(y: npt.ArrayLike, level: float = 0.05) -> ExtremeTest:
     """
     y = samples(y, "y")
     result = _core.grubbs(y)
-    return _extreme_test(result, critical_value(y.shape[-1], level, test="grubbs"))
+    return _extreme_test(result, critical_value(y.shape[-1], significance, test="grubbs"))
 
 
 def cochran(
-    variances: npt.ArrayLike, degrees_of_freedom: float, level: float = 0.05
+    variances: npt.ArrayLike, degrees_of_freedom: float, significance: float = 0.05
 ) -> ExtremeTest:
     """Test the largest of several variances.
 
@@ -585,7 +585,7 @@ def cochran(
         Sample variances, L >= 2.
     degrees_of_freedom : float
         Of each variance: the size of a group less one.
-    level : float
+    significance : float
         Probability of calling equal variances different.
 
     Returns
@@ -597,7 +597,7 @@ def cochran(
     ------
     ValueError
         Fewer than 2 variances, one that is negative or not finite, all zero, degrees of freedom
-        not between 1 and 1e9, or a level outside (0, 1).
+        not between 1 and 1e9, or a significance outside (0, 1).
     TypeError
         `variances` does not hold real numbers.
 
@@ -613,29 +613,29 @@ def cochran(
     result = _core.cochran(variances, degrees)
     count = variances.shape[-1]
     return _extreme_test(
-        result, critical_value(count, level, test="cochran", degrees_of_freedom=degrees)
+        result, critical_value(count, significance, test="cochran", degrees_of_freedom=degrees)
     )
 
 
 def critical_value(
     n: int,
-    level: float,
+    significance: float,
     *,
     test: TestName = "leave-one-out",
     degrees_of_freedom: float | None = None,
 ) -> float:
-    """Threshold of a test at a significance level; the inverse of `false_alarm_probability`.
+    """Threshold of a test at a significance significance; the inverse of `false_alarm_probability`.
 
     Parameters
     ----------
     n : int
-        "known-sigma", "unknown-sigma": number of the others; "cochran": number of variances; else
+        "z-test", "t-test": number of the others; "cochran": number of variances; else
         size of the sample.
-    level : float
+    significance : float
         Probability of calling a clean measurement ("grubbs", "cochran": a clean sample) anomalous.
     test : str
-        "leave-one-out": k of `leave_one_out`; "known-sigma": `known_sigma`; "unknown-sigma":
-        `unknown_sigma`; "thompson-tau": `thompson_tau`; "grubbs": `grubbs`; "cochran": `cochran`.
+        "leave-one-out": k of `leave_one_out`; "z-test": `z_test`; "t-test":
+        `t_test`; "thompson-tau": `thompson_tau`; "grubbs": `grubbs`; "cochran": `cochran`.
     degrees_of_freedom : float
         Of each variance, 1 to 1e9, for "cochran" only.
 
@@ -643,12 +643,12 @@ def critical_value(
     -------
     float
         Exact for the first four. For "grubbs" and "cochran" exact as long as two values cannot be
-        beyond it at once, else slightly large (the level is not exceeded).
+        beyond it at once, else slightly large (the significance is not exceeded).
 
     Raises
     ------
     ValueError
-        n too small for the test, a level outside (0, 1), or an unknown test.
+        n too small for the test, a significance outside (0, 1), or an unknown test.
     TypeError
         A number of the wrong type.
 
@@ -660,8 +660,8 @@ def critical_value(
     >>> round(critical_value(100, 0.05, test="grubbs"), 4)
     3.3841
     """
-    n, level = integer(n, "n", 1), real(level, "level")
-    return _core.critical_value(n, level, str(test), _optional(degrees_of_freedom))
+    n, significance = integer(n, "n", 1), real(significance, "significance")
+    return _core.critical_value(n, significance, str(test), _optional(degrees_of_freedom))
 
 
 def false_alarm_probability(
@@ -708,7 +708,7 @@ def false_alarm_probability(
     return _core.false_alarm_probability(k, n, str(test), _optional(degrees_of_freedom))
 
 
-def unwrap(
+def unwrap_about_median(
     theta: npt.ArrayLike, period: float = 360.0, *, n_threads: int | None = None
 ) -> FloatArray:
     """Unwrap angles about their circular median.
@@ -740,11 +740,13 @@ def unwrap(
 
     Examples
     --------
-    >>> from tertia.screening import unwrap
-    >>> unwrap([359.0, 1.0, 2.0, 358.0, 0.5])
+    >>> from tertia.screening import unwrap_about_median
+    >>> unwrap_about_median([359.0, 1.0, 2.0, 358.0, 0.5])
     array([359. , 361. , 362. , 358. , 360.5])
     """
-    return _core.unwrap(samples(theta, "theta"), real(period, "period"), threads(n_threads))
+    return _core.unwrap_about_median(
+        samples(theta, "theta"), real(period, "period"), threads(n_threads)
+    )
 
 
 def _screened(
@@ -761,15 +763,15 @@ def _screened(
 
 
 def _outlier_test(result: tuple[FloatArray, FloatArray], batch: tuple[int, ...]) -> OutlierTest:
-    statistic, p_value = result
+    statistic, pvalue = result
     return OutlierTest(
-        scalar_or_array(statistic.reshape(batch)), scalar_or_array(p_value.reshape(batch))
+        scalar_or_array(statistic.reshape(batch)), scalar_or_array(pvalue.reshape(batch))
     )
 
 
 def _extreme_test(result: tuple[IntArray, FloatArray, FloatArray], critical: float) -> ExtremeTest:
-    index, statistic, p_value = map(scalar_or_array, result)
-    return ExtremeTest(index, statistic, p_value, critical, statistic > critical)
+    index, statistic, pvalue = map(scalar_or_array, result)
+    return ExtremeTest(index, statistic, pvalue, critical, statistic > critical)
 
 
 def _batch(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:

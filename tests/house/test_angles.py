@@ -31,5 +31,5 @@ def test_what_cannot_be_is_refused(given, options, text):
 
 
 def test_units():
-    assert _units.KNOT == pytest.approx(0.514444, abs=1e-6)
+    assert pytest.approx(0.514444, abs=1e-6) == _units.KNOT
     assert _units.FLIGHT_LEVEL == 30.48

@@ -6,7 +6,7 @@ from scipy import optimize, special, stats
 from reference import screening
 
 
-def groups_of(n, size):
+def blocks_of(n, size):
     """Slices of consecutive values, the last one with the remainder."""
     count = max(1, n // size)
     return [slice(j * size, (j + 1) * size if j + 1 < count else n) for j in range(count)]
@@ -23,59 +23,59 @@ def k_sigma(y, k):
 
 
 def extreme_variances(d, nu, k2):
-    """3.2 (M5): k2 a number, None for no test, or {"level": level} of the exact test."""
+    """3.2 (M5): k2 a number, None for no test, or a dict for the exact test."""
     if k2 is None:
         return np.zeros(len(d), dtype=bool)
     if isinstance(k2, dict):
-        return variances_above_f(d, nu, k2["level"])
+        return variances_above_f(d, nu, k2["significance"])
     return d > k2 / (1 / d).sum()
 
 
-def student_factor(size, level):
+def student_factor(size, significance):
     """The k2 'from Student's distribution' of the paper."""
-    return stats.t.isf(level / 2, size - 1)
+    return stats.t.isf(significance / 2, size - 1)
 
 
 def paper(y, k, size, k2):
     """Stages 1 to 3.2, (M5) to (M7), D recomputed."""
     outlier, y = screening.leave_one_out(y, k)
-    groups = groups_of(len(y), size)
-    m = np.array([y[g].mean() for g in groups])
-    d = np.array([y[g].var(ddof=1) for g in groups])
+    blocks = blocks_of(len(y), size)
+    m = np.array([y[g].mean() for g in blocks])
+    d = np.array([y[g].var(ddof=1) for g in blocks])
     bad = np.zeros(len(m), dtype=bool)
     if len(m) >= 3:
         bad, m = screening.leave_one_out(m, k)
-    extreme = extreme_variances(d, [g.stop - g.start - 1 for g in groups], k2)
+    extreme = extreme_variances(d, [g.stop - g.start - 1 for g in blocks], k2)
     donor = np.argmin(d)
     m[extreme], d[extreme] = m[donor], d[donor]
     total = 1 / (1 / d).sum()
     for j in np.flatnonzero(bad | extreme):
-        outlier[groups[j]] = True
+        outlier[blocks[j]] = True
     return (total / d * m).sum(), np.sqrt(total), outlier, (m, d, total / d)
 
 
-def variances_above_f(d, nu, level):
+def variances_above_f(d, nu, significance):
     """Each variance against the pooled others, Bonferroni."""
     d, nu = np.asarray(d), np.asarray(nu, dtype=float)
     if len(d) < 2:
         return np.zeros(len(d), dtype=bool)
     pooled = [np.delete(nu * d, j).sum() / np.delete(nu, j).sum() for j in range(len(d))]
     p = [stats.f.sf(d[j] / pooled[j], nu[j], np.delete(nu, j).sum()) for j in range(len(d))]
-    return np.array(p) * len(d) < level
+    return np.array(p) * len(d) < significance
 
 
-def corrected(y, k, size, level, k2="level"):
+def corrected(y, k, size, significance, k2="significance"):
     """Exclusion, Grubbs on the means, F (or k2) on the variances, sigma^2 = s^2 sum p^2/r."""
-    k2 = {"level": level} if k2 == "level" else k2
+    k2 = {"significance": significance} if k2 == "significance" else k2
     outlier, y = screening.leave_one_out(y, k, replace=False)
-    groups = groups_of(len(y), size)
-    kept = [y[g][~np.isnan(y[g])] for g in groups]
+    blocks = blocks_of(len(y), size)
+    kept = [y[g][~np.isnan(y[g])] for g in blocks]
     r = np.array([len(v) for v in kept])
     used = np.flatnonzero(r > 1)
     if len(used) >= 3:
         means = np.array([kept[j].mean() for j in used])
         _, p = screening.thompson_tau(means)
-        used = used[p * len(means) >= level]
+        used = used[p * len(means) >= significance]
     d = np.array([kept[j].var(ddof=1) for j in used])
     used_after = used[~extreme_variances(d, r[used] - 1, k2)]
     m = np.array([kept[j].mean() for j in used_after])
@@ -83,9 +83,9 @@ def corrected(y, k, size, level, k2="level"):
     r_used = r[used_after]
     p = r_used / d / (r_used / d).sum()
     pooled = ((r_used - 1) * d).sum() / (r_used - 1).sum()
-    for j in set(range(len(groups))) - set(used_after):
-        outlier[groups[j]] = True
-    weight = np.zeros(len(groups))
+    for j in set(range(len(blocks))) - set(used_after):
+        outlier[blocks[j]] = True
+    weight = np.zeros(len(blocks))
     weight[used_after] = p
     return (p * m).sum(), np.sqrt(pooled * (p**2 / r_used).sum()), outlier, weight
 
@@ -93,14 +93,14 @@ def corrected(y, k, size, level, k2="level"):
 def robust(y, size, **options):
     outlier, _, _ = screening.bursts(y, **options)
     kept = y[~outlier]
-    step = options.get("resolution", 0.0)
+    step = options.get("rounding", 0.0)
     if np.median(np.abs(y - np.median(y))) == 0:
         step = screening.step_of_ties(y, np.median(y), step)
     if np.ptp(kept) == 0:
-        count = np.array([np.count_nonzero(~outlier[g]) for g in groups_of(len(y), size)])
+        count = np.array([np.count_nonzero(~outlier[g]) for g in blocks_of(len(y), size)])
         step = max(step, screening.step_of_ties(y, kept[0], 0.0))
         return kept[0], step / np.sqrt(12), outlier, count / count.sum()
-    every = [y[g][~outlier[g]] for g in groups_of(len(y), size)]
+    every = [y[g][~outlier[g]] for g in blocks_of(len(y), size)]
     blocks = [v for v in every if len(v)]
     r = np.array([len(v) for v in blocks])
     m = np.array([v.mean() for v in blocks])
@@ -145,7 +145,7 @@ def moderated(d, nu, overall):
 
 def on_the_circle(estimate, theta, period):
     """An estimator of plain numbers applied to angles: value in [0, period), polarity."""
-    u = screening.unwrap(theta, period)
+    u = screening.unwrap_about_median(theta, period)
     value, sigma, outlier = estimate(u)[:3]
     polarity = (np.sign(u - value) * outlier).mean()
     return value % period, sigma, outlier, polarity

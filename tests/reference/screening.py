@@ -28,13 +28,13 @@ def mean_of_others(y, i):
     return np.nanmean(others(y, i))
 
 
-def leave_one_out(y, k, statistics="sequential", order="forward", replace=True, passes=1):
+def leave_one_out(y, k, statistics="sequential", direction="forward", replace=True, passes=1):
     """Outliers and cleaned sample."""
     cleaned, outlier = np.array(y, dtype=float), np.zeros(len(y), dtype=bool)
     for _ in range(passes):
         tested = cleaned.copy() if statistics == "frozen" else cleaned
         found = []
-        for i in range(len(y))[:: 1 if order == "forward" else -1]:
+        for i in range(len(y))[:: 1 if direction == "forward" else -1]:
             if np.isnan(cleaned[i]) or np.count_nonzero(~np.isnan(tested)) < 3:
                 continue
             if is_anomalous(tested, i, k):
@@ -62,14 +62,14 @@ def k_sigma(y, k, replace):
     return outlier, cleaned
 
 
-def known_sigma(x, y, sigma):
+def z_test(x, y, sigma):
     """(R1)."""
     n = len(y)
     t = abs(x - y.mean()) / (sigma * np.sqrt((n + 1) / n))
     return t, 2 * stats.norm.sf(t)
 
 
-def unknown_sigma(x, y):
+def t_test(x, y):
     """(R2), (R3)."""
     n = len(y)
     t = abs(x - y.mean()) / y.std(ddof=1)
@@ -97,29 +97,29 @@ def cochran(variances, nu):
     return i, variances[i] / variances.sum(), p
 
 
-def critical_value(n, level, test, nu=None):
-    if test == "known-sigma":
-        return stats.norm.isf(level / 2)
-    if test == "unknown-sigma":
-        return stats.t.isf(level / 2, n - 1) * np.sqrt((n + 1) / n)
+def critical_value(n, significance, test, nu=None):
+    if test == "z-test":
+        return stats.norm.isf(significance / 2)
+    if test == "t-test":
+        return stats.t.isf(significance / 2, n - 1) * np.sqrt((n + 1) / n)
     if test == "leave-one-out":
-        return stats.t.isf(level / 2, n - 2) * np.sqrt(n / (n - 1))
+        return stats.t.isf(significance / 2, n - 2) * np.sqrt(n / (n - 1))
     if test == "cochran":
-        f = stats.f.isf(level / n, nu, (n - 1) * nu)
+        f = stats.f.isf(significance / n, nu, (n - 1) * nu)
         return f / (f + n - 1)
-    t = stats.t.isf(level / 2 / (n if test == "grubbs" else 1), n - 2)
+    t = stats.t.isf(significance / 2 / (n if test == "grubbs" else 1), n - 2)
     return t * (n - 1) / np.sqrt(n * (n - 2 + t**2))
 
 
-def bursts(y, bp=2.5, bc=3.0, lmin=2, lmax=20, correlation=0.0, resolution=0.0):
+def bursts(y, bp=2.5, bc=3.0, lmin=2, lmax=20, correlation=0.0, rounding=0.0):
     """Points and bursts: outliers, centre, scale."""
     n = len(y)
     c = np.median(y)
     deviation = np.abs(y - c)
-    s = np.hypot(1.4826 * n / (n - 0.8) * np.median(deviation), resolution / np.sqrt(12))
-    step = resolution
+    s = np.hypot(1.4826 * n / (n - 0.8) * np.median(deviation), rounding / np.sqrt(12))
+    step = rounding
     if np.median(deviation) == 0:
-        c, s, step = _start_of_ties(y, c, resolution)
+        c, s, step = _start_of_ties(y, c, rounding)
     outlier = np.zeros(n, dtype=bool)
     for _ in range(3):
         if s == 0:
@@ -135,22 +135,22 @@ def bursts(y, bp=2.5, bc=3.0, lmin=2, lmax=20, correlation=0.0, resolution=0.0):
     return outlier, c, s
 
 
-def _start_of_ties(y, c, resolution):
+def _start_of_ties(y, c, rounding):
     """More than half of the values are equal: those one step off are as good."""
     deviation = np.abs(y - c)
-    step = step_of_ties(y, c, resolution)
+    step = step_of_ties(y, c, rounding)
     rounding = step / np.sqrt(12)
-    floor = 0.0 if resolution else deviation.mean()
+    floor = 0.0 if rounding else deviation.mean()
     near = y[deviation <= 1.5 * step]
     if np.count_nonzero(near != c) < 2:
         return c, max(rounding, floor), step
     return near.mean(), max(np.hypot(near.std(ddof=1), rounding), floor), step
 
 
-def step_of_ties(y, c, resolution):
-    """The resolution, or the distance of the nearest reading that differs, or zero."""
+def step_of_ties(y, c, rounding):
+    """The rounding, or the distance of the nearest reading that differs, or zero."""
     off = np.abs(y - c)[y != c]
-    return resolution or off.min(initial=np.inf) if off.size else resolution
+    return rounding or off.min(initial=np.inf) if off.size else rounding
 
 
 def _points_and_segments(x, bp, bc, lmin, lmax, correlation):
@@ -179,7 +179,7 @@ def _points_and_segments(x, bp, bc, lmin, lmax, correlation):
     return outlier
 
 
-def unwrap(theta, period=360.0):
+def unwrap_about_median(theta, period=360.0):
     """About the circular mean, then about the median of the result; on the first value's turn."""
     phase = 2 * np.pi * theta / period
     r = np.angle(np.exp(1j * phase).sum()) / (2 * np.pi) * period

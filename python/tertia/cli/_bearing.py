@@ -55,7 +55,7 @@ def bearing(
     by: By = None,
     method: Annotated[Method, typer.Option(help="How to estimate.")] = "robust",
     period: Period = 360.0,
-    group_size: Annotated[int, typer.Option(help="Measurements per group.")] = 10,
+    block_size: Annotated[int, typer.Option(help="Measurements per block.")] = 10,
     k: Annotated[
         float, typer.Option(help="Threshold of the methods corrected, paper and k-sigma.")
     ] = 2.5,
@@ -73,7 +73,7 @@ def bearing(
     nan, null, None, -) are left out and counted.
     """
     wrap, keys = period or None, list(dict.fromkeys(by or []))
-    options: dict[str, Any] = {"period": wrap, "method": method, "group_size": group_size, "k": k}
+    options: dict[str, Any] = {"period": wrap, "method": method, "block_size": block_size, "k": k}
     try:
         require_options(keys, column, options)
     except ValueError as error:
@@ -89,7 +89,7 @@ def bearing(
     if plot_file is not None:
         drawn = _drawn(frame, table, column, keys, options)
         if drawn:
-            _tables.save(_figure(drawn, column, wrap, group_size), plot_file)
+            _tables.save(_figure(drawn, column, wrap, block_size), plot_file)
     _report(table)
     return {"groups": table.to_dicts()}
 
@@ -143,7 +143,7 @@ def _figure(
     drawn: list[tuple[str, FloatArray, BearingEstimate]],
     column: str,
     period: float | None,
-    group_size: int,
+    block_size: int,
 ) -> "Figure":
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
@@ -154,7 +154,7 @@ def _figure(
     legend: dict[str, Artist] = {}
     for i, (name, theta, estimate) in enumerate(drawn):
         ax = plot.bearing(
-            theta, estimate, period=period, group_size=group_size, legend=False, ax=axes[i]
+            theta, estimate, period=period, block_size=block_size, legend=False, ax=axes[i]
         )
         ax.set_title(": ".join(filter(None, [name, ax.get_title()])), fontsize="medium")
         ax.set_ylabel("" if i % columns else column)

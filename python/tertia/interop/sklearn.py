@@ -35,7 +35,7 @@ _LEFT = 1.0 - 6.0 * math.exp(-4.5) / math.sqrt(2.0 * math.pi) / (1.0 - _TAKEN)
 class _Band(BaseEstimator):  # type: ignore[misc]
     """A band for each column, outside which a value is anomalous."""
 
-    level: float
+    significance: float
     center_: FloatArray
     half_width_: FloatArray
 
@@ -47,12 +47,12 @@ class _Band(BaseEstimator):  # type: ignore[misc]
             ensure_all_finite="allow-nan",
             ensure_min_samples=_FEWEST,
         )
-        level = real(self.level, "level")
-        if not 0.0 < level < 1.0:
-            raise ValueError(f"level is {level}; it must be between 0 and 1")
+        significance = real(self.significance, "significance")
+        if not 0.0 < significance < 1.0:
+            raise ValueError(f"significance is {significance}; it must be between 0 and 1")
         if together:
-            level = -math.expm1(math.log1p(-level) / values.shape[1])
-        bands = [_band(column, level) for column in values.T]
+            significance = -math.expm1(math.log1p(-significance) / values.shape[1])
+        bands = [_band(column, significance) for column in values.T]
         self.center_, self.half_width_ = np.array(bands).T
 
     def _excess(self, X: Any) -> tuple[FloatArray, FloatArray]:  # noqa: N803  # as scikit-learn
@@ -83,7 +83,7 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
 
     Parameters
     ----------
-    level : float
+    significance : float
         Probability of calling a clean row anomalous, over all its columns together.
 
     Attributes
@@ -97,8 +97,8 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
 
     Notes
     -----
-    The level holds for new rows, normal noise and independent columns. Of few rows cleaning takes
-    more than is allowed for: with 20 of them a level of 0.01 is 0.013, with 10 it is 0.015.
+    The significance holds for new rows, normal noise and independent columns. With few rows,
+    cleaning removes more than is allowed for: 0.01 becomes 0.013 with 20 rows, 0.015 with 10.
 
     Examples
     --------
@@ -110,8 +110,8 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
     np.int64(7)
     """
 
-    def __init__(self, level: float = 0.01) -> None:
-        self.level = level
+    def __init__(self, significance: float = 0.01) -> None:
+        self.significance = significance
 
     def fit(self, X: Any, y: Any = None) -> BandDetector:  # noqa: N803  # as scikit-learn
         """Learn the bands of the columns of X, of shape (n_samples, n_features), n >= 3."""
@@ -138,7 +138,7 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
 
     Parameters
     ----------
-    level : float
+    significance : float
         Probability of calling a clean value anomalous.
 
     Attributes
@@ -155,8 +155,8 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
     array([ 9.8, 10.1, 10. ,  nan,  9.9])
     """
 
-    def __init__(self, level: float = 0.005) -> None:
-        self.level = level
+    def __init__(self, significance: float = 0.005) -> None:
+        self.significance = significance
 
     def fit(self, X: Any, y: Any = None) -> Cleaner:  # noqa: N803  # as scikit-learn
         """Learn the bands of the columns of X, of shape (n_samples, n_features), n >= 3."""
@@ -305,7 +305,7 @@ class Smoother(BaseEstimator):  # type: ignore[misc]
         return tags
 
 
-def _band(column: FloatArray, level: float) -> tuple[float, float]:
+def _band(column: FloatArray, significance: float) -> tuple[float, float]:
     """Return the middle and the half width of the band of one column."""
     known = column[~np.isnan(column)]
     if len(known) < _FEWEST:
@@ -313,5 +313,5 @@ def _band(column: FloatArray, level: float) -> tuple[float, float]:
     k = screening.critical_value(len(known), _TAKEN)
     clean = screening.leave_one_out(known, k, replace=False, passes=_MOST_PASSES)
     left = len(known) - int(np.count_nonzero(clean.outlier))
-    width = screening.critical_value(left, level, test="unknown-sigma")
+    width = screening.critical_value(left, significance, test="t-test")
     return float(clean.mean), width * float(np.sqrt(clean.variance / _LEFT))

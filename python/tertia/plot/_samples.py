@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _REPLACED = "#CC79A7"
-# the lightest group must still be seen
+# the lightest block must still be seen
 _FAINTEST = 0.25
 
 
@@ -34,11 +34,11 @@ def bearing(
     estimate: BearingEstimate,
     *,
     period: float | None = 360.0,
-    group_size: int = 10,
+    block_size: int = 10,
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw a record of bearings, the anomalous ones, the groups, the estimate and its 2-sigma band.
+    """Draw a record of bearings, the anomalous ones, the blocks, the estimate and its 2-sigma band.
 
     The record is drawn continuously about the estimate, across north too; the labels of the axis
     are wrapped back to [0, period).
@@ -51,7 +51,7 @@ def bearing(
         What came of them.
     period : float or None
         As given to `tertia.estimate_bearing`, in the unit of `theta`.
-    group_size : int
+    block_size : int
         As given to `tertia.estimate_bearing`; the estimate does not remember it.
     legend : bool
         Whether to draw one.
@@ -61,13 +61,13 @@ def bearing(
     Returns
     -------
     matplotlib.axes.Axes
-        Bearings over the number of the measurement, from 0; in the unit of `theta`. The groups are
+        Bearings over the number of the measurement, from 0; in the unit of `theta`. The blocks are
         darker the more weight they have.
 
     Raises
     ------
     ValueError
-        `theta` is not one sample, or not what `estimate` was made of, or `group_size` is not.
+        `theta` is not one sample, or not what `estimate` was made of, or `block_size` is not.
     TypeError
         An argument of the wrong type.
     ImportError
@@ -86,14 +86,14 @@ def bearing(
     period = None if period is None else real(period, "period")
     angles = _sample(theta, "theta", estimate.outlier, "estimate")
     value, sigma = real(estimate.value, "estimate.value"), real(estimate.sigma, "estimate.sigma")
-    extents = _extents(angles, estimate, integer(group_size, "group_size", 2))
+    extents = _extents(angles, estimate, integer(block_size, "block_size", 2))
     ax = new_axes() if ax is None else ax
 
     _draw_band(ax, value, 2 * sigma, "± 2 sigma")
     _draw_measurements(ax, near(angles, value, period), estimate.outlier)
-    if estimate.group_means is not None and estimate.group_weights is not None:
-        means = near(estimate.group_means, value, period)
-        _draw_groups(ax, means, estimate.group_weights, extents)
+    if estimate.block_means is not None and estimate.block_weights is not None:
+        means = near(estimate.block_means, value, period)
+        _draw_blocks(ax, means, estimate.block_weights, extents)
     ax.axhline(value, color=RESULT, linewidth=1.5, label="bearing")
     ax.set(title=" ± ".join(rounded(value, sigma)), ylabel="bearing" + angle_unit(period))
     if period is not None:
@@ -176,19 +176,19 @@ def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) ->
     return array
 
 
-def _extents(theta: FloatArray, estimate: BearingEstimate, group_size: int) -> FloatArray:
-    """First and last measurement of each group, shape (groups, 2): groups of what is there."""
-    if estimate.group_means is None:
+def _extents(theta: FloatArray, estimate: BearingEstimate, block_size: int) -> FloatArray:
+    """First and last measurement of each block, shape (blocks, 2): blocks of what is there."""
+    if estimate.block_means is None:
         return np.empty((0, 2))
     present = np.flatnonzero(~np.isnan(theta))
-    # with gaps there are fewer groups than the estimate has room for
-    room, count = (max(1, size // group_size) for size in (theta.size, present.size))
-    if room != estimate.group_means.size:
+    # with gaps there are fewer blocks than the estimate has room for
+    room, count = (max(1, size // block_size) for size in (theta.size, present.size))
+    if room != estimate.block_means.size:
         raise ValueError(
-            f"group_size is {group_size}, which makes {room} groups of {theta.size} measurements; "
-            f"estimate has {estimate.group_means.size}"
+            f"block_size is {block_size}, which makes {room} blocks of {theta.size} measurements; "
+            f"estimate has {estimate.block_means.size}"
         )
-    first = np.arange(count) * group_size
+    first = np.arange(count) * block_size
     last = np.append(first[1:], present.size) - 1
     return np.column_stack([present[first], present[last]]).astype(np.float64)
 
@@ -205,8 +205,8 @@ def _draw_measurements(ax: "Axes", values: FloatArray, outlier: BoolArray) -> No
         ax.plot(flagged, values[flagged], "x", color=FLAGGED, markersize=6, label="anomalous")
 
 
-def _draw_groups(ax: "Axes", means: FloatArray, weights: FloatArray, extents: FloatArray) -> None:
-    # no mean where all of a group is anomalous, no extent where gaps leave fewer groups
+def _draw_blocks(ax: "Axes", means: FloatArray, weights: FloatArray, extents: FloatArray) -> None:
+    # no mean where all of a block is anomalous, no extent where gaps leave fewer blocks
     means, weights = means[: len(extents)], weights[: len(extents)]
     drawn = ~np.isnan(means)
     first, last = extents[drawn].T
@@ -219,7 +219,7 @@ def _draw_groups(ax: "Axes", means: FloatArray, weights: FloatArray, extents: Fl
         colors=colours,
         linewidth=3,
         zorder=3,
-        label="group mean",
+        label="block mean",
     )
 
 

@@ -91,7 +91,7 @@ def screen(
     def mask(elements: Any) -> tuple[Any, BoolArray]:
         sample = there[elements]
         if period is not None:
-            sample = screening.unwrap(sample, period)
+            sample = screening.unwrap_about_median(sample, period)
         return rows[elements], _RULES[rule](sample, **options).outlier
 
     for _, found in by_length(count, mask):

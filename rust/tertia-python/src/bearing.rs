@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::bearing::{
-    Estimate, Estimator, GroupOutput, GroupRule, Method, RobustRule, VarianceTest, Workspace,
+    BlockOutput, Estimate, Estimator, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
 use tertia::screening::BurstRule;
 
@@ -15,9 +15,9 @@ use tertia::screening::BurstRule;
 const ESTIMATE_NS: f64 = 100.0;
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Groups<'py> = (Array<'py>, Array<'py>, Array<'py>);
+type Blocks<'py> = (Array<'py>, Array<'py>, Array<'py>);
 type Estimated<'py> =
-    (Array<'py>, Array<'py>, Bound<'py, PyArrayDyn<bool>>, Array<'py>, Option<Groups<'py>>);
+    (Array<'py>, Array<'py>, Bound<'py, PyArrayDyn<bool>>, Array<'py>, Option<Blocks<'py>>);
 
 /// The options of the Python function, as they come.
 #[derive(FromPyObject)]
@@ -25,16 +25,16 @@ type Estimated<'py> =
 pub struct Options {
     method: String,
     period: Option<f64>,
-    group_size: usize,
+    block_size: usize,
     k: f64,
     variance_test: Option<VarianceTestArgument>,
-    level: f64,
+    significance: f64,
     point_penalty: f64,
     burst_penalty: f64,
     min_burst: usize,
     max_burst: usize,
     correlation: f64,
-    resolution: f64,
+    rounding: f64,
 }
 
 #[derive(FromPyObject)]
@@ -47,10 +47,10 @@ impl Options {
     fn estimator(self) -> PyResult<Estimator> {
         let variance_test = match &self.variance_test {
             Some(VarianceTestArgument::Name(name)) if name == "cochran" => {
-                VarianceTest::Cochran(self.level)
+                VarianceTest::Cochran(self.significance)
             }
             Some(VarianceTestArgument::Name(name)) if name == "student" => {
-                VarianceTest::Student(self.level)
+                VarianceTest::Student(self.significance)
             }
             Some(VarianceTestArgument::Factor(k2)) => VarianceTest::Factor(*k2),
             None => VarianceTest::Off,
@@ -62,12 +62,12 @@ impl Options {
                 ));
             }
         };
-        let rule = GroupRule { k: self.k, group_size: self.group_size, variance_test };
+        let rule = PaperRule { k: self.k, block_size: self.block_size, variance_test };
         let method = match self.method.as_str() {
             "mean" => Method::Mean,
             "k-sigma" => Method::KSigma(self.k),
             "paper" => Method::Paper(rule),
-            "corrected" => Method::Corrected(rule, self.level),
+            "corrected" => Method::Corrected(rule, self.significance),
             "robust" => Method::Robust(self.robust()?),
             other => {
                 let choices = "'robust', 'corrected', 'paper', 'k-sigma' or 'mean'";
@@ -83,13 +83,13 @@ impl Options {
             self.burst_penalty,
             (self.min_burst, self.max_burst),
             self.correlation,
-            self.resolution,
+            self.rounding,
         );
-        Ok(RobustRule { bursts: bursts.map_err(value_error)?, group_size: self.group_size })
+        Ok(RobustRule { bursts: bursts.map_err(value_error)?, block_size: self.block_size })
     }
 }
 
-/// Bearing, sigma, mask, polarity and groups of every row.
+/// Bearing, sigma, mask, polarity and blocks of every row.
 #[pyfunction]
 pub fn estimate_bearing<'py>(
     py: Python<'py>,
@@ -102,32 +102,32 @@ pub fn estimate_bearing<'py>(
     let estimator = options.estimator()?;
     let rows = samples.rows(if omit { 0 } else { estimator.min_count() })?;
     let (n, count) = (rows.len(), rows.count());
-    let groups = estimator.groups(n);
+    let blocks = estimator.blocks(n);
     let mut outlier = Output::new(py, rows.shape)?;
     let outliers = outlier.values()?;
     let mut estimates = repeated(Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 }, count)?;
-    let mut mean = repeated(0.0, groups * count)?;
-    let mut variance = repeated(0.0, groups * count)?;
-    let mut weight = repeated(0.0, groups * count)?;
+    let mut mean = repeated(0.0, blocks * count)?;
+    let mut variance = repeated(0.0, blocks * count)?;
+    let mut weight = repeated(0.0, blocks * count)?;
     let cost = ESTIMATE_NS * (n * count) as f64;
     py.detach(|| {
-        let columns = chunks(&mut mean, groups, count)
-            .zip(chunks(&mut variance, groups, count))
-            .zip(chunks(&mut weight, groups, count));
+        let columns = chunks(&mut mean, blocks, count)
+            .zip(chunks(&mut variance, blocks, count))
+            .zip(chunks(&mut weight, blocks, count));
         let outputs = chunks(outliers, n, count).zip(columns).zip(&mut estimates);
         let new = || (Workspace::default(), Gaps::default());
         for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |(workspace, gaps), item| {
             let (theta, ((flags, ((mean, variance), weight)), out)) = item;
-            let mut groups = GroupOutput { mean, variance, weight };
+            let mut blocks = BlockOutput { mean, variance, weight };
             if omit {
                 gaps.collect(theta);
                 let Gaps { present, outlier, .. } = gaps;
                 *out = estimator
-                    .estimate(present.values(), outlier, &mut groups, workspace)
+                    .estimate(present.values(), outlier, &mut blocks, workspace)
                     .map_err(|error| present.locate(error))?;
                 present.scatter(outlier, false, flags);
             } else {
-                *out = estimator.estimate(theta, flags, &mut groups, workspace)?;
+                *out = estimator.estimate(theta, flags, &mut blocks, workspace)?;
             }
             Ok(())
         })
@@ -135,8 +135,8 @@ pub fn estimate_bearing<'py>(
     .map_err(|failure| rows.error(failure))?;
     let column =
         |f: fn(&Estimate) -> f64| array(py, rows.batch(), estimates.iter().map(f).collect());
-    let shape = [rows.batch(), &[groups]].concat();
-    let groups = match groups {
+    let shape = [rows.batch(), &[blocks]].concat();
+    let blocks = match blocks {
         0 => None,
         _ => Some((
             array(py, &shape, mean)?,
@@ -149,6 +149,6 @@ pub fn estimate_bearing<'py>(
         column(|e| e.sigma)?,
         outlier.into_array(),
         column(|e| e.polarity)?,
-        groups,
+        blocks,
     ))
 }

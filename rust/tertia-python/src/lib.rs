@@ -40,9 +40,9 @@ mod core_module {
     use super::location::{locate, location_accuracy};
     #[pymodule_export]
     use super::screening::{
-        bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, known_sigma,
-        leave_one_out, leave_one_out_mask, leave_one_out_statistics, thompson_tau, unknown_sigma,
-        unwrap,
+        bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, leave_one_out,
+        leave_one_out_mask, leave_one_out_statistics, t_test, thompson_tau, unwrap_about_median,
+        z_test,
     };
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};

@@ -9,8 +9,8 @@ use tertia::Moments;
 use tertia::batch::for_each_row;
 use tertia::bearing::{Estimator, Method};
 use tertia::screening::{
-    self, BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
-    Summary, Test,
+    self, BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement,
+    Statistics, Summary, Test,
 };
 
 /// Cost of the streaming kernels per measurement, for the choice of threads.
@@ -62,7 +62,7 @@ pub fn leave_one_out_mask<'py>(
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Mask<'py>> {
     // also where there is no row to find it out
-    LeaveOneOutRule::try_new(k, Statistics::Frozen, Order::Forward, true, 1)
+    LeaveOneOutRule::try_new(k, Statistics::Frozen, Direction::Forward, true, 1)
         .map_err(value_error)?;
     let samples = Samples::extract(y, "y")?;
     let rows = samples.rows(3)?;
@@ -87,7 +87,7 @@ pub fn leave_one_out<'py>(
     y: &Bound<'py, PyAny>,
     k: f64,
     statistics: &str,
-    order: &str,
+    direction: &str,
     replace: bool,
     passes: usize,
     omit: bool,
@@ -98,12 +98,12 @@ pub fn leave_one_out<'py>(
         "frozen" => Statistics::Frozen,
         other => return Err(unknown("statistics", other, "'sequential' or 'frozen'")),
     };
-    let order = match order {
-        "forward" => Order::Forward,
-        "backward" => Order::Backward,
-        other => return Err(unknown("order", other, "'forward' or 'backward'")),
+    let direction = match direction {
+        "forward" => Direction::Forward,
+        "backward" => Direction::Backward,
+        other => return Err(unknown("direction", other, "'forward' or 'backward'")),
     };
-    let rule = LeaveOneOutRule::try_new(k, statistics, order, replace, passes);
+    let rule = LeaveOneOutRule::try_new(k, statistics, direction, replace, passes);
     let rule = rule.map_err(value_error)?;
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
@@ -145,12 +145,12 @@ pub fn bursts<'py>(
     min_burst: usize,
     max_burst: usize,
     correlation: f64,
-    resolution: f64,
+    rounding: f64,
     omit: bool,
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Screened<'py>> {
     let lengths = (min_burst, max_burst);
-    let rule = BurstRule::try_new(point_penalty, burst_penalty, lengths, correlation, resolution);
+    let rule = BurstRule::try_new(point_penalty, burst_penalty, lengths, correlation, rounding);
     let rule = rule.map_err(value_error)?;
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
         rule.screen(y, outlier, cleaned, work)
@@ -210,7 +210,7 @@ fn screen<'py, S>(
 
 /// Angles unwrapped about their circular median.
 #[pyfunction]
-pub fn unwrap<'py>(
+pub fn unwrap_about_median<'py>(
     py: Python<'py>,
     theta: &Bound<'py, PyAny>,
     period: f64,
@@ -227,7 +227,7 @@ pub fn unwrap<'py>(
     py.detach(|| {
         let items = rows.iter().zip(chunks(angles, n, count));
         for_each_row(items, cost, n_threads, Vec::new, |scratch, (theta, out)| {
-            screening::unwrap(theta, period, out, scratch)
+            screening::unwrap_about_median(theta, period, out, scratch)
         })
     })
     .map_err(|failure| rows.error(failure))?;
@@ -236,7 +236,7 @@ pub fn unwrap<'py>(
 
 /// Tests of `x[i]` against the others `y[row[i]]`, sigma known.
 #[pyfunction]
-pub fn known_sigma<'py>(
+pub fn z_test<'py>(
     py: Python<'py>,
     x: PyReadonlyArray1<'py, f64>,
     row: PyReadonlyArray1<'py, i64>,
@@ -244,18 +244,18 @@ pub fn known_sigma<'py>(
     sigma: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let sigma = sigma.as_array().to_vec();
-    one_by_one(py, &x, &row, y, 1, |i, x, others| screening::known_sigma(x, others, sigma[i]))
+    one_by_one(py, &x, &row, y, 1, |i, x, others| screening::z_test(x, others, sigma[i]))
 }
 
 /// Tests of `x[i]` against the others `y[row[i]]`, sigma unknown.
 #[pyfunction]
-pub fn unknown_sigma<'py>(
+pub fn t_test<'py>(
     py: Python<'py>,
     x: PyReadonlyArray1<'py, f64>,
     row: PyReadonlyArray1<'py, i64>,
     y: &Bound<'py, PyAny>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    one_by_one(py, &x, &row, y, 2, |_, x, others| screening::unknown_sigma(x, others))
+    one_by_one(py, &x, &row, y, 2, |_, x, others| screening::t_test(x, others))
 }
 
 /// Moments of every row of y, once; then a test for every x.
@@ -298,7 +298,7 @@ fn one_by_one<'py>(
             |(), ((i, (&x, &row)), out)| {
                 if let Some(others) = &others[row as usize] {
                     let result = test(i, x, others)?;
-                    *out = (result.statistic, result.p_value);
+                    *out = (result.statistic, result.pvalue);
                 }
                 Ok(())
             },
@@ -334,7 +334,7 @@ fn extreme<'py>(
             || (),
             |(), ((row, y), out)| {
                 let (index, result) = test(row, y)?;
-                *out = (index as i64, result.statistic, result.p_value);
+                *out = (index as i64, result.statistic, result.pvalue);
                 Ok(())
             },
         )
@@ -357,16 +357,16 @@ pub fn thompson_tau<'py>(
     let rows = samples.rows(3)?;
     let (n, count) = (rows.len(), rows.count());
     let mut statistic = Output::new(py, rows.shape)?;
-    let mut p_value = Output::new(py, rows.shape)?;
-    let (statistics, p_values) = (statistic.values()?, p_value.values()?);
+    let mut pvalue = Output::new(py, rows.shape)?;
+    let (statistics, pvalues) = (statistic.values()?, pvalue.values()?);
     let cost = TAIL_NS * (n * count) as f64;
     py.detach(|| {
-        let outputs = chunks(statistics, n, count).zip(chunks(p_values, n, count));
+        let outputs = chunks(statistics, n, count).zip(chunks(pvalues, n, count));
         let items = rows.iter().zip(outputs);
         for_each_row(items, cost, None, || (), |(), (y, (t, p))| screening::thompson_tau(y, t, p))
     })
     .map_err(|failure| rows.error(failure))?;
-    Ok((statistic.into_array(), p_value.into_array()))
+    Ok((statistic.into_array(), pvalue.into_array()))
 }
 
 /// Grubbs' test of every row.
@@ -389,11 +389,12 @@ pub fn cochran<'py>(
 #[pyfunction]
 pub fn critical_value(
     n: usize,
-    level: f64,
+    significance: f64,
     test: &str,
     degrees_of_freedom: Option<f64>,
 ) -> PyResult<f64> {
-    screening::critical_value(n, level, parse_test(test, degrees_of_freedom)?).map_err(value_error)
+    screening::critical_value(n, significance, parse_test(test, degrees_of_freedom)?)
+        .map_err(value_error)
 }
 
 /// False alarm probability of a test.
@@ -417,15 +418,15 @@ fn parse_test(test: &str, degrees_of_freedom: Option<f64>) -> PyResult<Test> {
         (_, Some(_)) => {
             Err(PyValueError::new_err("degrees_of_freedom goes with test='cochran' only"))
         }
-        ("known-sigma", None) => Ok(Test::KnownSigma),
-        ("unknown-sigma", None) => Ok(Test::UnknownSigma),
+        ("z-test", None) => Ok(Test::ZTest),
+        ("t-test", None) => Ok(Test::TTest),
         ("leave-one-out", None) => Ok(Test::LeaveOneOut),
         ("thompson-tau", None) => Ok(Test::ThompsonTau),
         ("grubbs", None) => Ok(Test::Grubbs),
         (other, None) => Err(unknown(
             "test",
             other,
-            "'leave-one-out', 'known-sigma', 'unknown-sigma', 'thompson-tau', 'grubbs' or 'cochran'",
+            "'leave-one-out', 'z-test', 't-test', 'thompson-tau', 'grubbs' or 'cochran'",
         )),
     }
 }

@@ -2,7 +2,7 @@
 //! bearing with its standard deviation. `cargo run --release --example bearing`
 
 use tertia::Result;
-use tertia::bearing::{Estimator, GroupOutput, Method, RobustRule, Workspace};
+use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Workspace};
 use tertia::screening::{BurstRule, BurstWorkspace, unwrap};
 
 /// A hundred bearings of an emitter in the north, 3.4 degrees of noise or so.
@@ -29,12 +29,12 @@ fn main() -> Result<()> {
     println!("anomalous: {wrong:?}, mean of the others {:.2}", summary.mean);
 
     // and the bearing, which does all that
-    let method = Method::Robust(RobustRule { bursts: rule, group_size: 10 });
+    let method = Method::Robust(RobustRule { bursts: rule, block_size: 10 });
     let estimator = Estimator::try_new(method, Some(360.0), 0.0)?;
     let [mut mean, mut variance, mut weight] =
-        [(); 3].map(|()| vec![0.0; estimator.groups(theta.len())]);
-    let mut groups = GroupOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
-    let found = estimator.estimate(&theta, &mut outlier, &mut groups, &mut Workspace::default())?;
+        [(); 3].map(|()| vec![0.0; estimator.blocks(theta.len())]);
+    let mut blocks = BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
+    let found = estimator.estimate(&theta, &mut outlier, &mut blocks, &mut Workspace::default())?;
     println!("bearing: {:.2} ± {:.2} degrees", found.value, found.sigma);
     Ok(())
 }

@@ -4,26 +4,26 @@
 //! ([`Method::Paper`]) and corrected ([`Method::Corrected`]); [`Method::Robust`] is the default of
 //! the Python layer.
 
-mod groups;
+mod blocks;
 mod paper;
 mod robust;
 
-use crate::base::angle::{principal, require_period, unwrap};
-use crate::base::error::{Result, require, require_count, require_level};
+use crate::base::angle::{principal, require_period, unwrap_about_median};
+use crate::base::error::{Result, require, require_count, require_significance};
 use crate::base::moments::Moments;
 use crate::screening::{
-    BurstRule, BurstWorkspace, KSigmaRule, LeaveOneOutRule, Order, Replacement, Statistics,
+    BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement, Statistics,
 };
-use groups::GroupTable;
+use blocks::BlockTable;
 
-/// When the variance d_j of a group is too large (M5).
+/// When the variance d_j of a block is too large (M5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VarianceTest {
-    /// Exact F test of each variance against the others, Bonferroni over the groups, at this level.
+    /// Exact F test of each variance against the others, Bonferroni over the blocks, at this significance.
     Cochran(f64),
     /// `d_j > k2 (Σ 1/d_j)^-1` with this k2.
     Factor(f64),
-    /// The same with the two-sided Student quantile at this level: what the paper says, shown to be
+    /// The same with the two-sided Student quantile at this significance: what the paper says, shown to be
     /// impossible in the docs.
     Student(f64),
     /// Never.
@@ -38,22 +38,22 @@ pub enum Method {
     /// Mean of those that pass the k-sigma rule with this k.
     KSigma(f64),
     /// The paper's algorithm as printed, misprints mended.
-    Paper(GroupRule),
-    /// The same with exclusion instead of copying, exact tests and the right sigma; means of groups
-    /// are tested at the level given.
-    Corrected(GroupRule, f64),
+    Paper(PaperRule),
+    /// The same with exclusion instead of copying, exact tests and the right sigma; means of blocks
+    /// are tested at the significance given.
+    Corrected(PaperRule, f64),
     /// Point and burst detection, then blocks weighted by moderated variances.
     Robust(RobustRule),
 }
 
 /// Parameters of the two methods of the paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GroupRule {
+pub struct PaperRule {
     /// Threshold k1 of the leave-one-out rule.
     pub k: f64,
-    /// Measurements per group.
-    pub group_size: usize,
-    /// Rule for the groups' variances.
+    /// Measurements per block.
+    pub block_size: usize,
+    /// Rule for the blocks' variances.
     pub variance_test: VarianceTest,
 }
 
@@ -63,7 +63,7 @@ pub struct RobustRule {
     /// The detection of anomalies.
     pub bursts: BurstRule,
     /// Measurements per block.
-    pub group_size: usize,
+    pub block_size: usize,
 }
 
 /// The estimate.
@@ -77,14 +77,14 @@ pub struct Estimate {
     pub polarity: f64,
 }
 
-/// Where the groups of a sample are written to; as long as [`Estimator::groups`] says.
+/// Where the blocks of a sample are written to; as long as [`Estimator::blocks`] says.
 #[derive(Debug)]
-pub struct GroupOutput<'a> {
-    /// Mean of each group as used; nan: empty group.
+pub struct BlockOutput<'a> {
+    /// Mean of each block as used; nan: empty block.
     pub mean: &'a mut [f64],
-    /// Variance of each group as used; nan: fewer than two measurements.
+    /// Variance of each block as used; nan: fewer than two measurements.
     pub variance: &'a mut [f64],
-    /// Weight of each group; they sum to one.
+    /// Weight of each block; they sum to one.
     pub weight: &'a mut [f64],
 }
 
@@ -94,7 +94,7 @@ pub struct Workspace {
     angle: Vec<f64>,
     cleaned: Vec<f64>,
     scratch: Vec<f64>,
-    groups: GroupTable,
+    blocks: BlockTable,
     bursts: BurstWorkspace,
 }
 
@@ -119,30 +119,30 @@ impl Estimator {
         }
         let holds = correlation.abs() < 1.0;
         require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
-        let (group_size, k) = match &method {
+        let (block_size, k) = match &method {
             Method::Mean => (2, 1.0),
             Method::KSigma(k) => (2, *k),
-            Method::Paper(rule) => (rule.group_size, rule.validated()?.k),
-            Method::Corrected(rule, level) => {
-                require_level(*level)?;
-                (rule.group_size, rule.validated()?.k)
+            Method::Paper(rule) => (rule.block_size, rule.validated()?.k),
+            Method::Corrected(rule, significance) => {
+                require_significance(*significance)?;
+                (rule.block_size, rule.validated()?.k)
             }
-            Method::Robust(rule) => (rule.group_size, 1.0),
+            Method::Robust(rule) => (rule.block_size, 1.0),
         };
-        require("group_size", group_size as f64, group_size >= 2, "at least 2")?;
+        require("block_size", block_size as f64, block_size >= 2, "at least 2")?;
         require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
         let inflation = ((1.0 + correlation) / (1.0 - correlation)).sqrt();
         Ok(Self { method, period, inflation })
     }
 
-    /// Groups of a sample of `n`; the last one takes the remainder.
-    pub fn groups(&self, n: usize) -> usize {
-        let group_size = match &self.method {
+    /// Blocks of a sample of `n`; the last one takes the remainder.
+    pub fn blocks(&self, n: usize) -> usize {
+        let block_size = match &self.method {
             Method::Mean | Method::KSigma(_) => return 0,
-            Method::Paper(rule) | Method::Corrected(rule, _) => rule.group_size,
-            Method::Robust(rule) => rule.group_size,
+            Method::Paper(rule) | Method::Corrected(rule, _) => rule.block_size,
+            Method::Robust(rule) => rule.block_size,
         };
-        (n / group_size).max(1)
+        (n / block_size).max(1)
     }
 
     /// Fewest measurements the method can do with.
@@ -157,13 +157,13 @@ impl Estimator {
     /// Estimates the bearing of one sample. O(N), robust: O(N · longest burst).
     ///
     /// ```
-    /// use tertia::bearing::{Estimator, GroupOutput, Method, Workspace};
+    /// use tertia::bearing::{Estimator, BlockOutput, Method, Workspace};
     ///
     /// let estimator = Estimator::try_new(Method::Mean, Some(360.0), 0.0)?;
-    /// let mut groups = GroupOutput { mean: &mut [], variance: &mut [], weight: &mut [] };
+    /// let mut blocks = BlockOutput { mean: &mut [], variance: &mut [], weight: &mut [] };
     /// let (theta, mut outlier) = ([359.0, 1.0, 3.0], [false; 3]);
     /// let workspace = &mut Workspace::default();
-    /// let found = estimator.estimate(&theta, &mut outlier, &mut groups, workspace)?;
+    /// let found = estimator.estimate(&theta, &mut outlier, &mut blocks, workspace)?;
     /// assert!((found.value - 1.0).abs() < 1e-12);
     /// assert!((found.sigma - (4.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     /// # Ok::<(), tertia::Error>(())
@@ -173,13 +173,13 @@ impl Estimator {
     /// Too few measurements, one that is not finite, deviations out of range, or too few left.
     ///
     /// # Panics
-    /// If `outlier` is not as long as `theta`, or a group output not as long as
-    /// [`Estimator::groups`] says.
+    /// If `outlier` is not as long as `theta`, or a block output not as long as
+    /// [`Estimator::blocks`] says.
     pub fn estimate(
         &self,
         theta: &[f64],
         outlier: &mut [bool],
-        output: &mut GroupOutput<'_>,
+        output: &mut BlockOutput<'_>,
         workspace: &mut Workspace,
     ) -> Result<Estimate> {
         assert_eq!(theta.len(), outlier.len());
@@ -191,12 +191,14 @@ impl Estimator {
             Method::Mean => mean(workspace, outlier),
             Method::KSigma(k) => k_sigma(*k, workspace, outlier),
             Method::Paper(rule) => paper::as_printed(rule, workspace, outlier),
-            Method::Corrected(rule, level) => paper::corrected(rule, *level, workspace, outlier),
+            Method::Corrected(rule, significance) => {
+                paper::corrected(rule, *significance, workspace, outlier)
+            }
             Method::Robust(rule) => robust::estimate(rule, workspace, outlier),
         }
         .map_err(crate::Error::about_theta)?;
-        if self.groups(theta.len()) > 0 {
-            workspace.groups.write(output);
+        if self.blocks(theta.len()) > 0 {
+            workspace.blocks.write(output);
         }
         let inflation = match self.method {
             Method::Paper(_) => 1.0,
@@ -210,11 +212,11 @@ impl Estimator {
     }
 }
 
-impl GroupRule {
+impl PaperRule {
     fn validated(&self) -> Result<&Self> {
         match self.variance_test {
-            VarianceTest::Cochran(level) | VarianceTest::Student(level) => {
-                require_level(level)?;
+            VarianceTest::Cochran(significance) | VarianceTest::Student(significance) => {
+                require_significance(significance)?;
             }
             VarianceTest::Factor(k2) => {
                 let holds = k2 >= 1.0 && k2.is_finite();
@@ -227,7 +229,7 @@ impl GroupRule {
 
     /// The leave-one-out rule with k1.
     fn leave_one_out(&self, replace: bool) -> Result<LeaveOneOutRule> {
-        LeaveOneOutRule::try_new(self.k, Statistics::Sequential, Order::Forward, replace, 1)
+        LeaveOneOutRule::try_new(self.k, Statistics::Sequential, Direction::Forward, replace, 1)
     }
 }
 
@@ -236,7 +238,7 @@ impl Workspace {
         self.angle.clear();
         self.angle.extend_from_slice(theta);
         match period {
-            Some(period) => unwrap(theta, period, &mut self.angle, &mut self.scratch),
+            Some(period) => unwrap_about_median(theta, period, &mut self.angle, &mut self.scratch),
             None => Ok(()),
         }
     }
@@ -281,9 +283,9 @@ mod tests {
         let estimator = Estimator::try_new(method, period, 0.0).unwrap();
         let mut outlier = vec![false; theta.len()];
         let [mut mean, mut variance, mut weight] =
-            [(); 3].map(|()| vec![0.0; estimator.groups(theta.len())]);
+            [(); 3].map(|()| vec![0.0; estimator.blocks(theta.len())]);
         let mut output =
-            GroupOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
+            BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
         let estimate = estimator
             .estimate(theta, &mut outlier, &mut output, &mut Workspace::default())
             .unwrap();
@@ -295,9 +297,9 @@ mod tests {
         assert!((actual / expected - 1.0).abs() < 1e-12, "{actual} is not {expected}");
     }
 
-    fn robust(group_size: usize, max_length: usize) -> Method {
+    fn robust(block_size: usize, max_length: usize) -> Method {
         let bursts = BurstRule::try_new(2.5, 3.0, (2, max_length), 0.0, 0.0).unwrap();
-        Method::Robust(RobustRule { bursts, group_size })
+        Method::Robust(RobustRule { bursts, block_size })
     }
 
     const WITH_BURST: [f64; 30] = [
@@ -316,7 +318,7 @@ mod tests {
 
     #[test]
     fn north_is_a_direction_like_any_other() {
-        let rule = GroupRule { k: 2.5, group_size: 5, variance_test: VarianceTest::Cochran(0.05) };
+        let rule = PaperRule { k: 2.5, block_size: 5, variance_test: VarianceTest::Cochran(0.05) };
         for method in [
             Method::Mean,
             Method::KSigma(2.5),
@@ -333,20 +335,20 @@ mod tests {
         }
     }
 
-    /// One group's mean and another one's variance are anomalous; no single value is at k = 4.
+    /// One block's mean and another one's variance are anomalous; no single value is at k = 4.
     #[test]
-    fn the_paper_replaces_groups() {
+    fn the_paper_replaces_blocks() {
         let theta = [
             10.3, 9.6, 10.5, 9.8, 10.4, 10.1, 9.5, 10.2, 13.9, 14.3, 14.1, 13.6, 9.7, 10.0, 9.8,
             10.1, 10.0, 6.5, 13.4, 9.8, 9.9, 10.6, 9.7, 10.3,
         ];
-        let rule = GroupRule { k: 4.0, group_size: 4, variance_test: VarianceTest::Cochran(0.05) };
+        let rule = PaperRule { k: 4.0, block_size: 4, variance_test: VarianceTest::Cochran(0.05) };
         let result = run(Method::Paper(rule), None, &theta);
         assert_eq!(result.outlier, [8, 9, 10, 11, 16, 17, 18, 19]);
         assert_close(result.estimate.value, 9.949_805_171_303_07);
         assert_close(result.estimate.sigma, 0.105_587_824_271_096);
         assert!((result.weight.iter().sum::<f64>() - 1.0).abs() < 1e-15);
-        // the quietest group's variance was copied
+        // the quietest block's variance was copied
         assert_eq!(result.weight[4], result.weight[3]);
     }
 }

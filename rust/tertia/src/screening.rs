@@ -9,15 +9,15 @@ mod k_sigma;
 mod leave_one_out;
 
 pub use bursts::{BurstRule, BurstWorkspace};
-pub(crate) use hypothesis::extreme_variance_p_value;
+pub(crate) use hypothesis::extreme_variance_pvalue;
 pub use hypothesis::{
-    OutlierTest, Test, cochran, critical_value, false_alarm_probability, grubbs, known_sigma,
-    thompson_tau, unknown_sigma,
+    OutlierTest, Test, cochran, critical_value, false_alarm_probability, grubbs, t_test,
+    thompson_tau, z_test,
 };
 pub use k_sigma::{KSigmaRule, Replacement};
-pub use leave_one_out::{LeaveOneOutRule, Order, Statistics, mask, statistics};
+pub use leave_one_out::{Direction, LeaveOneOutRule, Statistics, mask, statistics};
 
-pub use crate::base::angle::unwrap;
+pub use crate::base::angle::unwrap_about_median;
 
 use crate::base::error::{Error, Result};
 use crate::base::moments::Moments;

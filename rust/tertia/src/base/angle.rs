@@ -49,7 +49,7 @@ pub fn require_period(period: f64) -> Result<()> {
 ///
 /// # Panics
 /// If the slices differ in length.
-pub fn unwrap(
+pub fn unwrap_about_median(
     theta: &[f64],
     period: f64,
     unwrapped: &mut [f64],

@@ -118,14 +118,14 @@ pub enum Error {
         /// Measurements given.
         count: usize,
     },
-    /// No group passed the tests among groups with two measurements or more.
+    /// No group passed the tests among blocks with two measurements or more.
     #[error(
-        "none of {groups} groups is left: each has fewer than two measurements that are not \
-         anomalous, or fails a test; choose a larger group_size, k or variance_test"
+        "none of {blocks} blocks is left: each has fewer than two measurements that are not \
+         anomalous, or fails a test; choose a larger block_size, k or variance_test"
     )]
-    NoGroupLeft {
-        /// Groups given.
-        groups: usize,
+    NoBlockLeft {
+        /// Blocks given.
+        blocks: usize,
     },
     /// Squares of the deviations would overflow or underflow.
     #[error(
@@ -237,11 +237,11 @@ pub(crate) fn require(
     if holds { Ok(()) } else { Err(Error::InvalidParameter { argument, value, requirement }) }
 }
 
-/// Fails unless `level` is a probability that a test can have; its share among the values of a
+/// Fails unless `significance` is a probability that a test can have; its share among the values of a
 /// sample must still be a normal double.
-pub(crate) fn require_level(level: f64) -> Result<()> {
-    let holds = (1e-290..1.0).contains(&level);
-    require("level", level, holds, "between 0 and 1 (exclusive, not below 1e-290)")
+pub(crate) fn require_significance(significance: f64) -> Result<()> {
+    let holds = (1e-290..1.0).contains(&significance);
+    require("significance", significance, holds, "between 0 and 1 (exclusive, not below 1e-290)")
 }
 
 /// Fails with the first value of `y` that is not finite.

@@ -1,6 +1,6 @@
 //! The default estimator: what is not anomalous, in blocks weighted by moderated variances.
 
-use super::groups::GroupTable;
+use super::blocks::BlockTable;
 use super::{RobustRule, Workspace};
 use crate::base::distribution::{digamma, trigamma, trigamma_inverse};
 use crate::base::error::Result;
@@ -17,13 +17,13 @@ pub(super) fn estimate(
     workspace: &mut Workspace,
     outlier: &mut [bool],
 ) -> Result<(f64, f64)> {
-    let Workspace { angle, cleaned, scratch, groups, bursts } = workspace;
+    let Workspace { angle, cleaned, scratch, blocks, bursts } = workspace;
     let summary = rule.bursts.screen(angle, outlier, cleaned, bursts)?;
-    groups.fill(cleaned, rule.group_size, scratch)?;
+    blocks.fill(cleaned, rule.block_size, scratch)?;
     let floor = bursts.rounding_sigma();
     if summary.variance == 0.0 {
-        let count = groups.count.clone();
-        groups.set_weights(|j| count[j]);
+        let count = blocks.count.clone();
+        blocks.set_weights(|j| count[j]);
         let step = nearest_difference(angle, summary.mean);
         return Ok((summary.mean, floor.max(step / 12_f64.sqrt())));
     }
@@ -31,13 +31,13 @@ pub(super) fn estimate(
     // readings that are coarse beside the noise: a block's variance goes with its mean
     let coarse = bursts.step().powi(2) > summary.variance;
     let variance =
-        if coarse { vec![overall; groups.len()] } else { moderated(groups, floor, overall) };
-    let information: Vec<f64> = groups.count.iter().zip(variance).map(|(r, d)| r / d).collect();
-    groups.set_weights(|j| information[j]);
-    let value = groups.weighted_mean();
-    let blocks: Vec<usize> = (0..groups.len()).filter(|&j| groups.count[j] > 0.0).collect();
-    let term = |&j: &usize| information[j] * (groups.mean[j] - value).powi(2);
-    let q = blocks.iter().map(term).sum::<f64>() / (blocks.len() as f64 - 1.0).max(1.0);
+        if coarse { vec![overall; blocks.len()] } else { moderated(blocks, floor, overall) };
+    let information: Vec<f64> = blocks.count.iter().zip(variance).map(|(r, d)| r / d).collect();
+    blocks.set_weights(|j| information[j]);
+    let value = blocks.weighted_mean();
+    let filled: Vec<usize> = (0..blocks.len()).filter(|&j| blocks.count[j] > 0.0).collect();
+    let term = |&j: &usize| information[j] * (blocks.mean[j] - value).powi(2);
+    let q = filled.iter().map(term).sum::<f64>() / (filled.len() as f64 - 1.0).max(1.0);
     let total: f64 = information.iter().sum();
     Ok((value, q.max(1.0).sqrt() / total.sqrt()))
 }
@@ -56,31 +56,31 @@ fn nearest_difference(angle: &[f64], kept: f64) -> f64 {
 /// `e_j = ln d_j − ψ(ν_j/2) + ln(ν_j/2)`, `ψ'(ν0/2) = var(e) − mean ψ'(ν_j/2)`,
 /// `s0² = exp(mean e + ψ(ν0/2) − ln(ν0/2))`, `d~ = (ν0 s0² + ν d)/(ν0 + ν)`; pooled where the
 /// right-hand side is not positive. Nowhere below `floor²`; `overall` where every block is constant.
-fn moderated(groups: &GroupTable, floor: f64, overall: f64) -> Vec<f64> {
-    let degrees = |j: usize| groups.degrees(j);
+fn moderated(blocks: &BlockTable, floor: f64, overall: f64) -> Vec<f64> {
+    let degrees = |j: usize| blocks.degrees(j);
     let estimated: Vec<usize> =
-        (0..groups.len()).filter(|&j| degrees(j) > 0.0 && groups.variance[j] > 0.0).collect();
-    let within = groups.pooled_variance(|_| true);
+        (0..blocks.len()).filter(|&j| degrees(j) > 0.0 && blocks.variance[j] > 0.0).collect();
+    let within = blocks.pooled_variance(|_| true);
     let least = floor * floor;
     let pooled = if within > 0.0 { within.max(least) } else { overall };
     let count = estimated.len() as f64;
     let log_variance = |j: usize| {
         let half = 0.5 * degrees(j);
-        groups.variance[j].ln() - digamma(half) + half.ln()
+        blocks.variance[j].ln() - digamma(half) + half.ln()
     };
     let mean = |f: &dyn Fn(usize) -> f64| estimated.iter().map(|&j| f(j)).sum::<f64>() / count;
     let centre = mean(&log_variance);
     let spread = mean(&|j| (log_variance(j) - centre).powi(2)) * count / (count - 1.0);
     let excess = spread - mean(&|j| trigamma(0.5 * degrees(j)));
     if count < 2.0 || excess <= 0.0 {
-        return vec![pooled; groups.len()];
+        return vec![pooled; blocks.len()];
     }
     let half = trigamma_inverse(excess);
     let prior = (centre + digamma(half) - half.ln()).exp();
     let nu0 = 2.0 * half;
     let posterior = |j: usize| match degrees(j) {
         0.0 => prior,
-        nu => (nu0 * prior + nu * groups.variance[j]) / (nu0 + nu),
+        nu => (nu0 * prior + nu * blocks.variance[j]) / (nu0 + nu),
     };
-    (0..groups.len()).map(|j| posterior(j).max(least)).collect()
+    (0..blocks.len()).map(|j| posterior(j).max(least)).collect()
 }

@@ -32,7 +32,7 @@ pub struct BurstRule {
     burst_penalty: f64,
     min_length: usize,
     max_length: usize,
-    resolution: f64,
+    rounding: f64,
     /// 1/(l φ_l) for l = max_length ..= 1, φ_l the variance inflation of a sum of l values.
     inverse_lengths: Vec<f64>,
 }
@@ -55,7 +55,7 @@ pub struct BurstWorkspace {
 
 impl BurstRule {
     /// A rule with penalties in units of ln N per point and per burst, burst lengths from
-    /// `min_length` to `max_length`, lag-one `correlation` of the noise and `resolution` of the
+    /// `min_length` to `max_length`, lag-one `correlation` of the noise and `rounding` of the
     /// readings (0: continuous).
     ///
     /// # Errors
@@ -65,7 +65,7 @@ impl BurstRule {
         burst_penalty: f64,
         (min_length, max_length): (usize, usize),
         correlation: f64,
-        resolution: f64,
+        rounding: f64,
     ) -> Result<Self> {
         let holds = |v: f64| v > 0.0 && v <= LARGEST;
         let wanted = "a positive number, not above 1e100";
@@ -76,8 +76,8 @@ impl BurstRule {
         require("max_burst", max_length as f64, holds, "at least min_burst")?;
         let holds = correlation.abs() < 1.0;
         require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
-        let holds = (0.0..=LARGEST).contains(&resolution);
-        require("resolution", resolution, holds, "zero or a positive number, not above 1e100")?;
+        let holds = (0.0..=LARGEST).contains(&rounding);
+        require("rounding", rounding, holds, "zero or a positive number, not above 1e100")?;
         let holds = max_length <= LONGEST_BURST;
         require("max_burst", max_length as f64, holds, "at most 100000")?;
         Ok(Self {
@@ -85,7 +85,7 @@ impl BurstRule {
             burst_penalty,
             min_length,
             max_length,
-            resolution,
+            rounding,
             inverse_lengths: inverse_lengths(correlation, max_length),
         })
     }
@@ -173,7 +173,7 @@ impl BurstRule {
             *v = (*v - centre).abs();
         }
         let scale = MAD_TO_SIGMA * n / (n - 0.8) * median(deviations);
-        workspace.step = self.resolution;
+        workspace.step = self.rounding;
         if scale > 0.0 {
             return Ok((centre, scale.hypot(workspace.rounding_sigma())));
         }
@@ -181,7 +181,7 @@ impl BurstRule {
     }
 
     /// More than half of the readings are equal to `centre`. If they are rounded, those one step
-    /// off are as good, so both make centre and scale. If the resolution is not known, the nearest
+    /// off are as good, so both make centre and scale. If the rounding is not known, the nearest
     /// reading tells the step, and the scale is not below the mean absolute deviation.
     fn start_of_ties(
         &self,
@@ -191,7 +191,7 @@ impl BurstRule {
     ) -> Result<(f64, f64)> {
         let deviations = &mut workspace.kept;
         let mut floor = 0.0;
-        if self.resolution == 0.0 {
+        if self.rounding == 0.0 {
             let off = deviations.iter().copied().filter(|&d| d > 0.0);
             let nearest = off.fold(f64::INFINITY, f64::min);
             workspace.step = if nearest.is_finite() { nearest } else { 0.0 };

@@ -6,7 +6,7 @@ use crate::base::distribution::{
     student_two_sided, student_two_sided_quantile,
 };
 use crate::base::error::{
-    Result, require, require_count, require_each, require_finite, require_level,
+    Result, require, require_count, require_each, require_finite, require_significance,
 };
 use crate::base::moments::Moments;
 
@@ -16,16 +16,16 @@ pub struct OutlierTest {
     /// The test statistic.
     pub statistic: f64,
     /// Probability of a statistic at least as large under the hypothesis 'not anomalous'.
-    pub p_value: f64,
+    pub pvalue: f64,
 }
 
 /// The tests whose thresholds [`critical_value`] gives; `n` is the number that follows the name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Test {
     /// (R1): a value against n others, sigma known.
-    KnownSigma,
+    ZTest,
     /// (R2), (R3): a value against n others, sigma estimated from them.
-    UnknownSigma,
+    TTest,
     /// (M4): a value against the others of a sample of n.
     LeaveOneOut,
     /// (M1) for a value chosen beforehand, n with it (Thompson's τ).
@@ -36,30 +36,30 @@ pub enum Test {
     Cochran(f64),
 }
 
-/// Threshold of `test` at significance `level` for sample size `n`.
+/// Threshold of `test` at significance `significance` for sample size `n`.
 ///
-/// Exact, except for `Grubbs` and `Cochran`: there the level is Bonferroni's, exact as long as two
-/// values cannot exceed the threshold at once (G > √((N−1)/2), C > 1/2), else not above `level`.
+/// Exact, except for `Grubbs` and `Cochran`: there the significance is Bonferroni's, exact as long as two
+/// values cannot exceed the threshold at once (G > √((N−1)/2), C > 1/2), else not above `significance`.
 ///
 /// # Errors
-/// n too small for the test, or a level outside (0, 1).
-pub fn critical_value(n: usize, level: f64, test: Test) -> Result<f64> {
-    require_level(level)?;
+/// n too small for the test, or a significance outside (0, 1).
+pub fn critical_value(n: usize, significance: f64, test: Test) -> Result<f64> {
+    require_significance(significance)?;
     require("n", n as f64, n >= minimum(test), minimum_text(test))?;
     let count = n as f64;
     Ok(match test {
-        Test::KnownSigma => normal_two_sided_quantile(level),
-        Test::UnknownSigma => {
-            student_two_sided_quantile(level, count - 1.0) * ((count + 1.0) / count).sqrt()
+        Test::ZTest => normal_two_sided_quantile(significance),
+        Test::TTest => {
+            student_two_sided_quantile(significance, count - 1.0) * ((count + 1.0) / count).sqrt()
         }
         Test::LeaveOneOut => {
-            student_two_sided_quantile(level, count - 2.0) * (count / (count - 1.0)).sqrt()
+            student_two_sided_quantile(significance, count - 2.0) * (count / (count - 1.0)).sqrt()
         }
-        Test::ThompsonTau => tau(student_two_sided_quantile(level, count - 2.0), count),
-        Test::Grubbs => tau(student_two_sided_quantile(level / count, count - 2.0), count),
+        Test::ThompsonTau => tau(student_two_sided_quantile(significance, count - 2.0), count),
+        Test::Grubbs => tau(student_two_sided_quantile(significance / count, count - 2.0), count),
         Test::Cochran(degrees) => {
             require_degrees(degrees)?;
-            let f = fisher_upper_quantile(level / count, degrees, degrees * (count - 1.0));
+            let f = fisher_upper_quantile(significance / count, degrees, degrees * (count - 1.0));
             1.0 / (1.0 + (count - 1.0) / f)
         }
     })
@@ -75,8 +75,8 @@ pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
     require("n", n as f64, n >= minimum(test), minimum_text(test))?;
     let count = n as f64;
     Ok(match test {
-        Test::KnownSigma => normal_two_sided(k),
-        Test::UnknownSigma => student_two_sided(k * (count / (count + 1.0)).sqrt(), count - 1.0),
+        Test::ZTest => normal_two_sided(k),
+        Test::TTest => student_two_sided(k * (count / (count + 1.0)).sqrt(), count - 1.0),
         Test::LeaveOneOut => student_two_sided(k * ((count - 1.0) / count).sqrt(), count - 2.0),
         Test::ThompsonTau => tau_p_value(k, count),
         Test::Grubbs => (count * tau_p_value(k, count)).min(1.0),
@@ -96,8 +96,8 @@ fn require_degrees(degrees: f64) -> Result<()> {
 
 fn minimum(test: Test) -> usize {
     match test {
-        Test::KnownSigma => 1,
-        Test::UnknownSigma | Test::Cochran(_) => 2,
+        Test::ZTest => 1,
+        Test::TTest | Test::Cochran(_) => 2,
         Test::LeaveOneOut | Test::ThompsonTau | Test::Grubbs => 3,
     }
 }
@@ -142,12 +142,12 @@ fn p_value_against(others: &Moments, x: f64) -> f64 {
 ///
 /// # Errors
 /// No others, an x that is not finite, sigma ≤ 0.
-pub fn known_sigma(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
+pub fn z_test(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
     require("sigma", sigma, sigma > 0.0 && sigma.is_finite(), "a positive number")?;
     require_others(x, others, 1)?;
     let n = others.count();
     let statistic = others.deviation(x).abs() / (sigma * ((n + 1.0) / n).sqrt());
-    Ok(OutlierTest { statistic, p_value: normal_two_sided(statistic) })
+    Ok(OutlierTest { statistic, pvalue: normal_two_sided(statistic) })
 }
 
 /// Is `x` anomalous against n others with these moments, sigma being estimated (R2), (R3)?
@@ -155,10 +155,10 @@ pub fn known_sigma(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> 
 ///
 /// # Errors
 /// Fewer than two others, or an x that is not finite.
-pub fn unknown_sigma(x: f64, others: &Moments) -> Result<OutlierTest> {
+pub fn t_test(x: f64, others: &Moments) -> Result<OutlierTest> {
     require_others(x, others, 2)?;
     let statistic = standardised(others, x);
-    Ok(OutlierTest { statistic, p_value: p_value_against(others, x) })
+    Ok(OutlierTest { statistic, pvalue: p_value_against(others, x) })
 }
 
 /// `|x − M| / √D`, zero where x is the mean of a constant sample.
@@ -182,12 +182,12 @@ fn require_others(x: f64, others: &Moments, minimum: usize) -> Result<()> {
 ///
 /// # Panics
 /// If the slices differ in length.
-pub fn thompson_tau(y: &[f64], statistic: &mut [f64], p_value: &mut [f64]) -> Result<()> {
-    assert!(y.len() == statistic.len() && y.len() == p_value.len());
+pub fn thompson_tau(y: &[f64], statistic: &mut [f64], pvalue: &mut [f64]) -> Result<()> {
+    assert!(y.len() == statistic.len() && y.len() == pvalue.len());
     require_count("y", y.len(), 3)?;
     let moments = Moments::of("y", y)?;
     let mut scratch = Vec::new();
-    for (i, (t, p)) in statistic.iter_mut().zip(p_value).enumerate() {
+    for (i, (t, p)) in statistic.iter_mut().zip(pvalue).enumerate() {
         let others = moments_of_others(y, i, &moments, &mut scratch)?;
         *t = standardised(&moments, y[i]);
         *p = p_value_against(&others, y[i]);
@@ -206,8 +206,8 @@ pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
     let index = index_of_largest(y.iter().map(|&v| moments.deviation(v).abs()));
     let others = moments_of_others(y, index, &moments, &mut Vec::new())?;
     let statistic = standardised(&moments, y[index]);
-    let p_value = (moments.count() * p_value_against(&others, y[index])).min(1.0);
-    Ok((index, OutlierTest { statistic, p_value }))
+    let pvalue = (moments.count() * p_value_against(&others, y[index])).min(1.0);
+    Ok((index, OutlierTest { statistic, pvalue }))
 }
 
 /// Cochran's test: index of the largest of L variances, its share C of their sum, and the p-value
@@ -229,13 +229,13 @@ pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, Out
     let others: f64 = others.map(|d| d / largest).sum();
     let count = variances.len() as f64;
     let degrees_others = degrees_of_freedom * (count - 1.0);
-    let p_value = extreme_variance_p_value(1.0, degrees_of_freedom, others, degrees_others, count);
-    Ok((index, OutlierTest { statistic: 1.0 / (1.0 + others), p_value }))
+    let pvalue = extreme_variance_pvalue(1.0, degrees_of_freedom, others, degrees_others, count);
+    Ok((index, OutlierTest { statistic: 1.0 / (1.0 + others), pvalue }))
 }
 
 /// P-value of one variance of `count`, `d` with `nu` degrees of freedom, against the pooled others,
 /// whose sum of squares is `sum_others · nu` with `nu_others`.
-pub(crate) fn extreme_variance_p_value(
+pub(crate) fn extreme_variance_pvalue(
     d: f64,
     nu: f64,
     sum_others: f64,
@@ -270,21 +270,21 @@ mod tests {
     #[test]
     fn one_value_against_the_others() {
         let others = Moments::of("y", &OTHERS).unwrap();
-        let known = known_sigma(12.6, &others, 1.0).unwrap();
+        let known = z_test(12.6, &others, 1.0).unwrap();
         assert_close(known.statistic, 2.355_206_997_272_21);
-        assert_close(known.p_value, 0.018_512_390_089_309_6);
-        let unknown = unknown_sigma(10.8, &others).unwrap();
+        assert_close(known.pvalue, 0.018_512_390_089_309_6);
+        let unknown = t_test(10.8, &others).unwrap();
         assert_close(unknown.statistic, 4.055_026_910_298_28);
-        assert_close(unknown.p_value, 0.020_804_163_965_268_6);
+        assert_close(unknown.pvalue, 0.020_804_163_965_268_6);
     }
 
     /// The leave-one-out rule and (R3) with n − 1 others are one test.
     #[test]
     fn leave_one_out_is_unknown_sigma_with_one_fewer() {
         for n in [3, 10, 1000] {
-            for level in [0.05, 0.01, 0.001] {
-                let k = critical_value(n, level, Test::LeaveOneOut).unwrap();
-                assert_close(k, critical_value(n - 1, level, Test::UnknownSigma).unwrap());
+            for significance in [0.05, 0.01, 0.001] {
+                let k = critical_value(n, significance, Test::LeaveOneOut).unwrap();
+                assert_close(k, critical_value(n - 1, significance, Test::TTest).unwrap());
             }
         }
     }
@@ -292,8 +292,8 @@ mod tests {
     #[test]
     fn critical_values_invert_false_alarm_probabilities() {
         for test in [
-            Test::KnownSigma,
-            Test::UnknownSigma,
+            Test::ZTest,
+            Test::TTest,
             Test::LeaveOneOut,
             Test::ThompsonTau,
             Test::Grubbs,
@@ -309,8 +309,8 @@ mod tests {
     #[test]
     fn the_most_extreme_is_found() {
         let (index, test) = grubbs(&[9.8, 10.1, 25.0, 10.0, 9.9]).unwrap();
-        assert!(index == 2 && test.p_value < 1e-4);
+        assert!(index == 2 && test.pvalue < 1e-4);
         let (index, test) = cochran(&[0.176, 0.22, 0.0896, 0.03, 7.929, 0.1493], 3.0).unwrap();
-        assert!(index == 4 && test.statistic > 0.9 && test.p_value < 1e-4);
+        assert!(index == 4 && test.statistic > 0.9 && test.pvalue < 1e-4);
     }
 }

@@ -25,7 +25,7 @@ pub enum Statistics {
 
 /// Direction of a sequential pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
+pub enum Direction {
     /// From the first value to the last.
     Forward,
     /// From the last value to the first.
@@ -271,7 +271,7 @@ fn threshold(k: f64, moments: &Moments) -> f64 {
 pub struct LeaveOneOutRule {
     k: f64,
     statistics: Statistics,
-    order: Order,
+    direction: Direction,
     replace: bool,
     passes: usize,
 }
@@ -285,7 +285,7 @@ impl LeaveOneOutRule {
     pub fn try_new(
         k: f64,
         statistics: Statistics,
-        order: Order,
+        direction: Direction,
         replace: bool,
         passes: usize,
     ) -> Result<Self> {
@@ -298,7 +298,7 @@ impl LeaveOneOutRule {
             let holds = k >= MIN_K_EXCLUDING_PASSES;
             require("k", k, holds, "at least 1.7321 (√3) with passes > 1 and replace=False")?;
         }
-        Ok(Self { k, statistics, order, replace, passes })
+        Ok(Self { k, statistics, direction, replace, passes })
     }
 
     /// Screens `y`: marks anomalous values and writes the cleaned sample (nan where excluded).
@@ -398,9 +398,9 @@ impl LeaveOneOutRule {
             }
             outlier[i] = true;
             found = true;
-            match self.order {
-                Order::Forward => open.start = i + 1,
-                Order::Backward => open.end = i,
+            match self.direction {
+                Direction::Forward => open.start = i + 1,
+                Direction::Backward => open.end = i,
             }
         }
         Ok(found)
@@ -416,9 +416,9 @@ impl LeaveOneOutRule {
         let beyond = |v: &f64| moments.is_beyond(*v, half_width);
         let start = open.start;
         let y = &y[open];
-        let found = match self.order {
-            Order::Forward => y.iter().position(beyond),
-            Order::Backward => y.iter().rposition(beyond),
+        let found = match self.direction {
+            Direction::Forward => y.iter().position(beyond),
+            Direction::Backward => y.iter().rposition(beyond),
         };
         found.map(|i| start + i)
     }
@@ -437,8 +437,8 @@ mod tests {
         ((0..10).filter(|&i| outlier[i]).collect(), cleaned, summary)
     }
 
-    fn rule(statistics: Statistics, order: Order, replace: bool) -> LeaveOneOutRule {
-        LeaveOneOutRule::try_new(2.5, statistics, order, replace, 1).unwrap()
+    fn rule(statistics: Statistics, direction: Direction, replace: bool) -> LeaveOneOutRule {
+        LeaveOneOutRule::try_new(2.5, statistics, direction, replace, 1).unwrap()
     }
 
     /// (M2), (M3) by hand.
@@ -453,17 +453,18 @@ mod tests {
     }
 
     #[test]
-    fn order_and_statistics_decide_what_is_found() {
-        let (found, cleaned, summary) = screen(rule(Statistics::Sequential, Order::Forward, true));
+    fn direction_and_statistics_decide_what_is_found() {
+        let (found, cleaned, summary) =
+            screen(rule(Statistics::Sequential, Direction::Forward, true));
         assert_eq!(found, [2, 6]);
         assert_close(cleaned[6], 12.197_530_864_197_53);
         assert_close(summary.variance, 0.213_875_933_546_715);
-        let (found, ..) = screen(rule(Statistics::Sequential, Order::Backward, true));
+        let (found, ..) = screen(rule(Statistics::Sequential, Direction::Backward, true));
         assert_eq!(found, [2]);
-        let (found, cleaned, _) = screen(rule(Statistics::Frozen, Order::Forward, true));
+        let (found, cleaned, _) = screen(rule(Statistics::Frozen, Direction::Forward, true));
         assert_eq!(found, [2]);
         assert_close(cleaned[2], 116.8 / 9.0);
-        let (found, cleaned, _) = screen(rule(Statistics::Sequential, Order::Forward, false));
+        let (found, cleaned, _) = screen(rule(Statistics::Sequential, Direction::Forward, false));
         assert!(found == [2, 6] && cleaned[2].is_nan() && cleaned[6].is_nan());
     }
 

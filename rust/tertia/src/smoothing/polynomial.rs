@@ -3,7 +3,7 @@
 
 use super::basis::Basis;
 use crate::base::distribution::{fisher_upper_quantile, normal_two_sided_quantile};
-use crate::base::error::{Error, Result, require, require_each, require_level};
+use crate::base::error::{Error, Result, require, require_each, require_significance};
 use pulp::{Simd, WithSimd};
 use std::ops::Range;
 
@@ -120,11 +120,7 @@ impl Polynomial {
         require(name, top as f64, top < most && top <= HIGHEST, requirement)?;
         let requirement = "not above the degree";
         require("derivative", derivative as f64, derivative <= top, requirement)?;
-        require_level(significance).map_err(|_| Error::InvalidParameter {
-            argument: "significance",
-            value: significance,
-            requirement: "between 0 and 1 (exclusive, not below 1e-290)",
-        })?;
+        require_significance(significance)?;
         let at = Window::default();
         Ok(Self { window, degree, derivative, significance, critical: Vec::new(), at })
     }

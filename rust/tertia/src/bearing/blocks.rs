@@ -1,14 +1,14 @@
-//! Groups of consecutive measurements.
+//! Blocks of consecutive measurements.
 
-use super::GroupOutput;
+use super::BlockOutput;
 use crate::base::distribution::student_two_sided_quantile;
 use crate::base::error::Result;
 use crate::base::moments::Moments;
-use crate::screening::extreme_variance_p_value;
+use crate::screening::extreme_variance_pvalue;
 
-/// Mean, variance, size and weight of each group.
+/// Mean, variance, size and weight of each block.
 #[derive(Clone, Debug, Default)]
-pub(super) struct GroupTable {
+pub(super) struct BlockTable {
     pub mean: Vec<f64>,
     /// nan: fewer than two measurements.
     pub variance: Vec<f64>,
@@ -17,20 +17,20 @@ pub(super) struct GroupTable {
     pub weight: Vec<f64>,
 }
 
-impl GroupTable {
-    /// Groups of `group_size`, the last one with the remainder; nan values are left out.
+impl BlockTable {
+    /// Blocks of `block_size`, the last one with the remainder; nan values are left out.
     pub fn fill(
         &mut self,
         cleaned: &[f64],
-        group_size: usize,
+        block_size: usize,
         scratch: &mut Vec<f64>,
     ) -> Result<()> {
-        let groups = (cleaned.len() / group_size).max(1);
+        let blocks = (cleaned.len() / block_size).max(1);
         for column in [&mut self.mean, &mut self.variance, &mut self.count, &mut self.weight] {
             column.clear();
         }
-        for j in 0..groups {
-            let members = group_range(j, groups, group_size, cleaned.len());
+        for j in 0..blocks {
+            let members = block_range(j, blocks, block_size, cleaned.len());
             scratch.clear();
             scratch.extend(cleaned[members].iter().filter(|v| !v.is_nan()));
             let moments = Moments::of("theta", scratch)?;
@@ -39,7 +39,7 @@ impl GroupTable {
             self.variance.push(if count > 1.0 { moments.variance() } else { f64::NAN });
             self.count.push(count);
         }
-        self.weight.resize(groups, 0.0);
+        self.weight.resize(blocks, 0.0);
         Ok(())
     }
 
@@ -47,12 +47,12 @@ impl GroupTable {
         self.mean.len()
     }
 
-    /// Degrees of freedom of a group's variance.
+    /// Degrees of freedom of a block's variance.
     pub fn degrees(&self, j: usize) -> f64 {
         (self.count[j] - 1.0).max(0.0)
     }
 
-    /// `Σ ν_j d_j / Σ ν_j` over the groups that `used` names.
+    /// `Σ ν_j d_j / Σ ν_j` over the blocks that `used` names.
     pub fn pooled_variance(&self, used: impl Fn(usize) -> bool) -> f64 {
         let (mut squares, mut degrees) = (0.0, 0.0);
         for j in (0..self.len()).filter(|&j| used(j) && self.degrees(j) > 0.0) {
@@ -62,9 +62,14 @@ impl GroupTable {
         squares / degrees
     }
 
-    /// Whether the variance of group j is too large against those of the other `used` groups, by
+    /// Whether the variance of block j is too large against those of the other `used` blocks, by
     /// the exact F test with Bonferroni's correction (equal sizes: Cochran's test).
-    pub fn variance_is_extreme(&self, j: usize, used: impl Fn(usize) -> bool, level: f64) -> bool {
+    pub fn variance_is_extreme(
+        &self,
+        j: usize,
+        used: impl Fn(usize) -> bool,
+        significance: f64,
+    ) -> bool {
         let count = (0..self.len()).filter(|&i| used(i)).count() as f64;
         let others = |i| i != j && used(i);
         let degrees: f64 = (0..self.len()).filter(|&i| others(i)).map(|i| self.degrees(i)).sum();
@@ -73,7 +78,7 @@ impl GroupTable {
         }
         let nu = self.degrees(j);
         let sum = self.pooled_variance(others) * degrees / nu;
-        extreme_variance_p_value(self.variance[j], nu, sum, degrees, count) < level
+        extreme_variance_pvalue(self.variance[j], nu, sum, degrees, count) < significance
     }
 
     /// Weights proportional to `information`, summing to one; infinite ones share it equally.
@@ -99,7 +104,7 @@ impl GroupTable {
         origin + pairs().map(|(w, m)| w * (m - origin)).sum::<f64>()
     }
 
-    pub fn write(&self, output: &mut GroupOutput<'_>) {
+    pub fn write(&self, output: &mut BlockOutput<'_>) {
         for (column, out, missing) in [
             (&self.mean, &mut *output.mean, f64::NAN),
             (&self.variance, &mut *output.variance, f64::NAN),
@@ -111,18 +116,18 @@ impl GroupTable {
     }
 }
 
-/// Members of group j of `groups`; the last one takes the remainder.
-pub(super) fn group_range(
+/// Members of block j of `blocks`; the last one takes the remainder.
+pub(super) fn block_range(
     j: usize,
-    groups: usize,
+    blocks: usize,
     size: usize,
     n: usize,
 ) -> std::ops::Range<usize> {
-    let end = if j + 1 == groups { n } else { (j + 1) * size };
+    let end = if j + 1 == blocks { n } else { (j + 1) * size };
     j * size..end
 }
 
 /// The k2 that the paper takes 'from Student's distribution'.
-pub(super) fn student_factor(level: f64, group_size: usize) -> f64 {
-    student_two_sided_quantile(level, group_size as f64 - 1.0)
+pub(super) fn student_factor(significance: f64, block_size: usize) -> f64 {
+    student_two_sided_quantile(significance, block_size as f64 - 1.0)
 }
