@@ -78,7 +78,7 @@ fn assignment(c: &mut Criterion) {
                 });
             }
         }
-        group.bench_function(BenchmarkId::new("global", count), |b| {
+        group.bench_function(BenchmarkId::new("gnn", count), |b| {
             b.iter(|| assigner.assign(black_box(&sparse), count, count).len());
         });
         group.bench_function(BenchmarkId::new("nearest", count), |b| {
@@ -91,7 +91,7 @@ fn assignment(c: &mut Criterion) {
             .flat_map(|row| (0..count).map(move |column| (row, column)))
             .map(|(row, column)| Pair { row, column, gain: worth(row, column) })
             .collect();
-        group.bench_function(BenchmarkId::new("global, all with all", count), |b| {
+        group.bench_function(BenchmarkId::new("gnn, all with all", count), |b| {
             b.iter(|| assigner.assign(black_box(&dense), count as usize, count as usize).len());
         });
     }

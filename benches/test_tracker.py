@@ -46,4 +46,4 @@ def test_a_plot_at_a_time(benchmark):
         return tracker
 
     benchmark.extra_info["plots"] = len(plots)
-    assert benchmark(run).ahead(0.0) is not None
+    assert benchmark(run).extrapolate(0.0) is not None

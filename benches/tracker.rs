@@ -43,14 +43,14 @@ fn settings(motion: Motion, extent: f64) -> Settings {
         motion,
         guard: 12.43,
         guard_acceleration: [5.0; 2],
-        initiation: (3, 4),
+        confirmation: (3, 4),
         coasting: 5,
-        speed_max: 350.0,
+        max_speed: 350.0,
         clutter_density: f64::NAN,
-        identity_error: 1e-3,
+        identity_error_probability: 1e-3,
         patience: 0.25,
         plans: Vec::new(),
-        plan_prior: 0.0,
+        flown_probability: 0.0,
         wind: [0.0; 2],
         wind_sigma: 20.0,
         emergency_codes: Vec::new(),
@@ -110,11 +110,11 @@ fn tracker(criterion: &mut Criterion) {
             let extent = SPACING * (aircraft as f64).sqrt();
             let settings = settings(motion, extent);
             let scans = scans(aircraft, extent, &settings.radars);
-            let (mut fates, mut rows) = (Vec::new(), Vec::new());
+            let (mut statuses, mut rows) = (Vec::new(), Vec::new());
             let mut ready = Tracker::try_new(settings).expect("they are right");
             for plots in &scans[..SCANS - 1] {
                 ready
-                    .track(plots, None, &mut fates, &mut rows, NonZero::new(1))
+                    .track(plots, None, &mut statuses, &mut rows, NonZero::new(1))
                     .expect("they are right");
             }
             let last = &scans[SCANS - 1];
@@ -124,7 +124,13 @@ fn tracker(criterion: &mut Criterion) {
                     || ready.clone(),
                     |tracker| {
                         rows.clear();
-                        tracker.track(black_box(last), None, &mut fates, &mut rows, NonZero::new(1))
+                        tracker.track(
+                            black_box(last),
+                            None,
+                            &mut statuses,
+                            &mut rows,
+                            NonZero::new(1),
+                        )
                     },
                     criterion::BatchSize::LargeInput,
                 );

@@ -2,7 +2,7 @@
 
 Aircraft everywhere in a square, one in 4.2 km by 4.2 km whatever their number, a fifth of them with
 a turn; four radars of four seconds that see all of them, nine times in ten; one false plot for ten
-aircraft in every scan of each radar; nine in ten plots with height and identity. Motion "imm".
+aircraft in every scan of each radar; nine in ten plots with height and identity.
 
 "scan by scan" is `Tracker.update` every four seconds, "recording" one call of `track`; the least of
 the runs. The memory is what `track` needs beside the plots, tables included. The exponent is that
@@ -24,7 +24,7 @@ from tertia.tracker import Plots, Radar, Tracker, track
 
 SPACING, PERIOD, DETECTION = 4200.0, 4.0, 0.9
 CORNERS = [(x, y) for x in (-0.25, 0.25) for y in (-0.25, 0.25)]
-COLUMNS = ("time", "range", "azimuth", "radar", "height", "identity")
+COLUMNS = ("time", "range", "azimuth", "sensor", "height", "identity")
 
 
 def stations(aircraft):
@@ -75,14 +75,14 @@ def measure(path, aircraft, runs, n_threads, now):
     whole, scans = [], []
     for _ in range(runs):
         begin = now()
-        table = track(plots, radars, "imm", n_threads=n_threads)
+        table = track(plots, radars, n_threads=n_threads)
         whole.append(now() - begin)
         assert len(table) > aircraft
     memory = peak() - before
     steps = np.searchsorted(plots.time, np.arange(PERIOD, plots.time[-1] + PERIOD, PERIOD))
     pieces = [plots[slice(*ends)] for ends in zip([0, *steps[:-1]], steps, strict=True)]
     for _ in range(runs):
-        tracker, begin = Tracker(radars, "imm", n_threads=n_threads), now()
+        tracker, begin = Tracker(radars, n_threads=n_threads), now()
         for piece in pieces:
             tracker.update(piece)
         scans.append(now() - begin)

@@ -82,7 +82,7 @@ def record() -> RadarPlots:
 def plot_rows() -> Iterator[tuple[str, ...]]:
     """Yield time, radar, range, azimuth, flight level and code; empty where one is missing."""
     plots, names = record().plots, [radar.name or "" for radar in radars()]
-    columns = (plots.time, plots.radar, plots.range, plots.azimuth, plots.height, plots.identity)
+    columns = (plots.time, plots.sensor, plots.range, plots.azimuth, plots.height, plots.identity)
     for time, radar, distance, azimuth, height, code in zip(*columns, strict=True):
         yield (
             f"{time:.3f}",

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from tertia import cli, metrics, plot
 from tertia.cli import _track
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Fate, Plots, Radar, Tracker, TrackTable, track
+from tertia.tracker import PlanModel, Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -128,7 +128,7 @@ def plots(frame: pl.DataFrame = SEEN, *, time: FloatArray | None = None) -> Plot
         frame["time_s"].to_numpy() if time is None else time,
         frame["range_m"].to_numpy(),
         np.radians(frame["azimuth_deg"].to_numpy()),
-        radar=np.array([number[name] for name in frame["radar"]]),
+        sensor=np.array([number[name] for name in frame["radar"]]),
         height=frame["height_m"].to_numpy(),
         identity=frame["identity"].to_numpy(),
     )
@@ -182,7 +182,7 @@ def same(found: pl.Series, expected: npt.ArrayLike) -> None:
 def check(frame: pl.DataFrame, result: TrackTable) -> None:
     """Check every column but those of time and identity."""
     assert frame["track"].to_list() == result.track.tolist()
-    assert frame["radar"].to_list() == [RADARS[k].name for k in result.radar]
+    assert frame["radar"].to_list() == [RADARS[k].name for k in result.sensor]
     same(frame["plot"], np.where(result.plot < 0, NAN, result.plot))
     names = ["east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s"]
     state = np.hstack([result.position, result.velocity])
@@ -195,9 +195,9 @@ def check(frame: pl.DataFrame, result: TrackTable) -> None:
             product = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
             column = f"covariance_{second}_{quantity}_{product[unit2, unit]}"
             same(frame[column], result.covariance[:, j, i])
-    same(frame["turning"], result.turning)
+    same(frame["turn_probability"], result.turn_probability)
     same(frame["height_m"], result.height)
-    same(frame["climb_m_s"], result.climb)
+    same(frame["vertical_rate_m_s"], result.vertical_rate)
     np.testing.assert_allclose(frame["speed_m_s"], np.linalg.norm(result.velocity, axis=1))
     course = np.radians(frame["course_deg"].to_numpy())
     toward = np.column_stack([np.sin(course), np.cos(course)])
@@ -206,10 +206,8 @@ def check(frame: pl.DataFrame, result: TrackTable) -> None:
     assert frame["confirmed"].to_list() == result.confirmed.tolist()
     planned = result.plan >= 0
     assert frame["plan"].to_list() == ["P1" if has else None for has in planned]
-    conforming = [
-        bool(c) if has else None for c, has in zip(result.conforming, planned, strict=True)
-    ]
-    assert frame["conforming"].to_list() == conforming
+    conforming = [bool(c) if has else None for c, has in zip(result.conforms, planned, strict=True)]
+    assert frame["conforms"].to_list() == conforming
 
 
 def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: Path) -> None:
@@ -217,7 +215,7 @@ def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: P
     result = track(plots(), RADARS)
     assert len(np.unique(result.track)) >= 2
     assert frame.columns[:4] == ["time_s", "track", "radar", "plot"]
-    assert frame.columns[-4:] == ["identity", "plan", "conforming", "confirmed"]
+    assert frame.columns[-4:] == ["identity", "plan", "conforms", "confirmed"]
     assert frame.width == 4 + 8 + 6 + 2 + 3 + 4
     assert frame["time_s"].to_list() == result.time.tolist()
     same(frame["identity"], np.where(result.identity < 0, NAN, result.identity))
@@ -231,12 +229,11 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
     assert np.any(result.plan >= 0)
     check(frame, result)
     assert "1 track with one of 1 plan, 0 of them left it" in run(*arguments).out
-    frame = tracks(*arguments, "--motion", "window-plan", folder=tmp_path)
-    check(frame, track(plots(), RADARS, "window-plan", plans=[PLAN]))
-    told = ("--plan-prior", 0.3, "--wind", "20,-5.5", "--wind-sigma", 5)
+    frame = tracks(*arguments, "--motion", "window", folder=tmp_path)
+    check(frame, track(plots(), RADARS, motion="window", plans=[PLAN]))
+    told = ("--flown-probability", 0.3, "--wind", "20,-5.5", "--wind-sigma", 5)
     frame = tracks(*arguments, *told, folder=tmp_path)
-    options = {"plan_prior": 0.3, "wind": (20.0, -5.5), "wind_sigma": 5.0}
-    windy = track(plots(), RADARS, plans=[PLAN], **options)
+    windy = track(plots(), RADARS, plans=[PLAN], plan_model=PlanModel(0.3, (20.0, -5.5), 5.0))
     check(frame, windy)
     assert not np.array_equal(windy.position, track(plots(), RADARS, plans=[PLAN]).position)
     wrong = run(*arguments, "--wind", "20")
@@ -249,9 +246,9 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
     [
         (("--motion", "cv"), {"motion": "cv"}),
         (("--motion", "window"), {"motion": "window"}),
-        (("--initiation", "4,6", "--coasting", 1), {"initiation": (4, 6), "coasting": 1}),
+        (("--confirmation", "4,6", "--coasting", 1), {"confirmation": (4, 6), "coasting": 1}),
         (("--clutter-density", 1e-4), {"clutter_density": 1e-4}),
-        (("--speed-max", 160), {"speed_max": 160.0}),
+        (("--max-speed", 160), {"max_speed": 160.0}),
         (("--gate-probability", 0.8), {"gate_probability": 0.8}),
     ],
 )
@@ -266,12 +263,15 @@ def test_options(told: Any, options: Any, write: Write, radars: Path, tmp_path: 
 
 def test_defaults_are_those_of_the_library() -> None:
     mine, theirs = (inspect.signature(one).parameters for one in (_track.track, Tracker))
-    alike = ["motion", "plan_prior", "wind_sigma", "coasting", "clutter_density", "speed_max"]
+    alike = ["motion", "coasting", "clutter_density", "max_speed"]
     for name in [*alike, "gate_probability", "clock_period"]:
         assert mine[name].default == theirs[name].default
-    assert tuple(map(float, mine["wind"].default.split(","))) == theirs["wind"].default
-    plots_of_scans = tuple(map(int, mine["initiation"].default.split(",")))
-    assert plots_of_scans == theirs["initiation"].default
+    usual = PlanModel()
+    assert tuple(map(float, mine["wind"].default.split(","))) == usual.wind
+    for name in ("flown_probability", "wind_sigma"):
+        assert mine[name].default == getattr(usual, name)
+    plots_of_scans = tuple(map(int, mine["confirmation"].default.split(",")))
+    assert plots_of_scans == theirs["confirmation"].default
 
 
 def test_a_clock_that_begins_again(write: Write, radars: Path, tmp_path: Path) -> None:
@@ -425,16 +425,16 @@ def test_summary(write: Write, radars: Path) -> None:
     head, *rows = table(done.out)[:3]
     assert head[:5] == ["radar", "plots", "in tracks", "in none", "refused"]
     for k, row in enumerate(rows):
-        own = plots().radar == k
-        seen = (result.radar == k) & result.confirmed
+        own = plots().sensor == k
+        seen = (result.sensor == k) & result.confirmed
         refused = int(np.sum(own & (result.track_of_plot < 0)))
-        taken = int(np.sum((result.radar == k) & (result.plot >= 0)))
+        taken = int(np.sum((result.sensor == k) & (result.plot >= 0)))
         assert refused == 1
         assert row[:4] == [RADARS[k].name, str(own.sum()), str(taken), str(own.sum() - taken - 1)]
         share = np.mean(result.plot[seen] >= 0)
         assert row[4:] == ["1", str(int(np.sum(seen & (result.plot < 0)))), f"{share:.3g}"]
-    assert f"  1 plot refused: {Fate.OUT_OF_RANGE.reason}\n" in done.out
-    assert f"  1 plot refused: {Fate.INVALID.reason}\n" in done.out
+    assert f"  1 plot refused: {PlotStatus.OUT_OF_RANGE.message}\n" in done.out
+    assert f"  1 plot refused: {PlotStatus.INVALID.message}\n" in done.out
     count = len(np.unique(result.track))
     assert f"{count} tracks, {len(result)} rows in" in done.out
 
@@ -449,7 +449,10 @@ def test_report(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None
     assert summary["plots"] == len(SEEN)
     assert summary["rows"] == frame.height
     assert summary["tracks"] == frame["track"].n_unique()
-    assert summary["plots_refused"] == {Fate.INVALID.reason: 1, Fate.OUT_OF_RANGE.reason: 1}
+    assert summary["plots_refused"] == {
+        PlotStatus.INVALID.message: 1,
+        PlotStatus.OUT_OF_RANGE.message: 1,
+    }
     assert [one["radar"] for one in summary["radars"]] == ["west", "east"]
     told = pl.read_csv(folder / "tracks.csv")
     assert told["track"].to_list() == sorted(frame["track"].unique())
@@ -574,8 +577,8 @@ def test_mistakes_in_plans(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--initiation", "3"), "--initiation is '3'; it must be two numbers"),
-        (("--initiation", "5,4"), "initiation"),
+        (("--confirmation", "3"), "--confirmation is '3'; it must be two numbers"),
+        (("--confirmation", "5,4"), "confirmation"),
         (("--coasting", 0), "coasting is 0"),
         (("--gate-probability", 1), "gate_probability is 1.0"),
         (("--clutter-density", -1), "clutter_density"),
@@ -660,7 +663,7 @@ def test_a_real_recording(write: Write, tmp_path: Path) -> None:
     assert (told["icao_address"] == own["icao24"]).mean() > 0.99
     # knots
     off = told["speed_m_s"] - own["bds_GS"].cast(float) * 0.514444
-    straight = (told["turning"] < 0.1).to_numpy()
+    straight = (told["turn_probability"] < 0.1).to_numpy()
     assert np.nanmedian(np.abs(off.to_numpy()[straight].astype(float))) < 5.0
 
 

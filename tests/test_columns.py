@@ -97,10 +97,10 @@ def test_a_frame_is_a_matrix(frame):
 @pytest.mark.parametrize("kind", WHOLE)
 def test_columns_of_integers(kind):
     numbers = WHOLE[kind]([0, 1, 0])
-    found = Plots([0.0, 1.0, 2.0], [1e4] * 3, [0.1] * 3, radar=numbers, identity=numbers)
-    assert found.radar.tolist() == found.identity.tolist() == [0, 1, 0]
-    with pytest.raises(TypeError, match=r"radar .* it must"):
-        Plots([0.0, 1.0], [1e4] * 2, [0.1] * 2, radar=WHOLE[kind]([0, None]))
+    found = Plots([0.0, 1.0, 2.0], [1e4] * 3, [0.1] * 3, sensor=numbers, identity=numbers)
+    assert found.sensor.tolist() == found.identity.tolist() == [0, 1, 0]
+    with pytest.raises(TypeError, match=r"sensor .* it must"):
+        Plots([0.0, 1.0], [1e4] * 2, [0.1] * 2, sensor=WHOLE[kind]([0, None]))
 
 
 @pytest.mark.parametrize("kind", KINDS)

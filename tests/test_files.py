@@ -18,7 +18,7 @@ from tertia import cli, metrics
 from tertia.fusion import fuse_series
 from tertia.kalman import SingerModel
 from tertia.location import Station, locate
-from tertia.tracker import Plots, Radar, cartesian, track
+from tertia.tracker import Plots, Radar, track
 from tertia.trajectory import reconstruct
 
 ROOT = Path(__file__).parents[1]
@@ -443,7 +443,7 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
     expected = track(seen, [radar])
     np.testing.assert_array_equal(found.select("east_m", "north_m").to_numpy(), expected.position)
     # the plots themselves are a truth with errors, but one from outside the tracker
-    position, _ = cartesian(seen, [radar])
+    position, _ = seen.to_cartesian([radar])
     there = plots.with_columns(east_m=position[:, 0], north_m=position[:, 1])
     there = there.rename({"icao_address": "target"}).drop_nulls("target")
     there = there.unique(["time_s", "target"], keep="first", maintain_order=True)

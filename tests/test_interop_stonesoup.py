@@ -33,7 +33,7 @@ from stonesoup.updater.kalman import ExtendedKalmanUpdater, KalmanUpdater
 
 from tertia.interop.stonesoup import PlotTracker, SingerMotion, Updater, plots, predictor, radar
 from tertia.kalman import SingerModel
-from tertia.tracker import Plots, Radar, Tracker, cartesian
+from tertia.tracker import Plots, Radar, Tracker
 
 START = datetime(2024, 1, 1)
 PERIOD = 4.0
@@ -189,14 +189,14 @@ class TestPlots:
             for d in detections
         ]
         np.testing.assert_allclose(found, np.array(expected, dtype=float), atol=1e-6)
-        assert taken.radar.tolist() == [0 if model is POSITION else 1] * 2
+        assert taken.sensor.tolist() == [0 if model is POSITION else 1] * 2
         assert np.array_equal(taken.time, [0.0, 0.0])
 
     def test_a_far_radar_has_the_covariance_of_x_and_y(self):
         one = radar(POSITION, PERIOD)
         offset = np.array([30e3, -20e3]) - one.position
         plot = Plots([0.0], [np.hypot(*offset)], [np.arctan2(*offset)])
-        _, covariance = cartesian(plot, [one])
+        _, covariance = plot.to_cartesian([one])
         np.testing.assert_allclose(covariance[0], POSITION.covar(), rtol=2e-3)
 
     def test_mistakes(self):
@@ -229,7 +229,7 @@ class TestOurTracker:
             Radar(place, range_sigma=50.0, azimuth_sigma=np.radians(0.1), period=PERIOD)
             for place in ((0.0, 0.0), (30e3, 10e3))
         ]
-        library = Tracker(radars, "imm")
+        library = Tracker(radars)
         expected = set()
         for time, seen in steps:
             until = (time - START).total_seconds()

@@ -905,7 +905,7 @@ def air_plots() -> Plots:
         slant = np.hypot(np.hypot(*way.T), up)
         columns.append(np.array([time, slant, np.arctan2(*way.T), np.full(time.size, k)])[:, seen])
     t, r, azimuth, radar_of = np.hstack(columns)
-    return Plots(t, r, azimuth, radar=radar_of.astype(int), height=5500.0)
+    return Plots(t, r, azimuth, sensor=radar_of.astype(int), height=5500.0)
 
 
 def air_tracks() -> TrackTable:
@@ -920,7 +920,7 @@ def test_tracks_draw_positions_turns_plots_plans_and_radars() -> None:
     order = np.argsort(table.time, kind="stable")
     np.testing.assert_allclose(drawn[:-1], table.position[order] / 1e3)
     turning = line(ax, "manoeuvre")[:-1]
-    assert np.isfinite(turning[:, 0]).tolist() == table.manoeuvre[order].tolist()
+    assert np.isfinite(turning[:, 0]).tolist() == (table.turn_probability[order] > 0.5).tolist()
     assert 0 < np.sum(table.manoeuvre) < len(table)
     np.testing.assert_array_equal(line(ax, "plan")[:-1], plan.waypoints / 1e3)
     np.testing.assert_array_equal(line(ax, "radar"), [[0.0, 0.0]])
@@ -956,7 +956,7 @@ def test_ellipses_of_tracks_have_the_probability_they_claim() -> None:
 
 def test_tracks_without_any() -> None:
     table = air_tracks()
-    nothing = table.rows(np.zeros(len(table), dtype=bool))
+    nothing = table[np.zeros(len(table), dtype=bool)]
     ax = plot.tracks(nothing, air_radars(), plots=air_plots())
     assert ax.get_title() == "0 tracks"
     assert ax.dataLim.y1 > 40.0
@@ -965,12 +965,12 @@ def test_tracks_without_any() -> None:
 
 def test_probability_of_update_counts_hits_and_misses() -> None:
     table = air_tracks()
-    known = table.rows(table.confirmed)
+    known = table[table.confirmed]
     ax = plot.update_probability(table, air_radars())
     share = np.mean(known.plot >= 0)
     assert share < 0.95
     assert ax.get_title() == f"{100 * share:.1f} % of {len(known)} scans"
-    own = known.rows(known.radar == 0)
+    own = known[known.sensor == 0]
     distance = np.hypot(*own.position.T) / 1e3
     container, *_ = ax.containers
     data = np.asarray(container.lines[0].get_xydata())

@@ -17,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tertia import cli
-from tertia.tracker import Fate, Plots, Radar, Tracker, TrackTable
+from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
@@ -70,7 +70,7 @@ def plots(frame: pl.DataFrame = SEEN) -> Plots:
         frame["time_s"].to_numpy(),
         frame["range_m"].to_numpy(),
         np.radians(frame["azimuth_deg"].to_numpy()),
-        radar=(frame["radar"] == "east").cast(int).to_numpy(),
+        sensor=(frame["radar"] == "east").cast(int).to_numpy(),
         height=frame["height_m"].fill_null(np.nan).to_numpy(),
         identity=frame["identity"].fill_null(-1).to_numpy(),
     )
@@ -183,7 +183,7 @@ def test_order_and_duplicates(sites: Path, write: Callable[..., Path]) -> None:
     twice = mixed[np.repeat(np.arange(mixed.height), 1 + (np.arange(mixed.height) % 50 == 7))]
     code, out, err = of_file(write(twice.write_csv()), "--radars", sites)
     assert code == 0
-    assert err == f"{twice.height - mixed.height} plots refused: {Fate.DUPLICATE.reason}\n"
+    assert err == f"{twice.height - mixed.height} plots refused: {PlotStatus.DUPLICATE.message}\n"
     found = pl.read_csv(io.StringIO(out), infer_schema_length=None)
     tidy = sum(map(len, expected(SCAN / 4)))
     assert abs(found.height - tidy) < 0.02 * tidy
@@ -195,7 +195,7 @@ def test_a_wrong_clock_does_not_stop_the_others(sites: Path, write: Callable[...
     lines = [*LINES[:300], stray, *LINES[300:]]
     code, out, err = of_file(write("\n".join(lines)), "--radars", sites)
     assert code == 0
-    assert err == f"1 plot refused: {Fate.STRAY.reason}\n"
+    assert err == f"1 plot refused: {PlotStatus.CLOCK_ERROR.message}\n"
     found = pl.read_csv(io.StringIO(out), infer_schema_length=None)
     assert found["track"].n_unique() == len(np.unique(joined(expected(SCAN / 4), "track")))
     assert found["time_s"].max() == SEEN["time_s"].max()

@@ -14,18 +14,21 @@ from reference import tracker as reference
 from tertia import simulate
 from tertia.flightplan import FlightPlan
 from tertia.tracker import (
-    Fate,
-    Manoeuvres,
+    CvModel,
+    ImmModel,
+    PlanModel,
     Plots,
+    PlotStatus,
     Radar,
+    SingerModel,
     Tracker,
     TrackTable,
-    cartesian,
+    WindowModel,
     track,
 )
 
 RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, range_max=120e3)
-MOTIONS = ["imm-plan", "imm", "singer", "cv", "window", "window-plan"]
+MOTIONS = ["imm", "singer", "cv", "window"]
 
 
 def polar(position):
@@ -94,21 +97,21 @@ def planned_turn(radar):
 
 
 MODELS = {
-    "cv": (5.0, lambda *at: reference.Straight(*at, Manoeuvres().straight_sigma)),
+    "cv": (5.0, lambda *at: reference.Straight(*at, ImmModel().straight_sigma)),
     "singer": (5.0, lambda *at: reference.Singer(*at, 1 / 60, 3.0)),
-    "imm": (5.0, lambda *at: reference.Multiple(*at, Manoeuvres())),
+    "imm": (5.0, lambda *at: reference.Multiple(*at, ImmModel())),
     "window": (12.0, lambda *at: reference.Window(*at, 12.0)),
 }
 
 
 def require_parity(found, plots, radar, acceleration, begin):
     """Check all rows with plots, in units of the standard deviations."""
-    z, covariance = cartesian(plots, [radar])
+    z, covariance = plots.to_cartesian([radar])
     np.testing.assert_allclose(
         covariance, [reference.noise(p, radar) for p in z], rtol=1e-9, atol=1e-6
     )
     assert np.all(found.track_of_plot == 1)
-    rows = found.rows(found.plot >= 0)
+    rows = found[found.plot >= 0]
     mean, expected, turns, guarded = reference.followed(plots.time, z, radar, begin, acceleration)
     sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
     state = np.concatenate([rows.position, rows.velocity], axis=1)
@@ -116,7 +119,7 @@ def require_parity(found, plots, radar, acceleration, begin):
     zeros, tolerance = np.zeros_like(mean), tolerances.PLOTS
     np.testing.assert_allclose((state - mean) / sigma, zeros, rtol=0, atol=tolerance)
     np.testing.assert_allclose(rows.covariance / units, expected / units, rtol=0, atol=tolerance)
-    np.testing.assert_allclose(rows.turning, turns, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(rows.turn_probability, turns, rtol=0, atol=tolerance)
     return rows, guarded
 
 
@@ -124,17 +127,17 @@ def require_parity(found, plots, radar, acceleration, begin):
 @pytest.mark.parametrize("radar", [RADAR, PRECISE], ids=["usual", "precise"])
 def test_a_motion_is_that_of_the_reference(motion, radar):
     plots = sidestep(radar)
-    found = track(plots, [radar], motion)
+    found = track(plots, [radar], motion=motion)
     rows, guarded = require_parity(found, plots, radar, *MODELS[motion])
     assert guarded[3:].any() or radar is RADAR
     assert np.sum(found.plot < 0) == 5
     if motion in {"imm", "window"}:
-        assert rows.turning[22:36].mean() > 0.7
+        assert rows.turn_probability[22:36].mean() > 0.7
 
 
 def test_straight_flight_is_that_of_the_reference():
     plots = line(40)[gaps(40)]
-    found = track(plots, [RADAR], "cv")
+    found = track(plots, [RADAR], motion="cv")
     require_parity(found, plots, RADAR, *MODELS["cv"])
 
 
@@ -142,35 +145,36 @@ def test_straight_flight_is_that_of_the_reference():
 def test_the_window_along_a_plan_is_that_of_the_reference(radar, acceleration):
     plots = planned_turn(radar)
     plan = FlightPlan(CORNER, 160.0, identity=7)
-    found = track(plots, [radar], "window-plan", plans=[plan])
+    found = track(plots, [radar], motion="window", plans=[plan])
 
     def begin(*at):
         return reference.Window(*at, acceleration, CORNER, 160.0)
 
     rows, _ = require_parity(found, plots, radar, acceleration, begin)
-    assert np.all(rows.conforming[3:])
-    without = track(plots, [radar], "window")
+    assert np.all(rows.conforms[3:])
+    without = track(plots, [radar], motion="window")
     assert not np.allclose(found.position, without.position, rtol=0, atol=1.0)
-    silent = track(plots, [radar], "window-plan", plans=[plan], plan_prior=0.0)
+    silent = track(plots, [radar], motion="window", plans=[plan], plan_model=PlanModel(0.0))
     np.testing.assert_array_equal(silent.position, without.position)
 
 
 def test_a_plot_in_the_plane_is_that_of_the_source():
     radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
-    position, covariance = cartesian(Plots([0.0], [150e3], np.radians(30.0)), [radar])
+    position, covariance = Plots([0.0], [150e3], 30.0, degrees=True).to_cartesian([radar])
     shrunk = np.exp(-(radar.azimuth_sigma**2) / 2)
     np.testing.assert_allclose(position[0] * shrunk, [75000, 129903.8105676658], rtol=1e-12)
     expected = [[52810.4395890071, -27242.5262485441], [-27242.5262485441, 21353.4798630024]]
     # the covariance at the position without the bias
     np.testing.assert_allclose(covariance[0], expected, rtol=1e-5)
     close = Radar(range_sigma=75.0, azimuth_sigma=1e-9, period=10.0)
-    assert np.all(np.linalg.eigvalsh(cartesian(Plots([0.0], [150e3], [1.0]), [close])[1]) > 0)
+    _, covariance = Plots([0.0], [150e3], [1.0]).to_cartesian([close])
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
 
 
 def test_the_mean_of_plots_far_away_has_no_bias():
     radar = Radar(range_sigma=1.0, azimuth_sigma=np.radians(2.0), period=10.0)
     azimuth = 0.7 + radar.azimuth_sigma * np.random.default_rng(3).standard_normal(400_000)
-    position, _ = cartesian(Plots(np.zeros(400_000), np.full(400_000, 300e3), azimuth), [radar])
+    position, _ = Plots(np.zeros(400_000), 300e3, azimuth).to_cartesian([radar])
     toward = np.array([np.sin(0.7), np.cos(0.7)])
     # the bias would be 183 m; the standard error of the mean is 0.6 m
     assert abs(position.mean(axis=0) @ toward - 300e3) < 3.0
@@ -182,12 +186,12 @@ def test_covariances_hold(motion):
     nees = np.full((60, len(time)), np.nan)
     for seed in range(60):
         plots = Plots(time, *noisy(position, RADAR, np.random.default_rng([7, seed])))
-        found = track(plots, [RADAR], motion)
+        found = track(plots, [RADAR], motion=motion)
         assert np.all(found.track == 1)
         covariance = found.covariance
         assert np.array_equal(covariance, np.swapaxes(covariance, 1, 2))
         assert np.linalg.eigvalsh(covariance).min() > 0
-        found = found.rows(found.plot >= 0)
+        found = found[found.plot >= 0]
         error = np.concatenate(
             [found.position - position[found.plot], found.velocity - velocity[found.plot]], axis=1
         )
@@ -213,7 +217,7 @@ def scene(seed, n=40, clutter=50.0):
 @pytest.mark.parametrize("motion", ["imm", "singer"])
 def test_tracks_are_held_and_not_invented(motion):
     radar, traffic, seen = scene(11)
-    found = track(seen.plots, [radar], motion)
+    found = track(seen.plots, [radar], motion=motion)
     used = found.plot >= 0
     target = np.where(used, seen.target[found.plot], -2)
     best = {}
@@ -246,7 +250,7 @@ def test_two_radars_are_better_than_one():
                 distance, azimuth = noisy(position - radar.position, radar, rng)
                 columns.append((time, distance, azimuth, np.full(len(time), index)))
             time, distance, azimuth, index = np.concatenate(columns, axis=1)
-            plots = Plots(time, distance, azimuth, radar=index.astype(int))
+            plots = Plots(time, distance, azimuth, sensor=index.astype(int))
             found = track(plots, radars)
             assert len(np.unique(found.track)) == 1
             error = found.position - np.outer(found.time, [120.0, 80.0]) - [10e3, 30e3]
@@ -263,10 +267,10 @@ def test_two_radars_are_better_than_one():
 def test_a_saved_tracker_goes_on_to_the_last_bit(motion):
     _, _, seen = scene(31, n=10, clutter=10.0)
     radar = simulate.set_up("middle").radar
-    plans = {"plans": simulate.routes("middle", 10, rng=31)} if motion.endswith("-plan") else {}
+    plans = simulate.routes("middle", 10, rng=31) if motion in {"imm", "window"} else []
     half = np.median(seen.plots.time)
     first, second = seen.plots[seen.plots.time < half], seen.plots[seen.plots.time >= half]
-    tracker = Tracker([radar], motion, **plans)
+    tracker = Tracker([radar], motion=motion, plans=plans)
     tracker.update(first)
     loaded = pickle.loads(pickle.dumps(tracker))
     copied = copy.deepcopy(tracker)
@@ -310,7 +314,7 @@ def test_a_target_may_be_seen_by_many_radars():
     radar = np.arange(len(time)) % 8
     time, radar = time[radar < 7], radar[radar < 7]
     position = np.array([10e3, 30e3]) + np.outer(time, [120.0, -80.0])
-    plots = Plots(time, *noisy(position - places[radar], radars[0], rng), radar=radar)
+    plots = Plots(time, *noisy(position - places[radar], radars[0], rng), sensor=radar)
     tracker = Tracker(radars)
     # each plot of the first stretch begins a track, one of which goes on
     before = tracker.update(plots[:50])
@@ -318,14 +322,14 @@ def test_a_target_may_be_seen_by_many_radars():
     table = tracker.update(plots[50:])
     assert set(before.track_of_plot[10:]) == set(table.track_of_plot)
     assert len(set(table.track_of_plot)) == 1
-    assert set(table.radar) == set(range(7))
+    assert set(table.sensor) == set(range(7))
     assert np.all(np.hypot(*(table.position - position[table.plot]).T) < 200.0)
     np.testing.assert_array_equal(copied.update(plots[50:]).covariance, table.covariance)
 
 
 def test_a_table_is_complete_wherever_it_goes():
     table = track(line(), [RADAR])
-    for other in (pickle.loads(pickle.dumps(table)), copy.copy(table), table.rows(slice(None))):
+    for other in (pickle.loads(pickle.dumps(table)), copy.copy(table), table[:]):
         for name, column in columns(table).items():
             np.testing.assert_array_equal(getattr(other, name), column)
     assert table.position.shape == table.velocity.shape == (20, 2)
@@ -358,13 +362,13 @@ def test_bad_plots_are_told_and_lose_no_track():
         np.concatenate([good.azimuth, bad.azimuth]),
     )
     found = track(both, [RADAR])
-    invalid, far = Fate.INVALID, Fate.OUT_OF_RANGE
-    fates = [invalid, invalid, invalid, far, invalid, invalid, invalid, Fate.STRAY]
-    assert found.track_of_plot[30:].tolist() == fates
-    assert all(Fate(fate).reason for fate in fates)
+    invalid, far = PlotStatus.INVALID, PlotStatus.OUT_OF_RANGE
+    statuses = [invalid, invalid, invalid, far, invalid, invalid, invalid, PlotStatus.CLOCK_ERROR]
+    assert found.track_of_plot[30:].tolist() == statuses
+    assert all(PlotStatus(status).message for status in statuses)
     np.testing.assert_array_equal(found.position, track(good, [RADAR]).position)
     above = Plots([0.0], [9000.0], [0.3], height=9000.0)
-    assert Tracker([RADAR]).update(above).track_of_plot.tolist() == [Fate.AT_RADAR]
+    assert Tracker([RADAR]).update(above).track_of_plot.tolist() == [PlotStatus.AT_SENSOR]
 
 
 def test_a_wrong_clock_loses_no_track():
@@ -374,10 +378,10 @@ def test_a_wrong_clock_loses_no_track():
         tracker.update(good[[k]])
         if k == 15:
             stray = Plots([good.time[k] + 5000.0], [20e3], [0.3])
-            assert tracker.update(stray).track_of_plot[0] == Fate.STRAY
+            assert tracker.update(stray).track_of_plot[0] == PlotStatus.CLOCK_ERROR
         if k == 20:
             late = Plots([good.time[k] - 50.0], [20e3], [0.3])
-            assert tracker.update(late).track_of_plot[0] == Fate.LATE
+            assert tracker.update(late).track_of_plot[0] == PlotStatus.LATE
     last = tracker.update(line(31)[[30]])
     assert last.track.tolist() == [1]
 
@@ -386,7 +390,7 @@ def test_a_silence_is_believed_when_a_second_plot_comes():
     tracker = Tracker([RADAR])
     tracker.update(line(10))
     later = line(10, start=3600.0)
-    assert tracker.update(later[[0]]).track_of_plot[0] == Fate.STRAY
+    assert tracker.update(later[[0]]).track_of_plot[0] == PlotStatus.CLOCK_ERROR
     found = tracker.update(later[1:])
     assert np.all(found.track_of_plot > 1)
 
@@ -406,7 +410,7 @@ def test_duplicates_make_no_second_track():
     plots = line(40)
     order = np.repeat(np.arange(40), 2)
     found = track(plots[order], [RADAR])
-    assert np.all(found.track_of_plot == np.tile([1, Fate.DUPLICATE], 40))
+    assert np.all(found.track_of_plot == np.tile([1, PlotStatus.DUPLICATE], 40))
     near = np.sort(np.concatenate([np.arange(40), np.arange(0, 40, 4)]))
     shifted = plots.range[near] + 40.0 * np.diff(near, prepend=-1).astype(bool)
     found = track(Plots(plots.time[near], shifted, plots.azimuth[near]), [RADAR])
@@ -420,7 +424,7 @@ def test_scans_without_plots_end_tracks():
     alive = [len(tracker.update(plots[:0], time=36.0 + 4.0 * k).track) for k in range(1, 8)]
     # a scan is missed a quarter of it late
     assert alive == [0, 1, 1, 1, 1, 0, 0]
-    assert len(tracker.ahead(0.0)[0]) == 0
+    assert len(tracker.extrapolate(0.0)[0]) == 0
     assert len(Tracker([RADAR]).update(plots[:0])) == 0
 
 
@@ -461,7 +465,7 @@ def test_a_large_error_of_a_plot_is_hardly_a_manoeuvre():
     spread = []
     for error in (3.9, 4.5):
         distance[-1] = np.hypot(*position[-1]) + error * RADAR.range_sigma
-        found = track(Plots(time, distance, azimuth), [RADAR], "cv")
+        found = track(Plots(time, distance, azimuth), [RADAR], motion="cv")
         # both are beyond the gate
         at = found.innovation[-1]
         assert at @ np.linalg.solve(found.innovation_covariance[-1], at) > 12.43
@@ -516,7 +520,7 @@ def test_heights_keep_targets_apart_and_are_filtered():
     found = track(plots, [RADAR])
     assert len(np.unique(found.track)) == 2
     climbing = (found.plot >= 60) & (found.time > 100)
-    assert np.abs(found.climb[climbing] - 10.0).max() < 3.0
+    assert np.abs(found.vertical_rate[climbing] - 10.0).max() < 3.0
     for number in np.unique(found.track):
         of = found.plot[(found.track == number) & (found.plot >= 0)] >= 60
         assert np.all(of == of[0])
@@ -546,7 +550,7 @@ def test_a_track_without_plots_takes_none_from_others(coasting):
     scans = np.concatenate([np.repeat(np.arange(60), 8), np.arange(20)])
     identity = np.concatenate([np.tile(np.arange(8), 60), np.full(20, 90)])
     plots = beamed(places, scans, identity, np.random.default_rng(1))
-    found = track(plots, [CLOSE], coasting=coasting, identity_error=1e-9)
+    found = track(plots, [CLOSE], coasting=coasting, identity_error_probability=1e-9)
     assert len(np.unique(found.track)) == 9
     assert np.all(found.track_of_plot > 0)
     for target in np.unique(identity):
@@ -576,9 +580,9 @@ def test_a_manoeuvre_is_flagged_soon():
         time, position, _ = turning_flight()
         plots = Plots(time, *noisy(position, RADAR, np.random.default_rng([71, seed])))
         found = track(plots, [RADAR])
-        begins = np.flatnonzero(found.manoeuvre & (found.time >= 80.0))
+        begins = np.flatnonzero((found.turn_probability > 0.5) & (found.time >= 80.0))
         delays.append(found.time[begins[0]] - 80.0)
-        assert found.manoeuvre[5:20].mean() < 0.2
+        assert np.mean(found.turn_probability[5:20] > 0.5) < 0.2
     assert np.median(delays) <= 20.0
 
 
@@ -593,8 +597,8 @@ def test_plans_help_and_prior_zero_is_the_plain_imm():
         if of.sum() < 20:
             continue
         plots = seen.plots[of]
-        plain = track(plots, [radar], "imm")
-        silent = track(plots, [radar], plans=[plans[flight]], plan_prior=0.0)
+        plain = track(plots, [radar])
+        silent = track(plots, [radar], plans=[plans[flight]], plan_model=PlanModel(0.0))
         np.testing.assert_allclose(silent.position, plain.position, rtol=0, atol=1e-6)
         aided = track(plots, [radar], plans=[plans[flight]])
         assert np.all(aided.plan[-5:] == 0)
@@ -629,7 +633,7 @@ def test_a_wrong_plan_is_blocked_and_does_no_harm():
             continue
         tables = {
             "with": track(seen.plots[of], [radar], plans=[plans[flight]]),
-            "without": track(seen.plots[of], [radar], "imm"),
+            "without": track(seen.plots[of], [radar]),
         }
         for name, found in tables.items():
             after = found.confirmed & (found.time > left)
@@ -639,7 +643,7 @@ def test_a_wrong_plan_is_blocked_and_does_no_harm():
             )
             square[name].append(np.sum((found.position - true) ** 2, axis=1)[after])
         table = tables["with"]
-        blocked.append(np.any(~table.conforming[(table.time > left) & (table.time < left + 60)]))
+        blocked.append(np.any(~table.conforms[(table.time > left) & (table.time < left + 60)]))
     rms = {name: np.sqrt(np.mean(np.concatenate(values))) for name, values in square.items()}
     assert rms["with"] < 1.04 * rms["without"]
     assert np.mean(blocked) > 0.9
@@ -659,7 +663,7 @@ def lost_and_turns(scenario, seed, flights=60):
         count = traffic.count[flight]
         span = traffic.start[flight] + traffic.step * np.arange(count)
         for i, plan in enumerate(([], [plans[flight]])):
-            found = track(plots, [radar], "window-plan", plans=plan)
+            found = track(plots, [radar], motion="window", plans=plan)
             lost[i] += len(np.unique(found.track)) > 1
             turning = np.interp(found.time, span, traffic.turning[flight, :count]) > 0.5
             columns = [traffic.position[flight, :count, axis] for axis in (0, 1)]
@@ -693,11 +697,11 @@ def test_the_guard_of_the_window_depends_on_the_scan(period, expected):
     kept = []
     for aside in reaches:
         moved = position + np.outer(time == time[-1], [aside, 0.0])
-        found = track(Plots(time, *polar(moved)), [radar], "window")
+        found = track(Plots(time, *polar(moved)), [radar], motion="window")
         kept.append(bool(found.track_of_plot[-1] == 1))
     assert kept == [True, False]
     moved = position + np.outer(time == time[-1], [reaches[0], 0.0])
-    narrow = track(Plots(time, *polar(moved)), [radar], "window", guard_acceleration=5.0)
+    narrow = track(Plots(time, *polar(moved)), [radar], motion="window", guard_acceleration=5.0)
     assert narrow.track_of_plot[-1] != 1
 
 
@@ -708,17 +712,17 @@ def test_a_known_wind_makes_turns_better():
     radar = simulate.set_up("en-route").radar
     seen = simulate.radar_plots(traffic, [radar], rng=103)
     options = {
-        "known": {"wind": (33.0, -29.0), "wind_sigma": 6.0},
-        "unknown": {"wind_sigma": 30.0},
-        "wrong": {"wind": tuple(-wind), "wind_sigma": 6.0},
+        "known": PlanModel(wind=(33.0, -29.0), wind_sigma=6.0),
+        "unknown": PlanModel(wind_sigma=30.0),
+        "wrong": PlanModel(wind=-wind, wind_sigma=6.0),
     }
     square = {name: [] for name in options}
     for flight in range(30):
         count = traffic.count[flight]
         span = traffic.start[flight] + traffic.step * np.arange(count)
-        for name, told in options.items():
+        for name, model in options.items():
             of = seen.target == flight
-            found = track(seen.plots[of], [radar], plans=[plans[flight]], **told)
+            found = track(seen.plots[of], [radar], plans=[plans[flight]], plan_model=model)
             turning = np.interp(found.time, span, traffic.turning[flight, :count]) > 0.5
             true = np.stack(
                 [np.interp(found.time, span, traffic.position[flight, :count, i]) for i in (0, 1)],
@@ -741,43 +745,46 @@ def on_plan(n=40, identity=None):
     return Plots(time, *numbers, identity=codes), plan
 
 
-@pytest.mark.parametrize("motion", ["imm-plan", "window-plan"])
+@pytest.mark.parametrize("motion", ["imm", "window"])
 def test_a_held_plan_is_blocked_until_it_is_released(motion):
     plots, plan = on_plan()
-    tracker = Tracker([RADAR], motion, plans=[plan])
-    plain = track(plots, [RADAR], "imm" if motion == "imm-plan" else "window")
+    tracker = Tracker([RADAR], motion=motion, plans=[plan])
+    plain = track(plots, [RADAR], motion=motion)
     with pytest.raises(ValueError, match="track is 1; there is no confirmed track"):
-        tracker.hold_plan(1)
-    assert tracker.update(plots[:15]).conforming[-1]
-    assert len(tracker.held_plans) == 0
-    tracker.hold_plan(1)
-    np.testing.assert_array_equal(tracker.held_plans, [1])
+        tracker.suspend_plan(1)
+    assert tracker.update(plots[:15]).conforms[-1]
+    assert len(tracker.suspended_plans) == 0
+    tracker.suspend_plan(1)
+    np.testing.assert_array_equal(tracker.suspended_plans, [1])
     # the copy is held, too
     tracker = pickle.loads(pickle.dumps(tracker))
     held = tracker.update(plots[15:28])
     assert len(held) == 13
-    assert not held.conforming.any()
+    assert not held.conforms.any()
     assert np.all(held.plan == 0)
     straight = held.position[-1] + 120.0 * held.velocity[-1]
-    np.testing.assert_allclose(tracker.ahead(120.0)[1][0], straight, atol=1e-6)
-    tracker.release_plan(1)
-    assert len(tracker.held_plans) == 0
+    np.testing.assert_allclose(tracker.extrapolate(120.0)[1][0], straight, atol=1e-6)
+    tracker.resume_plan(1)
+    assert len(tracker.suspended_plans) == 0
     released = tracker.update(plots[28:])
-    assert not released.conforming[:4].any()
-    assert released.conforming[4:].all()
+    assert not released.conforms[:4].any()
+    assert released.conforms[4:].all()
     # held before the plan was found: the plan has no say at all
-    early, (plots, _) = Tracker([RADAR], motion, plans=[plan]), on_plan(identity=np.full(40, -1))
+    early, (plots, _) = (
+        Tracker([RADAR], motion=motion, plans=[plan]),
+        on_plan(identity=np.full(40, -1)),
+    )
     tables = [early.update(plots[:5])]
     assert tables[0].plan[-1] == -1
-    early.hold_plan(1)
+    early.suspend_plan(1)
     tables += [early.update(plots[[k]]) for k in range(5, len(plots))]
-    assert not any(table.conforming.any() for table in tables)
+    assert not any(table.conforms.any() for table in tables)
     position = np.concatenate([table.position for table in tables])
     assert tables[-1].plan[0] == 0
     np.testing.assert_allclose(position[-1], plain.position[-1], rtol=0, atol=1e-6)
     for number in (7, "1"):
         with pytest.raises((ValueError, TypeError), match="track"):
-            tracker.release_plan(number)
+            tracker.resume_plan(number)
 
 
 @pytest.mark.parametrize("code", [0o7500, 0o7600, 0o7700])
@@ -789,27 +796,27 @@ def test_an_emergency_holds_the_plan(code):
     found = tracker.update(plots)
     # one answer may be read wrongly; what was held stays so, and the identity stays
     of = {plot: row for row, plot in enumerate(found.plot)}
-    assert found.conforming[of[10] : of[20] + 1].all()
-    assert not found.conforming[of[21] :].any()
+    assert found.conforms[of[10] : of[20] + 1].all()
+    assert not found.conforms[of[21] :].any()
     assert np.all(found.identity == 0o4321)
     assert np.all(found.track == 1)
-    np.testing.assert_array_equal(tracker.held_plans, [1])
+    np.testing.assert_array_equal(tracker.suspended_plans, [1])
     # an identity like any other, where it is no emergency
-    assert track(plots, [RADAR], plans=[plan]).conforming[-1]
+    assert track(plots, [RADAR], plans=[plan]).conforms[-1]
 
 
-def test_ahead_follows_the_plan():
+def test_extrapolation_follows_the_plan():
     plan = FlightPlan([[-30e3, 40e3], [10e3, 40e3], [10e3, 90e3]], 150.0)
     time = 4.0 * np.arange(50)
     position = np.array([-30e3, 40e3]) + np.outer(time, [150.0, 0.0])
     plots = Plots(time, *noisy(position, RADAR, np.random.default_rng(5)))
-    aided, plain = Tracker([RADAR], plans=[plan]), Tracker([RADAR], "imm")
+    aided, plain = Tracker([RADAR], plans=[plan]), Tracker([RADAR])
     aided.update(plots)
     plain.update(plots)
     corner = np.array([10e3, 40e3])
-    (number,), (there,) = aided.ahead(120.0)
+    (number,), (there,) = aided.extrapolate(120.0)
     assert number == 1
-    assert np.linalg.norm(plain.ahead(120.0)[1][0] - [17.4e3, 40e3]) < 3000
+    assert np.linalg.norm(plain.extrapolate(120.0)[1][0] - [17.4e3, 40e3]) < 3000
     assert there[0] < corner[0] + 500
     assert there[1] > corner[1] + 2000
 
@@ -817,34 +824,32 @@ def test_ahead_follows_the_plan():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"radars": []}, "radars is empty"),
-        ({"radars": [3]}, r"radars\[0\] is 3"),
+        ({"sensors": []}, "sensors is empty"),
+        ({"sensors": [3]}, r"sensors\[0\] is 3"),
         ({"motion": "kalman"}, "motion is 'kalman'"),
-        ({"initiation": (1, 4)}, "initiation is 1"),
-        ({"initiation": (4, 3)}, "initiation"),
+        ({"confirmation": (1, 4)}, "confirmation is 1"),
+        ({"confirmation": (4, 3)}, "confirmation"),
         ({"coasting": 0}, "coasting is 0"),
-        ({"speed_max": -1.0}, "speed_max"),
+        ({"max_speed": -1.0}, "max_speed"),
         ({"gate_probability": 1.0}, "gate_probability is 1.0"),
         ({"clutter_density": 0.0}, "clutter_density"),
-        ({"identity_error": 0.0}, "identity_error"),
-        ({"plan_prior": 1.0}, "plan_prior"),
+        ({"identity_error_probability": 0.0}, "identity_error_probability"),
         ({"guard_acceleration": -1.0}, "guard_acceleration"),
-        ({"wind_sigma": np.nan}, "wind_sigma"),
-        ({"wind": (np.inf, 0.0)}, "wind"),
-        ({"wind": 5.0}, r"wind has shape \(\)"),
+        ({"plan_model": 0.8}, "plan_model is 0.8; it must be a PlanModel"),
+        ({"motion": 3}, "motion is 3; it must be a model"),
+        ({"motion": SingerModel(4.0, 0.05, 1.0)}, "it must be exact"),
         ({"emergency_codes": [-1]}, "emergency_codes is -1"),
         ({"plans": [3]}, r"plans\[0\] is 3"),
         ({"clock_period": 0.0}, "clock_period"),
-        ({"radars": RADAR}, "it must be a sequence of Radar"),
+        ({"sensors": RADAR}, "it must be a sequence of Radar"),
         ({"plans": FlightPlan([[0, 0], [1, 1]], 100.0)}, "it must be a sequence of FlightPlan"),
-        ({"initiation": 3}, "it must be a pair"),
-        ({"manoeuvres": 3}, "manoeuvres is 3"),
+        ({"confirmation": 3}, "it must be a pair"),
         ({"plans": [FlightPlan([[0, 0], [1, 1]], 100.0)], "motion": "cv"}, "takes no plans"),
     ],
 )
 def test_wrong_settings_are_refused(change, message):
     with pytest.raises((ValueError, TypeError), match=message):
-        Tracker(**{"radars": [RADAR], **change})
+        Tracker(**{"sensors": [RADAR], **change})
 
 
 @pytest.mark.parametrize(
@@ -852,7 +857,7 @@ def test_wrong_settings_are_refused(change, message):
     [
         ({"time": [[0.0]]}, r"time has shape \(1, 1\)"),
         ({"range": [1.0, 2.0, 3.0]}, r"range has shape \(3,\)"),
-        ({"radar": [0.5, 0.5]}, "radar has dtype float64"),
+        ({"sensor": [0.5, 0.5]}, "sensor has dtype float64"),
         ({"time": ["a", "b"]}, "time has dtype"),
         ({"identity": np.array([1, 2**63 + 5], dtype=np.uint64)}, r"identity\[1\] is 9223"),
     ],
@@ -864,20 +869,20 @@ def test_wrong_plots_are_refused(columns, message):
 
 def test_a_plot_of_an_unknown_radar_is_refused():
     tracker = Tracker([RADAR])
-    with pytest.raises(ValueError, match=r"radar\[1\] is 4; it must be the index"):
-        tracker.update(Plots([0.0, 1.0], 10e3, 0.1, radar=[0, 4]))
+    with pytest.raises(ValueError, match=r"sensor\[1\] is 4; it must be the index"):
+        tracker.update(Plots([0.0, 1.0], 10e3, 0.1, sensor=[0, 4]))
     with pytest.raises(TypeError, match="it must be Plots"):
         tracker.update([1.0])
-    with pytest.raises(TypeError, match="it must be Plots"):
-        cartesian([1.0], [RADAR])
+    with pytest.raises(ValueError, match=r"sensor\[1\] is 1; it must be the index"):
+        Plots([0.0, 1.0], 10e3, 0.1, sensor=[0, 1]).to_cartesian([RADAR])
     with pytest.raises(ValueError, match="end"):
         tracker.update(line(3), time=np.nan)
     with pytest.raises(ValueError, match="seconds is nan"):
-        tracker.ahead(np.nan)
+        tracker.extrapolate(np.nan)
 
 
 def test_no_plots_are_no_tracks():
-    nothing = Plots([], [], [], radar=[], identity=[])
+    nothing = Plots([], [], [], sensor=[], identity=[])
     assert len(nothing) == 0
     assert len(track(nothing, [RADAR])) == 0
 
@@ -898,6 +903,18 @@ def test_wrong_radars_are_refused(change):
         Radar(**{"range_sigma": 50.0, "azimuth_sigma": 0.001, "period": 4.0, **change})
 
 
-def test_manoeuvres_must_be_positive():
-    with pytest.raises(ValueError, match="turn_time"):
-        Manoeuvres(turn_time=0.0)
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ImmModel(turn_time=0.0), "turn_time"),
+        (lambda: CvModel(-1.0), "straight_sigma"),
+        (lambda: WindowModel(after_turn=1), "after_turn is 1"),
+        (lambda: PlanModel(1.0), "flown_probability is 1.0"),
+        (lambda: PlanModel(wind_sigma=np.nan), "wind_sigma"),
+        (lambda: PlanModel(wind=(np.inf, 0.0)), "wind"),
+        (lambda: PlanModel(wind=5.0), r"wind has shape \(\)"),
+    ],
+)
+def test_wrong_models_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -563,7 +563,7 @@ def test_a_plot_is_where_the_beam_and_the_aircraft_are():
     assert (np.diff(plots.time) >= 0).all()
     position, _ = traffic.at(record.target, plots.time)
     for k, tower in enumerate(towers):
-        own = plots.radar == k
+        own = plots.sensor == k
         offset = position[own] - tower.position
         # of a tangential speed of 250 m/s the azimuth has a microsecond's share
         distance = np.hypot(*offset.T)
@@ -655,7 +655,7 @@ def test_each_radar_has_its_own_bias_and_clutter(crowd):
     towers = [radar(range_max=400e3), radar(range_max=400e3)]
     record = radar_plots(crowd, towers, bias=[[0, 0], [500, 0]], clutter=[0, 40], rng=5)
     for k, shift in enumerate((0.0, 500.0)):
-        own = record[record.plots.radar == k]
+        own = record[record.plots.sensor == k]
         np.testing.assert_allclose(
             errors(crowd, own, towers[k])[0] * towers[k].range_sigma, shift, atol=1e-4
         )

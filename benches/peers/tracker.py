@@ -34,7 +34,7 @@ from scipy.spatial import cKDTree
 
 from tertia.metrics import Truth, gospa, indicators
 from tertia.simulate import dense_traffic, encounter, radar_plots
-from tertia.tracker import Radar, Tracker, cartesian, track
+from tertia.tracker import Radar, Tracker, track
 
 PERIOD, RANGE, DETECTION = 4.0, 80e3, 0.95
 NOISE = {"range_sigma": 50.0, "azimuth_sigma": np.radians(0.08).item()}
@@ -132,7 +132,7 @@ def scene(name, n, clutter, radars, seed):
 def scans(scene, radar):
     """The scans of a radar, from south to south: their times, and the plots in them."""
     begin = PHASES[radar] - PERIOD / 2
-    mine = np.flatnonzero(scene.plots.radar == radar)
+    mine = np.flatnonzero(scene.plots.sensor == radar)
     number = np.floor((scene.plots.time[mine] - begin) / PERIOD).astype(int)
     for k in range(int((scene.duration - begin) / PERIOD) + 1):
         first = begin + k * PERIOD
@@ -142,7 +142,7 @@ def scans(scene, radar):
 # Tertia
 
 
-def tertia_tracker(motion="imm", initiation=(3, 4), **options):
+def tertia_tracker(motion="imm", confirmation=(3, 4), **options):
     def run(scene):
         steps = np.floor(scene.plots.time / PERIOD).astype(int)
         # the least of three: the first run warms up
@@ -151,7 +151,7 @@ def tertia_tracker(motion="imm", initiation=(3, 4), **options):
             slices = [scene.plots[steps == k] for k in range(steps.max() + 1)]
             start = time.process_time()
             tracker = Tracker(
-                scene.radars, motion, initiation=initiation, coasting=COASTING, **options
+                scene.radars, motion=motion, confirmation=confirmation, coasting=COASTING, **options
             )
             tables = [tracker.update(plots) for plots in slices]
             costs.append((time.process_time() - start) / (len(slices) * len(scene.radars)))
@@ -207,7 +207,7 @@ def tertia_recording(scene):
         start = time.process_time()
         table = track(scene.plots, scene.radars, "imm", coasting=COASTING)
         costs.append(time.process_time() - start)
-    table = table.rows(table.confirmed)
+    table = table[table.confirmed]
     count = sum(1 for radar in range(len(scene.radars)) for _ in scans(scene, radar))
     return Picture(table.time, table.track, table.position, table.velocity, min(costs) / count)
 
@@ -223,7 +223,7 @@ def stonesoup_steps(scene, scan):
         )
         for radar in scene.radars
     ]
-    places, _ = cartesian(scene.plots, scene.radars)
+    places, _ = scene.plots.to_cartesian(scene.radars)
     steps = []
     for radar, model in enumerate(models):
         for begin, end, plots in scans(scene, radar):
@@ -250,7 +250,7 @@ def stonesoup_steps(scene, scan):
         yield START + timedelta(seconds=end), set(detections)
 
 
-def stonesoup_tracker(method, initiation=(3, 4), sigma=STRAIGHT_SIGMA):
+def stonesoup_tracker(method, confirmation=(3, 4), sigma=STRAIGHT_SIGMA):
     def run(scene):
         scan, radars = {}, len(scene.radars)
         q = sigma**2 * PERIOD
@@ -267,10 +267,10 @@ def stonesoup_tracker(method, initiation=(3, 4), sigma=STRAIGHT_SIGMA):
             prior_state=SS["GaussianState"](
                 [[0], [0], [0], [0]], np.diag([0, SPEED_SIGMA**2, 0, SPEED_SIGMA**2])
             ),
-            deleter=TooFew((initiation[1] - initiation[0]) * radars),
+            deleter=TooFew((confirmation[1] - confirmation[0]) * radars),
             data_associator=gnn,
             updater=parts["updater"],
-            min_points=initiation[0],
+            min_points=confirmation[0],
         )
         associator = gnn
         if method == "JPDA":
@@ -367,9 +367,9 @@ def figures(picture, scene):
 TRACKERS = {
     "Tertia": tertia_tracker(),
     "Tertia, recording": tertia_recording,
-    "Tertia, 4 of 5": tertia_tracker(initiation=(4, 5)),
-    "Tertia, 4 of 6": tertia_tracker(initiation=(4, 6)),
-    "Tertia, 5 of 7": tertia_tracker(initiation=(5, 7)),
+    "Tertia, 4 of 5": tertia_tracker(confirmation=(4, 5)),
+    "Tertia, 4 of 6": tertia_tracker(confirmation=(4, 6)),
+    "Tertia, 5 of 7": tertia_tracker(confirmation=(5, 7)),
     "Tertia, cv": tertia_tracker("cv"),
     "Stone Soup GNN": stonesoup_tracker("GNN"),
     "Stone Soup GNN, 4 of 5": stonesoup_tracker("GNN", (4, 5)),

@@ -11,12 +11,11 @@ from tertia import metrics
 from tertia._arrays import IntArray
 from tertia.association import (
     Assignment,
-    Region,
+    GateSector,
     Score,
     associate,
+    gate_sectors,
     gate_threshold,
-    paper_score_zero,
-    regions,
 )
 
 PLOTS = 200_000
@@ -27,9 +26,9 @@ SIGMA = 100.0
 DETECTION = 0.9
 METHODS: tuple[tuple[Score, Assignment], ...] = (
     ("paper", "nearest"),
-    ("paper", "global"),
+    ("paper", "gnn"),
     ("likelihood", "nearest"),
-    ("likelihood", "global"),
+    ("likelihood", "gnn"),
 )
 
 
@@ -38,14 +37,14 @@ def gates() -> str:
     rng = generator(50)
     covariance = np.array([[9.0, 4.0], [4.0, 6.0]])
     innovation = rng.multivariate_normal([0.0, 0.0], covariance, PLOTS)
-    found = np.asarray(regions(innovation, covariance, [200.0, 50.0]))
-    inner = np.mean(found == Region.INNER)
-    outer = np.mean(found < Region.GUARD_AHEAD)
-    guard = np.mean(found < Region.OUTSIDE)
+    found = np.asarray(gate_sectors(innovation, covariance, [200.0, 50.0]))
+    inner = np.mean(found == GateSector.INNER)
+    outer = np.mean(found < GateSector.GUARD_AHEAD)
+    guard = np.mean(found < GateSector.OUTSIDE)
     wedges = {
         "inner": None,
-        "outer": (Region.AHEAD, Region.GUARD_AHEAD),
-        "guard": (Region.GUARD_AHEAD, Region.OUTSIDE),
+        "outer": (GateSector.AHEAD, GateSector.GUARD_AHEAD),
+        "guard": (GateSector.GUARD_AHEAD, GateSector.OUTSIDE),
     }
     rows = []
     for (name, wedge), share, probability in zip(
@@ -60,10 +59,15 @@ def gates() -> str:
     return markdown([*head, "ahead, behind, left, right"], rows)
 
 
+def score_zero(q: float, m: int) -> float:
+    """Return the d² at which the paper's score is zero."""
+    return m * q * np.log(q) / (q - 1)
+
+
 def zeros() -> str:
     """Tell where the paper's score changes its sign."""
     rows = [
-        [f"{q:g}", f"{paper_score_zero(q):.4f}", f"{paper_score_zero(q, 3):.4f}"]
+        [f"{q:g}", f"{score_zero(q, 2):.4f}", f"{score_zero(q, 3):.4f}"]
         for q in (4.0, 10.0, 100.0, 493.7461)
     ]
     return markdown(["Q", "zero at d², m = 2", "m = 3"], rows)

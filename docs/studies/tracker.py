@@ -13,16 +13,26 @@ from studies.pages import markdown
 from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Manoeuvres, Motion, Plots, Radar, Tracker, TrackTable, cartesian, track
+from tertia.tracker import (
+    CvModel,
+    ImmModel,
+    Motion,
+    PlanModel,
+    Plots,
+    Radar,
+    Tracker,
+    TrackTable,
+    track,
+)
 
 FLIGHTS = 300
 SET_UPS: tuple[simulate.SetUpName, ...] = ("en-route", "middle", "tma")
 # largest wind and standard deviation of the wind, m/s
 WIND = {"en-route": (50.0, 30.0), "middle": (30.0, 20.0), "tma": (15.0, 10.0)}
-MANOEUVRES = {
-    "en-route": Manoeuvres(straight_sigma=0.05, turn_sigma=1.2),
-    "middle": Manoeuvres(straight_sigma=0.05),
-    "tma": Manoeuvres(straight_sigma=0.05, turn_rate_walk=float(np.radians(0.25))),
+MODELS = {
+    "en-route": ImmModel(straight_sigma=0.05, turn_sigma=1.2),
+    "middle": ImmModel(straight_sigma=0.05),
+    "tma": ImmModel(straight_sigma=0.05, turn_rate_walk=float(np.radians(0.25))),
 }
 SCENARIOS: tuple[simulate.FlightScenario, ...] = (
     "conforming",
@@ -35,7 +45,8 @@ SCENARIOS: tuple[simulate.FlightScenario, ...] = (
     "wrong-turn",
     "fly-over",
 )
-MOTIONS: tuple[Motion, ...] = ("imm-plan", "imm", "singer", "cv", "window", "window-plan")
+# motions, with and without flight plans
+MOTIONS = ("imm with plans", "imm", "singer", "cv", "window", "window with plans")
 # how well a wind is known, and what the tracker is told of that, m/s
 WIND_ERROR, WIND_TOLD = 5.0, 6.0
 # radians: a flight that changes its course by less makes no turn of its plan
@@ -115,14 +126,20 @@ def at(traffic: simulate.Traffic, name: str, plots: Plots, target: IntArray) -> 
     return between
 
 
-def errors(record: Recording, motion: Motion, set_up: simulate.SetUpName, **options: Any) -> Errors:
+def model(motion: str, set_up: simulate.SetUpName) -> Motion:
+    """Return a motion with the parameters of a set-up."""
+    name = motion.removesuffix(" with plans")
+    models = {"imm": MODELS[set_up], "cv": CvModel(MODELS[set_up].straight_sigma)}
+    return models.get(name, name)
+
+
+def errors(record: Recording, motion: str, set_up: simulate.SetUpName, **options: Any) -> Errors:
     """Track a recording, and compare with the truth."""
     found = track(
         record.plots,
         [record.radar],
-        motion,
-        manoeuvres=MANOEUVRES[set_up],
-        identity_error=1e-9,
+        motion=model(motion, set_up),
+        identity_error_probability=1e-9,
         **options,
     )
     return compared(record, found)
@@ -130,20 +147,20 @@ def errors(record: Recording, motion: Motion, set_up: simulate.SetUpName, **opti
 
 def compared(record: Recording, found: TrackTable) -> Errors:
     """Compare the rows with plots with the truth."""
-    rows = found.rows((found.plot >= 0) & found.confirmed)
+    rows = found[(found.plot >= 0) & found.confirmed]
     n, k = len(record.plots), rows.plot
     truth = at(record.traffic, "position", record.plots, record.target)
     position, prediction = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     position[k] = rows.position - truth[k]
-    plots, _ = cartesian(record.plots, [record.radar])
+    plots, _ = record.plots.to_cartesian([record.radar])
     prediction[k] = plots[k] - rows.innovation - truth[k]
     solved = np.linalg.solve(rows.covariance[:, :2, :2], position[k][..., np.newaxis])[..., 0]
     columns = {name: np.full(n, np.nan) for name in ("normalised", "gate", "turning")}
     columns["normalised"][k] = np.sum(position[k] * solved, axis=-1)
     columns["gate"][k] = np.sqrt(np.linalg.det(rows.innovation_covariance))
-    columns["turning"][k] = rows.turning
+    columns["turning"][k] = rows.turn_probability
     conforming = np.zeros(n, dtype=bool)
-    conforming[k] = rows.conforming
+    conforming[k] = rows.conforms
     numbers = [
         np.unique(found.track[(found.plot >= 0) & np.isin(found.plot, np.flatnonzero(of))])
         for of in (record.target == f for f in np.unique(record.target))
@@ -177,11 +194,10 @@ def outcome(
     plain = errors(record, "imm", set_up)
     aided = errors(
         record,
-        "imm-plan",
+        "imm",
         set_up,
         plans=record.plans,
-        plan_prior=prior,
-        wind_sigma=WIND[set_up][1],
+        plan_model=PlanModel(prior, wind_sigma=WIND[set_up][1]),
     )
     kept = ~(plain.lost | aided.lost)[record.target]
     turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
@@ -266,15 +282,18 @@ def two_minutes(set_up: simulate.SetUpName, flights: int = 60) -> tuple[float, f
     """Return errors of predictions over 120 s, along plans and straight on."""
     record = recording(set_up, "conforming", flights)
     tracker = Tracker(
-        [record.radar], plans=record.plans, manoeuvres=MANOEUVRES[set_up], identity_error=1e-9
+        [record.radar],
+        motion=MODELS[set_up],
+        plans=record.plans,
+        identity_error_probability=1e-9,
     )
     along, straight = [], []
     for k in range(len(record.plots)):
         rows = tracker.update(record.plots[[k]])
         flight, time = record.target[[k]], record.plots.time[[k]] + 120.0
         last = record.traffic.start[flight] + record.traffic.step * record.traffic.count[flight]
-        numbers, positions = tracker.ahead(120.0)
-        here = rows.rows(rows.plot == k)
+        numbers, positions = tracker.extrapolate(120.0)
+        here = rows[rows.plot == k]
         if not len(here) or time[0] > last[0] - record.traffic.step:
             continue
         later = Plots(time, [1.0], [0.0])
@@ -293,9 +312,9 @@ def conforming() -> str:
         record = recording(set_up, "conforming")
         plain = errors(record, "imm", set_up)
         turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
-        kind = {"plans": record.plans, "wind_sigma": WIND[set_up][1]}
+        kind = {"plans": record.plans, "plan_model": PlanModel(wind_sigma=WIND[set_up][1])}
         for motion in MOTIONS:
-            found = errors(record, motion, set_up, **(kind if motion.endswith("plan") else {}))
+            found = errors(record, motion, set_up, **(kind if motion.endswith("plans") else {}))
             kept = ~(plain.lost | found.lost)[record.target]
             straight = kept & ~turning
             highest = peak(record, plain, kept & turning)
@@ -365,7 +384,7 @@ def windows(set_up: simulate.SetUpName, scenario: simulate.FlightScenario) -> di
     """Compare the window along plans and the one without on the same plots."""
     record = recording(set_up, scenario)
     plain = errors(record, "window", set_up)
-    aided = errors(record, "window-plan", set_up, plans=record.plans)
+    aided = errors(record, "window", set_up, plans=record.plans)
     kept = ~(plain.lost | aided.lost)[record.target]
     turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
     after = kept & (record.plots.time > record.traffic.left[record.target])
@@ -425,16 +444,15 @@ def flags() -> str:
             last = np.maximum.accumulate(np.where(turning[of], record.plots.time[of], -np.inf))
             since[of] = record.plots.time[of] - last
         cells = []
-        for motion in ("window", "window-plan"):
-            plans = record.plans if motion == "window-plan" else []
-            found = errors(record, motion, set_up, plans=plans)
+        for plans in ([], record.plans):
+            found = errors(record, "window", set_up, plans=plans)
             for which in (since <= 120.0, since > 120.0):
                 flagged_now = found.turning[which & ~turning] > 0.5
                 known = np.isfinite(found.turning[which & ~turning])
                 cells.append(f"{np.mean(flagged_now[known]):.1%}")
         rows.append([set_up, *cells])
     head = ["", "window, 120 s after a turn", "later"]
-    return markdown([*head, "window-plan, 120 s after a turn", "later"], rows)
+    return markdown([*head, "window with plans, 120 s after a turn", "later"], rows)
 
 
 def in_known_wind(record: Recording, set_up: simulate.SetUpName) -> Errors:
@@ -445,8 +463,8 @@ def in_known_wind(record: Recording, set_up: simulate.SetUpName) -> Errors:
     for f, plan in enumerate(record.plans):
         of = np.flatnonzero(record.target == f)
         one = replace(record, plans=[plan], plots=record.plots[of], target=record.target[of])
-        wind = {"wind": tuple(told[f]), "wind_sigma": WIND_TOLD}
-        parts.append(errors(one, "imm-plan", set_up, plans=one.plans, **wind))
+        air = PlanModel(wind=tuple(told[f]), wind_sigma=WIND_TOLD)
+        parts.append(errors(one, "imm", set_up, plans=one.plans, plan_model=air))
         order.append(of)
     back = np.argsort(np.concatenate(order))
     columns = {
@@ -506,11 +524,10 @@ def associations() -> str:
             found = track(
                 seen.plots,
                 [simulate.set_up(set_up).radar],
-                motion,
-                manoeuvres=MANOEUVRES[set_up],
-                plans=plans if motion.endswith("plan") else [],
+                motion=model(motion, set_up),
+                plans=plans if motion.endswith("plans") else [],
             )
-            rows_with_plots = found.rows((found.plot >= 0) & found.confirmed)
+            rows_with_plots = found[(found.plot >= 0) & found.confirmed]
             target = seen.target[rows_with_plots.plot]
             owner = {
                 number: int(np.bincount(target[rows_with_plots.track == number] + 1).argmax()) - 1
@@ -520,7 +537,7 @@ def associations() -> str:
             held = np.array([k for k in owner.values() if k >= 0])
             lost = np.mean([np.count_nonzero(held == k) != 1 for k in range(CROWD)])
             cells.append(f"{np.mean(target != own):.2%}, {lost:.1%}, {len(owner) - len(held)}")
-        rows.append([f'`"{motion}"`', *cells])
+        rows.append([motion, *cells])
     return markdown(["plots astray, flights lost, false tracks", *SET_UPS], rows)
 
 

@@ -27,7 +27,7 @@ __all__ = [
     "fuse_series",
     "fused_covariance",
     "gate_pairs",
-    "gate_regions",
+    "gate_sectors",
     "gate_threshold",
     "grubbs",
     "jacobian",
@@ -42,8 +42,8 @@ __all__ = [
     "locate",
     "location_accuracy",
     "paper_score",
-    "paper_score_zero",
     "plan_speeds",
+    "plots_to_cartesian",
     "simulated_excess",
     "singer_transition",
     "smooth",
@@ -237,19 +237,28 @@ class PlotTracker:
         range: FloatArray,  # noqa: A002  # that is what it is
         azimuth: FloatArray,
         height: FloatArray,
-        radar: IntArray,
+        sensor: IntArray,
         identity: IntArray,
         end: float | None,
         recording: bool,
         n_threads: int | None,
     ) -> tuple[FloatArray, IntArray, BoolArray, IntArray]: ...
-    def ahead(self, seconds: float) -> tuple[IntArray, FloatArray]: ...
-    def held_plans(self) -> IntArray: ...
-    def hold_plan(self, track: int, held: bool) -> bool: ...
+    def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]: ...
+    def suspended_plans(self) -> IntArray: ...
+    def suspend_plan(self, track: int, suspended: bool) -> bool: ...
     def __getstate__(self) -> bytes: ...
     @staticmethod
     def from_state(state: bytes) -> PlotTracker: ...
 
+def plots_to_cartesian(
+    radars: list[list[float]],
+    time: FloatArray,
+    range: FloatArray,  # noqa: A002  # that is what it is
+    azimuth: FloatArray,
+    height: FloatArray,
+    sensor: IntArray,
+    identity: IntArray,
+) -> tuple[FloatArray, FloatArray]: ...
 def locate(
     stations: FloatArray,
     axes: FloatArray | None,
@@ -281,16 +290,15 @@ def local_polynomial(
 def smooth(
     tracks: dict[str, Any], n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...
-def gate_threshold(probability: float, dimensions: int) -> float: ...
-def gate_regions(
+def gate_threshold(probability: float, dimension: int) -> float: ...
+def gate_sectors(
     innovation: FloatArray, covariance: FloatArray, velocity: FloatArray
 ) -> IntArray: ...
-def paper_score(d2: FloatArray, q: float, dimensions: int) -> FloatArray: ...
-def paper_score_zero(q: float, dimensions: int) -> float: ...
+def paper_score(d2: FloatArray, q: float, dimension: int) -> FloatArray: ...
 def likelihood_score(
     d2: FloatArray,
     ln_determinant: FloatArray,
-    dimensions: int,
+    dimension: int,
     detection_probability: float,
     clutter_density: float,
 ) -> tuple[FloatArray, float]: ...
@@ -304,6 +312,7 @@ def gate_pairs(
 def assign_pairs(
     row: IntArray, column: IntArray, gain: FloatArray, rows: int, columns: int, method: str
 ) -> IntArray: ...
+
 @final
 class Route:
     def __init__(

@@ -2,7 +2,7 @@
 
 Source: Glagovskii, Lavina, Rudelson 2014: gates, regions of a gate and the quality of laying a plot
 to a track, with the usual likelihood in place of the printed score where that is better. Symbols:
-the innovation is a plot less the prediction, S its covariance, `d2 = innovation' S^-1 innovation`,
+the innovation is a plot less the prediction, S its covariance, `nis = innovation' S^-1 innovation`,
 m its components, x east and y north.
 """
 
@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, finite, integer, real, scalar_or_array
-from tertia.weights import sample_covariance as unbiased_covariance
 
 __all__ = [
     "GUARD",
@@ -26,21 +25,19 @@ __all__ = [
     "Assignment",
     "Association",
     "Gate",
+    "GateSector",
     "Pairs",
-    "Region",
     "Score",
     "associate",
     "gate",
+    "gate_sectors",
     "gate_threshold",
     "likelihood_score",
     "paper_score",
-    "paper_score_zero",
-    "regions",
-    "sample_covariance",
 ]
 
 Gate: TypeAlias = Literal["inner", "outer", "guard"]
-Assignment: TypeAlias = Literal["global", "nearest"]
+Assignment: TypeAlias = Literal["gnn", "nearest"]
 Score: TypeAlias = Literal["likelihood", "paper"]
 
 INNER, OUTER, GUARD = 0.65, 0.95, 0.998
@@ -49,7 +46,7 @@ _RATIO = 100.0
 _NONE = -1
 
 
-class Region(enum.IntEnum):
+class GateSector(enum.IntEnum):
     """Where in its gates a plot is; ahead and behind are wedges of 45 degrees to each side."""
 
     INNER = 0
@@ -74,15 +71,15 @@ class Pairs:
         Index of the track.
     plot : ndarray of int, shape (P,)
         Index of the plot.
-    distance : ndarray of shape (P,)
-        `d2`, the normalised distance squared.
+    nis : ndarray of shape (P,)
+        `nis`, the normalised distance squared.
     log_determinant : ndarray of shape (P,)
         `ln |S|` of the innovation.
     """
 
     track: IntArray
     plot: IntArray
-    distance: FloatArray
+    nis: FloatArray
     log_determinant: FloatArray
 
     def __len__(self) -> int:
@@ -106,14 +103,14 @@ class Association:
         Index of each track's plot; -1 where it has none.
     score : ndarray of shape (T,)
         What its plot is worth to each track; nan where it has none.
-    distance : ndarray of shape (T,)
-        `d2`, the normalised distance squared to its plot; nan where it has none.
+    nis : ndarray of shape (T,)
+        `nis`, the normalised distance squared to its plot; nan where it has none.
     """
 
     track_of_plot: IntArray
     plot_of_track: IntArray
     score: FloatArray
-    distance: FloatArray
+    nis: FloatArray
 
     def __repr__(self) -> str:
         """Tell the number of tracks with a plot."""
@@ -122,14 +119,14 @@ class Association:
         return f"Association({found} of {tracks} tracks, {found} of {plots} plots)"
 
 
-def gate_threshold(probability: float | Gate = "guard", dimensions: int = 2) -> float:
-    """Return the `d2` within which a true plot lies with this probability.
+def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2) -> float:
+    """Return the `nis` within which a true plot lies with this probability.
 
     Parameters
     ----------
-    probability : float or {"inner", "outer", "guard"}
+    gate_probability : float or {"inner", "outer", "guard"}
         The probability, or a named gate: .65, .95, .998.
-    dimensions : int
+    dimension : int
         Components of the innovation.
 
     Returns
@@ -150,12 +147,12 @@ def gate_threshold(probability: float | Gate = "guard", dimensions: int = 2) -> 
     >>> round(gate_threshold("outer"), 4)
     5.9915
     """
-    return _core.gate_threshold(_probability(probability), integer(dimensions, "dimensions", 1))
+    return _core.gate_threshold(_content(gate_probability), integer(dimension, "dimension", 1))
 
 
-def regions(
+def gate_sectors(
     innovation: npt.ArrayLike, covariance: npt.ArrayLike, velocity: npt.ArrayLike
-) -> Region | IntArray:
+) -> GateSector | IntArray:
     """Return where in the gates of their tracks plots are.
 
     Parameters
@@ -169,7 +166,7 @@ def regions(
 
     Returns
     -------
-    Region or ndarray of int, shape (...)
+    GateSector or ndarray of int, shape (...)
         Inside the inner gate straight and uniform motion goes on. Between the inner and the outer
         gate a plot ahead or behind tells that the speed changes, one to the side that the course
         does. Beyond the outer gate, in the guard gate, it is a manoeuvre.
@@ -193,11 +190,11 @@ def regions(
     --------
     An aircraft that flies north, and plots ahead and to the left of where it was expected:
 
-    >>> from tertia.association import Region, regions
-    >>> regions([[0, 200], [-300, 100]], [[1e4, 0], [0, 1e4]], [0, 220])
+    >>> from tertia.association import GateSector, gate_sectors
+    >>> gate_sectors([[0, 200], [-300, 100]], [[1e4, 0], [0, 1e4]], [0, 220])
     array([1, 7])
-    >>> regions([0, 200], [[1e4, 0], [0, 1e4]], [0, 220])
-    <Region.AHEAD: 1>
+    >>> gate_sectors([0, 200], [[1e4, 0], [0, 1e4]], [0, 220])
+    <GateSector.AHEAD: 1>
     """
     e, v = finite(innovation, "innovation"), finite(velocity, "velocity")
     s = finite(covariance, "covariance")
@@ -217,65 +214,30 @@ def regions(
             f"innovation has shape {e.shape}, covariance {s.shape} and velocity {v.shape}; their "
             "batches do not fit"
         ) from None
-    found = _core.gate_regions(
+    found = _core.gate_sectors(
         np.broadcast_to(e, (*batch, 2)),
         np.broadcast_to(s, (*batch, 2, 2)),
         np.broadcast_to(v, (*batch, 2)),
     )
-    return found if found.ndim else Region(found.item())
+    return found if found.ndim else GateSector(found.item())
 
 
-def sample_covariance(residuals: npt.ArrayLike) -> FloatArray:
-    """Return the covariance of residuals over the history of a track.
-
-    Parameters
-    ----------
-    residuals : array_like of shape (..., n, m)
-        n >= 2 differences of measured and smoothed positions.
-
-    Returns
-    -------
-    ndarray of shape (..., m, m)
-        About their mean, with divisor n as the paper prints it; `tertia.weights.sample_covariance`
-        is unbiased, with divisor n - 1.
-
-    Raises
-    ------
-    ValueError
-        Fewer than two residuals, or a number that is not finite.
-    TypeError
-        An argument of the wrong type.
-
-    Examples
-    --------
-    >>> from tertia.association import sample_covariance
-    >>> sample_covariance([[100, 50], [130, 20], [90, 80], [120, 70]])
-    array([[ 250., -250.],
-           [-250.,  525.]])
-    """
-    x = finite(residuals, "residuals")
-    if x.ndim < 2 or x.shape[-2] < 2 or x.shape[-1] < 1:
-        raise ValueError(f"residuals has shape {x.shape}; it must be (..., n, m) with n >= 2")
-    n = x.shape[-2]
-    return np.asarray(unbiased_covariance(x) * ((n - 1) / n))
-
-
-def paper_score(d2: npt.ArrayLike, q: float = _RATIO, dimensions: int = 2) -> float | FloatArray:
+def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> float | FloatArray:
     """Return the paper's score of a plot.
 
     Parameters
     ----------
-    d2 : array_like of shape (...)
+    nis : array_like of shape (...)
         Normalised distances squared.
     q : float
         By how much the covariance of a false association is larger, above 1.
-    dimensions : int
+    dimension : int
         Components of the innovation.
 
     Returns
     -------
     float or ndarray of shape (...)
-        `(1/q - 1) d2 / 2 + m/2 ln q`: the log-likelihood ratio of 'belongs' against 'does not'. It
+        `(1/q - 1) nis / 2 + m/2 ln q`: the log-likelihood ratio of 'belongs' against 'does not'. It
         ignores the size of the covariance: between tracks that differ in it, `likelihood_score` is
         better.
 
@@ -292,46 +254,15 @@ def paper_score(d2: npt.ArrayLike, q: float = _RATIO, dimensions: int = 2) -> fl
     >>> round(paper_score(3.0), 3)
     3.12
     """
-    distance = _squares(d2)
-    ratio, m = real(q, "q"), integer(dimensions, "dimensions", 1)
+    distance = _squares(nis)
+    ratio, m = real(q, "q"), integer(dimension, "dimension", 1)
     found = _core.paper_score(np.atleast_1d(distance), ratio, m)
     value: float | FloatArray = scalar_or_array(found.reshape(distance.shape))
     return value
 
 
-def paper_score_zero(q: float = _RATIO, dimensions: int = 2) -> float:
-    """Return the `d2` at which the paper's score is zero.
-
-    Parameters
-    ----------
-    q : float
-        By how much the covariance of a false association is larger, above 1.
-    dimensions : int
-        Components of the innovation.
-
-    Returns
-    -------
-    float
-        `m q ln q / (q - 1)`.
-
-    Raises
-    ------
-    ValueError
-        A number outside its domain.
-    TypeError
-        An argument of the wrong type.
-
-    Examples
-    --------
-    >>> from tertia.association import paper_score_zero
-    >>> round(paper_score_zero(), 4)
-    9.3034
-    """
-    return _core.paper_score_zero(real(q, "q"), integer(dimensions, "dimensions", 1))
-
-
 def likelihood_score(
-    d2: npt.ArrayLike,
+    nis: npt.ArrayLike,
     covariance: npt.ArrayLike,
     *,
     clutter_density: float,
@@ -341,7 +272,7 @@ def likelihood_score(
 
     Parameters
     ----------
-    d2 : array_like of shape (...)
+    nis : array_like of shape (...)
         Normalised distances squared.
     covariance : array_like of shape (..., m, m)
         Covariances of the innovations.
@@ -371,7 +302,7 @@ def likelihood_score(
     >>> round(score, 2)
     8.07
     """
-    distance, s = _squares(d2), finite(covariance, "covariance")
+    distance, s = _squares(nis), finite(covariance, "covariance")
     if s.ndim < 2 or s.shape[-1] != s.shape[-2] or s.shape[-1] == 0:
         raise ValueError(f"covariance has shape {s.shape}; it must be (..., m, m)")
     root = np.linalg.cholesky(s)
@@ -380,7 +311,7 @@ def likelihood_score(
         distance, volume = np.broadcast_arrays(distance, volume)
     except ValueError:
         raise ValueError(
-            f"d2 has shape {distance.shape} and covariance {s.shape}; their batches do not fit"
+            f"nis has shape {distance.shape} and covariance {s.shape}; their batches do not fit"
         ) from None
     found, _ = _core.likelihood_score(
         np.atleast_1d(distance),
@@ -399,7 +330,7 @@ def gate(
     plots: npt.ArrayLike,
     plot_covariance: npt.ArrayLike | None = None,
     *,
-    probability: float | Gate = "guard",
+    gate_probability: float | Gate = "guard",
 ) -> Pairs:
     """Find the plots within the gates of tracks.
 
@@ -413,7 +344,7 @@ def gate(
         Positions of the plots of one scan.
     plot_covariance : array_like of shape (N, m, m) or (m, m), optional
         Covariances of the plots.
-    probability : float or {"inner", "outer", "guard"}
+    gate_probability : float or {"inner", "outer", "guard"}
         How often a true plot lies within its gate.
 
     Returns
@@ -438,7 +369,7 @@ def gate(
     --------
     >>> from tertia.association import gate
     >>> pairs = gate([[0, 0], [5, 5]], [[1, 0], [0, 1]], [[0.5, 0], [5, 7], [9, 9]])
-    >>> pairs.track, pairs.plot, pairs.distance
+    >>> pairs.track, pairs.plot, pairs.nis
     (array([0, 1]), array([0, 1]), array([0.25, 4.  ]))
     """
     tracks, scan = _points(predicted, "predicted"), _points(plots, "plots")
@@ -449,7 +380,7 @@ def gate(
     noise = None
     if plot_covariance is not None:
         noise = _matrices(plot_covariance, "plot_covariance", len(scan), m)
-    threshold = _core.gate_threshold(_probability(probability), m)
+    threshold = _core.gate_threshold(_content(gate_probability), m)
     return Pairs(*_core.gate_pairs(tracks, sigmas, scan, noise, threshold))
 
 
@@ -459,12 +390,12 @@ def associate(
     plots: npt.ArrayLike,
     plot_covariance: npt.ArrayLike | None = None,
     *,
-    method: Assignment = "global",
+    method: Assignment = "gnn",
     score: Score = "likelihood",
     clutter_density: float | None = None,
     detection_probability: float = 0.9,
     q: float = _RATIO,
-    probability: float | Gate = "guard",
+    gate_probability: float | Gate = "guard",
 ) -> Association:
     """Give each track one plot at most, and each plot one track.
 
@@ -478,7 +409,7 @@ def associate(
         Positions of the plots of one scan.
     plot_covariance : array_like of shape (N, m, m) or (m, m), optional
         Covariances of the plots.
-    method : {"global", "nearest"}
+    method : {"gnn", "nearest"}
         The largest sum of gains, or the best pair that is left, again and again.
     score : {"likelihood", "paper"}
         `likelihood_score`, or `paper_score`.
@@ -488,7 +419,7 @@ def associate(
         How often a target is seen in a scan; for the likelihood alone.
     q : float
         For the paper's score alone.
-    probability : float or {"inner", "outer", "guard"}
+    gate_probability : float or {"inner", "outer", "guard"}
         How often a true plot lies within its gate; none outside is taken.
 
     Returns
@@ -527,20 +458,20 @@ def associate(
     """
     if score not in ("likelihood", "paper"):
         raise ValueError(f"score is {score!r}; it must be 'likelihood' or 'paper'")
-    if method not in ("global", "nearest"):
-        raise ValueError(f"method is {method!r}; it must be 'global' or 'nearest'")
+    if method not in ("gnn", "nearest"):
+        raise ValueError(f"method is {method!r}; it must be 'gnn' or 'nearest'")
     tracks, scan = _points(predicted, "predicted"), _points(plots, "plots")
-    pairs = gate(tracks, covariance, scan, plot_covariance, probability=probability)
+    pairs = gate(tracks, covariance, scan, plot_covariance, gate_probability=gate_probability)
     m = tracks.shape[-1]
     if score == "paper":
-        worth = _core.paper_score(pairs.distance, real(q, "q"), m)
-        edge = np.array([gate_threshold(probability, m)])
+        worth = _core.paper_score(pairs.nis, real(q, "q"), m)
+        edge = np.array([gate_threshold(gate_probability, m)])
         gain = worth - _core.paper_score(edge, real(q, "q"), m)
     else:
         if clutter_density is None:
             raise ValueError("clutter_density is missing; score='likelihood' needs it")
         worth, missed = _core.likelihood_score(
-            pairs.distance,
+            pairs.nis,
             pairs.log_determinant,
             m,
             real(detection_probability, "detection_probability"),
@@ -559,26 +490,27 @@ def _association(pairs: Pairs, worth: FloatArray, chosen: IntArray, plots: int) 
     score, distance = (np.full(len(chosen), np.nan) for _ in range(2))
     mine = chosen[pairs.track] == pairs.plot
     score[pairs.track[mine]] = worth[mine]
-    distance[pairs.track[mine]] = pairs.distance[mine]
+    distance[pairs.track[mine]] = pairs.nis[mine]
     return Association(track_of_plot, chosen, score, distance)
 
 
-def _probability(probability: float | Gate) -> float:
+def _content(gate_probability: float | Gate) -> float:
     """Return the probability of a gate."""
-    if isinstance(probability, str):
-        if probability not in _GATES:
+    if isinstance(gate_probability, str):
+        if gate_probability not in _GATES:
             raise ValueError(
-                f"probability is {probability!r}; it must be a number, 'inner', 'outer' or 'guard'"
+                f"gate_probability is {gate_probability!r}; it must be a number, 'inner', 'outer' "
+                "or 'guard'"
             )
-        return _GATES[probability]
-    return real(probability, "probability")
+        return _GATES[gate_probability]
+    return real(gate_probability, "gate_probability")
 
 
-def _squares(d2: npt.ArrayLike) -> FloatArray:
+def _squares(nis: npt.ArrayLike) -> FloatArray:
     """Return normalised distances squared."""
-    distance = finite(d2, "d2")
+    distance = finite(nis, "nis")
     if np.any(distance < 0.0):
-        raise ValueError("d2 must not be negative")
+        raise ValueError("nis must not be negative")
     return distance
 
 

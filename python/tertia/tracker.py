@@ -30,16 +30,21 @@ from tertia._arrays import (
 )
 from tertia.association import GUARD, INNER, OUTER, gate_threshold
 from tertia.flightplan import FlightPlan
+from tertia.kalman import SingerModel
 
 __all__ = [
-    "Fate",
-    "Manoeuvres",
+    "CvModel",
+    "ImmModel",
     "Motion",
+    "MotionName",
+    "PlanModel",
+    "PlotStatus",
     "Plots",
     "Radar",
+    "SingerModel",
     "TrackTable",
     "Tracker",
-    "cartesian",
+    "WindowModel",
     "track",
 ]
 
@@ -47,18 +52,15 @@ _State: TypeAlias = (
     "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, bytes]"
 )
 _T = TypeVar("_T")
-Motion: TypeAlias = Literal["imm-plan", "imm", "singer", "cv", "window", "window-plan"]
+MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
+Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
 
 # identity of a plot that has none
 NO_IDENTITY = -1
 # share of a scan for which a plot may be late
 _PATIENCE = 0.25
-# manoeuvre frequency and acceleration
-_SINGER = (1 / 60, 3.0)
-# plots in straight flight, after a manoeuvre and near a planned turn
-_WINDOW = (20, 3, 5)
-# what a core is told that has no plans of its own
-_CORES = {"imm-plan": "imm", "window-plan": "window"}
+# motions that follow flight plans
+_WITH_PLANS = ("imm", "window")
 # guard acceleration where scans take 4 s and where they take 10 s
 _GUARDS = {"window": (12.0, 7.0)}
 _GUARD = (5.0, 5.0)
@@ -135,8 +137,8 @@ class Plots:
         Metres from the radar: slant range where there is a height, horizontal otherwise.
     azimuth : ndarray of shape (N,)
         Radians, clockwise from north.
-    radar : ndarray of int, shape (N,)
-        Index of the radar.
+    sensor : ndarray of int, shape (N,)
+        Index of the sensor.
     height : ndarray of shape (N,)
         Metres; nan where it is not known.
     identity : ndarray of int, shape (N,)
@@ -146,7 +148,7 @@ class Plots:
     time: FloatArray
     range: FloatArray
     azimuth: FloatArray
-    radar: IntArray
+    sensor: IntArray
     height: FloatArray
     identity: IntArray
 
@@ -156,9 +158,10 @@ class Plots:
         range: npt.ArrayLike,  # noqa: A002  # that is what it is
         azimuth: npt.ArrayLike,
         *,
-        radar: npt.ArrayLike = 0,
+        sensor: npt.ArrayLike = 0,
         height: npt.ArrayLike = np.nan,
         identity: npt.ArrayLike = NO_IDENTITY,
+        degrees: bool = False,
     ) -> None:
         instants = samples(time, "time")
         if instants.ndim != 1:
@@ -166,8 +169,8 @@ class Plots:
         columns = {
             "time": instants,
             "range": samples(range, "range"),
-            "azimuth": samples(azimuth, "azimuth"),
-            "radar": _whole(radar, "radar"),
+            "azimuth": _angles(azimuth, degrees),
+            "sensor": _whole(sensor, "sensor"),
             "height": samples(height, "height"),
             "identity": _whole(identity, "identity"),
         }
@@ -193,45 +196,90 @@ class Plots:
     def __getitem__(self, index: Any) -> Plots:
         """Return some of the plots."""
         some = Plots.__new__(Plots)
-        for name in ("time", "range", "azimuth", "radar", "height", "identity"):
+        for name in ("time", "range", "azimuth", "sensor", "height", "identity"):
             column = getattr(self, name)[index]
             if column.ndim != 1:
                 raise ValueError(f"time has shape {column.shape}; it must be (N,)")
             object.__setattr__(some, name, np.ascontiguousarray(column))
         return some
 
+    def to_cartesian(self, sensors: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
+        """Return the plots as positions in the plane, as the tracker takes them.
 
-class Fate(enum.IntEnum):
+        Parameters
+        ----------
+        sensors : sequence of Radar
+            The radars that made the plots.
+
+        Returns
+        -------
+        position : ndarray of shape (N, 2)
+            East and north in metres; nan where the plot is invalid or straight above the radar. The
+            mean of sine and cosine of a noisy azimuth is smaller by exp(-sigma^2 / 2), which is
+            corrected.
+        covariance : ndarray of shape (N, 2, 2)
+            `J diag(range_sigma^2, azimuth_sigma^2) J'`.
+
+        Raises
+        ------
+        ValueError
+            A plot of a sensor that does not exist.
+        TypeError
+            Sensors that are no radars.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from tertia.tracker import Plots, Radar
+        >>> radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
+        >>> position, covariance = Plots([0.0], [150e3], 30.0, degrees=True).to_cartesian([radar])
+        >>> position.round(1)
+        array([[ 75000.1, 129904. ]])
+        """
+        radars = _each(sensors, Radar, "sensors")
+        _require_sensors(self, len(radars))
+        return _core.plots_to_cartesian(
+            [_numbers(radar) for radar in radars],
+            self.time,
+            self.range,
+            self.azimuth,
+            self.height,
+            self.sensor,
+            self.identity,
+        )
+
+
+class PlotStatus(enum.IntEnum):
     """Why a plot was not used; `TrackTable.track_of_plot` has it in place of a track."""
 
     INVALID = -1
     LATE = -2
-    AT_RADAR = -3
+    AT_SENSOR = -3
     OUT_OF_RANGE = -4
-    STRAY = -5
+    CLOCK_ERROR = -5
     DUPLICATE = -6
 
     @property
-    def reason(self) -> str:
+    def message(self) -> str:
         """What is wrong, as a sentence."""
-        return _REASONS[self]
+        return _MESSAGES[self]
 
 
-_REASONS = {
-    Fate.INVALID: (
+_MESSAGES = {
+    PlotStatus.INVALID: (
         "time, range or azimuth is not a finite number, or enormous (over 1e11 s or 1e9 m), or the "
         "range is not positive"
     ),
-    Fate.LATE: "the plot is more than a scan older than those that came before",
-    Fate.AT_RADAR: "the plot is straight above the radar",
-    Fate.OUT_OF_RANGE: "the plot is farther away than the radar sees",
-    Fate.STRAY: "the plot comes alone and long after the others, as with a wrong clock",
-    Fate.DUPLICATE: "the plot is the same as the one before it",
+    PlotStatus.LATE: "the plot is more than a scan older than those that came before",
+    PlotStatus.AT_SENSOR: "the plot is straight above the radar",
+    PlotStatus.OUT_OF_RANGE: "the plot is farther away than the radar sees",
+    PlotStatus.CLOCK_ERROR: "the plot comes alone and long after the others, as with a wrong clock",
+    PlotStatus.DUPLICATE: "the plot is the same as the one before it",
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Manoeuvres:
+class ImmModel:
     """How targets fly, where the motion is "imm"; "cv" uses `straight_sigma` alone.
 
     Attributes
@@ -258,6 +306,99 @@ class Manoeuvres:
         """Refuse what is not positive."""
         for name in self.__slots__:
             object.__setattr__(self, name, float(positive(real(getattr(self, name), name), name)))
+
+
+@dataclass(frozen=True, slots=True)
+class CvModel:
+    """Targets that fly straight on, disturbed by small accelerations: nearly constant velocity.
+
+    Attributes
+    ----------
+    straight_sigma : float
+        Standard deviation of the acceleration during a scan, in metres per second squared.
+    """
+
+    straight_sigma: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse what is not positive."""
+        sigma = positive(real(self.straight_sigma, "straight_sigma"), "straight_sigma")
+        object.__setattr__(self, "straight_sigma", float(sigma))
+
+
+@dataclass(frozen=True, slots=True)
+class WindowModel:
+    """Least squares over a sliding window of plots, as in the source.
+
+    Attributes
+    ----------
+    straight : int
+        Plots in the window in straight flight.
+    after_turn : int
+        Plots that are kept when a manoeuvre is detected.
+    planned_turn : int
+        Plots in the window near a turn of the flight plan.
+    """
+
+    straight: int = 20
+    after_turn: int = 3
+    planned_turn: int = 5
+
+    def __post_init__(self) -> None:
+        """Refuse windows that no line can be fitted to."""
+        for name in self.__slots__:
+            object.__setattr__(self, name, integer(getattr(self, name), name, 2))
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class PlanModel:
+    """How closely targets follow their flight plans, and in which wind.
+
+    Attributes
+    ----------
+    flown_probability : float
+        Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
+        The motion "window" only distinguishes 0 from the rest.
+    wind : (float, float)
+        East and north velocity of the air in metres per second.
+    wind_sigma : float
+        Standard deviation of the wind in metres per second: 20 where it is not known, about 6
+        where it is.
+    """
+
+    flown_probability: float
+    wind: tuple[float, float]
+    wind_sigma: float
+
+    def __init__(
+        self,
+        flown_probability: float = 0.8,
+        wind: npt.ArrayLike = (0.0, 0.0),
+        wind_sigma: float = 20.0,
+    ) -> None:
+        probability = real(flown_probability, "flown_probability")
+        if not 0.0 <= probability < 1.0:
+            raise ValueError(
+                f"flown_probability is {probability}; it must be 0 or more and less than 1"
+            )
+        air = finite(wind, "wind")
+        if air.shape != (2,):
+            raise ValueError(f"wind has shape {air.shape}; it must be (2,): east and north")
+        sigma = finite(real(wind_sigma, "wind_sigma"), "wind_sigma")
+        if sigma < 0.0:
+            raise ValueError(f"wind_sigma is {sigma}; it must be 0 or positive")
+        object.__setattr__(self, "flown_probability", probability)
+        object.__setattr__(self, "wind", (float(air[0]), float(air[1])))
+        object.__setattr__(self, "wind_sigma", float(sigma))
+
+
+_MODELS: dict[str, ImmModel | CvModel | SingerModel | WindowModel] = {
+    "imm": ImmModel(),
+    "cv": CvModel(),
+    # acceleration of 3 m/s2 that fades within a minute; the tracker takes the times of the plots
+    "singer": SingerModel(1.0, 1 / 60, 3.0, exact=True),
+    "window": WindowModel(),
+}
 
 
 class _Columns:
@@ -291,8 +432,8 @@ class TrackTable(_Columns):
         Seconds.
     track : ndarray of int, shape (N,)
         Number of the track, from 1 on.
-    radar : ndarray of int, shape (N,)
-        Index of the radar.
+    sensor : ndarray of int, shape (N,)
+        Index of the sensor.
     plot : ndarray of int, shape (N,)
         Index of the plot among all plots that the tracker was ever given; -1 where it was missed.
     position, velocity : ndarray of shape (N, 2)
@@ -303,9 +444,9 @@ class TrackTable(_Columns):
         Plot less prediction; nan where there was no plot.
     innovation_covariance : ndarray of shape (N, 2, 2)
         Its covariance.
-    turning : ndarray of shape (N,)
+    turn_probability : ndarray of shape (N,)
         Probability that the target turns.
-    height, climb : ndarray of shape (N,)
+    height, vertical_rate : ndarray of shape (N,)
         Metres and metres per second; nan where no height was reported.
     identity : ndarray of int, shape (N,)
         What the transponder answers; -1 where it does not.
@@ -313,28 +454,28 @@ class TrackTable(_Columns):
         Index of the flight plan of the target; -1 where it has none.
     confirmed : ndarray of bool, shape (N,)
         Whether the track was confirmed by then.
-    conforming : ndarray of bool, shape (N,)
+    conforms : ndarray of bool, shape (N,)
         Whether the target follows its plan; False where the plan is blocked.
     track_of_plot : ndarray of int, shape (P,)
-        The track of each plot; a negative `Fate` where it was not used.
+        The track of each plot; a negative `PlotStatus` where it was not used.
     """
 
     time: FloatArray
     track: IntArray
-    radar: IntArray
+    sensor: IntArray
     plot: IntArray
     position: FloatArray
     velocity: FloatArray
     covariance: FloatArray
     innovation: FloatArray
     innovation_covariance: FloatArray
-    turning: FloatArray
+    turn_probability: FloatArray
     height: FloatArray
-    climb: FloatArray
+    vertical_rate: FloatArray
     identity: IntArray
     plan: IntArray
     confirmed: BoolArray
-    conforming: BoolArray
+    conforms: BoolArray
     track_of_plot: IntArray
 
     @classmethod
@@ -357,23 +498,8 @@ class TrackTable(_Columns):
         """Tell the number of tracks and rows."""
         return f"TrackTable({len(np.unique(self.track))} tracks, {len(self)} rows)"
 
-    @property
-    def manoeuvre(self) -> BoolArray:
-        """Whether the target turns more probably than not, of shape (N,)."""
-        return self.turning > 0.5
-
-    def rows(self, index: Any) -> TrackTable:
-        """Return some of the rows, with all plots.
-
-        Parameters
-        ----------
-        index : slice, ndarray of int or ndarray of bool
-            Which rows.
-
-        Returns
-        -------
-        TrackTable
-        """
+    def __getitem__(self, index: Any) -> TrackTable:
+        """Return the rows of a slice, a mask or indices, with the tracks of all plots."""
         columns = {name: getattr(self, name) for name in self.__slots__}
         kept = {name: column[index] for name, column in columns.items() if name != "track_of_plot"}
         return TrackTable(**kept, track_of_plot=self.track_of_plot)
@@ -387,16 +513,16 @@ _LAYOUT: dict[str, tuple[str, int, tuple[int, ...]]] = {
     "covariance": ("numbers", 5, (4, 4)),
     "innovation": ("numbers", 21, (2,)),
     "innovation_covariance": ("numbers", 23, (2, 2)),
-    "turning": ("numbers", 27, ()),
+    "turn_probability": ("numbers", 27, ()),
     "height": ("numbers", 28, ()),
-    "climb": ("numbers", 29, ()),
+    "vertical_rate": ("numbers", 29, ()),
     "track": ("integers", 0, ()),
-    "radar": ("integers", 1, ()),
+    "sensor": ("integers", 1, ()),
     "plot": ("integers", 2, ()),
     "identity": ("integers", 3, ()),
     "plan": ("integers", 4, ()),
     "confirmed": ("flags", 0, ()),
-    "conforming": ("flags", 1, ()),
+    "conforms": ("flags", 1, ()),
 }
 
 
@@ -407,48 +533,39 @@ class Tracker:
 
     Parameters
     ----------
-    radars : sequence of Radar
-        The radars; plots name them by their index.
-    motion : {"imm-plan", "imm", "singer", "cv", "window", "window-plan"}
-        How confirmed targets move: straight flight, turns and what flight plans say, by how likely
-        they are (default); the same without plans; acceleration that fades (1/60 per second,
-        3 m/s²); straight flight; least squares over the last 20 plots, 3 after a manoeuvre, as in
-        the source; or the same with flight plans: near their turns 5 plots, along the arc.
+    sensors : sequence of Radar
+        The radars; plots refer to them by their index.
+    motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
+        How confirmed targets move: interacting multiple models of straight flight, turns and what
+        their flight plans say (default); straight flight; acceleration that fades; or least squares
+        over a sliding window of plots, as in the source. A model has parameters of its own in place
+        of the usual ones.
     plans : sequence of FlightPlan
-        Where targets have said they will fly, for "imm-plan" and "window-plan". A track finds its
-        plan by its identity, or by where and when it flies.
-    plan_prior : float
-        Probability that a planned turn is flown, before any was seen; 0: plans have no say.
-        To "window-plan" all others are alike.
-    wind : (float, float)
-        Velocity of the air to the east and to the north in metres per second: planned turns are
-        flown in it.
-    wind_sigma : float
-        Standard deviation of the wind about that, in metres per second: 20 where it is not known,
-        about 6 where it is.
-    manoeuvres : Manoeuvres, optional
-        Parameters of "imm-plan", "imm" and "cv".
-    initiation : (int, int)
+        Where targets have said they will fly, for "imm" and "window". A track finds its plan by its
+        identity, or by where and when it flies.
+    plan_model : PlanModel, optional
+        How closely plans are followed, and the wind.
+    confirmation : (int, int)
         Plots that confirm a track, and scans in which they must come. More are asked for in
         clutter, so that false plots make one false track in a thousand scans.
     coasting : int
         Scans without a plot after which a track ends.
     clutter_density : float, optional
         False plots per square metre and scan; by default estimated from the plots.
-    speed_max : float
+    max_speed : float
         No target is faster, in metres per second.
     gate_probability : float
         Probability that a target's plot is within its gate.
     guard_acceleration : float, optional
         Acceleration that a target may have unnoticed where its gate is empty, in metres per second
         squared; by default 5, and for windows 12 where scans take 4 s to 7 where they take 10 s.
-    identity_error : float
+    identity_error_probability : float
         How often an identity is read wrongly: codes of four digits sometimes, addresses of 24 bits
         hardly ever (1e-9).
     emergency_codes : sequence of int
         Identities that tell of an emergency, as 0o7500, 0o7600, 0o7700 where identities are codes
-        of mode 3/A. After two of them in a row the plan of a track is held, see `hold_plan`; they
-        are no identity of their own.
+        of mode 3/A. After two of them in a row the plan of a track is suspended (`suspend_plan`);
+        they are no identity of their own.
     clock_period : float, optional
         Seconds after which the clock of the plots begins again, for example 86400 for the time of
         the day.
@@ -487,78 +604,74 @@ class Tracker:
     True
     """
 
-    __slots__ = ("_core", "clock_period", "n_threads", "plans", "radars")
+    __slots__ = ("_core", "clock_period", "n_threads", "plans", "sensors")
 
     def __init__(
         self,
-        radars: Sequence[Radar],
-        motion: Motion = "imm-plan",
+        sensors: Sequence[Radar],
         *,
+        motion: Motion = "imm",
         plans: Sequence[FlightPlan] = (),
-        plan_prior: float = 0.8,
-        wind: tuple[float, float] = (0.0, 0.0),
-        wind_sigma: float = 20.0,
-        manoeuvres: Manoeuvres | None = None,
-        initiation: tuple[int, int] = (3, 4),
+        plan_model: PlanModel | None = None,
+        confirmation: tuple[int, int] = (3, 4),
         coasting: int = 5,
         clutter_density: float | None = None,
-        speed_max: float = 350.0,
+        max_speed: float = 350.0,
         gate_probability: float = GUARD,
         guard_acceleration: float | None = None,
-        identity_error: float = 1e-3,
+        identity_error_probability: float = 1e-3,
         emergency_codes: Sequence[int] = (),
         clock_period: float | None = None,
         n_threads: int | None = None,
     ) -> None:
         self.n_threads = threads(n_threads)
-        self.radars = _each(radars, Radar, "radars")
+        self.sensors = _each(sensors, Radar, "sensors")
         self.plans = _each(plans, FlightPlan, "plans")
         self.clock_period = None
         if clock_period is not None:
             self.clock_period = float(positive(real(clock_period, "clock_period"), "clock_period"))
-        if self.plans and motion not in _CORES:
-            raise ValueError(f"motion {motion!r} takes no plans; they are for {[*_CORES]}")
-        if not self.radars:
-            raise ValueError("radars is empty; there must be at least one")
+        if not self.sensors:
+            raise ValueError("sensors is empty; there must be at least one")
         probability = real(gate_probability, "gate_probability")
         if not 0.0 < probability < 1.0:
             raise ValueError(f"gate_probability is {probability}; it must be between 0 and 1")
-        if manoeuvres is not None and not isinstance(manoeuvres, Manoeuvres):
-            raise TypeError(f"manoeuvres is {manoeuvres!r}; it must be Manoeuvres")
-        if not isinstance(initiation, Sequence) or len(initiation) != 2:
-            raise TypeError(f"initiation is {initiation!r}; it must be a pair: plots, scans")
-        plots, scans = (integer(count, "initiation", 2) for count in initiation)
-        air = finite(wind, "wind")
-        if air.shape != (2,):
-            raise ValueError(f"wind has shape {air.shape}; it must be (2,): east and north")
+        model = PlanModel() if plan_model is None else plan_model
+        if not isinstance(model, PlanModel):
+            raise TypeError(f"plan_model is {plan_model!r}; it must be a PlanModel")
+        if not isinstance(confirmation, Sequence) or len(confirmation) != 2:
+            raise TypeError(f"confirmation is {confirmation!r}; it must be a pair: plots, scans")
+        plots, scans = (integer(count, "confirmation", 2) for count in confirmation)
         density = np.nan if clutter_density is None else real(clutter_density, "clutter_density")
         if clutter_density is not None:
             positive(density, "clutter_density")
-        _require_motion(motion)
-        core = _CORES.get(motion, motion)
-        unnoticed = _GUARDS.get(core, _GUARD)
+        name, parameters = _motion(motion)
+        if self.plans and name not in _WITH_PLANS:
+            raise ValueError(f"motion {name!r} takes no plans; these do: {', '.join(_WITH_PLANS)}")
+        unnoticed = _GUARDS.get(name, _GUARD)
         if guard_acceleration is not None:
             unnoticed = (real(guard_acceleration, "guard_acceleration"),) * 2
         self._core = _core.PlotTracker(
-            [_numbers(radar) for radar in self.radars],
+            [_numbers(radar) for radar in self.sensors],
             {
-                "motion": core,
-                "parameters": _parameters(core, manoeuvres or Manoeuvres()),
+                "motion": name,
+                "parameters": parameters,
                 "guard": gate_threshold(probability),
                 "guard_acceleration": unnoticed,
-                "initiation": (plots, scans),
+                "confirmation": (plots, scans),
                 "coasting": integer(coasting, "coasting", 1),
-                "speed_max": real(speed_max, "speed_max"),
+                "max_speed": real(max_speed, "max_speed"),
                 "clutter_density": density,
-                "identity_error": real(identity_error, "identity_error"),
+                "identity_error_probability": real(
+                    identity_error_probability, "identity_error_probability"
+                ),
                 "emergency_codes": [
                     integer(code, "emergency_codes", 0) for code in emergency_codes
                 ],
                 "patience": _PATIENCE,
                 "plans": [plan._route for plan in self.plans],
-                "plan_prior": real(plan_prior, "plan_prior"),
-                "wind": (float(air[0]), float(air[1])),
-                "wind_sigma": real(wind_sigma, "wind_sigma"),
+                "flown_probability": model.flown_probability,
+                "wind": model.wind,
+                "wind_sigma": model.wind_sigma,
             },
         )
 
@@ -591,7 +704,7 @@ class Tracker:
             raise TypeError(f"plots is {plots!r}; it must be Plots")
         instants, end = plots.time, None if time is None else real(time, "time")
         if self.clock_period is not None:
-            _require_radars(plots, len(self.radars))
+            _require_sensors(plots, len(self.sensors))
             instants = self._since_the_first_day(instants, self.clock_period)
             if end is not None:
                 end = float(self._since_the_first_day(np.array([end]), self.clock_period)[0])
@@ -600,7 +713,7 @@ class Tracker:
             plots.range,
             plots.azimuth,
             plots.height,
-            plots.radar,
+            plots.sensor,
             plots.identity,
             end,
             recording,
@@ -620,7 +733,7 @@ class Tracker:
             going_on[known] += days * period
         return going_on
 
-    def ahead(self, seconds: float) -> tuple[IntArray, FloatArray]:
+    def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
         """Predict where the confirmed tracks will be.
 
         Parameters
@@ -643,10 +756,10 @@ class Tracker:
             Seconds that are not a number.
         """
         interval = float(finite(real(seconds, "seconds"), "seconds"))
-        tracks, positions = self._core.ahead(interval)
+        tracks, positions = self._core.extrapolate(interval)
         return tracks, positions
 
-    def hold_plan(self, track: int) -> None:
+    def suspend_plan(self, track: int) -> None:
         """Block the flight plan of a track until it is released: it is wrong, or an emergency.
 
         A plan that the track finds later is held, too. What is held is pickled with the tracker.
@@ -665,7 +778,7 @@ class Tracker:
         """
         self._hold(track, held=True)
 
-    def release_plan(self, track: int) -> None:
+    def resume_plan(self, track: int) -> None:
         """Release a flight plan that was held: it counts again once the track is back on it.
 
         That is after five scans in succession on one of its legs.
@@ -686,41 +799,43 @@ class Tracker:
 
     def _hold(self, track: int, *, held: bool) -> None:
         number = integer(track, "track", 1)
-        if not self._core.hold_plan(number, held):
+        if not self._core.suspend_plan(number, held):
             raise ValueError(f"track is {number}; there is no confirmed track of this number")
 
     @property
-    def held_plans(self) -> IntArray:
+    def suspended_plans(self) -> IntArray:
         """Numbers of the confirmed tracks whose plans are held, by a controller or an emergency."""
-        return self._core.held_plans()
+        return self._core.suspended_plans()
 
     def __getstate__(self) -> _State:
         """Return all that the tracker knows."""
-        return self.radars, self.plans, self.clock_period, self.n_threads, self._core.__getstate__()
+        return (
+            self.sensors,
+            self.plans,
+            self.clock_period,
+            self.n_threads,
+            self._core.__getstate__(),
+        )
 
     def __setstate__(self, state: _State) -> None:
         """Go on from there."""
-        self.radars, self.plans, self.clock_period, self.n_threads, saved = state
+        self.sensors, self.plans, self.clock_period, self.n_threads, saved = state
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:
         """Tell the number of radars and the time."""
-        return f"Tracker({len(self.radars)} radars, time {self._core.time:.6g} s)"
+        return f"Tracker({len(self.sensors)} sensors, time {self._core.time:.6g} s)"
 
 
-def track(
-    plots: Plots, radars: Sequence[Radar], motion: Motion = "imm-plan", **options: Any
-) -> TrackTable:
+def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
     """Track a whole recording.
 
     Parameters
     ----------
     plots : Plots
         In any order.
-    radars : sequence of Radar
+    sensors : sequence of Radar
         The radars.
-    motion : {"imm-plan", "imm", "singer", "cv", "window", "window-plan"}
-        See `Tracker`.
     **options
         As of `Tracker`.
 
@@ -743,7 +858,7 @@ def track(
     >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     TrackTable(1 tracks, 25 rows)
     """
-    return Tracker(radars, motion, **options)._track(plots, None, True)
+    return Tracker(sensors, **options)._track(plots, None, True)
 
 
 def _each(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
@@ -756,63 +871,15 @@ def _each(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
     return tuple(values)
 
 
-def _require_radars(plots: Plots, count: int) -> None:
+def _require_sensors(plots: Plots, count: int) -> None:
     if not isinstance(plots, Plots):
         raise TypeError(f"plots is {plots!r}; it must be Plots")
-    wrong = np.flatnonzero((plots.radar < 0) | (plots.radar >= count))
+    wrong = np.flatnonzero((plots.sensor < 0) | (plots.sensor >= count))
     if len(wrong):
         raise ValueError(
-            f"radar[{wrong[0]}] is {plots.radar[wrong[0]]}; it must be the index of one of the "
-            f"{count} radars"
+            f"sensor[{wrong[0]}] is {plots.sensor[wrong[0]]}; it must be the index of one of the "
+            f"{count} sensors"
         )
-
-
-def cartesian(plots: Plots, radars: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
-    """Return the plots in the plane.
-
-    Parameters
-    ----------
-    plots : Plots
-        The plots.
-    radars : sequence of Radar
-        The radars.
-
-    Returns
-    -------
-    position : ndarray of shape (N, 2)
-        East and north in metres. The error of the azimuth makes the mean of its sine and cosine
-        smaller by exp(-sigma^2 / 2); that is taken out.
-    covariance : ndarray of shape (N, 2, 2)
-        J diag(sigma_range^2, sigma_azimuth^2) J'.
-
-    Raises
-    ------
-    ValueError
-        A plot of a radar that does not exist.
-    TypeError
-        Plots that are none.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tertia.tracker import Plots, Radar, cartesian
-    >>> radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
-    >>> position, covariance = cartesian(Plots([0.0], [150e3], np.radians(30.0)), [radar])
-    >>> position.round(1)
-    array([[ 75000.1, 129904. ]])
-    """
-    _require_radars(plots, len(radars))
-    places = np.array([_numbers(radar) for radar in radars])[plots.radar]
-    east, north, up, range_sigma, azimuth_sigma = places.T[:5]
-    above = np.where(np.isnan(plots.height), 0.0, plots.height - up)
-    ground = np.sqrt(np.maximum(plots.range**2 - above**2, 0.0)) * np.exp(azimuth_sigma**2 / 2)
-    sine, cosine = np.sin(plots.azimuth), np.cos(plots.azimuth)
-    position: FloatArray = np.stack([east + ground * sine, north + ground * cosine], axis=-1)
-    along = np.stack([sine, cosine], axis=-1) * range_sigma[:, np.newaxis]
-    across = np.stack([cosine, -sine], axis=-1) * (ground * azimuth_sigma)[:, np.newaxis]
-    root = np.stack([along, across], axis=-1)
-    covariance: FloatArray = root @ np.swapaxes(root, -1, -2)
-    return position, covariance
 
 
 def _numbers(radar: Radar) -> list[float]:
@@ -830,22 +897,33 @@ def _numbers(radar: Radar) -> list[float]:
     ]
 
 
-def _require_motion(motion: str) -> None:
-    if motion not in get_args(Motion):
-        raise ValueError(f"motion is {motion!r}; it must be one of {get_args(Motion)}")
+def _motion(motion: Motion) -> tuple[str, list[float]]:
+    """Return the name of a motion and its parameters, as the core takes them."""
+    names = get_args(MotionName)
+    if isinstance(motion, str):
+        if motion not in names:
+            raise ValueError(f"motion is {motion!r}; it must be one of {', '.join(names)}")
+        motion = _MODELS[motion]
+    match motion:
+        case ImmModel():
+            return "imm", list(astuple(motion))
+        case CvModel():
+            return "cv", [motion.straight_sigma]
+        case SingerModel():
+            if not motion.exact:
+                raise ValueError("motion is a SingerModel with exact=False; it must be exact")
+            return "singer", [motion.alpha, motion.acceleration_sigma]
+        case WindowModel():
+            # the gates, and the sum of the distances of three plots
+            gates = [gate_threshold(probability) for probability in (INNER, OUTER, GUARD)]
+            return "window", [*map(float, astuple(motion)), *gates, gate_threshold(GUARD, 6)]
+    raise TypeError(f"motion is {motion!r}; it must be a model, or one of {', '.join(names)}")
 
 
-def _parameters(motion: str, manoeuvres: Manoeuvres) -> list[float]:
-    """Return the parameters of a core's motion."""
-    if motion == "imm":
-        return list(astuple(manoeuvres))
-    if motion == "cv":
-        return [manoeuvres.straight_sigma]
-    if motion == "singer":
-        return list(_SINGER)
-    # the gates, and the sum of the distances of three plots
-    gates = [gate_threshold(probability) for probability in (INNER, OUTER, GUARD)]
-    return [*_WINDOW, *gates, gate_threshold(GUARD, 6)]
+def _angles(azimuth: npt.ArrayLike, degrees: bool) -> FloatArray:
+    """Return azimuths in radians."""
+    angle = samples(azimuth, "azimuth")
+    return np.radians(angle) if degrees else angle
 
 
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:

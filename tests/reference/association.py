@@ -39,9 +39,3 @@ def region(innovation, covariance, velocity, gates):
 def paper_score(d2, q, m):
     """S = 1/2 (1/Q - 1) d² + m/2 ln Q."""
     return 0.5 * (1 / q - 1) * d2 + m / 2 * np.log(q)
-
-
-def sample_covariance(x):
-    """S = 1/n sum (X - mean)(X - mean)'."""
-    deviation = x - x.mean(axis=0)
-    return sum(np.outer(row, row) for row in deviation) / len(x)

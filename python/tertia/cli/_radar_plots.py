@@ -100,7 +100,7 @@ def recording_of(opened: "Sequence[PlotFile]", sites: RadarSites) -> Recording:
         clock.seconds(rows["time"]),
         rows["range"].to_numpy(),
         np.radians(rows["azimuth"].to_numpy()) + sites.norths[radar],
-        radar=radar,
+        sensor=radar,
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
     )

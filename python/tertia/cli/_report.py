@@ -39,7 +39,7 @@ from tertia.cli._stations import Sites, read_stations
 from tertia.cli._terminal import WRONG_USAGE, fail, print_table, shown
 from tertia.metrics import Truth
 from tertia.report import Emitter, Report
-from tertia.tracker import Motion
+from tertia.tracker import MotionName
 
 EXAMPLES = (
     "tertia report plots.csv --radars radars.toml --output report.html",
@@ -84,7 +84,7 @@ def report(
     by: By = None,
     origin: Origin = None,
     column: ColumnNames = None,
-    motion: Annotated[Motion, typer.Option(help="How targets move.")] = "imm-plan",
+    motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
     clock_period: ClockPeriod = None,
     period: RequiredPeriod = None,
     distance: TargetDistance = 1000.0,
@@ -103,8 +103,8 @@ def report(
         fail(f"cannot write {output}: its name must end in {', '.join(_SUFFIXES)}", WRONG_USAGE)
     if (bearings is None) != (stations is None):
         fail("--bearings and --stations belong together", WRONG_USAGE)
-    if plans is not None and motion != "imm-plan":
-        fail(f"--motion {motion} takes no plans; they are for imm-plan", WRONG_USAGE)
+    if plans is not None and motion not in ("imm", "window"):
+        fail(f"--motion {motion} takes no plans; imm and window do", WRONG_USAGE)
     place = None if origin is None else pair(origin, "--origin", float)
     given = files or []
     if not given:

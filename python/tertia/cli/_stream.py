@@ -32,7 +32,7 @@ from tertia.cli._radar_plots import (
 from tertia.cli._radars import RadarSites
 from tertia.cli._terminal import INTERRUPTED, WRONG_USAGE, counted, fail, note
 from tertia.tables._track_rows import IDENTITIES, Clock, Identities, track_rows
-from tertia.tracker import NO_IDENTITY, Fate, Plots, Tracker, TrackTable
+from tertia.tracker import NO_IDENTITY, Plots, PlotStatus, Tracker, TrackTable
 
 Rows: TypeAlias = Literal["csv", "jsonl"]
 
@@ -268,7 +268,7 @@ class Stream:
         self._doubted: list[_Plot] | None = []
         self._now: float | None = None
         self._given = self._bad = self._read = 0
-        self._fates: Counter[int] = Counter()
+        self._statuses: Counter[int] = Counter()
         self._headed = False
 
     def run(self, descriptor: int, out: BinaryIO) -> None:
@@ -346,12 +346,12 @@ class Stream:
             column("time"),
             column("range"),
             column("azimuth") + self._sites.norths[radar],
-            radar=radar,
+            sensor=radar,
             height=column("height"),
             identity=column("identity"),
         )
         table = self._tracker.update(plots)
-        self._fates.update(table.track_of_plot[table.track_of_plot < 0].tolist())
+        self._statuses.update(table.track_of_plot[table.track_of_plot < 0].tolist())
         numbers = np.append(column("row"), -1)
         own = np.where(table.plot < 0, -1, table.plot - self._given)
         self._given += len(gathered)
@@ -412,5 +412,5 @@ class Stream:
         self._doubt([], last=True)
         if self._bad:
             note(f"{self._bad} of {counted(self._read, 'line')} left out")
-        for fate, count in sorted(self._fates.items(), reverse=True):
-            note(f"{counted(count, 'plot')} refused: {Fate(fate).reason}")
+        for status, count in sorted(self._statuses.items(), reverse=True):
+            note(f"{counted(count, 'plot')} refused: {PlotStatus(status).message}")

@@ -35,7 +35,7 @@ from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, 
 from tertia.cli._track_report import PICTURES, write_report
 from tertia.cli._tracked import Tracked, draw, figures, lines, radar_rows, summary
 from tertia.flightplan import FlightPlan
-from tertia.tracker import Motion, Radar
+from tertia.tracker import MotionName, Radar
 
 EXAMPLES = (
     "tertia track plots.csv --radars radars.toml --output tracks.csv --plot tracks.png",
@@ -55,8 +55,8 @@ def track(
     plans: PlanFile = None,
     origin: Origin = None,
     column: ColumnNames = None,
-    motion: Annotated[Motion, typer.Option(help="How targets move.")] = "imm-plan",
-    plan_prior: Annotated[
+    motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
+    flown_probability: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")
     ] = 0.8,
     wind: Annotated[
@@ -64,7 +64,7 @@ def track(
         typer.Option(metavar="EAST,NORTH", help="Velocity of the air to the east and north, m/s."),
     ] = "0,0",
     wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
-    initiation: Annotated[
+    confirmation: Annotated[
         str,
         typer.Option(metavar="M,N", help="M plots in N scans confirm a track."),
     ] = "3,4",
@@ -75,7 +75,7 @@ def track(
         float | None,
         typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
     ] = None,
-    speed_max: Annotated[float, typer.Option(help="No target is faster, in m/s.")] = 350.0,
+    max_speed: Annotated[float, typer.Option(help="No target is faster, in m/s.")] = 350.0,
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
     ] = 0.998,
@@ -118,18 +118,17 @@ def track(
     """
     columns = column_names(column or [])
     options: dict[str, Any] = {
-        "plan_prior": plan_prior,
-        "wind": pair(wind, "--wind", float),
-        "wind_sigma": wind_sigma,
-        "initiation": pair(initiation, "--initiation", int),
+        "motion": motion,
+        "confirmation": pair(confirmation, "--confirmation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,
-        "speed_max": speed_max,
+        "max_speed": max_speed,
         "gate_probability": gate_probability,
         "clock_period": clock_period,
     }
     place = None if origin is None else pair(origin, "--origin", float)
-    _check(motion, options, with_plans=plans is not None)
+    air = (flown_probability, pair(wind, "--wind", float), wind_sigma)
+    options["plan_model"] = _check(options, air, with_plans=plans is not None)
     if report is not None and report.exists() and not report.is_dir():
         fail(f"cannot write {report}: it is no folder", WRONG_USAGE)
     _tables.check_suffixes(output, plot_file, maps=_maps.SUFFIXES)
@@ -141,7 +140,7 @@ def track(
         source = _source(given, latency)
         sites = read_radars(radars)
         filed = filed_plans(plans, place, sites)
-        one = tracker.Tracker(sites.radars, motion, plans=filed, **options)
+        one = tracker.Tracker(sites.radars, plans=filed, **options)
         name = "standard input" if source == STDIN else str(source)
         told_as = Stream(one, sites, columns, latency=latency, rows=rows, name=name)
         _run(told_as, source)
@@ -159,7 +158,7 @@ def track(
         fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
     if recording.identities.name == "mode_3a":
         options["emergency_codes"] = _EMERGENCIES
-    tracked = _track(recording, sites, filed, motion, options)
+    tracked = _track(recording, sites, filed, options)
 
     told = radar_rows(tracked)
     print_table(told, shown, text=["radar"], limited="radars are shown")
@@ -207,28 +206,31 @@ def _run(told: Stream, source: Path) -> None:
         fail(f"cannot read {source}: {error.strerror}")
 
 
-def _check(motion: Motion, options: dict[str, Any], *, with_plans: bool) -> None:
+def _check(
+    options: dict[str, Any], air: tuple[float, tuple[float, float], float], *, with_plans: bool
+) -> tracker.PlanModel:
     """Let the library judge the options before the work."""
     radar = Radar(range_sigma=1.0, azimuth_sigma=1.0, period=1.0)
     plans = [FlightPlan(_PLANE, 100.0)] if with_plans else []
     try:
-        tracker.Tracker([radar], motion, plans=plans, **options)
+        model = tracker.PlanModel(*air)
+        tracker.Tracker([radar], plans=plans, plan_model=model, **options)
     except ValueError as error:
         fail(str(error), WRONG_USAGE)
+    return model
 
 
 def _track(
     recording: Recording,
     sites: RadarSites,
     plans: Sequence[FlightPlan],
-    motion: Motion,
     options: dict[str, Any],
 ) -> Tracked:
     plots = recording.plots
     start = time.perf_counter()
     with working(f"Tracking {counted(len(plots), 'plot')}"):
         try:
-            table = tracker.track(plots, sites.radars, motion, plans=plans, **options)
+            table = tracker.track(plots, sites.radars, plans=plans, **options)
         except ValueError as error:
             fail(str(error))
     seconds = time.perf_counter() - start

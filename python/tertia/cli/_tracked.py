@@ -14,7 +14,7 @@ from tertia.cli._radar_plots import Recording
 from tertia.cli._radars import RadarSites
 from tertia.flightplan import FlightPlan
 from tertia.tables._track_rows import track_rows
-from tertia.tracker import Fate, TrackTable
+from tertia.tracker import PlotStatus, TrackTable
 
 _FIGURE_SIZE = (11.0, 9.0)
 
@@ -31,9 +31,9 @@ class Tracked:
 
     def refused(self) -> dict[str, int]:
         """Return how many plots could not be used, by the reason."""
-        fates, counts = np.unique(self.table.track_of_plot, return_counts=True)
-        pairs = zip(fates.tolist(), counts.tolist(), strict=True)
-        return {Fate(fate).reason: count for fate, count in pairs if fate < 0}
+        statuses, counts = np.unique(self.table.track_of_plot, return_counts=True)
+        pairs = zip(statuses.tolist(), counts.tolist(), strict=True)
+        return {PlotStatus(status).message: count for status, count in pairs if status < 0}
 
     def rows(self) -> pl.DataFrame:
         """Return the rows of the tracks as they are in files."""
@@ -53,13 +53,13 @@ def radar_rows(tracked: Tracked) -> pl.DataFrame:
 
     Scans that missed a target are those of confirmed tracks.
     """
-    table, radar = tracked.table, tracked.recording.plots.radar
+    table, radar = tracked.table, tracked.recording.plots.sensor
     refused = table.track_of_plot < 0
     used = np.zeros(len(radar), dtype=bool)
     used[table.plot[table.plot >= 0]] = True
     rows = []
     for k, one in enumerate(tracked.sites.radars):
-        own, seen = radar == k, (table.radar == k) & table.confirmed
+        own, seen = radar == k, (table.sensor == k) & table.confirmed
         updates, missed = (int(np.sum(seen & there)) for there in (table.plot >= 0, table.plot < 0))
         expected = updates + missed
         rows.append(
@@ -80,7 +80,7 @@ def figures(tracked: Tracked) -> dict[str, Any]:
     """Return what is told of the whole."""
     table, plots = tracked.table, tracked.recording.plots
     followed = table.plan >= 0
-    left = followed & ~table.conforming
+    left = followed & ~table.conforms
     time = plots.time[np.isfinite(plots.time)]
     return {
         "plots": len(plots),
@@ -90,7 +90,7 @@ def figures(tracked: Tracked) -> dict[str, Any]:
         "tracks": len(np.unique(table.track)),
         "rows": len(table),
         "missed_scans": int(np.sum(table.plot < 0)),
-        "turning": float(np.mean(table.manoeuvre)) if len(table) else 0.0,
+        "turning": float(np.mean(table.turn_probability > 0.5)) if len(table) else 0.0,
         "plans": len(tracked.plans),
         "tracks_with_plan": len(np.unique(table.track[followed])),
         "tracks_that_left_their_plan": len(np.unique(table.track[left])),
@@ -118,8 +118,8 @@ def one_row_per_track(rows: pl.DataFrame, identity: str) -> pl.DataFrame:
             (hit & sure).sum().truediv(sure.sum()).alias("probability_of_update"),
             pl.col(identity).drop_nulls().last(),
             pl.col("plan").drop_nulls().last(),
-            pl.col("conforming").mean(),
-            pl.col("turning").mean(),
+            pl.col("conforms").mean(),
+            pl.col("turn_probability").mean(),
             pl.col("speed_m_s").mean(),
             pl.col("height_m").mean(),
         )

@@ -137,7 +137,7 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
     """
     rows = [_row(detection, models, start) for detection in detections]
     time, distance, azimuth, index = np.array(rows, dtype=np.float64).reshape(-1, 4).T
-    return Plots(time, distance, azimuth, radar=index.astype(np.int64))
+    return Plots(time, distance, azimuth, sensor=index.astype(np.int64))
 
 
 def _row(detection: Any, models: Sequence[Any], start: datetime) -> tuple[float, ...]:
@@ -183,7 +183,7 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
     period : float
         Seconds from scan to scan.
     options : mapping, optional
-        As of `tertia.tracker.Tracker`; of its motions all but "imm-plan".
+        As of `tertia.tracker.Tracker`.
 
     Notes
     -----
@@ -198,7 +198,7 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        options: dict[str, Any] = {"motion": "imm", **(self.options or {})}
+        options: dict[str, Any] = dict(self.options or {})
         cartesian = [isinstance(model, LinearGaussian) for model in self.measurement_models]
         if any(cartesian) and options.get("clutter_density") is None:
             raise ValueError("options must have clutter_density where a sensor measures x and y")
@@ -211,7 +211,7 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
     @property
     def tracks(self) -> set[Any]:
         """The tracks of now."""
-        numbers, _ = self._tracker.ahead(0.0)
+        numbers, _ = self._tracker.extrapolate(0.0)
         return {self._tracks[number] for number in numbers.tolist() if number in self._tracks}
 
     def __iter__(self) -> Iterator[tuple[datetime, set[Any]]]:

@@ -106,7 +106,7 @@ def gospa(
     row, column, distance = pairs_within(found, true, limit)
     # in units of the cutoff, so that no power overflows
     cost = (distance / limit) ** power
-    chosen = _core.assign_pairs(row, column, 1.0 - cost, n, m, "global")
+    chosen = _core.assign_pairs(row, column, 1.0 - cost, n, m, "gnn")
     mine = chosen[row] == column
     at_cutoff = min(n, m) - np.count_nonzero(mine)
     localisation = float(np.sum(cost[mine]))

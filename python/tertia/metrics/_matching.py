@@ -244,7 +244,7 @@ class _Memory:
         gain = most - mean[free] / limit
         row_names, row = np.unique(first[free], return_inverse=True)
         names, column = np.unique(second[free], return_inverse=True)
-        chosen = _core.assign_pairs(row, column, gain, len(row_names), len(names), "global")
+        chosen = _core.assign_pairs(row, column, gain, len(row_names), len(names), "gnn")
         true = known.copy()
         true[free] = chosen[row] == column
         first, second = first[true], second[true]

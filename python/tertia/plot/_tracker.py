@@ -11,7 +11,7 @@ from tertia.flightplan import FlightPlan
 from tertia.plot._axes import BAND, FLAGGED, RESULT, new_axes
 from tertia.plot._combination import _ellipse, _share
 from tertia.plot._tracks import _counted, _look
-from tertia.tracker import Plots, Radar, TrackTable, cartesian
+from tertia.tracker import Plots, Radar, TrackTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,8 +87,8 @@ def tracks(
     legend = flag(legend, "legend")
     seen = np.empty((0, 2))
     if plots is not None and len(plots):
-        _check_radars(plots.radar, radars, "plots")
-        seen, _ = cartesian(plots, radars)
+        _check_radars(plots.sensor, radars, "plots")
+        seen, _ = plots.to_cartesian(radars)
     ax = new_axes() if ax is None else ax
 
     lines = _lines(table)
@@ -162,14 +162,14 @@ def update_probability(
     """
     if not isinstance(table, TrackTable):
         raise TypeError(f"table is {table!r}; it must be a TrackTable")
-    _check_radars(table.radar, radars, "table")
+    _check_radars(table.sensor, radars, "table")
     legend = flag(legend, "legend")
     ax = new_axes() if ax is None else ax
-    known = table.rows(table.confirmed)
+    known = table[table.confirmed]
     hit = known.plot >= 0
     edge = 0.0
     for k, radar in enumerate(radars):
-        own = known.radar == k
+        own = known.sensor == k
         distance = np.hypot(*(known.position[own] - radar.position[:2]).T)
         looks = _look(k)[0] | _look(k)[1] | {"drawstyle": "default"}
         middle, share, error = _shares(distance, hit[own])
@@ -220,9 +220,9 @@ def _draw_tracks(ax: "Axes", table: TrackTable, lines: dict[int, IntArray]) -> N
         label = "_track" if first else "track"
         ax.plot(*_km(np.vstack(parts)), color=colour, linewidth=1, zorder=2.5, label=label)
     for rows in lines.values():
-        turns = table.manoeuvre[rows, np.newaxis]
+        turns = (table.turn_probability > 0.5)[rows, np.newaxis]
         turning += [np.where(turns, table.position[rows], np.nan), gap]
-    if np.any(table.manoeuvre):
+    if np.any(table.turn_probability > 0.5):
         ax.plot(
             *_km(np.vstack(turning)),
             color=FLAGGED,

@@ -9,7 +9,7 @@ import numpy as np
 from tertia._arrays import FloatArray, IntArray
 from tertia.report._analysis import Analysis
 from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane
-from tertia.tracker import TrackTable, cartesian
+from tertia.tracker import TrackTable
 
 # rows of tracks, plots and positions of the truth in a page at most
 ROWS, PLOTS, TRUTH = 30_000, 10_000, 15_000
@@ -24,7 +24,7 @@ _ROOM = 0.06
 
 def map_of(told: Analysis) -> dict[str, Any]:
     """Return data and layout of the map, and what the player needs."""
-    joint, own = told.joint, told.joint.rows(told.joint.confirmed)
+    joint, own = told.joint, told.joint[told.joint.confirmed]
     rows = _thinned(own)
     data: list[dict[str, Any]] = [_plots(told)]
     if told.plans:
@@ -95,7 +95,7 @@ def _track(
     axes: FloatArray,
     away: dict[int, tuple[float, float]],
 ) -> dict[str, Any]:
-    rows = table.rows(index)
+    rows = table[index]
     left, back = away.get(int(rows.track[0]), (np.inf, np.inf))
     followed = rows.plan[rows.plan >= 0]
     name = f"track {rows.track[0]}"
@@ -115,7 +115,7 @@ def _track(
 
 
 def _lines(name: str, table: TrackTable, k: int, *, visible: bool = False) -> dict[str, Any]:
-    own = table.rows(table.confirmed)
+    own = table[table.confirmed]
     place = joined([own.position[index] / 1e3 for index in _thinned(own)])
     look = {"width": 1.6} if visible else {"width": 1.2}
     east, north = place.T
@@ -130,7 +130,7 @@ def _chosen_plots(told: Analysis) -> tuple[FloatArray, FloatArray]:
     own = plots[np.flatnonzero(valid)]
     own = own[np.argsort(own.time, kind="stable")]
     own = own[:: max(1, int(np.ceil(len(own) / PLOTS)))]
-    return own.time, cartesian(own, told.radars)[0] / 1e3
+    return own.time, own.to_cartesian(told.radars)[0] / 1e3
 
 
 def _plots(told: Analysis) -> dict[str, Any]:

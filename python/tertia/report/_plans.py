@@ -53,7 +53,7 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], period: float) -> l
         plan = int(np.argmax(np.bincount(known[known >= 0])))
         # a plan that was left far behind is no longer the track's
         own = own[int(np.argmax(known == plan)) :]
-        on = (table.plan[own] == plan) & table.conforming[own]
+        on = (table.plan[own] == plan) & table.conforms[own]
         path = plans[plan].project(table.position[own])
         distance, offset = np.asarray(path.along_track), np.asarray(path.cross_track)
         # where a flight has come to the end of its plan, nothing is asked

@@ -10,7 +10,7 @@ import numpy as np
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.report._tracks import Common, Run, alone
-from tertia.tracker import NO_IDENTITY, Plots, Radar, TrackTable, cartesian
+from tertia.tracker import NO_IDENTITY, Plots, Radar, TrackTable
 
 # rounds of tracking with the noise found in the last one
 _ROUNDS = 3
@@ -83,11 +83,11 @@ def _lines(table: TrackTable, plots: Plots, radar: Radar) -> tuple[FloatArray, F
     rows = used[begin[:, np.newaxis] + np.arange(_LINE)]
     own = plots[table.plot[rows.reshape(-1)]]
     seen = Plots(own.time, own.range, own.azimuth, height=own.height)
-    point = (cartesian(seen, [radar])[0] - radar.position[:2]).reshape(-1, _LINE, 2)
+    point = (seen.to_cartesian([radar])[0] - radar.position[:2]).reshape(-1, _LINE, 2)
     time = own.time.reshape(-1, _LINE)
     since = time - time.mean(axis=1, keepdims=True)
     near = np.ptp(time, axis=1) < _GAPS * _LINE * radar.period
-    near &= np.max(table.turning[rows], axis=1) < _STRAIGHT
+    near &= np.max(table.turn_probability[rows], axis=1) < _STRAIGHT
     since, point, time = since[near], point[near], time[near]
     centre = point.mean(axis=1, keepdims=True)
     slope = (
@@ -145,7 +145,7 @@ class Innovations:
 
 def innovations(table: TrackTable, k: int) -> Innovations:
     """Return those of one radar."""
-    own = (table.radar == k) & (table.plot >= 0) & table.confirmed
+    own = (table.sensor == k) & (table.plot >= 0) & table.confirmed
     own &= np.isfinite(table.innovation[:, 0])
     square = np.asarray(metrics.nees(table.innovation[own], table.innovation_covariance[own]))
     return Innovations(table.time[own], square / 2, square > _FAULT)
@@ -203,9 +203,9 @@ def updates(
     last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
     taken = joint.plot >= 0
     np.maximum.at(last, joint.track[taken], joint.time[taken])
-    rows = joint.confirmed & (joint.radar == k) & (joint.time <= last[joint.track])
+    rows = joint.confirmed & (joint.sensor == k) & (joint.time <= last[joint.track])
     hit = rows & (joint.plot >= 0)
-    own = (plots.radar == k) & np.isfinite(plots.time)
+    own = (plots.sensor == k) & np.isfinite(plots.time)
     used = np.zeros(len(plots), dtype=bool)
     used[joint.plot[joint.plot >= 0]] = True
     refused = joint.track_of_plot < 0

@@ -62,7 +62,7 @@ def make(
     plots: Plots,
     radars: Sequence[Radar],
     *,
-    motion: Motion = "imm-plan",
+    motion: Motion = "imm",
     plans: Sequence[FlightPlan] = (),
     truth: Truth | None = None,
     stations: Sequence[Station] = (),
@@ -87,10 +87,10 @@ def make(
         The plots, in any order.
     radars : sequence of K Radar
         The radars.
-    motion : {"imm-plan", "imm", "singer", "cv", "window"}
+    motion : {"imm", "cv", "singer", "window"} or a model
         How targets move; see `tertia.tracker.Tracker`.
     plans : sequence of FlightPlan
-        Flight plans, for "imm-plan".
+        Flight plans, for the motions "imm" and "window".
     truth : tertia.metrics.Truth, optional
         Where targets were.
     stations : sequence of Station
@@ -160,7 +160,7 @@ def make(
         raise ValueError("emitters need stations")
 
     def run(own: Plots, sites: Sequence[Radar]) -> TrackTable:
-        return tracker.track(own, sites, motion, plans=plans, **options)
+        return tracker.track(own, sites, motion=motion, plans=plans, **options)
 
     def quiet(what: str, share: float) -> None:
         pass

@@ -19,7 +19,7 @@ from tertia.report._analysis import (
     Analysis,
     within,
 )
-from tertia.tracker import Fate
+from tertia.tracker import PlotStatus
 
 Row = dict[str, Any]
 # rows of a table in a page at most
@@ -212,7 +212,7 @@ def track_rows(told: Analysis) -> list[Row]:
                 "probability_of_update": float(hit.sum() / own.sum()),
                 "speed_m_s": float(np.mean(np.hypot(*table.velocity[own].T))),
                 "height_m": float(np.nanmean(height)) if np.any(np.isfinite(height)) else None,
-                "turning": float(np.mean(table.turning[own] > 0.5)),
+                "turning": float(np.mean(table.turn_probability[own] > 0.5)),
                 "sigma_m": float(
                     np.median(
                         np.sqrt((table.covariance[own, 0, 0] + table.covariance[own, 1, 1]) / 2)
@@ -385,14 +385,14 @@ def _track_table(told: Analysis) -> Table:
 def summary(told: Analysis) -> Row:
     """Return all of it for machines: numbers, lists and texts alone, None where unknown."""
     time = told.plots.time[np.isfinite(told.plots.time)]
-    fates, counts = np.unique(told.joint.track_of_plot, return_counts=True)
+    statuses, counts = np.unique(told.joint.track_of_plot, return_counts=True)
     return {
         "plots": len(told.plots),
         "duration_s": float(np.ptp(time)) if len(time) else 0.0,
         "plots_refused": {
-            Fate(fate).reason: count
-            for fate, count in zip(fates.tolist(), counts.tolist(), strict=True)
-            if fate < 0
+            PlotStatus(status).message: count
+            for status, count in zip(statuses.tolist(), counts.tolist(), strict=True)
+            if status < 0
         },
         "tracks": len(track_rows(told)),
         "plans": len(told.plans),

@@ -10,7 +10,7 @@ import numpy as np
 from tertia import fusion
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.metrics._evaluation import Rows
-from tertia.tracker import Fate, Plots, Radar, TrackTable
+from tertia.tracker import Plots, PlotStatus, Radar, TrackTable
 
 Run = Callable[[Plots, Sequence[Radar]], TrackTable]
 
@@ -24,27 +24,27 @@ _INSTANTS = 20_000
 
 def alone(plots: Plots, radars: Sequence[Radar], k: int, run: Run) -> TrackTable:
     """Return the tracks of one radar, numbered as all plots and all radars are."""
-    own = np.flatnonzero(plots.radar == k)
+    own = np.flatnonzero(plots.sensor == k)
     part = plots[own]
     mine = Plots(part.time, part.range, part.azimuth, height=part.height, identity=part.identity)
     table = run(mine, [radars[k]])
-    fates = np.full(len(plots), int(Fate.INVALID))
-    fates[own] = table.track_of_plot
+    statuses = np.full(len(plots), int(PlotStatus.INVALID))
+    statuses[own] = table.track_of_plot
     return replace(
         table,
-        radar=np.full(len(table), k),
+        sensor=np.full(len(table), k),
         plot=np.where(table.plot >= 0, own[table.plot], -1) if len(own) else table.plot,
-        track_of_plot=fates,
+        track_of_plot=statuses,
     )
 
 
 def confirmed_rows(table: TrackTable) -> Rows:
     """Return the rows of confirmed tracks, as they are judged."""
-    own = table.rows(table.confirmed)
+    own = table[table.confirmed]
     return Rows(
         own.time,
         own.track,
-        own.radar,
+        own.sensor,
         own.position,
         own.velocity,
         own.covariance[:, :2, :2],
@@ -164,7 +164,7 @@ def extrapolated(
     move = np.tile(np.eye(4), (n, 1, 1))
     move[:, [0, 1], [2, 3]] = ahead[:, np.newaxis]
     state = np.hstack([table.position[row], table.velocity[row]])
-    turning = table.turning[row]
+    turning = table.turn_probability[row]
     variance = (1.0 - turning) * _STRAIGHT**2 + turning * _TURN**2
     push = np.zeros((n, 4, 2))
     push[:, [0, 1], [0, 1]] = (ahead**2 / 2)[:, np.newaxis]

@@ -175,7 +175,7 @@ def radar_plots(
         ]
         numbers.append(np.full(len(parts[-2]["time"]) + len(parts[-1]["time"]), k))
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    columns["radar"] = np.concatenate(numbers)
+    columns["sensor"] = np.concatenate(numbers)
     order = np.argsort(columns["time"], kind="stable")
     columns = {name: column[order] for name, column in columns.items()}
     truth = {name: columns.pop(name) for name in ("target", "outlier", "duplicate")}

@@ -16,7 +16,7 @@ from tertia.flightplan import FlightPlan
 from tertia.tables._columns import numbers, times
 from tertia.tables._kinds import Table, names, take
 from tertia.tables._track_rows import IDENTITIES, Clock, Identities, track_rows
-from tertia.tracker import NO_IDENTITY, Motion, Plots, Radar
+from tertia.tracker import NO_IDENTITY, Plots, Radar
 
 # columns of which one is taken, the first that is there, and their units
 _RANGES = {"range_m": 1.0, "range_nm": NAUTICAL_MILE}
@@ -28,7 +28,6 @@ _NAMES = (_TIME, _AZIMUTH, _RADAR, *_RANGES, *_HEIGHTS, *IDENTITIES)
 def track(
     table: Table,
     radars: Sequence[Radar],
-    motion: Motion = "imm-plan",
     *,
     columns: Mapping[str, str] | None = None,
     plans: Sequence[FlightPlan] = (),
@@ -45,8 +44,6 @@ def track(
         `identity`.
     radars : sequence of Radar
         The radars. One without a name is called by its index.
-    motion : {"imm-plan", "imm", "singer", "cv", "window"}
-        See `tertia.tracker.Tracker`.
     columns : mapping of str to str, optional
         How columns are called in the table, by these names.
     plans : sequence of FlightPlan
@@ -110,11 +107,11 @@ def track(
         clock.seconds(moments),
         numbers(frame[distance]) * _RANGES[distance],
         np.radians(numbers(frame[_AZIMUTH])),
-        radar=_radar_numbers(frame, named),
+        sensor=_radar_numbers(frame, named),
         height=_heights(frame, height),
         identity=_identities(frame, identities) if identity else NO_IDENTITY,
     )
-    found = tracker.track(plots, radars, motion, plans=plans, **options)
+    found = tracker.track(plots, radars, plans=plans, **options)
     rows = track_rows(
         found, clock=clock, identities=identities, radars=named, plans=plans, geodetic={}
     )

@@ -112,18 +112,18 @@ def track_rows(
         {
             "time_s": clock.moments(table.time),
             "track": table.track,
-            "radar": _named(table.radar, list(radars)),
+            "radar": _named(table.sensor, list(radars)),
             "plot": pl.Series(table.plot).set(pl.Series(table.plot < 0), None),
             **_state(table),
             **geodetic,
             "course_deg": np.degrees(np.arctan2(*table.velocity.T)) % 360.0,
             "speed_m_s": np.hypot(*table.velocity.T),
-            "turning": table.turning,
+            "turn_probability": table.turn_probability,
             "height_m": known(table.height, ~np.isnan(table.height)),
-            "climb_m_s": known(table.climb, ~np.isnan(table.climb)),
+            "vertical_rate_m_s": known(table.vertical_rate, ~np.isnan(table.vertical_rate)),
             identities.name: identities.texts(table.identity),
             "plan": _named(table.plan, plan_names(plans)),
-            "conforming": pl.Series(table.conforming).set(pl.Series(~followed), None),
+            "conforms": pl.Series(table.conforms).set(pl.Series(~followed), None),
             "confirmed": table.confirmed,
         }
     )

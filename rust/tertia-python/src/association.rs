@@ -6,7 +6,7 @@ use numpy::{PyArrayDyn, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::Error;
-use tertia::association::gate::{self, Factor, Region, Scan, Thresholds};
+use tertia::association::gate::{self, Factor, GateSector, Scan, Thresholds};
 use tertia::association::score::{self, Surroundings};
 use tertia::association::{Assigner, Pair};
 
@@ -16,7 +16,7 @@ type Gated<'py> = (Indices<'py>, Indices<'py>, Array<'py>, Array<'py>);
 
 /// Cost of a query of the index, of a region, of a score, of a pair in an assignment.
 const QUERY_NS: f64 = 100.0;
-const REGION_NS: f64 = 20.0;
+const SECTOR_NS: f64 = 20.0;
 const SCORE_NS: f64 = 2.0;
 const PAIR_NS: f64 = 50.0;
 /// What a row without a column, or a column without a row, is called.
@@ -24,13 +24,13 @@ const NONE: i64 = -1;
 
 /// The d² of a gate.
 #[pyfunction]
-pub fn gate_threshold(probability: f64, dimensions: usize) -> PyResult<f64> {
-    gate::threshold(probability, dimensions).map_err(value_error)
+pub fn gate_threshold(probability: f64, dimension: usize) -> PyResult<f64> {
+    gate::threshold(probability, dimension).map_err(value_error)
 }
 
 /// Regions of innovations, (..., 2), with covariances, (..., 2, 2), and velocities, (..., 2).
 #[pyfunction]
-pub fn gate_regions<'py>(
+pub fn gate_sectors<'py>(
     py: Python<'py>,
     innovation: &Bound<'py, PyAny>,
     covariance: &Bound<'py, PyAny>,
@@ -48,10 +48,10 @@ pub fn gate_regions<'py>(
     let values = out.values()?;
     let (e, s, v) =
         (rows.values.as_chunks().0, sigmas.values.as_chunks::<2>().0, courses.values.as_chunks().0);
-    let done = release(py, REGION_NS * rows.count() as f64, || {
+    let done = release(py, SECTOR_NS * rows.count() as f64, || {
         for (i, (e, s, v)) in triples(e, s.as_chunks().0, v).enumerate() {
             let factor = Factor::try_new(s).ok_or(i)?;
-            values[i] = Region::of(*e, *v, &factor, &thresholds) as i64;
+            values[i] = GateSector::of(*e, *v, &factor, &thresholds) as i64;
         }
         Ok(())
     });
@@ -88,7 +88,7 @@ pub fn paper_score<'py>(
     py: Python<'py>,
     d2: &Bound<'py, PyAny>,
     q: f64,
-    dimensions: usize,
+    dimension: usize,
 ) -> PyResult<Array<'py>> {
     let d2 = Samples::extract(d2, "d2")?;
     let rows = d2.blocks(1)?;
@@ -96,18 +96,12 @@ pub fn paper_score<'py>(
     let values = out.values()?;
     let done = release(py, SCORE_NS * rows.values.len() as f64, || {
         for (value, &d2) in values.iter_mut().zip(rows.values.iter()) {
-            *value = score::paper(d2, q, dimensions)?;
+            *value = score::paper(d2, q, dimension)?;
         }
-        score::paper(0.0, q, dimensions)
+        score::paper(0.0, q, dimension)
     });
     done.map_err(value_error)?;
     Ok(out.into_array())
-}
-
-/// The d² at which the paper's score is zero.
-#[pyfunction]
-pub fn paper_score_zero(q: f64, dimensions: usize) -> PyResult<f64> {
-    score::paper_zero(q, dimensions).map_err(value_error)
 }
 
 /// Log-likelihood ratios of any d² with `ln |Σ|` of the same shape, and that of a missed target.
@@ -116,7 +110,7 @@ pub fn likelihood_score<'py>(
     py: Python<'py>,
     d2: &Bound<'py, PyAny>,
     ln_determinant: &Bound<'py, PyAny>,
-    dimensions: usize,
+    dimension: usize,
     detection_probability: f64,
     clutter_density: f64,
 ) -> PyResult<(Array<'py>, f64)> {
@@ -130,7 +124,7 @@ pub fn likelihood_score<'py>(
     let values = out.values()?;
     release(py, SCORE_NS * rows.values.len() as f64, || {
         for ((value, &d2), &volume) in values.iter_mut().zip(&*rows.values).zip(&*volumes.values) {
-            *value = surroundings.likelihood(score::log_density(d2, volume, dimensions));
+            *value = surroundings.likelihood(score::log_density(d2, volume, dimension));
         }
     });
     Ok((out.into_array(), surroundings.missed()))
@@ -180,7 +174,7 @@ pub fn gate_pairs<'py>(
     Ok((
         array(py, &shape, found.iter().map(|pair| i64::from(pair.track)).collect())?,
         array(py, &shape, found.iter().map(|pair| i64::from(pair.plot)).collect())?,
-        array(py, &shape, found.iter().map(|pair| pair.distance).collect())?,
+        array(py, &shape, found.iter().map(|pair| pair.nis).collect())?,
         array(py, &shape, found.iter().map(|pair| pair.ln_determinant).collect())?,
     ))
 }
@@ -202,9 +196,9 @@ pub fn assign_pairs<'py>(
         return Err(PyValueError::new_err("row, column and gain must have the same length"));
     }
     let global = match method {
-        "global" => true,
+        "gnn" => true,
         "nearest" => false,
-        other => return Err(unknown("method", other, "'global' or 'nearest'")),
+        other => return Err(unknown("method", other, "'gnn' or 'nearest'")),
     };
     let mut pairs = room_for(row.len())?;
     for ((&row, &column), &gain) in row.iter().zip(column).zip(gain) {

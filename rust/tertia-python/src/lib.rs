@@ -20,8 +20,7 @@ use pyo3::prelude::*;
 mod core_module {
     #[pymodule_export]
     use super::association::{
-        assign_pairs, gate_pairs, gate_regions, gate_threshold, likelihood_score, paper_score,
-        paper_score_zero,
+        assign_pairs, gate_pairs, gate_sectors, gate_threshold, likelihood_score, paper_score,
     };
     #[pymodule_export]
     use super::bearing::estimate_bearing;
@@ -47,7 +46,7 @@ mod core_module {
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]
-    use super::tracker::PlotTracker;
+    use super::tracker::{PlotTracker, plots_to_cartesian};
     #[pymodule_export]
     use super::weights::{
         combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,

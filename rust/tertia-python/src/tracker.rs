@@ -9,7 +9,7 @@ use pyo3::types::PyBytes;
 use std::num::NonZero;
 use tertia::kalman::Singer;
 use tertia::tracker::{
-    self, Fate, Motion, Noise, Plane, Plot, Radar, Row, Rows, Settings, WindowRule,
+    self, Motion, Noise, Plane, Plot, PlotStatus, Radar, Row, Rows, Settings, WindowRule,
 };
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
@@ -31,14 +31,14 @@ pub struct Options<'py> {
     parameters: Vec<f64>,
     guard: f64,
     guard_acceleration: [f64; 2],
-    initiation: (usize, usize),
+    confirmation: (usize, usize),
     coasting: usize,
-    speed_max: f64,
+    max_speed: f64,
     clutter_density: f64,
-    identity_error: f64,
+    identity_error_probability: f64,
     emergency_codes: Vec<i64>,
     patience: f64,
-    plan_prior: f64,
+    flown_probability: f64,
     wind: [f64; 2],
     wind_sigma: f64,
     plans: Vec<PyRef<'py, Route>>,
@@ -49,8 +49,8 @@ type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 
 /// Columns of a table of N rows, one after the other. Numbers: time, position (2), velocity (2),
-/// covariance (16), innovation (2), its covariance (4), turning, height, climb. Integers: track,
-/// radar, plot, identity, plan. Flags: confirmed, conforming. Then the fates of the plots.
+/// covariance (16), innovation (2), its covariance (4), turning, height, vertical_rate. Integers: track,
+/// radar, plot, identity, plan. Flags: confirmed, conforms. Then the statuses of the plots.
 type Table<'py> = (Numbers<'py>, Integers<'py>, Flags<'py>, Integers<'py>);
 
 /// The rows of a scan or of a recording.
@@ -99,69 +99,48 @@ impl PlotTracker {
         range: Bound<'py, PyAny>,
         azimuth: Bound<'py, PyAny>,
         height: Bound<'py, PyAny>,
-        radar: PyReadonlyArray1<'py, i64>,
+        sensor: PyReadonlyArray1<'py, i64>,
         identity: PyReadonlyArray1<'py, i64>,
         end: Option<f64>,
         recording: bool,
         n_threads: Option<NonZero<usize>>,
     ) -> PyResult<Table<'py>> {
-        let columns =
-            [(&time, "time"), (&range, "range"), (&azimuth, "azimuth"), (&height, "height")];
-        let mut samples = Vec::with_capacity(columns.len());
-        for (column, name) in columns {
-            samples.push(Samples::extract(column, name)?);
-        }
-        let mut rows = Vec::with_capacity(samples.len());
-        for column in &samples {
-            rows.push(column.rows(0)?);
-        }
-        let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
-        let (radar, identity) = (radar.as_slice()?, identity.as_slice()?);
-        let count = radar.len();
-        if values.iter().any(|column| column.len() != count) || identity.len() != count {
-            return Err(PyValueError::new_err("the columns of plots differ in length"));
-        }
-        let mut plots = room_for(count)?;
-        for i in 0..count {
-            let index = usize::try_from(radar[i]).ok().filter(|&index| index < self.0.radars());
-            plots.push(Plot {
-                time: values[0][i],
-                range: values[1][i],
-                azimuth: values[2][i],
-                height: values[3][i],
-                radar: index.ok_or_else(|| self.wrong_radar(i, radar[i]))?,
-                identity: identity[i],
-            });
-        }
-        let (mut fates, mut found) = (Vec::new(), Found { rows: Vec::new(), tentative: recording });
-        release(py, count as f64 * PLOT_NS, || {
-            self.0.track(&plots, end, &mut fates, &mut found, n_threads).map(|()| {
+        let plots = plots([time, range, azimuth, height], &sensor, &identity, self.0.radars())?;
+        let (mut statuses, mut found) =
+            (Vec::new(), Found { rows: Vec::new(), tentative: recording });
+        release(py, plots.len() as f64 * PLOT_NS, || {
+            self.0.track(&plots, end, &mut statuses, &mut found, n_threads).map(|()| {
                 if recording {
                     keep_confirmed(&mut found.rows);
                 }
             })
         })
         .map_err(value_error)?;
-        table(py, &found.rows, &fates)
+        table(py, &found.rows, &statuses)
     }
 
     /// Numbers of the confirmed tracks, and where they will be so many seconds from now.
-    fn ahead<'py>(&self, py: Python<'py>, seconds: f64) -> PyResult<(Integers<'py>, Numbers<'py>)> {
-        let found = self.0.ahead(seconds);
+    fn extrapolate<'py>(
+        &self,
+        py: Python<'py>,
+        seconds: f64,
+    ) -> PyResult<(Integers<'py>, Numbers<'py>)> {
+        let found = self.0.extrapolate(seconds);
         let positions = found.iter().flat_map(|(_, position)| *position).collect();
         let tracks = found.iter().map(|(track, _)| *track as i64).collect();
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
     /// Blocks the plan of a confirmed track until it is told otherwise, or lets it be believed again.
-    fn hold_plan(&mut self, track: u64, held: bool) -> bool {
-        self.0.hold_plan(track, held)
+    fn suspend_plan(&mut self, track: u64, suspended: bool) -> bool {
+        self.0.suspend_plan(track, suspended)
     }
 
-    /// Numbers of the confirmed tracks whose plans are held.
-    fn held_plans<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
-        let held: Vec<i64> = self.0.held_plans().into_iter().map(|track| track as i64).collect();
-        array(py, &[held.len()], held)
+    /// Numbers of the confirmed tracks whose plans are suspended.
+    fn suspended_plans<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
+        let suspended: Vec<i64> =
+            self.0.suspended_plans().into_iter().map(|track| track as i64).collect();
+        array(py, &[suspended.len()], suspended)
     }
 
     /// All that the tracker knows.
@@ -179,13 +158,70 @@ impl PlotTracker {
     }
 }
 
-impl PlotTracker {
-    fn wrong_radar(&self, i: usize, radar: i64) -> PyErr {
-        PyValueError::new_err(format!(
-            "radar[{i}] is {radar}; it must be the index of one of the {} radars",
-            self.0.radars()
-        ))
+/// East and north of plots (N, 2) and their covariances (N, 2, 2); nan where there are none.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub fn plots_to_cartesian<'py>(
+    py: Python<'py>,
+    radars: Vec<RadarNumbers>,
+    time: Bound<'py, PyAny>,
+    range: Bound<'py, PyAny>,
+    azimuth: Bound<'py, PyAny>,
+    height: Bound<'py, PyAny>,
+    sensor: PyReadonlyArray1<'py, i64>,
+    identity: PyReadonlyArray1<'py, i64>,
+) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
+    let radars: Vec<Radar> = radars.into_iter().map(radar).collect();
+    let plots = plots([time, range, azimuth, height], &sensor, &identity, radars.len())?;
+    let (mut position, mut covariance) = (room_for(2 * plots.len())?, room_for(4 * plots.len())?);
+    for plot in &plots {
+        let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
+        let (z, Plane { xx, xy, yy }) = plot.to_cartesian(&radars[plot.radar]).unwrap_or(none);
+        position.extend(z);
+        covariance.extend([xx, xy, xy, yy]);
     }
+    Ok((array(py, &[plots.len(), 2], position)?, array(py, &[plots.len(), 2, 2], covariance)?))
+}
+
+/// Plots by their columns: time, range, azimuth, height; the index of the sensor; the identity.
+fn plots<'py>(
+    numbers: [Bound<'py, PyAny>; 4],
+    sensor: &PyReadonlyArray1<'py, i64>,
+    identity: &PyReadonlyArray1<'py, i64>,
+    sensors: usize,
+) -> PyResult<Vec<Plot>> {
+    let mut samples = Vec::with_capacity(numbers.len());
+    for (column, name) in numbers.iter().zip(["time", "range", "azimuth", "height"]) {
+        samples.push(Samples::extract(column, name)?);
+    }
+    let mut rows = Vec::with_capacity(samples.len());
+    for column in &samples {
+        rows.push(column.rows(0)?);
+    }
+    let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
+    let (sensor, identity) = (sensor.as_slice()?, identity.as_slice()?);
+    let count = sensor.len();
+    if values.iter().any(|column| column.len() != count) || identity.len() != count {
+        return Err(PyValueError::new_err("the columns of plots differ in length"));
+    }
+    let mut plots = room_for(count)?;
+    for i in 0..count {
+        let index = usize::try_from(sensor[i]).ok().filter(|&index| index < sensors);
+        plots.push(Plot {
+            time: values[0][i],
+            range: values[1][i],
+            azimuth: values[2][i],
+            height: values[3][i],
+            radar: index.ok_or_else(|| {
+                PyValueError::new_err(format!(
+                    "sensor[{i}] is {}; it must be the index of one of the {sensors} sensors",
+                    sensor[i]
+                ))
+            })?,
+            identity: identity[i],
+        });
+    }
+    Ok(plots)
 }
 
 fn radar(numbers: RadarNumbers) -> Radar {
@@ -207,15 +243,15 @@ impl Options<'_> {
             motion: motion(&self.motion, &self.parameters)?,
             guard: self.guard,
             guard_acceleration: self.guard_acceleration,
-            initiation: self.initiation,
+            confirmation: self.confirmation,
             coasting: self.coasting,
-            speed_max: self.speed_max,
+            max_speed: self.max_speed,
             clutter_density: self.clutter_density,
-            identity_error: self.identity_error,
+            identity_error_probability: self.identity_error_probability,
             emergency_codes: self.emergency_codes,
             patience: self.patience,
             plans: self.plans.iter().map(|route| route.plan().clone()).collect(),
-            plan_prior: self.plan_prior,
+            flown_probability: self.flown_probability,
             wind: self.wind,
             wind_sigma: self.wind_sigma,
         })
@@ -264,16 +300,16 @@ fn keep_confirmed(rows: &mut Vec<Row>) {
     rows.retain(|row| confirmed.get(row.track as usize).is_some_and(|&is| is));
 }
 
-fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'py>> {
+fn table<'py>(py: Python<'py>, rows: &[Row], statuses: &[PlotStatus]) -> PyResult<Table<'py>> {
     let n = rows.len();
     let mut numbers = Output::<f64>::new(py, &[NUMBERS.iter().sum::<usize>() * n])?;
     let mut integers = Output::<i64>::new(py, &[INTEGERS.len() * n])?;
     let mut flags = Output::<bool>::new(py, &[FLAGS.len() * n])?;
-    let mut track_of_plot = Output::<i64>::new(py, &[fates.len()])?;
-    let [time, position, velocity, covariance, innovation, spread, turning, height, climb] =
+    let mut track_of_plot = Output::<i64>::new(py, &[statuses.len()])?;
+    let [time, position, velocity, covariance, innovation, spread, turning, height, vertical_rate] =
         columns(numbers.values()?, NUMBERS, n);
     let [track, radar, plot, identity, plan] = columns(integers.values()?, INTEGERS, n);
-    let [confirmed, conforming] = columns(flags.values()?, FLAGS, n);
+    let [confirmed, conforms] = columns(flags.values()?, FLAGS, n);
     for (i, row) in rows.iter().enumerate() {
         let [x, y, vx, vy] = row.estimate.mean.into();
         let Plane { xx, xy, yy } = row.innovation_covariance;
@@ -283,26 +319,26 @@ fn table<'py>(py: Python<'py>, rows: &[Row], fates: &[Fate]) -> PyResult<Table<'
         write(covariance, i, row.estimate.covariance.as_slice());
         write(innovation, i, &row.innovation);
         write(spread, i, &[xx, xy, xy, yy]);
-        turning[i] = row.turning;
+        turning[i] = row.turn_probability;
         height[i] = row.height;
-        climb[i] = row.climb;
+        vertical_rate[i] = row.vertical_rate;
         track[i] = row.track as i64;
         radar[i] = row.radar as i64;
         plot[i] = row.plot.map_or(-1, |plot| plot as i64);
         identity[i] = row.identity;
         plan[i] = row.plan.map_or(-1, |plan| plan as i64);
         confirmed[i] = row.confirmed;
-        conforming[i] = row.conforming;
+        conforms[i] = row.conforms;
     }
-    for (number, fate) in track_of_plot.values()?.iter_mut().zip(fates) {
-        *number = match *fate {
-            Fate::Track(number) => number as i64,
-            Fate::Invalid => -1,
-            Fate::Late => -2,
-            Fate::AtRadar => -3,
-            Fate::OutOfRange => -4,
-            Fate::Stray => -5,
-            Fate::Duplicate => -6,
+    for (number, status) in track_of_plot.values()?.iter_mut().zip(statuses) {
+        *number = match *status {
+            PlotStatus::Track(number) => number as i64,
+            PlotStatus::Invalid => -1,
+            PlotStatus::Late => -2,
+            PlotStatus::AtSensor => -3,
+            PlotStatus::OutOfRange => -4,
+            PlotStatus::ClockError => -5,
+            PlotStatus::Duplicate => -6,
         };
     }
     Ok((

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 use tertia::Result;
-use tertia::tracker::{Fate, Motion, Noise, Plot, Radar, Settings, Tracker};
+use tertia::tracker::{Motion, Noise, Plot, PlotStatus, Radar, Settings, Tracker};
 
 const PERIOD: f64 = 4.0;
 /// East, north (m) and their rates (m/s) at the beginning.
@@ -31,14 +31,14 @@ fn settings() -> Settings {
         motion: Motion::Multiple(noise),
         guard: 12.43,
         guard_acceleration: [5.0; 2],
-        initiation: (3, 4),
+        confirmation: (3, 4),
         coasting: 5,
-        speed_max: 350.0,
+        max_speed: 350.0,
         clutter_density: f64::NAN,
-        identity_error: 1e-3,
+        identity_error_probability: 1e-3,
         patience: 0.25,
         plans: Vec::new(),
-        plan_prior: 0.0,
+        flown_probability: 0.0,
         wind: [0.0; 2],
         wind_sigma: 20.0,
         emergency_codes: Vec::new(),
@@ -78,10 +78,10 @@ fn main() -> Result<()> {
         (seed >> 11) as f64 / (1_u64 << 53) as f64
     };
     let mut tracker = Tracker::try_new(settings())?;
-    let (mut fates, mut rows): (Vec<Fate>, _) = (Vec::new(), Vec::new());
+    let (mut statuses, mut rows): (Vec<PlotStatus>, _) = (Vec::new(), Vec::new());
     for k in 0..30 {
         rows.clear();
-        tracker.track(&scan(k, &mut random), None, &mut fates, &mut rows, None)?;
+        tracker.track(&scan(k, &mut random), None, &mut statuses, &mut rows, None)?;
         for row in rows.iter().filter(|row| row.confirmed && k % 10 == 9) {
             let (east, north) = (row.estimate.mean[0], row.estimate.mean[1]);
             let sigma = row.estimate.covariance[(0, 0)].sqrt();
@@ -95,6 +95,6 @@ fn main() -> Result<()> {
             );
         }
     }
-    println!("in half a minute: {:?}", tracker.ahead(30.0));
+    println!("in half a minute: {:?}", tracker.extrapolate(30.0));
     Ok(())
 }

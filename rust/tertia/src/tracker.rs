@@ -25,7 +25,7 @@ mod window;
 pub use estimate::{Estimate, Plane};
 pub use filter::Motion;
 pub use motion::Noise;
-pub use plot::{Fate, Plot, Radar};
+pub use plot::{Plot, PlotStatus, Radar};
 pub use settings::Settings;
 pub use window::WindowRule;
 
@@ -61,11 +61,11 @@ pub struct Row {
     /// Its covariance.
     pub innovation_covariance: Plane,
     /// Probability that the target turns.
-    pub turning: f64,
-    /// Height and rate of climb; nan where there are none.
+    pub turn_probability: f64,
+    /// Height, m; nan where none was reported.
     pub height: f64,
-    /// m/s
-    pub climb: f64,
+    /// Vertical rate, up, m/s; nan as the height.
+    pub vertical_rate: f64,
     /// What the transponder answers; negative where it does not.
     pub identity: i64,
     /// Whether the track is confirmed.
@@ -73,16 +73,16 @@ pub struct Row {
     /// Index of its plan.
     pub plan: Option<usize>,
     /// Whether it follows that.
-    pub conforming: bool,
+    pub conforms: bool,
 }
 
 impl Row {
     fn of(track: &Track, radar: usize, plot: Option<usize>) -> Self {
-        let vertical = track.vertical.map(|vertical| (vertical.height, vertical.climb));
+        let vertical = track.vertical.map(|vertical| (vertical.height, vertical.vertical_rate));
         let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
         let (innovation, innovation_covariance) =
             if plot.is_some() { track.innovation } else { none };
-        let (height, climb) = vertical.unwrap_or((f64::NAN, f64::NAN));
+        let (height, vertical_rate) = vertical.unwrap_or((f64::NAN, f64::NAN));
         Self {
             time: track.time,
             track: track.number,
@@ -91,13 +91,13 @@ impl Row {
             estimate: track.estimate,
             innovation,
             innovation_covariance,
-            turning: track.filter.turning(),
+            turn_probability: track.filter.turning(),
             height,
-            climb,
+            vertical_rate,
             identity: track.identity().unwrap_or(-1),
             confirmed: track.is_confirmed(),
             plan: track.filter.guide().map(|guide| guide.plan),
-            conforming: track.filter.guide().is_some_and(|guide| guide.conforming),
+            conforms: track.filter.guide().is_some_and(|guide| guide.conforms),
         }
     }
 }
@@ -162,13 +162,13 @@ impl Tracker {
 
     /// Where all confirmed tracks will be so many seconds after `time`: along their plans where these
     /// are believed, straight on otherwise. Numbers of tracks, and positions.
-    pub fn ahead(&self, seconds: f64) -> Vec<(u64, [f64; 2])> {
+    pub fn extrapolate(&self, seconds: f64) -> Vec<(u64, [f64; 2])> {
         let confirmed = self.tracks.iter().filter(|track| track.is_confirmed());
         confirmed
             .map(|track| {
                 let t = self.time - track.time + seconds;
                 let guide = track.filter.guide();
-                let planned = guide.and_then(|g| g.ahead(&track.estimate, &self.settings, t));
+                let planned = guide.and_then(|g| g.extrapolate(&track.estimate, &self.settings, t));
                 (track.number, planned.unwrap_or_else(|| track.position_at(track.time + t).0))
             })
             .collect()
@@ -177,16 +177,17 @@ impl Tracker {
     /// Blocks the plan of a confirmed track, or of one that finds its plan later, until it is told
     /// otherwise; or lets it be believed again where the track is back on it. Whether there is such a
     /// track.
-    pub fn hold_plan(&mut self, number: u64, held: bool) -> bool {
+    pub fn suspend_plan(&mut self, number: u64, suspended: bool) -> bool {
         let mut tracks = self.tracks.iter_mut();
         let found = tracks.find(|track| track.number == number && track.is_confirmed());
-        found.map(|track| track.hold_plan(held)).is_some()
+        found.map(|track| track.suspend_plan(suspended)).is_some()
     }
 
-    /// Numbers of the confirmed tracks whose plans are held.
-    pub fn held_plans(&self) -> Vec<u64> {
-        let held = self.tracks.iter().filter(|track| track.is_confirmed() && track.is_held());
-        held.map(|track| track.number).collect()
+    /// Numbers of the confirmed tracks whose plans are suspended.
+    pub fn suspended_plans(&self) -> Vec<u64> {
+        let suspended =
+            self.tracks.iter().filter(|track| track.is_confirmed() && track.is_suspended());
+        suspended.map(|track| track.number).collect()
     }
 
     /// Number of plots given so far.
@@ -206,7 +207,7 @@ impl Tracker {
 
     /// Takes plots, in any order among themselves, but after those that came before; `end` is the
     /// time until which all plots are there, that of the last one where it is none. What became of
-    /// each plot goes to `fates`, what became of tracks to `rows`; the same for any number of threads.
+    /// each plot goes to `statuses`, what became of tracks to `rows`; the same for any number of threads.
     /// Cost O(P log P + tracks).
     ///
     /// # Errors
@@ -215,14 +216,14 @@ impl Tracker {
         &mut self,
         plots: &[Plot],
         end: Option<f64>,
-        fates: &mut Vec<Fate>,
+        statuses: &mut Vec<PlotStatus>,
         rows: &mut R,
         n_threads: Option<NonZero<usize>>,
     ) -> Result<()> {
         self.check(plots, end)?;
-        fates.clear();
-        let mut measured = self.measured(plots, fates);
-        self.refuse_strays(&mut measured, fates);
+        statuses.clear();
+        let mut measured = self.measured(plots, statuses);
+        self.refuse_strays(&mut measured, statuses);
         let first = self.plots;
         self.plots += plots.len();
         let last = measured.last().map_or(self.time, |plot| plot.time);
@@ -250,7 +251,7 @@ impl Tracker {
                 threads: threads(n_threads, waiting.len()),
             };
             let oldest = hold - WAITING * period;
-            let tell = |plot: usize, fate| fates[plot - first] = fate;
+            let tell = |plot: usize, status| statuses[plot - first] = status;
             scan.process(&mut sky, &mut waiting, [oldest, hold], tell);
             self.finish(hold.min(end), rows);
         }
@@ -276,26 +277,26 @@ impl Tracker {
     }
 
     /// The plots that can be used, by time.
-    fn measured(&self, plots: &[Plot], fates: &mut Vec<Fate>) -> Vec<Measured> {
+    fn measured(&self, plots: &[Plot], statuses: &mut Vec<PlotStatus>) -> Vec<Measured> {
         let mut measured = Vec::with_capacity(plots.len());
         for (i, plot) in plots.iter().enumerate() {
             let radar = &self.settings.radars[plot.radar];
             let found = Measured::new(self.plots + i, plot, radar);
             let late = plot.time < self.time - radar.period;
-            fates.push(match found {
-                Ok(_) if late => Fate::Late,
+            statuses.push(match found {
+                Ok(_) if late => PlotStatus::Late,
                 Ok(found) => {
                     measured.push(found);
-                    Fate::Invalid
+                    PlotStatus::Invalid
                 }
-                Err(fate) => fate,
+                Err(status) => status,
             });
         }
         measured.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.index.cmp(&b.index)));
         measured.dedup_by(|next, plot| {
             let same = next.is_same(plot);
             if same {
-                fates[next.index - self.plots] = Fate::Duplicate;
+                statuses[next.index - self.plots] = PlotStatus::Duplicate;
             }
             same
         });
@@ -304,7 +305,7 @@ impl Tracker {
 
     /// Leaves out single plots that come long after the others: with a wrong clock they would end all
     /// tracks. The next plot at about that time shows that there was a silence.
-    fn refuse_strays(&mut self, measured: &mut Vec<Measured>, fates: &mut [Fate]) {
+    fn refuse_strays(&mut self, measured: &mut Vec<Measured>, statuses: &mut [PlotStatus]) {
         let period = self.settings.radars.iter().map(|radar| radar.period).fold(0.0, f64::max);
         let silence = (self.settings.coasting as f64 + 0.5) * period;
         let mut before = self.time;
@@ -318,7 +319,7 @@ impl Tracker {
                 kept.push(*plot);
             } else {
                 self.stray = plot.time;
-                fates[plot.index - self.plots] = Fate::Stray;
+                statuses[plot.index - self.plots] = PlotStatus::ClockError;
             }
         }
         *measured = kept;

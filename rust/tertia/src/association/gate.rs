@@ -25,16 +25,16 @@ const MARGIN: f64 = 1.0 + 1e-12;
 /// of the chi-square distribution.
 ///
 /// # Errors
-/// A probability or a number of dimensions outside its domain.
-pub fn threshold(probability: f64, dimensions: usize) -> Result<f64> {
+/// A probability or a number of dimension outside its domain.
+pub fn threshold(probability: f64, dimension: usize) -> Result<f64> {
     let holds = (SMALLEST_PROBABILITY..1.0).contains(&probability);
-    require("probability", probability, holds, "between 1e-6 and 1 (exclusive)")?;
-    let holds = (1..=LARGEST_DIMENSION).contains(&dimensions);
-    require("dimensions", dimensions as f64, holds, "between 1 and 1000")?;
-    if dimensions == 2 {
+    require("gate_probability", probability, holds, "between 1e-6 and 1 (exclusive)")?;
+    let holds = (1..=LARGEST_DIMENSION).contains(&dimension);
+    require("dimension", dimension as f64, holds, "between 1 and 1000")?;
+    if dimension == 2 {
         return Ok(-2.0 * (-probability).ln_1p());
     }
-    Ok(chi_square_upper_quantile(1.0 - probability, dimensions))
+    Ok(chi_square_upper_quantile(1.0 - probability, dimension))
 }
 
 /// The thresholds of the three named gates.
@@ -49,15 +49,15 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
-    /// Those for so many dimensions.
+    /// Those for so many dimension.
     ///
     /// # Errors
     /// As [`threshold`].
-    pub fn new(dimensions: usize) -> Result<Self> {
+    pub fn new(dimension: usize) -> Result<Self> {
         Ok(Self {
-            inner: threshold(INNER, dimensions)?,
-            outer: threshold(OUTER, dimensions)?,
-            guard: threshold(GUARD, dimensions)?,
+            inner: threshold(INNER, dimension)?,
+            outer: threshold(OUTER, dimension)?,
+            guard: threshold(GUARD, dimension)?,
         })
     }
 }
@@ -66,7 +66,7 @@ impl Thresholds {
 /// its opposite, angles being those between the whitened innovation and the whitened velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Region {
+pub enum GateSector {
     /// In the inner gate.
     Inner = 0,
     /// Between the inner and the outer gate, ahead: it is getting faster.
@@ -89,8 +89,8 @@ pub enum Region {
     Outside = 9,
 }
 
-impl Region {
-    /// The region of an innovation in the plane, x east and y north. Without a velocity, everything
+impl GateSector {
+    /// The sector of an innovation in the plane, x east and y north. Without a velocity, everything
     /// is ahead.
     #[must_use]
     pub fn of(
@@ -186,8 +186,8 @@ pub struct Gated {
     pub track: u32,
     /// Index of the plot.
     pub plot: u32,
-    /// `d²`.
-    pub distance: f64,
+    /// Normalised innovation squared, `d²`.
+    pub nis: f64,
     /// `ln |Σ|` of the innovation.
     pub ln_determinant: f64,
 }
@@ -229,11 +229,11 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
         for &plot in &near {
             let factor = sums.factor(track, plot)?;
             let innovation = std::array::from_fn(|i| plots[plot][i] - position[i]);
-            let distance = factor.distance(&innovation);
-            if distance <= threshold {
+            let nis = factor.distance(&innovation);
+            if nis <= threshold {
                 let ln_determinant = factor.ln_determinant();
                 let (track, plot) = (track as u32, plot as u32);
-                out.push(Gated { track, plot, distance, ln_determinant });
+                out.push(Gated { track, plot, nis, ln_determinant });
             }
         }
     }
@@ -345,7 +345,7 @@ mod tests {
         for (p, m) in [(0.0, 2), (1.0, 2), (f64::NAN, 2), (0.5, 0), (0.5, 1001)] {
             assert!(threshold(p, m).is_err());
         }
-        // two dimensions have a closed form, which is that of the others
+        // two dimension have a closed form, which is that of the others
         let general = chi_square_upper_quantile(1.0 - 0.9, 2);
         assert!((threshold(0.9, 2).unwrap() / general - 1.0).abs() < 1e-13);
     }
@@ -354,21 +354,21 @@ mod tests {
     fn regions_in_the_open() {
         let thresholds = Thresholds::new(2).unwrap();
         let factor = Factor::try_new(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
-        let region = |e: [f64; 2]| Region::of(e, [0.0, 200.0], &factor, &thresholds);
-        assert_eq!(region([0.0, 1.4]), Region::Inner);
-        assert_eq!(region([1.0, 1.8]), Region::Ahead);
-        assert_eq!(region([-1.0, -1.8]), Region::Behind);
-        assert_eq!(region([-1.8, 1.0]), Region::Left);
-        assert_eq!(region([1.8, -1.0]), Region::Right);
-        assert_eq!(region([0.0, 3.0]), Region::GuardAhead);
-        assert_eq!(region([0.0, -3.0]), Region::GuardBehind);
-        assert_eq!(region([-3.0, 0.1]), Region::GuardLeft);
-        assert_eq!(region([3.0, -0.1]), Region::GuardRight);
-        assert_eq!(region([0.0, 3.6]), Region::Outside);
-        assert_eq!(region([f64::NAN, 0.0]), Region::Outside);
+        let region = |e: [f64; 2]| GateSector::of(e, [0.0, 200.0], &factor, &thresholds);
+        assert_eq!(region([0.0, 1.4]), GateSector::Inner);
+        assert_eq!(region([1.0, 1.8]), GateSector::Ahead);
+        assert_eq!(region([-1.0, -1.8]), GateSector::Behind);
+        assert_eq!(region([-1.8, 1.0]), GateSector::Left);
+        assert_eq!(region([1.8, -1.0]), GateSector::Right);
+        assert_eq!(region([0.0, 3.0]), GateSector::GuardAhead);
+        assert_eq!(region([0.0, -3.0]), GateSector::GuardBehind);
+        assert_eq!(region([-3.0, 0.1]), GateSector::GuardLeft);
+        assert_eq!(region([3.0, -0.1]), GateSector::GuardRight);
+        assert_eq!(region([0.0, 3.6]), GateSector::Outside);
+        assert_eq!(region([f64::NAN, 0.0]), GateSector::Outside);
         // the edge of a wedge belongs to it
-        assert_eq!(region([1.5, 1.5]), Region::Ahead);
-        assert_eq!(Region::of([2.0, 0.0], [0.0; 2], &factor, &thresholds), Region::Ahead);
+        assert_eq!(region([1.5, 1.5]), GateSector::Ahead);
+        assert_eq!(GateSector::of([2.0, 0.0], [0.0; 2], &factor, &thresholds), GateSector::Ahead);
     }
 
     #[test]
@@ -419,15 +419,10 @@ mod tests {
                 let both = std::array::from_fn(|i| std::array::from_fn(|j| sum(i, j)));
                 let sigma = if with_noise { both } else { *sigma };
                 let factor = Factor::try_new(&sigma).unwrap();
-                let distance = factor.distance(&std::array::from_fn(|i| plot[i] - track[i]));
-                if distance <= gate {
+                let nis = factor.distance(&std::array::from_fn(|i| plot[i] - track[i]));
+                if nis <= gate {
                     let ln_determinant = factor.ln_determinant();
-                    expected.push(Gated {
-                        track: i as u32,
-                        plot: k as u32,
-                        distance,
-                        ln_determinant,
-                    });
+                    expected.push(Gated { track: i as u32, plot: k as u32, nis, ln_determinant });
                 }
             }
         }

@@ -17,16 +17,6 @@ pub fn paper(d2: f64, q: f64, m: usize) -> Result<f64> {
     Ok(0.5 * (1.0 / q - 1.0) * d2 + 0.5 * m as f64 * q.ln())
 }
 
-/// The d² at which [`paper`] is zero: `m Q ln Q / (Q − 1)`.
-///
-/// # Errors
-/// A ratio that is not above 1.
-pub fn paper_zero(q: f64, m: usize) -> Result<f64> {
-    require_ratio(q)?;
-    // of Q − 1, which is exact for Q up to 2
-    Ok(m as f64 * q * (q - 1.0).ln_1p() / (q - 1.0))
-}
-
 fn require_ratio(q: f64) -> Result<()> {
     require("q", q, q > 1.0 && q.is_finite(), "above 1")
 }
@@ -100,12 +90,10 @@ mod tests {
             (100.0, 3.063598757417, 9.303374113107),
         ] {
             close(paper(d2, q, 2).unwrap(), score);
-            close(paper_zero(q, 2).unwrap(), zero);
-            assert!(paper(paper_zero(q, 2).unwrap(), q, 2).unwrap().abs() < 1e-14);
+            close(2.0 * q * q.ln() / (q - 1.0), zero);
+            assert!(paper(zero, q, 2).unwrap().abs() < 1e-11);
         }
         close(paper(5.0, 10.0, 3).unwrap(), 1.203877639491);
-        // the ratio at which it is on the guard gate, as printed
-        assert!((paper_zero(493.7461, 2).unwrap() - 12.429216196844).abs() < 1e-6);
     }
 
     #[test]
@@ -119,7 +107,7 @@ mod tests {
             assert!(Surroundings::new(pd, beta).is_err());
         }
         for q in [1.0, 0.5, f64::INFINITY, f64::NAN] {
-            assert!(paper(1.0, q, 2).is_err() && paper_zero(q, 2).is_err());
+            assert!(paper(1.0, q, 2).is_err());
         }
     }
 }

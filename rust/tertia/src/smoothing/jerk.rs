@@ -15,7 +15,11 @@ pub struct JerkFit {
 impl JerkFit {
     /// Standard uncertainty of the intensity, to first order.
     pub fn sigma(&self) -> f64 {
-        if self.relative_error.is_finite() { self.relative_error * self.jerk } else { f64::INFINITY }
+        if self.relative_error.is_finite() {
+            self.relative_error * self.jerk
+        } else {
+            f64::INFINITY
+        }
     }
 
     const UNTOLD: Self = Self { jerk: 0.0, relative_error: f64::INFINITY };

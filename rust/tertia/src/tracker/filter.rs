@@ -148,17 +148,17 @@ impl Filter {
     }
 
     /// Blocks its plan until it is told otherwise, or lets it be believed again.
-    pub fn hold_plan(&mut self, held: bool) {
+    pub fn suspend_plan(&mut self, suspended: bool) {
         let guide = match self {
             Self::Multiple(multiple) => {
                 let Multiple { bank, guide } = &mut **multiple;
-                if let Some(guide) = guide.as_mut().filter(|_| held) {
+                if let Some(guide) = guide.as_mut().filter(|_| suspended) {
                     guide.release(bank);
                 }
                 guide
             }
             Self::Window(window) => {
-                if held {
+                if suspended {
                     window.leave_plan();
                 }
                 &mut window.guide
@@ -166,7 +166,7 @@ impl Filter {
             Self::Straight(_) | Self::Singer(_) => return,
         };
         match guide {
-            Some(guide) if held => guide.hold(),
+            Some(guide) if suspended => guide.hold(),
             Some(guide) => guide.free(),
             None => {}
         }

@@ -5,25 +5,25 @@ use serde::{Deserialize, Serialize};
 
 /// Standard deviation of the vertical acceleration in white noise, m/s² per root of a hertz.
 const ACCELERATION: f64 = 0.7;
-/// Standard deviation of the first rate of climb, m/s.
+/// Standard deviation of the first vertical rate, m/s.
 const CLIMB: f64 = 10.0;
 /// Heights that a wrong one may have, m.
 const SPAN: f64 = 12_000.0;
 /// How often a height is wrong.
 const WRONG: f64 = 1e-3;
 
-/// Height and rate of climb.
+/// Height and vertical rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Vertical {
     time: f64,
     pub height: f64,
-    pub climb: f64,
+    pub vertical_rate: f64,
     variance: [f64; 3],
 }
 
 impl Vertical {
     pub fn new(time: f64, height: f64) -> Self {
-        Self { time, height, climb: 0.0, variance: [SIGMA * SIGMA, 0.0, CLIMB * CLIMB] }
+        Self { time, height, vertical_rate: 0.0, variance: [SIGMA * SIGMA, 0.0, CLIMB * CLIMB] }
     }
 
     fn at(&self, time: f64) -> Self {
@@ -32,7 +32,12 @@ impl Vertical {
         let q = ACCELERATION * ACCELERATION * t.abs();
         let variance =
             [hh + t * (2.0 * hc + t * cc) + q * t * t / 3.0, hc + t * cc + q * t / 2.0, cc + q];
-        Self { time, height: self.height + t * self.climb, climb: self.climb, variance }
+        Self {
+            time,
+            height: self.height + t * self.vertical_rate,
+            vertical_rate: self.vertical_rate,
+            variance,
+        }
     }
 
     /// Logarithm of how much likelier the height is for this target than for any.
@@ -54,7 +59,7 @@ impl Vertical {
         let gain = [hh / (hh + SIGMA * SIGMA), hc / (hh + SIGMA * SIGMA)];
         let d = height - self.height;
         self.height += gain[0] * d;
-        self.climb += gain[1] * d;
+        self.vertical_rate += gain[1] * d;
         let left = SIGMA * SIGMA / (hh + SIGMA * SIGMA);
         self.variance = [hh * left, hc * left, cc - gain[1] * hc];
     }

@@ -64,7 +64,7 @@ pub(super) struct Guide {
     /// Index of the plan.
     pub plan: usize,
     pub monitor: Monitor,
-    pub conforming: bool,
+    pub conforms: bool,
     history: SpeedHistory,
     /// Turns flown, and turns not flown.
     turns: [f64; 2],
@@ -83,7 +83,7 @@ impl Guide {
         Self {
             plan,
             monitor: Monitor::new(leg),
-            conforming: true,
+            conforms: true,
             history: SpeedHistory::default(),
             turns: [BEFOREHAND * prior, BEFOREHAND * (1.0 - prior)],
             in_zone: false,
@@ -114,7 +114,7 @@ impl Guide {
 
     /// Whether the plan has a say.
     fn is_believed(&self, settings: &Settings) -> bool {
-        self.conforming && settings.plan_prior > 0.0
+        self.conforms && settings.flown_probability > 0.0
     }
 
     /// Learns from a plot, before it corrects, whether the speed changes.
@@ -205,7 +205,7 @@ impl Guide {
     /// Blocks the plan until it is freed; a second bank has to be released before.
     pub fn hold(&mut self) {
         self.monitor.suspend();
-        self.conforming = false;
+        self.conforms = false;
         self.in_zone = false;
     }
 
@@ -264,9 +264,9 @@ impl Guide {
         let covariance: [f64; 16] = std::array::from_fn(|k| estimate.covariance[(k / 4, k % 4)]);
         let seen = Sighting::new(time, position, velocity, Some(&covariance), f64::NAN);
         let verdict = self.monitor.update(route, &seen, turning, period);
-        self.conforming = verdict.conforms;
+        self.conforms = verdict.conforms;
         self.in_zone = verdict.in_zone;
-        if self.conforming {
+        if self.conforms {
             self.history.update(route, verdict.leg, &seen);
         }
         verdict
@@ -280,7 +280,12 @@ impl Guide {
     }
 
     /// Where the target will be, if it follows its plan; none where that is not believed.
-    pub fn ahead(&self, estimate: &Estimate<4>, settings: &Settings, t: f64) -> Option<[f64; 2]> {
+    pub fn extrapolate(
+        &self,
+        estimate: &Estimate<4>,
+        settings: &Settings,
+        t: f64,
+    ) -> Option<[f64; 2]> {
         let believed = self.is_believed(settings);
         if !believed || self.turn_probability().is_some_and(|p| p < 0.5) {
             return None;

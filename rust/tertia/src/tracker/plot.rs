@@ -114,9 +114,26 @@ pub struct Plot {
     pub identity: i64,
 }
 
+impl Plot {
+    /// Whether its numbers are finite and possible.
+    fn is_valid(&self) -> bool {
+        let finite = self.time.is_finite() && self.range.is_finite() && self.azimuth.is_finite();
+        let far = self.time.abs() > LATEST || self.range > FARTHEST || self.height.abs() > FARTHEST;
+        finite && !far && self.range > 0.0 && !self.height.is_infinite()
+    }
+
+    /// East and north with their covariance; none where the plot is invalid or straight above the
+    /// radar.
+    pub fn to_cartesian(&self, radar: &Radar) -> Option<([f64; 2], Plane)> {
+        let position = radar.position_of(self.range, self.azimuth, self.height);
+        let position = position.filter(|_| self.is_valid())?;
+        Some((position, radar.noise_at(position, self.height - radar.position[2])))
+    }
+}
+
 /// What became of a plot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fate {
+pub enum PlotStatus {
     /// It belongs to this track.
     Track(u64),
     /// A number of it is not finite or enormous, or its range is not positive.
@@ -124,13 +141,13 @@ pub enum Fate {
     /// It is older than what has been processed.
     Late,
     /// It is straight above the radar.
-    AtRadar,
+    AtSensor,
     /// It is farther than the radar sees.
     OutOfRange,
     /// It is in every number the one before it.
     Duplicate,
     /// It comes alone, long after the others.
-    Stray,
+    ClockError,
 }
 
 /// A plot in the plane.
@@ -153,17 +170,15 @@ impl Measured {
     }
 
     /// The plot in the plane, or why it cannot be used.
-    pub fn new(index: usize, plot: &Plot, radar: &Radar) -> std::result::Result<Self, Fate> {
-        let finite = plot.time.is_finite() && plot.range.is_finite() && plot.azimuth.is_finite();
-        let far = plot.time.abs() > LATEST || plot.range > FARTHEST || plot.height.abs() > FARTHEST;
-        if !finite || far || plot.range <= 0.0 || plot.height.is_infinite() {
-            return Err(Fate::Invalid);
+    pub fn new(index: usize, plot: &Plot, radar: &Radar) -> std::result::Result<Self, PlotStatus> {
+        if !plot.is_valid() {
+            return Err(PlotStatus::Invalid);
         }
         if plot.range > radar.range_max {
-            return Err(Fate::OutOfRange);
+            return Err(PlotStatus::OutOfRange);
         }
         let position =
-            radar.position_of(plot.range, plot.azimuth, plot.height).ok_or(Fate::AtRadar)?;
+            radar.position_of(plot.range, plot.azimuth, plot.height).ok_or(PlotStatus::AtSensor)?;
         let &Plot { time, radar, height, identity, .. } = plot;
         Ok(Self { index, time, radar, position, height, identity })
     }

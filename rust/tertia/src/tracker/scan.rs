@@ -6,7 +6,7 @@
 
 use super::Rows;
 use super::clutter::Clutter;
-use super::plot::{Fate, Measured};
+use super::plot::{Measured, PlotStatus};
 use super::settings::Settings;
 use super::share::{Share, Shares};
 use super::track::Track;
@@ -79,7 +79,7 @@ impl Scan {
         sky: &mut Sky<'_, R>,
         plots: &mut Vec<Measured>,
         [oldest, hold]: [f64; 2],
-        mut tell: impl FnMut(usize, Fate),
+        mut tell: impl FnMut(usize, PlotStatus),
     ) {
         self.load(sky, plots);
         for confirmed in [true, false] {
@@ -198,7 +198,7 @@ impl Scan {
         &mut self,
         sky: &mut Sky<'_, R>,
         confirmed: bool,
-        tell: &mut impl FnMut(usize, Fate),
+        tell: &mut impl FnMut(usize, PlotStatus),
     ) {
         if self.claims.is_empty() {
             return;
@@ -240,7 +240,7 @@ impl Scan {
         });
         shares.tell(claims.len(), |given, row| {
             taken[given.plot as usize] = true;
-            tell(plots[given.plot as usize].index, Fate::Track(given.track));
+            tell(plots[given.plot as usize].index, PlotStatus::Track(given.track));
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].period);
             }
@@ -255,7 +255,7 @@ impl Scan {
         &mut self,
         sky: &mut Sky<'_, R>,
         hold: f64,
-        tell: &mut impl FnMut(usize, Fate),
+        tell: &mut impl FnMut(usize, PlotStatus),
     ) {
         let mut unused = vec![0; sky.settings.radars.len()];
         for (i, plot) in self.plots.iter().enumerate() {
@@ -267,7 +267,7 @@ impl Scan {
             let false_plots = sky.clutter[plot.radar].plots(&sky.settings.radars[plot.radar]);
             let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             *sky.next_number += 1;
-            tell(plot.index, Fate::Track(track.number));
+            tell(plot.index, PlotStatus::Track(track.number));
             if sky.rows.wants(false) {
                 sky.rows.push(&super::Row::of(&track, plot.radar, Some(plot.index)));
             }
@@ -305,7 +305,7 @@ pub(super) fn reach(
     let (time, slack) = match track.expected_by(radar) {
         Some(expected) => {
             // near the radar the beam comes earlier or later
-            let moved = settings.speed_max * (begin - expected.seen).max(station.period);
+            let moved = settings.max_speed * (begin - expected.seen).max(station.period);
             let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
             let late = (settings.patience + swing) * station.period;
             // the scan in which the radar comes between begin and end
@@ -324,7 +324,7 @@ pub(super) fn reach(
     let (wide, margin) = track.reach(time, unseen);
     let more = margin + speed * slack;
     // no target is farther than it can have flown
-    let flown = 2.0 * settings.speed_max * (time - track.seen).abs().max(station.period);
+    let flown = 2.0 * settings.max_speed * (time - track.seen).abs().max(station.period);
     let half = |variance: f64, noise: f64| {
         let most = flown + (settings.guard * noise).sqrt();
         ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)

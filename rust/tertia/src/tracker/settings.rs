@@ -19,15 +19,15 @@ pub struct Settings {
     /// 10 s.
     pub guard_acceleration: [f64; 2],
     /// Plots that confirm a track, and scans in which they must come.
-    pub initiation: (usize, usize),
+    pub confirmation: (usize, usize),
     /// Scans without a plot after which a track ends.
     pub coasting: usize,
     /// No target is faster, m/s.
-    pub speed_max: f64,
+    pub max_speed: f64,
     /// False plots per square metre and scan; nan: estimated.
     pub clutter_density: f64,
     /// How often an identity is read wrongly.
-    pub identity_error: f64,
+    pub identity_error_probability: f64,
     /// Identities that tell of an emergency.
     pub emergency_codes: Vec<i64>,
     /// Share of a scan for which a plot may be late.
@@ -35,7 +35,7 @@ pub struct Settings {
     /// Flight plans.
     pub plans: Vec<Plan>,
     /// Probability that a planned turn is flown, before any; 0: plans are not used.
-    pub plan_prior: f64,
+    pub flown_probability: f64,
     /// Velocity of the air, east and north, m/s.
     pub wind: [f64; 2],
     /// Its standard deviation, m/s.
@@ -61,15 +61,15 @@ impl Settings {
         let positive = |name, value: f64| {
             require(name, value, value > 0.0 && value.is_finite(), "a positive number")
         };
-        positive("speed_max", self.speed_max)?;
+        positive("max_speed", self.max_speed)?;
         positive("guard", self.guard)?;
         for a in self.guard_acceleration {
             require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
         }
-        let (m, n) = self.initiation;
-        require("initiation", m as f64, m >= 2 && m <= n, "2 plots or more, of no fewer scans")?;
-        let p = self.plan_prior;
-        require("plan_prior", p, (0.0..1.0).contains(&p), "0 or more, less than 1")?;
+        let (m, n) = self.confirmation;
+        require("confirmation", m as f64, m >= 2 && m <= n, "2 plots or more, of no fewer scans")?;
+        let p = self.flown_probability;
+        require("flown_probability", p, (0.0..1.0).contains(&p), "0 or more, less than 1")?;
         let w = self.wind_sigma;
         require("wind_sigma", w, w >= 0.0 && w.is_finite(), "0 or a positive number")?;
         for v in self.wind {
@@ -77,7 +77,7 @@ impl Settings {
         }
         let b = self.clutter_density;
         require("clutter_density", b, b.is_nan() || b > 0.0, "a positive number")?;
-        let p = self.identity_error;
-        require("identity_error", p, p > 0.0 && p < 1.0, "between 0 and 1")
+        let p = self.identity_error_probability;
+        require("identity_error_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }
 }

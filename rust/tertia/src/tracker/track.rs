@@ -120,7 +120,7 @@ pub(super) struct Track {
     /// What it answered when it was linked to its plan.
     linked_as: Option<i64>,
     /// Whether its plan is blocked until a controller releases it.
-    held: bool,
+    suspended: bool,
     /// Emergencies in succession that it answered.
     emergencies: u8,
 }
@@ -133,12 +133,12 @@ struct SearchState {
 }
 
 impl Track {
-    /// A track from one plot: any velocity up to about `speed_max`. It will be confirmed as a target
+    /// A track from one plot: any velocity up to about `max_speed`. It will be confirmed as a target
     /// that is likelier than the chains which so many false plots per scan make.
     pub fn new(number: u64, plot: &Measured, false_plots: f64, settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
         let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
-        let v = (0.5 * settings.speed_max).powi(2);
+        let v = (0.5 * settings.max_speed).powi(2);
         let [x, y] = plot.position;
         let covariance = SMatrix::from([
             [r.xx, r.xy, 0.0, 0.0],
@@ -166,7 +166,7 @@ impl Track {
             search: SearchState::default(),
             link: Link::default(),
             linked_as: None,
-            held: false,
+            suspended: false,
             emergencies: 0,
         };
         track.take(plot, settings);
@@ -320,9 +320,9 @@ impl Track {
         let identity = match self.identity {
             _ if settings.emergency_codes.contains(&plot.identity) => 0.0,
             Some(own) if plot.identity >= 0 && plot.identity == own.code => {
-                ((1.0 - settings.identity_error) * IDENTITIES).ln()
+                ((1.0 - settings.identity_error_probability) * IDENTITIES).ln()
             }
-            Some(_) if plot.identity >= 0 => settings.identity_error.ln(),
+            Some(_) if plot.identity >= 0 => settings.identity_error_probability.ln(),
             _ => 0.0,
         };
         height + identity
@@ -399,8 +399,8 @@ impl Track {
         let found = decide(&means, |plan| is_same(&settings.plans[plan]), plots);
         if let Some(plan) = found.plan {
             let leg = settings.plans[plan].route.project(seen.position).leg;
-            self.filter.set_guide(Some(Guide::new(plan, leg, settings.plan_prior)));
-            self.filter.hold_plan(self.held);
+            self.filter.set_guide(Some(Guide::new(plan, leg, settings.flown_probability)));
+            self.filter.suspend_plan(self.suspended);
             self.search = SearchState::default();
             self.link = Link::default();
             self.linked_as = own;
@@ -432,7 +432,7 @@ impl Track {
         if settings.emergency_codes.contains(&plot.identity) {
             self.emergencies = self.emergencies.saturating_add(1);
             if self.emergencies == EMERGENCY_AFTER {
-                self.hold_plan(true);
+                self.suspend_plan(true);
             }
         } else if plot.identity >= 0 {
             self.emergencies = 0;
@@ -445,7 +445,7 @@ impl Track {
         }
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += 1;
-            if *hits >= settings.initiation.0 && *evidence >= 0.0 {
+            if *hits >= settings.confirmation.0 && *evidence >= 0.0 {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }
@@ -453,14 +453,14 @@ impl Track {
     }
 
     /// Whether its plan is blocked until a controller releases it.
-    pub fn is_held(&self) -> bool {
-        self.held
+    pub fn is_suspended(&self) -> bool {
+        self.suspended
     }
 
     /// Blocks its plan until it is told otherwise, or lets it be believed again.
-    pub fn hold_plan(&mut self, held: bool) {
-        self.held = held;
-        self.filter.hold_plan(held);
+    pub fn suspend_plan(&mut self, suspended: bool) {
+        self.suspended = suspended;
+        self.filter.suspend_plan(suspended);
     }
 
     fn answer(&mut self, code: i64) {
@@ -516,7 +516,7 @@ impl Track {
 
     /// Whether the track goes on: plots enough at the beginning, and not too long without one.
     pub fn is_alive(&self, settings: &Settings) -> bool {
-        let (m, n) = settings.initiation;
+        let (m, n) = settings.confirmation;
         match self.stage {
             Stage::Tentative { misses, .. } if misses > n - m => false,
             _ => {
