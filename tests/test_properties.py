@@ -148,7 +148,7 @@ def test_unwrap(theta, period, n_threads):
 
 
 @given(SAMPLES, SAMPLES, SAMPLES)
-def test_known_sigma(x, y, sigma):
+def test_z_test(x, y, sigma):
     result = outcome(screening.z_test, x, y, np.abs(sigma))
     if result is not None:
         assert_no_silent_nan(result, None)
@@ -156,7 +156,7 @@ def test_known_sigma(x, y, sigma):
 
 
 @given(SAMPLES, SAMPLES)
-def test_unknown_sigma(x, y):
+def test_t_test(x, y):
     result = outcome(screening.t_test, x, y)
     if result is not None:
         assert_no_silent_nan(result, None)

@@ -225,7 +225,7 @@ class TestFrozenRule:
 
     @pytest.mark.parametrize("significance", [0.05, 0.01, 0.001])
     @pytest.mark.parametrize("n", [4, 10, 100])
-    def test_its_exact_level_is_that_of_the_unknown_sigma_test(self, n, significance):
+    def test_its_exact_level_is_that_of_the_t_test(self, n, significance):
         """k = t sqrt(N/(N-1)) is (R3) with n = N - 1: the two papers' tests are one."""
         k = screening.critical_value(n, significance)
         assert k == close(screening.critical_value(n - 1, significance, test="t-test"))
@@ -271,7 +271,7 @@ class TestSingleValues:
         expected = (4.05502691029828, 0.0208041639652686)
         assert (unknown.statistic, unknown.pvalue) == close(expected)
 
-    def test_known_sigma_agrees_and_broadcasts(self):
+    def test_z_test_agrees_and_broadcasts(self):
         x, y, sigma = rng().normal(size=(4, 1)), rng(1).normal(size=(3, 9)), 0.7
         test = screening.z_test(x, y, sigma)
         assert test.statistic.shape == test.pvalue.shape == (4, 3)
@@ -279,7 +279,7 @@ class TestSingleValues:
             expected = reference.z_test(x[i, 0], y[j], sigma)
             assert (test.statistic[i, j], test.pvalue[i, j]) == close(expected, DISTRIBUTION)
 
-    def test_unknown_sigma_agrees_and_broadcasts(self):
+    def test_t_test_agrees_and_broadcasts(self):
         x, y = rng().normal(size=3), rng(1).normal(size=(3, 9))
         test = screening.t_test(x, y)
         for j in range(3):

@@ -116,8 +116,8 @@ def estimate_bearing(
     variance_test : {"cochran", "student"}, float or None
         When the variance of a block is too large, in "paper" and "corrected". "cochran": the exact
         F test at `significance`. A number: `d_j > k2 / sum(1/d_j)` with this k2 >= 1. "student":
-        the k2 that the paper names, for demonstration only: it nearly always rejects some clean block.
-        None: never.
+        the k2 that the paper names, for demonstration only: it nearly always rejects some clean
+        block. None: never.
     significance : float
         Significance significance of the tests among blocks.
     point_penalty, burst_penalty, min_burst, max_burst, rounding

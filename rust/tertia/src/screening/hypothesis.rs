@@ -280,7 +280,7 @@ mod tests {
 
     /// The leave-one-out rule and (R3) with n − 1 others are one test.
     #[test]
-    fn leave_one_out_is_unknown_sigma_with_one_fewer() {
+    fn leave_one_out_is_a_t_test_with_one_fewer() {
         for n in [3, 10, 1000] {
             for significance in [0.05, 0.01, 0.001] {
                 let k = critical_value(n, significance, Test::LeaveOneOut).unwrap();
