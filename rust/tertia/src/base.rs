@@ -5,6 +5,8 @@
 
 pub(crate) mod angle;
 pub mod batch;
+#[cfg(test)]
+pub(crate) mod checks;
 pub(crate) mod distribution;
 pub(crate) mod error;
 pub(crate) mod matrix;

@@ -9,7 +9,9 @@ mod paper;
 mod robust;
 
 use crate::base::angle::{principal, require_period, unwrap_about_median};
-use crate::base::error::{Result, require, require_count, require_significance};
+use crate::base::error::{
+    Result, require, require_correlation, require_count, require_positive, require_significance,
+};
 use crate::base::moments::Moments;
 use crate::screening::{
     BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement, Statistics,
@@ -117,8 +119,7 @@ impl Estimator {
         if let Some(period) = period {
             require_period(period)?;
         }
-        let holds = correlation.abs() < 1.0;
-        require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
+        require_correlation(correlation)?;
         let (block_size, k) = match &method {
             Method::Mean => (2, 1.0),
             Method::KSigma(k) => (2, *k),
@@ -130,7 +131,7 @@ impl Estimator {
             Method::Robust(rule) => (rule.block_size, 1.0),
         };
         require("block_size", block_size as f64, block_size >= 2, "at least 2")?;
-        require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+        require_positive("k", k)?;
         let inflation = ((1.0 + correlation) / (1.0 - correlation)).sqrt();
         Ok(Self { method, period, inflation })
     }
@@ -272,6 +273,7 @@ fn sign(ordering: Option<std::cmp::Ordering>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::checks::assert_close;
 
     struct Outcome {
         estimate: Estimate,
@@ -291,10 +293,6 @@ mod tests {
             .unwrap();
         let outlier = (0..theta.len()).filter(|&i| outlier[i]).collect();
         Outcome { estimate, outlier, weight }
-    }
-
-    fn assert_close(actual: f64, expected: f64) {
-        assert!((actual / expected - 1.0).abs() < 1e-12, "{actual} is not {expected}");
     }
 
     fn robust(block_size: usize, max_length: usize) -> Method {

@@ -98,13 +98,7 @@ pub fn smooth(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn assert_close(found: &[f64], expected: &[f64]) {
-        assert_eq!(found.len(), expected.len());
-        for (x, y) in found.iter().zip(expected) {
-            assert!((x - y).abs() <= 1e-12 * y.abs(), "{x} is not {y}");
-        }
-    }
+    use crate::base::checks::assert_all_close;
 
     fn model() -> Transition {
         // D = σ² (1 − 0.8²) = 4e-6
@@ -119,12 +113,15 @@ mod tests {
             covariance: [0.01, 0.002, 0.0001, 0.0025, 0.0002, 0.0001],
         };
         let predicted = state.predicted(&model());
-        assert_close(&predicted.mean, &[12.08, 0.54, 0.008]);
-        assert_close(&predicted.covariance, &[0.0868, 0.0204, 0.00136, 0.0057, 0.00048, 6.8e-5]);
+        assert_all_close(&predicted.mean, &[12.08, 0.54, 0.008]);
+        assert_all_close(
+            &predicted.covariance,
+            &[0.0868, 0.0204, 0.00136, 0.0057, 0.00048, 6.8e-5],
+        );
         let (updated, innovation) = predicted.updated(12.1, 0.01, None);
-        assert_close(&[innovation.variance], &[0.0968]);
+        assert_all_close(&[innovation.variance], &[0.0968]);
         let mean = [12.0979338842975, 0.544214876033058, 0.00828099173553719];
-        assert_close(&updated.mean, &mean);
+        assert_all_close(&updated.mean, &mean);
         let covariance = [
             0.00896694214876033,
             0.00210743801652893,
@@ -133,12 +130,12 @@ mod tests {
             0.000193388429752066,
             4.88925619834711e-05,
         ];
-        assert_close(&updated.covariance, &covariance);
+        assert_all_close(&updated.covariance, &covariance);
         let mut factored = factored::Factored::new(&state);
         factored.predict(&model());
         factored.update(12.1, 0.01, None);
-        assert_close(&factored.state().mean, &mean);
-        assert_close(&factored.state().covariance, &covariance);
+        assert_all_close(&factored.state().mean, &mean);
+        assert_all_close(&factored.state().covariance, &covariance);
     }
 
     /// Steps added up are one long step, and the exact model is that of the printed one's limit.

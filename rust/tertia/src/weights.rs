@@ -390,6 +390,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::checks::assert_all_close;
 
     const TWO: [f64; 8] = [4.0, 1.0, 1.0, 2.0, 1.0, -0.5, -0.5, 3.0];
     /// P2 of TWO, by exact fractions.
@@ -400,29 +401,22 @@ mod tests {
         [0.00326497296194266, 0.00775431078461382, -0.0326497296194266, -0.0775431078461381],
     ];
 
-    fn assert_close(found: &[f64], expected: &[f64]) {
-        assert_eq!(found.len(), expected.len());
-        for (x, y) in found.iter().zip(expected) {
-            assert!((x - y).abs() <= 1e-12 * y.abs(), "{x} is not {y}");
-        }
-    }
-
     #[test]
     fn two_sensors_in_two_dimensions() {
         let mut solver = weighing(2, 2);
         let mut weights = [0.0; 8];
         solver.weights(&TWO, &mut weights).unwrap();
-        assert_close(&weights[4..], &[78.0, 12.0, 16.0, 38.0].map(|w| w / 99.0));
+        assert_all_close(&weights[4..], &[78.0, 12.0, 16.0, 38.0].map(|w| w / 99.0));
         let mut fused = [0.0; 4];
         solver.fused_covariance(&TWO, &mut fused).unwrap();
-        assert_close(&fused, &[72.0, -3.0, -3.0, 106.0].map(|s| s / 99.0));
+        assert_all_close(&fused, &[72.0, -3.0, -3.0, 106.0].map(|s| s / 99.0));
         let mut jacobian = [0.0; 32];
         solver.jacobian(&TWO, 1, &mut jacobian).unwrap();
-        assert_close(&jacobian[16..], P2.as_flattened());
+        assert_all_close(&jacobian[16..], P2.as_flattened());
         let mut excess = [0.0; 4];
         solver.excess(&TWO, &[1.0 / 9.0; 2], &mut fused, &mut excess).unwrap();
         let loss = (excess[0] + excess[3]) / (fused[0] + fused[3]);
-        assert_close(&[loss], &[0.151638326798165]);
+        assert_all_close(&[loss], &[0.151638326798165]);
     }
 
     /// The same numbers whether the order is known when compiling or not: block diagonal matrices.

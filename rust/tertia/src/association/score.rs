@@ -76,10 +76,7 @@ impl Surroundings {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn close(found: f64, expected: f64) {
-        assert!((found / expected - 1.0).abs() < 1e-11, "{found} {expected}");
-    }
+    use crate::base::checks::assert_within;
 
     #[test]
     fn vectors_of_the_paper() {
@@ -89,20 +86,20 @@ mod tests {
             (10.0, 0.901156521565, 5.116855762209),
             (100.0, 3.063598757417, 9.303374113107),
         ] {
-            close(paper(d2, q, 2).unwrap(), score);
-            close(2.0 * q * q.ln() / (q - 1.0), zero);
+            assert_within(1e-11, paper(d2, q, 2).unwrap(), score);
+            assert_within(1e-11, 2.0 * q * q.ln() / (q - 1.0), zero);
             assert!(paper(zero, q, 2).unwrap().abs() < 1e-11);
         }
-        close(paper(5.0, 10.0, 3).unwrap(), 1.203877639491);
+        assert_within(1e-11, paper(5.0, 10.0, 3).unwrap(), 1.203877639491);
     }
 
     #[test]
     fn likelihoods() {
-        close(log_density(0.0, 0.0, 2), -(std::f64::consts::TAU.ln()));
+        assert_within(1e-11, log_density(0.0, 0.0, 2), -(std::f64::consts::TAU.ln()));
         let around = Surroundings::new(0.9, 1e-8).unwrap();
-        close(around.likelihood(-13.0), (0.9_f64 / 1e-8).ln() - 13.0);
-        close(around.gain(-13.0), (0.9_f64 / 1e-9).ln() - 13.0);
-        close(around.missed(), 0.1_f64.ln());
+        assert_within(1e-11, around.likelihood(-13.0), (0.9_f64 / 1e-8).ln() - 13.0);
+        assert_within(1e-11, around.gain(-13.0), (0.9_f64 / 1e-9).ln() - 13.0);
+        assert_within(1e-11, around.missed(), 0.1_f64.ln());
         for (pd, beta) in [(0.0, 1.0), (1.0, 1.0), (0.5, 0.0), (0.5, f64::NAN), (f64::NAN, 1.0)] {
             assert!(Surroundings::new(pd, beta).is_err());
         }

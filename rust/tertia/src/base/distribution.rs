@@ -271,21 +271,13 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
 #[allow(clippy::excessive_precision)] // expected values are printed with 17 digits
 mod tests {
     use super::*;
-
-    fn assert_close(actual: f64, expected: f64) {
-        assert_within(1e-13, actual, expected);
-    }
-
-    fn assert_within(tolerance: f64, actual: f64, expected: f64) {
-        let error = (actual / expected - 1.0).abs();
-        assert!(error < tolerance, "{actual:.17e} is not {expected:.17e}: {error:.1e}");
-    }
+    use crate::base::checks::assert_within;
 
     /// mpmath, 50 digits.
     #[test]
     fn tails_against_high_precision() {
         for (t, nu, expected) in STUDENT {
-            assert_close(student_two_sided(t, nu), expected);
+            assert_within(1e-13, student_two_sided(t, nu), expected);
         }
         for (f, nu1, nu2, expected) in FISHER {
             // exponents of the size of ν cancel where both ν are large
@@ -310,14 +302,14 @@ mod tests {
     #[test]
     fn quantiles_invert_the_tails() {
         for p in [0.999, 0.5, 0.05, 1e-3, 1e-6, 1e-12] {
-            assert_close(normal_two_sided(normal_two_sided_quantile(p)), p);
+            assert_within(1e-13, normal_two_sided(normal_two_sided_quantile(p)), p);
             for nu in [1.0, 2.0, 8.0, 98.0, 1e4, 1e6] {
-                assert_close(student_two_sided(student_two_sided_quantile(p, nu), nu), p);
-                assert_close(fisher_upper(fisher_upper_quantile(p, 9.0, nu), 9.0, nu), p);
+                assert_within(1e-13, student_two_sided(student_two_sided_quantile(p, nu), nu), p);
+                assert_within(1e-13, fisher_upper(fisher_upper_quantile(p, 9.0, nu), 9.0, nu), p);
             }
         }
         for x in [1e-3, 0.5, 2.0, 40.0, 1e5] {
-            assert_close(trigamma_inverse(trigamma(x)), x);
+            assert_within(1e-13, trigamma_inverse(trigamma(x)), x);
         }
     }
 

@@ -237,6 +237,16 @@ pub(crate) fn require(
     if holds { Ok(()) } else { Err(Error::InvalidParameter { argument, value, requirement }) }
 }
 
+/// Fails unless `value` is positive and finite.
+pub(crate) fn require_positive(argument: &'static str, value: f64) -> Result<()> {
+    require(argument, value, value > 0.0 && value.is_finite(), "a positive number")
+}
+
+/// Fails unless `correlation`, that of successive measurements, is inside (−1, 1).
+pub(crate) fn require_correlation(correlation: f64) -> Result<()> {
+    require("correlation", correlation, correlation.abs() < 1.0, "between -1 and 1 (exclusive)")
+}
+
 /// Fails unless `significance` is a probability that a test can have; its share among the values of a
 /// sample must still be a normal double.
 pub(crate) fn require_significance(significance: f64) -> Result<()> {

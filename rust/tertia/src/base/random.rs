@@ -20,3 +20,9 @@ impl Random {
         size * (2.0 * self.uniform() - 1.0)
     }
 }
+
+/// Noise without a generator: the i-th value, mean 0, between −2 and 2.
+pub fn noise(i: usize) -> f64 {
+    let phase = |step: f64| (i as f64 * step).fract() * 2.0 - 1.0;
+    phase(0.754_877_666_246_692_8) + phase(0.569_840_290_998_053_3)
+}

@@ -399,6 +399,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::checks::assert_all_close;
 
     const TWO: [f64; 8] = [4.0, 1.0, 1.0, 2.0, 1.0, -0.5, -0.5, 3.0];
     const ESTIMATES: [f64; 4] = [10.0, 20.0, 13.0, 21.0];
@@ -412,19 +413,13 @@ mod tests {
         Ok((mean, covariance))
     }
 
-    fn assert_close(found: &[f64], expected: &[f64]) {
-        for (x, y) in found.iter().zip(expected) {
-            assert!((x - y).abs() <= 1e-13 * y.abs(), "{x} is not {y}");
-        }
-    }
-
     #[test]
     fn independent_and_uncorrelated_are_the_same() {
         let expected = [72.0, -3.0, -3.0, 106.0].map(|s| s / 99.0);
         for cross in [None, Some(&[0.0; 16][..])] {
             let (mean, covariance) = fused(Weighting::Matrix, cross).unwrap();
-            assert_close(&mean, &[10.0 + 246.0 / 99.0, 20.0 + 86.0 / 99.0]);
-            assert_close(&covariance, &expected);
+            assert_all_close(&mean, &[10.0 + 246.0 / 99.0, 20.0 + 86.0 / 99.0]);
+            assert_all_close(&covariance, &expected);
         }
     }
 
@@ -442,7 +437,7 @@ mod tests {
             InstantFusion { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
         fusing(2, 2, Weighting::Matrix, None).fuse(&instant, &mut out).unwrap();
         covariance.iter_mut().zip(common).for_each(|(s, c)| *s += c);
-        assert_close(&with, &covariance);
+        assert_all_close(&with, &covariance);
     }
 
     #[test]

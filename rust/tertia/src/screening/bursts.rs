@@ -3,9 +3,9 @@
 //! Collective and point anomaly detection (Fisch, Eckley, Fearnhead 2022) for a change in mean,
 //! started from median and MAD, solved exactly by dynamic programming.
 
-use super::Summary;
+use super::summary::Summary;
 use crate::base::angle::median;
-use crate::base::error::{Result, require, require_count};
+use crate::base::error::{Result, require, require_correlation, require_count};
 use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
@@ -74,8 +74,7 @@ impl BurstRule {
         require("min_burst", min_length as f64, min_length >= 2, "at least 2")?;
         let holds = max_length >= min_length;
         require("max_burst", max_length as f64, holds, "at least min_burst")?;
-        let holds = correlation.abs() < 1.0;
-        require("correlation", correlation, holds, "between -1 and 1 (exclusive)")?;
+        require_correlation(correlation)?;
         let holds = (0.0..=LARGEST).contains(&rounding);
         require("rounding", rounding, holds, "zero or a positive number, not above 1e100")?;
         let holds = max_length <= LONGEST_BURST;
@@ -356,7 +355,7 @@ impl BurstWorkspace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::screening::tests::noise;
+    use crate::base::random::noise;
 
     fn rule(correlation: f64) -> BurstRule {
         BurstRule::try_new(2.5, 3.0, (2, 10), correlation, 0.0).unwrap()

@@ -1,12 +1,13 @@
 //! Tests of a single value, of the most deviating one, and of the largest variance.
 
-use super::moments_of_others;
+use super::others::moments_of_others;
 use crate::base::distribution::{
     fisher_upper, fisher_upper_quantile, normal_two_sided, normal_two_sided_quantile,
     student_two_sided, student_two_sided_quantile,
 };
 use crate::base::error::{
-    Result, require, require_count, require_each, require_finite, require_significance,
+    Result, require, require_count, require_each, require_finite, require_positive,
+    require_significance,
 };
 use crate::base::moments::Moments;
 
@@ -71,15 +72,15 @@ pub fn critical_value(n: usize, significance: f64, test: Test) -> Result<f64> {
 /// # Errors
 /// n too small for the test, or k ≤ 0.
 pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
-    require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+    require_positive("k", k)?;
     require("n", n as f64, n >= minimum(test), minimum_text(test))?;
     let count = n as f64;
     Ok(match test {
         Test::ZTest => normal_two_sided(k),
         Test::TTest => student_two_sided(k * (count / (count + 1.0)).sqrt(), count - 1.0),
         Test::LeaveOneOut => student_two_sided(k * ((count - 1.0) / count).sqrt(), count - 2.0),
-        Test::ThompsonTau => tau_p_value(k, count),
-        Test::Grubbs => (count * tau_p_value(k, count)).min(1.0),
+        Test::ThompsonTau => tau_pvalue(k, count),
+        Test::Grubbs => (count * tau_pvalue(k, count)).min(1.0),
         Test::Cochran(degrees) => {
             require_degrees(degrees)?;
             let f = k * (count - 1.0) / (1.0 - k).max(0.0);
@@ -117,7 +118,7 @@ fn tau(t: f64, n: f64) -> f64 {
 }
 
 /// P-value of `|y_i − M| / √D` for a value chosen beforehand.
-fn tau_p_value(tau: f64, n: f64) -> f64 {
+fn tau_pvalue(tau: f64, n: f64) -> f64 {
     // t² = τ² N (N−2) / ((N−1)² − N τ²)
     let room = (n - 1.0) * (n - 1.0) - n * tau * tau;
     if room <= 0.0 {
@@ -127,7 +128,7 @@ fn tau_p_value(tau: f64, n: f64) -> f64 {
 }
 
 /// P-value of `x` against n others with these moments: `t = (|x − ȳ|/s) √(n/(n+1))`, ν = n − 1.
-fn p_value_against(others: &Moments, x: f64) -> f64 {
+fn pvalue_against(others: &Moments, x: f64) -> f64 {
     let n = others.count();
     let deviation = others.deviation(x).abs();
     if deviation == 0.0 {
@@ -143,7 +144,7 @@ fn p_value_against(others: &Moments, x: f64) -> f64 {
 /// # Errors
 /// No others, an x that is not finite, sigma ≤ 0.
 pub fn z_test(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
-    require("sigma", sigma, sigma > 0.0 && sigma.is_finite(), "a positive number")?;
+    require_positive("sigma", sigma)?;
     require_others(x, others, 1)?;
     let n = others.count();
     let statistic = others.deviation(x).abs() / (sigma * ((n + 1.0) / n).sqrt());
@@ -158,7 +159,7 @@ pub fn z_test(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
 pub fn t_test(x: f64, others: &Moments) -> Result<OutlierTest> {
     require_others(x, others, 2)?;
     let statistic = standardised(others, x);
-    Ok(OutlierTest { statistic, pvalue: p_value_against(others, x) })
+    Ok(OutlierTest { statistic, pvalue: pvalue_against(others, x) })
 }
 
 /// `|x − M| / √D`, zero where x is the mean of a constant sample.
@@ -190,7 +191,7 @@ pub fn thompson_tau(y: &[f64], statistic: &mut [f64], pvalue: &mut [f64]) -> Res
     for (i, (t, p)) in statistic.iter_mut().zip(pvalue).enumerate() {
         let others = moments_of_others(y, i, &moments, &mut scratch)?;
         *t = standardised(&moments, y[i]);
-        *p = p_value_against(&others, y[i]);
+        *p = pvalue_against(&others, y[i]);
     }
     Ok(())
 }
@@ -206,7 +207,7 @@ pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
     let index = index_of_largest(y.iter().map(|&v| moments.deviation(v).abs()));
     let others = moments_of_others(y, index, &moments, &mut Vec::new())?;
     let statistic = standardised(&moments, y[index]);
-    let pvalue = (moments.count() * p_value_against(&others, y[index])).min(1.0);
+    let pvalue = (moments.count() * pvalue_against(&others, y[index])).min(1.0);
     Ok((index, OutlierTest { statistic, pvalue }))
 }
 
@@ -263,7 +264,7 @@ fn index_of_largest(values: impl Iterator<Item = f64>) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::screening::tests::assert_close;
+    use crate::base::checks::assert_close;
 
     const OTHERS: [f64; 5] = [10.1, 9.8, 10.3, 10.0, 9.9];
 

@@ -1,7 +1,8 @@
 //! The classical rule (M1): each value against the mean and variance of the whole sample.
 
-use super::{Summary, moments_of_cleaned};
-use crate::base::error::{Error, Result, require, require_count};
+use super::others::moments_of_cleaned;
+use super::summary::Summary;
+use crate::base::error::{Error, Result, require_count, require_positive};
 use crate::base::moments::Moments;
 
 /// What takes the place of an anomalous value.
@@ -28,7 +29,7 @@ impl KSigmaRule {
     /// # Errors
     /// k ≤ 0.
     pub fn try_new(k: f64, replacement: Replacement) -> Result<Self> {
-        require("k", k, k > 0.0 && k.is_finite(), "a positive number")?;
+        require_positive("k", k)?;
         Ok(Self { k, replacement })
     }
 
