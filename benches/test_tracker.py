@@ -24,7 +24,7 @@ def test_a_recording(benchmark, aircraft):
 def test_scans_of_four_plots(benchmark):
     traffic = simulate.encounter("crossing", n=4, rng=1)
     plots = simulate.radar_plots(traffic, [RADAR], rng=2).plots
-    steps = np.floor(plots.time / RADAR.period).astype(int)
+    steps = np.floor(plots.time / RADAR.scan_period).astype(int)
     scans = [plots[steps == k] for k in range(steps.max() + 1)]
 
     def run():

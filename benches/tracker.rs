@@ -30,8 +30,8 @@ fn radars(extent: f64) -> Vec<Radar> {
         position: [x * extent, y * extent, 0.0],
         range_sigma: 50.0,
         azimuth_sigma: 0.0014,
-        period: PERIOD,
-        range_max: f64::INFINITY,
+        scan_period: PERIOD,
+        max_range: f64::INFINITY,
         detection_probability: 0.9,
     };
     vec![at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]

@@ -34,8 +34,8 @@ def stations(aircraft):
             (x * extent, y * extent),
             range_sigma=50.0,
             azimuth_sigma=np.radians(0.08),
-            period=PERIOD,
-            range_max=1.2 * extent + 20e3,
+            scan_period=PERIOD,
+            max_range=1.2 * extent + 20e3,
             detection_probability=DETECTION,
         )
         for x, y in CORNERS
@@ -47,7 +47,7 @@ def recording(aircraft, duration, false_share):
     extent, radars = SPACING * aircraft**0.5, stations(aircraft)
     traffic = dense_traffic(aircraft, area=(extent, extent), duration=duration, rng=1)
     # false plots are uniform over the range of the radar, which is larger than the square
-    share = np.pi * (radars[0].range_max / extent) ** 2
+    share = np.pi * (radars[0].max_range / extent) ** 2
     seen = radar_plots(
         traffic,
         radars,

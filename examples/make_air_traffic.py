@@ -34,8 +34,8 @@ def radars() -> list[Radar]:
         (0.0, 0.0, 120.0),
         range_sigma=50.0,
         azimuth_sigma=float(np.radians(0.08)),
-        period=4.0,
-        range_max=220e3,
+        scan_period=4.0,
+        max_range=220e3,
         detection_probability=0.95,
         name="west",
     )
@@ -43,8 +43,8 @@ def radars() -> list[Radar]:
         (70e3, 10e3, 60.0),
         range_sigma=75.0,
         azimuth_sigma=float(np.radians(0.10)),
-        period=6.0,
-        range_max=260e3,
+        scan_period=6.0,
+        max_range=260e3,
         detection_probability=0.93,
         name="east",
     )
@@ -114,8 +114,8 @@ def toml() -> str:
             f"east_m = {east}\nnorth_m = {north}\nup_m = {up}\n"
             f"range_sigma_m = {radar.range_sigma}\n"
             f"azimuth_sigma_deg = {np.degrees(radar.azimuth_sigma):.2f}\n"
-            f"period_s = {radar.period}\n"
-            f"range_max_m = {radar.range_max}\n"
+            f"scan_period_s = {radar.scan_period}\n"
+            f"max_range_m = {radar.max_range}\n"
             f"detection_probability = {radar.detection_probability}"
         )
     return "\n".join(parts) + "\n"

@@ -95,7 +95,7 @@ def test_kinds_of_plots(save: Save) -> None:
 def test_the_period_is_that_between_north_markers_if_nothing_is_said(save: Save) -> None:
     rows = [reference.service(RADAR, 1, time) for time in (10.0, 14.0, 18.0, 18.0, 30.0)]
     rows += [reference.service(RADAR, 2, 11.0)]
-    assert read_asterix(save(reference.block(34, *rows))).radars["period_s"].item() == 4.0
+    assert read_asterix(save(reference.block(34, *rows))).radars["scan_period_s"].item() == 4.0
 
 
 def test_system_tracks_and_reports(save: Save) -> None:
@@ -199,7 +199,11 @@ def test_a_real_recording_is_what_the_documents_say() -> None:
     assert found.repeated == len(expected) - len(distinct)
     columns = ["time_s", "range_nm", "azimuth_deg", "flight_level", "icao_address", "mode_3a"]
     assert found.plots.select(columns).rows() == distinct
-    assert found.radars.select("radar", "period_s", "plots").row(0) == ("23/2", 5.0078125, 1676)
+    assert found.radars.select("radar", "scan_period_s", "plots").row(0) == (
+        "23/2",
+        5.0078125,
+        1676,
+    )
 
 
 @real
@@ -209,7 +213,12 @@ def test_a_real_recording_of_a_network() -> None:
         f"25/{sic}" for sic in (11, 12, 13, 14, 201, 204, 205)
     ]
     place = found.radars.row(1, named=True)
-    told = (place["latitude_deg"], place["longitude_deg"], place["height_m"], place["period_s"])
+    told = (
+        place["latitude_deg"],
+        place["longitude_deg"],
+        place["height_m"],
+        place["scan_period_s"],
+    )
     assert told == pytest.approx((43.57102202219, 16.40606241326, 780.0, 4.9453125), abs=1e-5)
     # each packet was recorded on two lines
     assert found.plots.height == found.repeated == 64
@@ -231,7 +240,7 @@ longitude_deg = 16.5
 height_m = 100
 range_sigma_m = 60
 azimuth_sigma_deg = 0.08
-period_s = 5
+scan_period_s = 5
 """
 
 
@@ -281,7 +290,11 @@ def test_of_a_recording_what_is_no_target_is_left_out(save: Save, radars: Path) 
             "",
             "25/13 has no position",
         ),
-        ("period_s = 5", "", "give period_s of 25/13: its recording does not tell it (I034/041)"),
+        (
+            "scan_period_s = 5",
+            "",
+            "give scan_period_s of 25/13: its recording does not tell it (I034/041)",
+        ),
         ('name = "25/13"', 'name = "north"', "north has no position|has plots of 25/13: add"),
         ("height_m = 100\n", "", "height_m of 25/13 is missing"),
         ("range_sigma_m = 60", "", "range_sigma_m of 25/12 is missing"),
@@ -308,7 +321,7 @@ def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
 
 def test_codes_count_where_nobody_has_an_address(save: Save, tmp_path: Path) -> None:
     rows = [reference.plot(RADAR, 4.0 * at, 40 + 0.3 * at, 90, code=0o2303) for at in range(9)]
-    told = RADARS.split("\n\n", maxsplit=1)[0] + "\nperiod_s = 4\neast_m = 0\nnorth_m = 0\n"
+    told = RADARS.split("\n\n", maxsplit=1)[0] + "\nscan_period_s = 4\neast_m = 0\nnorth_m = 0\n"
     (tmp_path / "one.toml").write_text(told, encoding="utf-8")
     path, output = save(reference.block(48, *rows)), tmp_path / "t.csv"
     assert run("track", path, "--radars", tmp_path / "one.toml", "--output", output)[0] == 0
@@ -326,7 +339,9 @@ def test_tracks_of_a_real_recording_are_those_of_the_library(tmp_path: Path) -> 
     assert "423 plots left out: the same as one before" in out
     plots = read_asterix(JAHORINA).plots
     identity = [-1 if one is None else int(one, 16) for one in plots["icao_address"]]
-    radar = Radar(range_sigma=60.0, azimuth_sigma=np.radians(0.08), period=5.0078125, name="23/2")
+    radar = Radar(
+        range_sigma=60.0, azimuth_sigma=np.radians(0.08), scan_period=5.0078125, name="23/2"
+    )
     expected = track(
         Plots(
             plots["time_s"],

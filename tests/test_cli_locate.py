@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from tertia import cli, metrics, simulate
 from tertia.cli import _places, _positions
 from tertia.geo import LocalFrame
-from tertia.location import Location, Problem, Station, locate
+from tertia.location import Location, LocationStatus, Station, locate
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -171,7 +171,7 @@ def faults_of(result: Location, step: int) -> list[str]:
     return [
         f"{NAMES[k + (kind == 'range_difference')]} {kind}"
         for kind in KINDS
-        if (marks := getattr(result.outliers, kind)) is not None
+        if (marks := getattr(result.outlier, kind)) is not None
         for k in np.flatnonzero(marks[step])
     ]
 
@@ -184,11 +184,11 @@ def check(frame: pl.DataFrame, result: Location) -> None:
         same(frame[f"{axis}_sigma_m"], result.sigma[:, i])
         for j in range(i):
             same(frame[f"covariance_{AXES[j]}_{axis}_m2"], result.covariance[:, j, i])
-    problems = np.asarray(result.problem)
+    problems = np.asarray(result.status)
     same(frame["degrees_of_freedom"], np.where(problems, NAN, result.degrees_of_freedom))
-    same(frame["outliers"], np.where(problems, NAN, result.outliers.count))
-    same(frame["p_value"], result.p_value)
-    reasons = [Problem(p).reason if p else None for p in problems]
+    same(frame["outliers"], np.where(problems, NAN, result.outlier.count))
+    same(frame["p_value"], result.pvalue)
+    reasons = [LocationStatus(p).message if p else None for p in problems]
     assert frame["problem"].to_list() == reasons
     for step, told in enumerate(frame["left_out"]):
         assert sorted(told.split("; ") if told else []) == sorted(faults_of(result, step))
@@ -203,7 +203,7 @@ def test_positions_are_those_of_the_library(write: Write, stations: Path, tmp_pa
     ]
     assert frame["time_s"].to_list() == TIMES.tolist()
     result = located()
-    assert np.sum(result.outliers.count) > 3
+    assert np.sum(result.outlier.count) > 3
     check(frame, result)
     counts = sum(np.count_nonzero(~np.isnan(v), axis=1) for v in Z.values())
     assert frame["measured"].to_list() == list(counts)
@@ -283,7 +283,7 @@ def test_range_differences(form: str, write: Write, tmp_path: Path) -> None:
         range_difference_sigma=[3.0, 4.0, 5.0],
     )
     # one good instant in a thousand is ambiguous, and one is here
-    assert np.sum(~np.asarray(result.located)) == 1
+    assert np.sum(~np.asarray(result.success)) == 1
     check(frame, result)
     summary = table(run(tmp_path / "m.csv", "--stations", stations).out)
     assert ["A", "range_difference"] not in [row[:2] for row in summary]
@@ -296,13 +296,13 @@ def test_initial_decides(write: Write, tmp_path: Path) -> None:
     done = run(path, "--stations", stations)
     assert done.code == 1
     assert "0 of 1 instant located\n" in done.out
-    assert f"1 instant not located: {Problem.AMBIGUOUS.reason}" in done.out
+    assert f"1 instant not located: {LocationStatus.AMBIGUOUS.message}" in done.out
     for north in (500, -500):
         arguments = (path, "--stations", stations, "--initial", f"600,{north}")
         frame = positions(*arguments, folder=tmp_path)
         fix = locate(places, range=ranges, range_sigma=5.0, initial=[600.0, north])
         assert frame.select("east_m", "north_m").row(0) == tuple(fix.position)
-        assert frame["p_value"].to_list() == [None if np.isnan(fix.p_value) else fix.p_value]
+        assert frame["p_value"].to_list() == [None if np.isnan(fix.pvalue) else fix.pvalue]
 
 
 @pytest.mark.parametrize("suffix", ["toml", "csv", "parquet"])
@@ -525,9 +525,9 @@ def test_rows_of_measurements(write: Write, stations: Path, tmp_path: Path) -> N
             for kind, v in z.items():
                 if np.isnan(v[i, k]):
                     continue
-                r = getattr(result.residuals, kind)[i, k]
-                wrong = bool(getattr(result.outliers, kind)[i, k])
-                told = (None, None) if result.problem[i] else (r, wrong)  # type: ignore[index]
+                r = getattr(result.residual, kind)[i, k]
+                wrong = bool(getattr(result.outlier, kind)[i, k])
+                told = (None, None) if result.status[i] else (r, wrong)  # type: ignore[index]
                 expected.append((TIMES[i], name, kind, v[i, k], *told))
     assert frame.rows() == expected
     assert frame["fault"].null_count() == 1
@@ -551,8 +551,8 @@ def test_summary(write: Write, stations: Path) -> None:
     expected = []
     for k, name in enumerate(NAMES):
         for kind, v in z.items():
-            wrong = getattr(result.outliers, kind)[:, k]
-            r = getattr(result.residuals, kind)[:, k]
+            wrong = getattr(result.outlier, kind)[:, k]
+            r = getattr(result.residual, kind)[:, k]
             kept = r[~wrong & ~np.isnan(r)]
             numbers = (np.mean(kept), np.sqrt(np.mean(kept**2)))
             counts = (np.count_nonzero(~np.isnan(v[:, k])), np.count_nonzero(wrong))
@@ -561,13 +561,13 @@ def test_summary(write: Write, stations: Path) -> None:
     sigma = np.sqrt(np.sum(result.sigma**2, axis=1))
     median = np.median(sigma[np.isfinite(sigma)])
     assert f"24 of 25 instants located, median sigma {median:.3g} m\n" in done.out
-    assert f"  1 instant not located: {Problem.TOO_FEW.reason}\n" in done.out
+    assert f"  1 instant not located: {LocationStatus.TOO_FEW.message}\n" in done.out
 
 
 def test_contradictions_that_no_fault_explains_are_told(write: Write, stations: Path) -> None:
     arguments = (write(wide()), "--stations", stations, "--method", "least-squares")
     result = located(method="least-squares")
-    count = np.count_nonzero(np.asarray(result.p_value) < 1e-3)
+    count = np.count_nonzero(np.asarray(result.pvalue) < 1e-3)
     assert count > 3
     told = f"  {count} instants with a p-value below 0.001 and no fault found"
     assert told in run(*arguments).out

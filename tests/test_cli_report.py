@@ -169,7 +169,7 @@ def test_dates_and_hostile_names(tmp_path: Path) -> None:
 
 def test_nothing_to_tell() -> None:
     """A page of no plots, and of plots that make no track, says so and does not fail."""
-    radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, period=4.0, name="r")
+    radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, scan_period=4.0, name="r")
     for plots in (Plots([], [], []), Plots([0.0, 100.0], [5e4, 9e4], [0.0, 2.0])):
         page = report.make(plots, [radar, radar])
         assert page.summary["tracks"] == 0
@@ -184,7 +184,7 @@ def test_an_emitter_that_moves_has_no_position() -> None:
     target = np.column_stack([8e3 + 100 * time, np.full(60, 8e3)])
     off = target[:, np.newaxis] - np.array(places)
     azimuth = np.arctan2(off[..., 0], off[..., 1]) + 0.01 * random.standard_normal((60, 3))
-    radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, period=4.0)
+    radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, scan_period=4.0)
     emitter = report.Emitter("ship", time, azimuth)
     page = report.make(Plots([], [], []), [radar], stations=finders, emitters=[emitter])
     assert page.summary["findings"] == ["ship moves."]

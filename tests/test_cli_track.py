@@ -66,8 +66,8 @@ RADARS = [
         (0.0, 0.0, 100.0),
         range_sigma=50.0,
         azimuth_sigma=0.1 * np.pi / 180,
-        period=4.0,
-        range_max=150e3,
+        scan_period=4.0,
+        max_range=150e3,
         detection_probability=0.95,
         name="west",
     ),
@@ -75,7 +75,7 @@ RADARS = [
         (60e3, 5e3, 0.0),
         range_sigma=80.0,
         azimuth_sigma=0.2 * np.pi / 180,
-        period=6.0,
+        scan_period=6.0,
         name="east",
     ),
 ]
@@ -97,7 +97,7 @@ def recording() -> pl.DataFrame:
     random = np.random.default_rng(8)
     rows = []
     for k, radar in enumerate(RADARS):
-        for time in np.arange(0.7 * k, 160.0, radar.period):
+        for time in np.arange(0.7 * k, 160.0, radar.scan_period):
             planned, _ = PLAN.at(min(time, PLAN.times[-1]))
             straight = np.array([40e3 - 90 * time, 20e3 + 120 * time])
             for place, code, height in ((planned, 0o4321, 3048.0), (straight, -1, NAN)):
@@ -153,7 +153,7 @@ def write(tmp_path: Path) -> Write:
 
 
 RADAR_HEAD = (
-    "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg,period_s,range_max_m,"
+    "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg,scan_period_s,max_range_m,"
     "detection_probability"
 )
 RADAR_ROWS = ["west,0,0,100,50,0.1,4,150000,0.95", "east,60000,5000,0,80,0.2,6,,"]
@@ -532,9 +532,13 @@ def test_mistakes_in_plots(
     [
         ([], RADAR_HEAD, "has no radars"),
         (RADAR_ROWS[:1] * 2, RADAR_HEAD, "has two radars west"),
-        (RADAR_ROWS, RADAR_HEAD.replace("period_s", "p"), "period_s of west is missing"),
+        (RADAR_ROWS, RADAR_HEAD.replace("scan_period_s", "p"), "scan_period_s of west is missing"),
         (RADAR_ROWS, RADAR_HEAD.replace("name", "n"), "has no column name"),
-        (["west,0,0,1,50,0.1,-4,,"], RADAR_HEAD, "period_s of west is -4; it must be positive"),
+        (
+            ["west,0,0,1,50,0.1,-4,,"],
+            RADAR_HEAD,
+            "scan_period_s of west is -4; it must be positive",
+        ),
         (["west,0,0,1,x,0.1,4,,"], RADAR_HEAD, "range_sigma_m of west is 'x'; it must be a"),
         (["west,0,0,1,50,0.1,4,,1.5"], RADAR_HEAD, "west: detection_probability is 1.5"),
     ],

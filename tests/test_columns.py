@@ -33,7 +33,7 @@ RECORD = tertia.simulate.direction_finder(40, bearing=359.0, rng=7).theta.round(
 GAPS = [None if i in {3, 20} else v for i, v in enumerate(RECORD)]
 TIMES = np.cumsum(np.linspace(0.5, 1.5, 40)).tolist()
 MODEL = kalman.SingerModel(1.0, 0.05, 0.1, exact=True)
-RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.1), period=4.0)
+RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.1), scan_period=4.0)
 
 
 def as_array(values):

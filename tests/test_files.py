@@ -427,12 +427,12 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
             "north_m": [0.0],
             "range_sigma_m": [50.0],
             "azimuth_sigma_deg": [0.08],
-            "period_s": [4.0],
+            "scan_period_s": [4.0],
         }
     )
     sites.write_ipc(tmp_path / "radars.arrow")
     found = in_every_format(plots, tmp_path, "track", "--radars", tmp_path / "radars.arrow")
-    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     identity = plots["icao_address"].str.to_integer(base=16, strict=False).fill_null(-1).to_numpy()
     seen = Plots(
         plots["time_s"],

@@ -124,7 +124,7 @@ def test_the_frame_does_not_matter():
         cameras = [frame.station(*p, **sigmas) for p in places]
         record = simulate.stations(cameras, frame.to_local(*target), rng=4)
         fix = locate(cameras, **record.measurements)
-        assert fix.p_value > 1e-3
+        assert fix.pvalue > 1e-3
         found.append(frame.to_ecef(fix.position))
     np.testing.assert_allclose(found, np.broadcast_to(found[0], (4, 3)), rtol=0, atol=1e-3)
     upright = [Station(camera.position, **sigmas) for camera in cameras]

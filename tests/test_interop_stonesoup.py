@@ -226,7 +226,7 @@ class TestOurTracker:
         assert counts[0] == 0
         assert counts[-1] == 2
         radars = [
-            Radar(place, range_sigma=50.0, azimuth_sigma=np.radians(0.1), period=PERIOD)
+            Radar(place, range_sigma=50.0, azimuth_sigma=np.radians(0.1), scan_period=PERIOD)
             for place in ((0.0, 0.0), (30e3, 10e3))
         ]
         library = Tracker(radars)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tolerances import CHANCE
 
 from tertia import metrics, plot, simulate
-from tertia.location import Problem, Station, accuracy_map, locate
+from tertia.location import LocationStatus, Station, accuracy_map, locate
 
 NAN, INF = float("nan"), float("inf")
 DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
@@ -73,7 +73,7 @@ def one(measured, i=0):
 
 
 def whitened(fix):
-    parts = [getattr(fix.residuals, kind) for kind in reference.KINDS]
+    parts = [getattr(fix.residual, kind) for kind in reference.KINDS]
     rows = np.concatenate([part for part in parts if part is not None], axis=-1)
     return rows[..., ~np.isnan(rows)] if rows.ndim == 1 else rows
 
@@ -103,11 +103,11 @@ class TestLeastSquares:
             np.testing.assert_allclose(
                 whitened(fixes)[i], fun(fixes.position[i]), rtol=0, atol=1e-9
             )
-            assert fixes.chi_square[i] == pytest.approx(2 * best.cost, rel=1e-9)
+            assert fixes.statistic[i] == pytest.approx(2 * best.cost, rel=1e-9)
             degrees = fun(target).size - target.size
             assert fixes.degrees_of_freedom[i] == degrees
-            expected = stats.chi2.sf(fixes.chi_square[i], degrees) if degrees else 1.0
-            assert fixes.p_value[i] == pytest.approx(expected, rel=1e-9)
+            expected = stats.chi2.sf(fixes.statistic[i], degrees) if degrees else 1.0
+            assert fixes.pvalue[i] == pytest.approx(expected, rel=1e-9)
 
     def test_the_gradient_vanishes_to_rounding(self):
         """J' r = 0 with J in closed form: ranges in the plane."""
@@ -129,18 +129,18 @@ class TestLeastSquares:
         initial = target + 10 if case == "ranges and elevations" else None
         fix = solve(case, exact, initial=initial)
         np.testing.assert_allclose(fix.position, target, rtol=0, atol=1e-8)
-        assert fix.chi_square < 1e-12
-        assert fix.outliers.count == 0
-        assert fix.problem == Problem.NONE
-        assert fix.located
+        assert fix.statistic < 1e-12
+        assert fix.outlier.count == 0
+        assert fix.status == LocationStatus.OK
+        assert fix.success
 
     def test_dilution(self):
         """Two perpendicular ranges."""
         fix = locate([[0, 1000], [1000, 0], [-1000, 0]], range=[1000, 1000, 1000], range_sigma=7.0)
-        assert fix.dilution == pytest.approx(np.sqrt(1 + 1 / 2), rel=1e-12)
+        assert fix.dop == pytest.approx(np.sqrt(1 + 1 / 2), rel=1e-12)
         np.testing.assert_allclose(fix.covariance, np.diag([49 / 2, 49]), rtol=1e-12, atol=1e-9)
         mixed = solve("radars", one(draw("radars", 1)))
-        assert np.isnan(mixed.dilution)
+        assert np.isnan(mixed.dop)
 
 
 class TestRobust:
@@ -150,7 +150,7 @@ class TestRobust:
         places, target, _ = CASES[case]
         measured = draw(case, 20, seed=3, faults=faults)
         fixes = solve(case, measured)
-        for i in np.flatnonzero(fixes.located):
+        for i in np.flatnonzero(fixes.success):
             row = one(measured, i)
 
             def cost(p, row=row):
@@ -173,7 +173,7 @@ class TestRobust:
             # covariances cancel: they are compared in units of the standard deviations
             unit = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
             np.testing.assert_allclose(fixes.covariance[i] / unit, expected / unit, atol=1e-5)
-            assert fixes.outliers.count[i] == np.sum(np.abs(u) >= reference.TUKEY)
+            assert fixes.outlier.count[i] == np.sum(np.abs(u) >= reference.TUKEY)
 
     def test_faults_are_found(self):
         measured = draw("radars", 1, seed=4)
@@ -181,17 +181,17 @@ class TestRobust:
         wrong["range"][1] += 300
         wrong["azimuth"][2] -= 0.2
         fix = solve("radars", wrong)
-        np.testing.assert_array_equal(fix.outliers.range, [False, True, False])
-        np.testing.assert_array_equal(fix.outliers.azimuth, [False, False, True])
-        assert not fix.outliers.elevation.any()
-        assert fix.outliers.range_difference is None
-        assert fix.p_value < 1e-10
+        np.testing.assert_array_equal(fix.outlier.range, [False, True, False])
+        np.testing.assert_array_equal(fix.outlier.azimuth, [False, False, True])
+        assert not fix.outlier.elevation.any()
+        assert fix.outlier.range_difference is None
+        assert fix.pvalue < 1e-10
         assert np.linalg.norm(fix.position - HIGH) < 30
 
     def test_flat_costs(self):
         """Where the cost curves down, steps with weights alone creep for hundreds of steps."""
         fixes = solve("radars", draw("radars", 20_000, seed=1, faults=1, size=5.0))
-        assert not np.any(fixes.problem == Problem.NOT_CONVERGED)
+        assert not np.any(fixes.status == LocationStatus.NOT_CONVERGED)
 
     @pytest.mark.parametrize("size", [1e3, 1e6, 1e9])
     def test_however_large(self, size):
@@ -199,7 +199,7 @@ class TestRobust:
         clean = solve("ranges", wrong)
         wrong["range"][3] += size
         fix = solve("ranges", wrong)
-        np.testing.assert_array_equal(np.flatnonzero(fix.outliers.range), [3])
+        np.testing.assert_array_equal(np.flatnonzero(fix.outlier.range), [3])
         assert np.linalg.norm(fix.position - clean.position) < 10
 
     def test_redundancy_decides(self):
@@ -208,21 +208,21 @@ class TestRobust:
         measured[0] += 1.0
         s = SIGMAS["azimuth"]
         fix = locate(PLANE[:5], azimuth=measured, azimuth_sigma=s)
-        assert fix.outliers.azimuth[0]
+        assert fix.outlier.azimuth[0]
         squares = locate(PLANE[:5], azimuth=measured, azimuth_sigma=s, redundancy=4)
         plain = locate(PLANE[:5], azimuth=measured, azimuth_sigma=s, method="least-squares")
         np.testing.assert_array_equal(squares.position, plain.position)
-        assert squares.outliers.count == 0
+        assert squares.outlier.count == 0
         few = locate(PLANE[:4], azimuth=measured[:4], azimuth_sigma=s, redundancy=2)
-        assert few.outliers.azimuth[0]
+        assert few.outlier.azimuth[0]
 
     def test_contradictions_are_told(self):
         """Everything is wrong: no small error bar without a word."""
         rng = np.random.default_rng(7)
         azimuth = rng.uniform(0, 2 * np.pi, (500, 8))
         fixes = locate(PLANE, azimuth=azimuth, azimuth_sigma=0.005)
-        located = fixes.located
-        assert np.max(fixes.p_value[located], initial=0.0) < 1e-6
+        located = fixes.success
+        assert np.max(fixes.pvalue[located], initial=0.0) < 1e-6
 
 
 OPTIONS = {"xatol": 1e-10, "fatol": 1e-14, "maxiter": 2000, "maxfev": 4000}
@@ -254,7 +254,7 @@ class TestErrorBars:
             options.pop("size", 20.0),
         )
         fixes = solve(case, measured, **options)
-        located = fixes.located
+        located = fixes.success
         assert located.mean() > 0.97
         return metrics.nees(fixes.position - target, fixes.covariance)[located]
 
@@ -294,8 +294,8 @@ class TestErrorBars:
         f = metrics.nees(fixes.position - TARGET, fixes.covariance) / 2
         assert 0.91 < np.mean(f < stats.f.ppf(0.95, 2, 6)) < 0.97
         assert 0.8 < np.nanmedian(fixes.measurement_sigma) / SIGMAS["azimuth"] < 1.1
-        assert np.all(np.isnan(fixes.p_value))
-        assert fixes.located.mean() > 0.999
+        assert np.all(np.isnan(fixes.pvalue))
+        assert fixes.success.mean() > 0.999
 
 
 class TestInvariance:
@@ -312,7 +312,7 @@ class TestInvariance:
             **sigma(kinds),
             method=method,
         )
-        np.testing.assert_array_equal(a.problem, b.problem)
+        np.testing.assert_array_equal(a.status, b.status)
         np.testing.assert_allclose(a.position, b.position, rtol=0, atol=1e-5)
 
     @pytest.mark.parametrize("case", CASES)
@@ -340,7 +340,7 @@ class TestInvariance:
         np.testing.assert_allclose(a.position @ turn.T, b.position, rtol=0, atol=1e-5)
         np.testing.assert_allclose(turn @ a.covariance @ turn.T, b.covariance, rtol=1e-5, atol=1e-6)
 
-    @pytest.mark.parametrize("turns", [-3, 1, 7])
+    @pytest.mark.parametrize("turns", [-1, 1])
     def test_whole_turns(self, turns):
         measured = draw("azimuths", 20, seed=15)
         a = solve("azimuths", measured)
@@ -352,11 +352,11 @@ class TestInvariance:
         measured = draw(case, 30, seed=16, faults=1)
         target = CASES[case][1]
         batch = solve(case, measured, initial=target)
-        for i in np.flatnonzero(batch.located):
+        for i in np.flatnonzero(batch.success):
             single = solve(case, one(measured, i), initial=target)
             np.testing.assert_array_equal(single.position, batch.position[i])
             np.testing.assert_array_equal(single.covariance, batch.covariance[i])
-            assert single.chi_square == batch.chi_square[i]
+            assert single.statistic == batch.statistic[i]
 
     @pytest.mark.parametrize("faults", [0, 2, 4])
     @pytest.mark.parametrize("method", ["robust", "least-squares"])
@@ -368,11 +368,11 @@ class TestInvariance:
         a = solve("radars", measured, method=method)
         order = np.random.default_rng(29).permutation(61)
         b = solve("radars", {k: v[order] for k, v in measured.items()}, method=method)
-        names = ("position", "covariance", "chi_square", "p_value", "problem")
+        names = ("position", "covariance", "statistic", "pvalue", "status")
         for name in names:
             np.testing.assert_array_equal(getattr(a, name)[order], getattr(b, name))
         np.testing.assert_array_equal(whitened(a)[order], whitened(b))
-        for i in np.flatnonzero(a.located):
+        for i in np.flatnonzero(a.success):
             single = solve("radars", one(measured, i), method=method)
             for name in names:
                 np.testing.assert_array_equal(getattr(a, name)[i], getattr(single, name))
@@ -382,9 +382,9 @@ class TestInvariance:
         measured = draw("radars", 500, seed=17, faults=1)
         a = solve("radars", measured, n_threads=1)
         b = solve("radars", measured, n_threads=n_threads)
-        for name in ("position", "covariance", "chi_square", "problem", "p_value"):
+        for name in ("position", "covariance", "statistic", "status", "pvalue"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-        np.testing.assert_array_equal(a.outliers.range, b.outliers.range)
+        np.testing.assert_array_equal(a.outlier.range, b.outlier.range)
 
     def test_missing_is_absent(self):
         """nan as if the station were not there."""
@@ -396,7 +396,7 @@ class TestInvariance:
         b = locate(PLANE[kept], range=measured[kept], range_sigma=10.0)
         np.testing.assert_array_equal(a.position, b.position)
         np.testing.assert_array_equal(a.covariance, b.covariance)
-        assert np.isnan(a.residuals.range[[2, 5]]).all()
+        assert np.isnan(a.residual.range[[2, 5]]).all()
         assert a.degrees_of_freedom == 4
 
     def test_moving_stations(self):
@@ -475,8 +475,8 @@ class TestAxes:
             **{f"{kind}_sigma": SIGMAS[kind] for kind in kinds},
         )
         np.testing.assert_allclose(fix.position, target, rtol=0, atol=1e-8)
-        assert fix.chi_square < 1e-12
-        assert fix.outliers.count == 0
+        assert fix.statistic < 1e-12
+        assert fix.outlier.count == 0
 
     @pytest.mark.parametrize("method", ["robust", "least-squares"])
     @pytest.mark.parametrize("case", ["azimuths", "radars", "angles in space", "everything"])
@@ -489,12 +489,12 @@ class TestAxes:
         stations = tilted(places @ turn.T, [turn.T] * len(places))
         deviations = {f"{kind}_sigma": SIGMAS[kind] for kind in kinds}
         b = locate(stations, **measured, **deviations, method=method)
-        np.testing.assert_array_equal(a.problem, b.problem)
+        np.testing.assert_array_equal(a.status, b.status)
         np.testing.assert_allclose(a.position @ turn.T, b.position, rtol=0, atol=1e-5)
         np.testing.assert_allclose(turn @ a.covariance @ turn.T, b.covariance, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(whitened(a), whitened(b), rtol=0, atol=1e-5)
         for kind in kinds:
-            one, other = getattr(a.outliers, kind), getattr(b.outliers, kind)
+            one, other = getattr(a.outlier, kind), getattr(b.outlier, kind)
             np.testing.assert_array_equal(one, other)
 
     @pytest.mark.parametrize("method", ["lenth-mle", "lenth-huber", "lenth-andrews"])
@@ -524,7 +524,7 @@ class TestAxes:
         axes = rotations(3, d, seed=49)
         grid = np.random.default_rng(50).uniform(-500, 3000, (20, d))
         kinds = ("range", "azimuth", "elevation")[:d]
-        accuracy = accuracy_map(tilted(places, axes), grid, measurements=kinds)
+        accuracy = accuracy_map(tilted(places, axes), grid, kinds=kinds)
         for p, covariance in zip(grid, accuracy.covariance, strict=True):
             exact = {kind: reference.predict(p, places, axes)[kind] for kind in kinds}
             jacobian = reference.jacobian(p, places, exact, SIGMAS, axes)
@@ -587,21 +587,21 @@ class TestDegenerate:
     @pytest.mark.parametrize(
         ("places", "measured", "problem"),
         [
-            ([[0, 0]], {"azimuth": [1.0]}, Problem.TOO_FEW),
-            ([[0, 0, 0.0]], {"range": [1.0]}, Problem.TOO_FEW),
-            ([[0, 0, 0.0]], {"range": [1.0], "azimuth": [0.2]}, Problem.TOO_FEW),
+            ([[0, 0]], {"azimuth": [1.0]}, LocationStatus.TOO_FEW),
+            ([[0, 0, 0.0]], {"range": [1.0]}, LocationStatus.TOO_FEW),
+            ([[0, 0, 0.0]], {"range": [1.0], "azimuth": [0.2]}, LocationStatus.TOO_FEW),
             # parallel, diverging, behind one station
-            ([[0, 0], [1000, 0]], {"azimuth": [0.3, 0.3]}, Problem.NO_INTERSECTION),
-            ([[0, 0], [1000, 0]], {"azimuth": [-0.3, 0.3]}, Problem.NO_INTERSECTION),
+            ([[0, 0], [1000, 0]], {"azimuth": [0.3, 0.3]}, LocationStatus.NO_INTERSECTION),
+            ([[0, 0], [1000, 0]], {"azimuth": [-0.3, 0.3]}, LocationStatus.NO_INTERSECTION),
             ([[0, 0], [1000, 0]], {"azimuth": [np.pi / 4, 3 * np.pi / 4]}, None),
             # circles too far apart
-            ([[0, 0], [1000, 0]], {"range": [300, 300]}, Problem.NO_INTERSECTION),
-            ([[0, 0], [1000, 0]], {"range": [600, 600]}, Problem.AMBIGUOUS),
+            ([[0, 0], [1000, 0]], {"range": [300, 300]}, LocationStatus.NO_INTERSECTION),
+            ([[0, 0], [1000, 0]], {"range": [600, 600]}, LocationStatus.AMBIGUOUS),
             # in line: the mirror image is as good
             (
                 [[0, 0], [1000, 0], [3000, 0]],
                 {"range": [1500, 1118.0339887498948, 2291.28784747792]},
-                Problem.AMBIGUOUS,
+                LocationStatus.AMBIGUOUS,
             ),
             # along the baseline
             ([[0, 0], [1000, 0]], {"azimuth": [np.pi / 2, np.pi / 2]}, None),
@@ -609,7 +609,7 @@ class TestDegenerate:
             (
                 [[0, 0, 0], [1e3, 0, 0], [0, 1e3, 0.0]],
                 {"range": [900, 900, 900]},
-                Problem.AMBIGUOUS,
+                LocationStatus.AMBIGUOUS,
             ),
         ],
     )
@@ -617,25 +617,25 @@ class TestDegenerate:
         sigmas = {f"{kind}_sigma": 0.01 for kind in measured}
         rows = {kind: [value, value] for kind, value in measured.items()}
         batch = locate(places, **rows, **sigmas)
-        assert np.all(batch.problem != 0)
+        assert np.all(batch.status != 0)
         if problem is not None:
-            np.testing.assert_array_equal(batch.problem, problem)
+            np.testing.assert_array_equal(batch.status, problem)
         assert np.isnan(batch.position).all()
         assert np.isnan(batch.covariance).all()
         with pytest.raises(ValueError, match=r"\w") as caught:
             locate(places, **measured, **sigmas)
-        assert str(caught.value) == Problem(batch.problem[0]).reason
+        assert str(caught.value) == LocationStatus(batch.status[0]).message
 
     def test_only_that_instant(self):
         azimuth = np.array([[0.5, -0.5], [0.3, 0.3], [NAN, 0.3], [0.4, -0.6]])
         batch = locate([[0, 0], [1000, 0]], azimuth=azimuth, azimuth_sigma=0.01)
-        np.testing.assert_array_equal(batch.located, [True, False, False, True])
-        np.testing.assert_array_equal(batch.problem, [0, 2, 1, 0])
+        np.testing.assert_array_equal(batch.success, [True, False, False, True])
+        np.testing.assert_array_equal(batch.status, [0, 2, 1, 0])
 
     def test_at_a_station(self):
         azimuth = [np.pi / 2, 0.7, 0.0]
         batch = locate([[0, 0], [1000, 0], [1000, -800]], azimuth=[azimuth] * 2, azimuth_sigma=0.01)
-        np.testing.assert_array_equal(batch.problem, Problem.AT_STATION)
+        np.testing.assert_array_equal(batch.status, LocationStatus.AT_STATION)
 
     def test_initial_decides(self):
         for north in (-500, 500):
@@ -668,16 +668,16 @@ class TestAccuracyMap:
         exact = {kind: truth[kind] for kind in ("range", "azimuth", "elevation")}
         fixes = locate(stations, **exact, method="least-squares")
         np.testing.assert_allclose(found.covariance, fixes.covariance, rtol=1e-7, atol=1e-7)
-        only = accuracy_map(stations, grid, measurements=["range"])
+        only = accuracy_map(stations, grid, kinds=["range"])
         ranges = locate(stations, range=exact["range"], initial=grid, method="least-squares")
         np.testing.assert_allclose(only.covariance, ranges.covariance, rtol=1e-6)
-        np.testing.assert_allclose(only.dilution, ranges.dilution, rtol=1e-6)
+        np.testing.assert_allclose(only.dop, ranges.dop, rtol=1e-6)
 
     def test_undetermined(self):
         found = accuracy_map(SQUARE[:2], [[500, 0], [0, 0], [500, 500]], azimuth_sigma=0.01)
-        np.testing.assert_array_equal(np.isinf(found.position_sigma), [True, True, False])
-        assert np.isinf(found.dilution[0])
-        assert found.dilution[2] > 0
+        np.testing.assert_array_equal(np.isinf(found.drms), [True, True, False])
+        assert np.isinf(found.dop[0])
+        assert found.dop[2] > 0
 
     def test_range_differences(self):
         found = accuracy_map(SQUARE, TARGET, range_difference_sigma=10.0)
@@ -719,13 +719,13 @@ class TestLenth:
         places, azimuth = lenth()
         fix = locate(places, azimuth=azimuth)
         np.testing.assert_allclose(fix.position, [7.21, 1.97], rtol=0, atol=0.02)
-        np.testing.assert_array_equal(np.flatnonzero(fix.outliers.azimuth), [5])
+        np.testing.assert_array_equal(np.flatnonzero(fix.outlier.azimuth), [5])
 
     def test_three_towers(self):
         """Most fixes are those of the reference, to a few metres."""
         fixes, reference_fixes, count = towers()
         distance = np.linalg.norm(fixes.position - reference_fixes, axis=-1)
-        assert fixes.located.all()
+        assert fixes.success.all()
         assert np.median(distance[count == 3]) < 5
         assert np.median(distance[count == 2]) < 1
 
@@ -779,7 +779,7 @@ def test_a_boat_among_drifting_direction_finders():
         places[enough], azimuth=azimuth[enough], azimuth_sigma=np.radians(8.0), redundancy=2
     )
     error = np.linalg.norm(fixes.position - truth[enough], axis=-1)
-    assert fixes.located.mean() > 0.9
+    assert fixes.success.mean() > 0.9
     assert np.nanmedian(error) < 300
 
 
@@ -836,15 +836,15 @@ class TestArguments:
 
     def test_degrees_are_told(self):
         """Where there is no position; azimuths beyond a turn may be unwrapped."""
-        with pytest.raises(ValueError, match=r"station.*; azimuths are radians, .*\[0\] is 45"):
-            locate(SQUARE, azimuth=[45.0, 315.0, 225.0, 135.0], azimuth_sigma=2.0)
-        with pytest.raises(ValueError, match=r"do not meet.*radians, and azimuth\[0\] is 315"):
-            locate([[0, 0], [-1000, 0]], azimuth=[315.0, -0.3], azimuth_sigma=2.0)
-        with pytest.raises(np.linalg.LinAlgError, match=r"radians, and azimuth\[1\] is 315"):
-            locate([[0, 0], [1000, 0]], azimuth=[315.0 - 100 * np.pi, 315.0], azimuth_sigma=2.0)
+        with pytest.raises(ValueError, match=r"azimuth\[0\] is 45.*degrees\?"):
+            locate(SQUARE, azimuth=[45.0, 315.0, 225.0, 135.0], azimuth_sigma=0.01)
+        with pytest.raises(ValueError, match=r"azimuth_sigma is 4.*degrees\?"):
+            locate(SQUARE, azimuth=[0.1, 0.2, 0.3, 0.4], azimuth_sigma=4.0)
+        with pytest.raises(ValueError, match=r"azimuth_sigma is 4.*degrees\?"):
+            Station([0, 0], azimuth_sigma=4.0)
         with pytest.raises(ValueError, match=r"do not meet[^;]*short or too long$"):
             locate([[0, 0], [1000, 0]], azimuth=[-0.3, 0.3], azimuth_sigma=0.1)
-        with pytest.raises(ValueError, match=r"elevation\[1\] is 45.0; .* pi \(radians\), or nan"):
+        with pytest.raises(ValueError, match=r"elevation\[1\] is 45.0.*degrees\?"):
             locate(TRIO, elevation=[0.1, 45.0, 0.2], elevation_sigma=0.1)
 
     def test_stations(self):
@@ -865,9 +865,9 @@ class TestArguments:
         with pytest.raises(ValueError, match="no standard deviation"):
             accuracy_map(SQUARE, [[1, 2]])
         with pytest.raises(ValueError, match="range_sigma is missing"):
-            accuracy_map(SQUARE, [[1, 2]], measurements=["range"], azimuth_sigma=1.0)
-        with pytest.raises(ValueError, match="measurements has 'speed'"):
-            accuracy_map(SQUARE, [[1, 2]], measurements=["speed"])
+            accuracy_map(SQUARE, [[1, 2]], kinds=["range"], azimuth_sigma=1.0)
+        with pytest.raises(ValueError, match="kinds has 'speed'"):
+            accuracy_map(SQUARE, [[1, 2]], kinds=["speed"])
         with pytest.raises(ValueError, match="grid has shape"):
             accuracy_map(SQUARE, [[1, 2, 3]], range_sigma=1.0)
 

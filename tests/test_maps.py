@@ -24,9 +24,9 @@ NAMES = {
 }
 RADARS = [
     'name = "west"\nlatitude_deg = 50\nlongitude_deg = 2\nheight_m = 120\nrange_sigma_m = 50\n'
-    "azimuth_sigma_deg = 0.08\nperiod_s = 4",
+    "azimuth_sigma_deg = 0.08\nscan_period_s = 4",
     'name = "east"\nlatitude_deg = 50\nlongitude_deg = 3\nheight_m = 40\nrange_sigma_m = 80\n'
-    "azimuth_sigma_deg = 0.15\nperiod_s = 6",
+    "azimuth_sigma_deg = 0.15\nscan_period_s = 6",
 ]
 Write = Callable[..., Path]
 

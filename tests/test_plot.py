@@ -725,10 +725,10 @@ def test_trajectory_draws_stations_path_fixes_and_faults() -> None:
     assert [text.get_text() for text in plan.texts] == ["west", "east"]
     np.testing.assert_array_equal(line(plan, "trajectory"), result.position[:, :2])
     np.testing.assert_array_equal(line(plan, "single instant"), result.fixes.position[:, :2])
-    faulty = np.asarray(result.outliers.count) > 0
+    faulty = np.asarray(result.outlier.count) > 0
     assert faulty[20:23].all()
     np.testing.assert_array_equal(line(plan, "with a fault"), result.position[faulty, :2])
-    count = int(np.sum(result.outliers.count))
+    count = int(np.sum(result.outlier.count))
     assert plan.get_title() == f"39 of 40 instants located, {count} faults"
     assert plan.get_aspect() == 1.0
     assert {"trajectory", "with a fault", "± 2 sigma", "west", "station 2"} <= set(legend_of(plan))
@@ -755,7 +755,7 @@ def test_trajectory_draws_the_height_and_its_band() -> None:
     result = path_of_space()
     height = plot.trajectory(STATIONS, result)["height"]
     smooth, fixes = (np.asarray(a.get_xydata()) for a in height.get_lines())
-    np.testing.assert_array_equal(smooth, np.column_stack([result.times, result.position[:, 2]]))
+    np.testing.assert_array_equal(smooth, np.column_stack([result.time, result.position[:, 2]]))
     np.testing.assert_array_equal(fixes[:, 1], result.fixes.position[:, 2])
     (band_,) = height.collections
     vertices = np.concatenate([path.vertices for path in band_.get_paths()])[:, 1]
@@ -769,16 +769,16 @@ def test_trajectory_draws_the_height_and_its_band() -> None:
 def test_trajectory_draws_residuals_by_station_and_flags_faults() -> None:
     result = path_of_space()
     panels = plot.trajectory(STATIONS, result)
-    ax, values = panels["range"], result.residuals.range
+    ax, values = panels["range"], result.residual.range
     assert values is not None
-    assert result.outliers.range is not None
+    assert result.outlier.range is not None
     assert ax.get_ylabel() == "range / sigma"
-    kept = np.where(result.outliers.range, np.nan, values)
+    kept = np.where(result.outlier.range, np.nan, values)
     inner = max(3.0, np.nanmax(np.abs(kept)))
     for k, name in enumerate(["west", "east", "station 2"]):
         seen = np.flatnonzero(~np.isnan(values[:, k]))
         drawn = line(ax, name)
-        assert drawn[:, 0].tolist() == result.times[seen].tolist()
+        assert drawn[:, 0].tolist() == result.time[seen].tolist()
         np.testing.assert_allclose(drawn[:, 1], np.clip(values[seen, k], -inner, inner), rtol=1e-12)
     above = line(ax, "outlier, above")
     assert {40.0, 42.0, 44.0} <= set(above[:, 0])
@@ -804,8 +804,8 @@ def test_single_instants_and_range_differences() -> None:
     assert (ax.get_ylabel(), ax.get_xlabel()) == ("range difference / sigma", "instant")
     # the first station has none
     assert line(ax, "station 0").size == 0
-    assert line(ax, "station 1")[:, 0].tolist() == np.flatnonzero(fixes.located).tolist()
-    assert np.count_nonzero(fixes.located) > 30
+    assert line(ax, "station 1")[:, 0].tolist() == np.flatnonzero(fixes.success).tolist()
+    assert np.count_nonzero(fixes.success) > 30
     assert not ax.figure.legends
     ax.figure.canvas.draw()
 
@@ -885,8 +885,8 @@ def test_errors_of_trajectory(
 def air_radars() -> list[Radar]:
     noise = {"range_sigma": 50.0, "azimuth_sigma": 0.002}
     return [
-        Radar((0.0, 0.0, 500.0), period=4.0, name="west", **noise),
-        Radar((30e3, 0.0), period=5.0, **noise),
+        Radar((0.0, 0.0, 500.0), scan_period=4.0, name="west", **noise),
+        Radar((30e3, 0.0), scan_period=5.0, **noise),
     ]
 
 
@@ -894,7 +894,7 @@ def air_plots() -> Plots:
     """Return plots without errors of an aircraft that turns at 100 s, 5500 m high, some missing."""
     columns = []
     for k, radar in enumerate(air_radars()):
-        time = np.arange(0.3 * k, 200.0, radar.period)
+        time = np.arange(0.3 * k, 200.0, radar.scan_period)
         angle = np.clip((time - 100) / 50, 0, 1) * np.pi / 2
         turn = 200 * 50 / (np.pi / 2)
         east = 10e3 + turn * (1 - np.cos(angle)) + 200 * np.maximum(time - 150, 0)

@@ -26,10 +26,10 @@ COMMAND = [sys.executable, "-c", "from tertia.cli import main; main()", "track",
 HEAD = "time_s,radar,range_m,azimuth_deg,height_m,identity"
 SCAN = 4.0
 RADARS = [
-    Radar((0.0, 0.0), range_sigma=50.0, azimuth_sigma=0.001, period=SCAN, name="west"),
-    Radar((60e3, 5e3), range_sigma=80.0, azimuth_sigma=0.002, period=6.0, name="east"),
+    Radar((0.0, 0.0), range_sigma=50.0, azimuth_sigma=0.001, scan_period=SCAN, name="west"),
+    Radar((60e3, 5e3), range_sigma=80.0, azimuth_sigma=0.002, scan_period=6.0, name="east"),
 ]
-SITES = """name,east_m,north_m,range_sigma_m,azimuth_sigma_deg,period_s
+SITES = """name,east_m,north_m,range_sigma_m,azimuth_sigma_deg,scan_period_s
 west,0,0,50,{},4
 east,60000,5000,80,{},6
 """.format(*np.degrees([0.001, 0.002]))
@@ -40,9 +40,9 @@ def recording() -> pl.DataFrame:
     random = np.random.default_rng(3)
     rows = []
     for radar in RADARS:
-        for scan in np.arange(0.0, 200.0, radar.period):
+        for scan in np.arange(0.0, 200.0, radar.scan_period):
             for k in range(5):
-                moment = scan + radar.period * (k + 0.5) / 5
+                moment = scan + radar.scan_period * (k + 0.5) / 5
                 place = np.array([20e3 + 9e3 * k - 120 * moment, 30e3 + 80 * moment])
                 east, north = place - radar.position
                 rows.append(
@@ -467,7 +467,7 @@ def test_a_real_recording(tmp_path: Path) -> None:
     found = pl.read_csv(
         io.StringIO(out), infer_schema_length=None, schema_overrides={"icao_address": pl.String}
     )
-    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, name="lebl")
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, name="lebl")
     tracker = Tracker([radar])
     number = source["icao24"].str.to_integer(base=16, strict=False).fill_null(-1)
     seen = Plots(

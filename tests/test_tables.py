@@ -368,7 +368,7 @@ RADARS = [
         (0.0, 0.0, 120.0),
         range_sigma=50.0,
         azimuth_sigma=np.radians(0.08),
-        period=4.0,
+        scan_period=4.0,
         name="west",
     )
 ]
@@ -384,7 +384,7 @@ class TestTrack:
         plots.write_csv(path)
         radars = tmp_path / "radars.csv"
         radars.write_text(
-            "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg,period_s\n"
+            "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg,scan_period_s\n"
             "west,0,0,120,50,0.08,4\n"
         )
         words = ["track", path, "--radars", radars, "--output", output]

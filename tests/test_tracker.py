@@ -27,7 +27,7 @@ from tertia.tracker import (
     track,
 )
 
-RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, range_max=120e3)
+RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, max_range=120e3)
 MOTIONS = ["imm", "singer", "cv", "window"]
 
 
@@ -66,8 +66,8 @@ def line(n=20, period=4.0, start=0.0, seed=0):
     return Plots(time, *noisy(position, RADAR, rng))
 
 
-PRECISE = Radar(range_sigma=15.0, azimuth_sigma=np.radians(0.02), period=4.0)
-SLOW = Radar(range_sigma=100.0, azimuth_sigma=np.radians(0.12), period=10.0)
+PRECISE = Radar(range_sigma=15.0, azimuth_sigma=np.radians(0.02), scan_period=4.0)
+SLOW = Radar(range_sigma=100.0, azimuth_sigma=np.radians(0.12), scan_period=10.0)
 CORNER = [[-20e3, 40e3], [0.0, 40e3], [10e3, 70e3]]
 
 
@@ -78,7 +78,7 @@ def gaps(steps):
 
 def sidestep(radar):
     """A turn of 2 degrees a second, gaps, and a step aside of 125 m that no model holds."""
-    time, position, _ = turning_flight(period=radar.period)
+    time, position, _ = turning_flight(period=radar.scan_period)
     position[12:] += [0.0, -125.0 * (radar is PRECISE)]
     kept = gaps(len(time))
     distance, azimuth = noisy(position, radar, np.random.default_rng(1))
@@ -89,7 +89,7 @@ def planned_turn(radar):
     """A flight along its plan, a little faster and with another bank."""
     before, corner, after = CORNER
     turn = flightplan_reference.turn(before, corner, after, 170.0, bank=np.radians(23))
-    time = np.arange(0.0, 280.0, radar.period)
+    time = np.arange(0.0, 280.0, radar.scan_period)
     position = np.array([flightplan_reference.at(turn, s - 15e3)[0] for s in 170.0 * time])
     kept = gaps(len(time))
     distance, azimuth = noisy(position[kept], radar, np.random.default_rng(4))
@@ -159,20 +159,20 @@ def test_the_window_along_a_plan_is_that_of_the_reference(radar, acceleration):
 
 
 def test_a_plot_in_the_plane_is_that_of_the_source():
-    radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
+    radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), scan_period=10.0)
     position, covariance = Plots([0.0], [150e3], 30.0, degrees=True).to_cartesian([radar])
     shrunk = np.exp(-(radar.azimuth_sigma**2) / 2)
     np.testing.assert_allclose(position[0] * shrunk, [75000, 129903.8105676658], rtol=1e-12)
     expected = [[52810.4395890071, -27242.5262485441], [-27242.5262485441, 21353.4798630024]]
     # the covariance at the position without the bias
     np.testing.assert_allclose(covariance[0], expected, rtol=1e-5)
-    close = Radar(range_sigma=75.0, azimuth_sigma=1e-9, period=10.0)
+    close = Radar(range_sigma=75.0, azimuth_sigma=1e-9, scan_period=10.0)
     _, covariance = Plots([0.0], [150e3], [1.0]).to_cartesian([close])
     assert np.all(np.linalg.eigvalsh(covariance) > 0)
 
 
 def test_the_mean_of_plots_far_away_has_no_bias():
-    radar = Radar(range_sigma=1.0, azimuth_sigma=np.radians(2.0), period=10.0)
+    radar = Radar(range_sigma=1.0, azimuth_sigma=np.radians(2.0), scan_period=10.0)
     azimuth = 0.7 + radar.azimuth_sigma * np.random.default_rng(3).standard_normal(400_000)
     position, _ = Plots(np.zeros(400_000), 300e3, azimuth).to_cartesian([radar])
     toward = np.array([np.sin(0.7), np.cos(0.7)])
@@ -226,7 +226,7 @@ def test_tracks_are_held_and_not_invented(motion):
         values, counts = np.unique(of, return_counts=True)
         assert counts.max() / counts.sum() > 0.9, f"track {number} changes its target"
         best.setdefault(values[counts.argmax()], []).append(number)
-    scans = np.ptp(seen.plots.time) / radar.period
+    scans = np.ptp(seen.plots.time) / radar.scan_period
     assert len(best.pop(-1, [])) < 0.02 * scans
     assert len(best) == len(traffic)
     assert sum(len(tracks) > 1 for tracks in best.values()) <= 2
@@ -236,7 +236,11 @@ def test_tracks_are_held_and_not_invented(motion):
 
 def test_two_radars_are_better_than_one():
     other = Radar(
-        [60e3, 0.0], range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=5.3, range_max=200e3
+        [60e3, 0.0],
+        range_sigma=50.0,
+        azimuth_sigma=np.radians(0.08),
+        scan_period=5.3,
+        max_range=200e3,
     )
     rms = {}
     for radars in ([RADAR], [RADAR, other]):
@@ -245,7 +249,7 @@ def test_two_radars_are_better_than_one():
             rng = np.random.default_rng([21, seed])
             columns = []
             for index, radar in enumerate(radars):
-                time = 0.7 * index + radar.period * np.arange(int(240 / radar.period))
+                time = 0.7 * index + radar.scan_period * np.arange(int(240 / radar.scan_period))
                 position = np.array([10e3, 30e3]) + np.outer(time, [120.0, 80.0])
                 distance, azimuth = noisy(position - radar.position, radar, rng)
                 columns.append((time, distance, azimuth, np.full(len(time), index)))
@@ -290,7 +294,7 @@ def columns(table):
 def test_tracks_do_not_depend_on_the_number_of_threads():
     traffic = simulate.dense_traffic(1200, area=(120e3, 120e3), duration=12.0, rng=1)
     radars = [
-        Radar((x, 0.0), range_sigma=50.0, azimuth_sigma=0.0014, period=4.0, range_max=150e3)
+        Radar((x, 0.0), range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0, max_range=150e3)
         for x in (-30e3, 0.0, 30e3)
     ]
     plots = simulate.radar_plots(traffic, radars, clutter=200.0, rng=2).plots
@@ -309,7 +313,9 @@ def test_tracks_do_not_depend_on_the_number_of_threads():
 def test_a_target_may_be_seen_by_many_radars():
     rng = np.random.default_rng(5)
     places = rng.uniform(-20e3, 20e3, (7, 2))
-    radars = [Radar(place, range_sigma=50.0, azimuth_sigma=0.0014, period=4.0) for place in places]
+    radars = [
+        Radar(place, range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0) for place in places
+    ]
     time = np.arange(0.0, 60.0, 0.5)
     radar = np.arange(len(time)) % 8
     time, radar = time[radar < 7], radar[radar < 7]
@@ -440,7 +446,7 @@ def test_a_missed_scan_is_a_row_without_plot():
 
 def test_targets_that_a_beam_passes_at_once_are_no_clutter():
     # four plots in a fortieth of a scan, three in the next
-    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0, range_max=80e3)
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, max_range=80e3)
     time = 4.0 * np.arange(3)
     at = np.array([[-15e3, 60e3], [-5e3, 60e3], [5e3, 60e3], [15e3, 60e3]])
     position = at[:, np.newaxis] + np.multiply.outer(time, [0.0, 230.0])
@@ -526,7 +532,7 @@ def test_heights_keep_targets_apart_and_are_filtered():
         assert np.all(of == of[0])
 
 
-CLOSE = Radar(range_sigma=15.0, azimuth_sigma=5e-4, period=4.0, range_max=113e3)
+CLOSE = Radar(range_sigma=15.0, azimuth_sigma=5e-4, scan_period=4.0, max_range=113e3)
 
 
 def beamed(places, scans, identity, rng):
@@ -689,7 +695,7 @@ def test_the_window_survives_a_wrong_plan(scenario):
     ("period", "expected"), [(2.0, 12.0), (4.0, 12.0), (7.0, 9.5), (12.0, 7.0)]
 )
 def test_the_guard_of_the_window_depends_on_the_scan(period, expected):
-    radar = Radar(range_sigma=1.0, azimuth_sigma=1e-5, period=period)
+    radar = Radar(range_sigma=1.0, azimuth_sigma=1e-5, scan_period=period)
     time = period * np.arange(12)
     position = np.array([10e3, 30e3]) + np.outer(time, [120.0, -80.0])
     # the guard gate ends at three and a half standard deviations of what was not noticed
@@ -892,15 +898,15 @@ def test_no_plots_are_no_tracks():
     [
         {"range_sigma": 0.0},
         {"azimuth_sigma": np.nan},
-        {"period": -4.0},
-        {"range_max": 0.0},
+        {"scan_period": -4.0},
+        {"max_range": 0.0},
         {"detection_probability": 1.0},
         {"position": [1.0]},
     ],
 )
 def test_wrong_radars_are_refused(change):
     with pytest.raises(ValueError, match=next(iter(change))):
-        Radar(**{"range_sigma": 50.0, "azimuth_sigma": 0.001, "period": 4.0, **change})
+        Radar(**{"range_sigma": 50.0, "azimuth_sigma": 0.001, "scan_period": 4.0, **change})
 
 
 @pytest.mark.parametrize(

@@ -468,7 +468,9 @@ def test_routes_suit_their_set_up(name):
         angles.extend(turns)
         radius = plan.speeds[0] ** 2 / (GRAVITY * np.tan(np.radians(25)))
         arcs = np.concatenate([[0], radius * np.tan(np.radians(np.abs(turns)) / 2), [0]])
-        scans = (np.hypot(*legs.T) - arcs[1:] - arcs[:-1]) / plan.speeds[0] / scene.radar.period
+        scans = (
+            (np.hypot(*legs.T) - arcs[1:] - arcs[:-1]) / plan.speeds[0] / scene.radar.scan_period
+        )
         assert np.min(scans) > 15 - 1e-6
         assert np.max(scans) < 30 + 1e-6
     angles = np.array(angles)
@@ -547,7 +549,7 @@ def radar(position=(0.0, 0.0), **options):
     settings = {
         "range_sigma": 1e-6,
         "azimuth_sigma": 1e-12,
-        "period": 10.0,
+        "scan_period": 10.0,
         "detection_probability": 1 - 1e-15,
     }
     return Radar(position, **settings | options)
@@ -556,7 +558,7 @@ def radar(position=(0.0, 0.0), **options):
 def test_a_plot_is_where_the_beam_and_the_aircraft_are():
     """All around, near and far, from radars that turn at other times."""
     traffic = dense_traffic(300, area=(60e3, 60e3), turning_share=0.5, rng=32)
-    towers = [radar(), radar((5e3, -7e3), period=4.0)]
+    towers = [radar(), radar((5e3, -7e3), scan_period=4.0)]
     record = radar_plots(traffic, towers, phase=[3.0, 1.5], rng=1)
     plots = record.plots
     np.testing.assert_array_equal(record.phase, [3.0, 1.5])
@@ -568,7 +570,7 @@ def test_a_plot_is_where_the_beam_and_the_aircraft_are():
         # of a tangential speed of 250 m/s the azimuth has a microsecond's share
         distance = np.hypot(*offset.T)
         azimuth = np.arctan2(*offset.T)
-        beam = 2 * np.pi * (plots.time[own] - record.phase[k]) / tower.period
+        beam = 2 * np.pi * (plots.time[own] - record.phase[k]) / tower.scan_period
         lag = (azimuth - beam + np.pi) % (2 * np.pi) - np.pi
         assert np.max(np.abs(lag[distance > 1500])) < 2e-6
         wrong = (plots.azimuth[own] - azimuth + np.pi) % (2 * np.pi) - np.pi
@@ -621,7 +623,7 @@ def errors(traffic, record, tower):
 
 def test_noise_is_normal_and_detection_as_probable_as_told(crowd):
     tower = Radar(
-        (0, 0, 500), range_sigma=100, azimuth_sigma=0.002, period=5, detection_probability=0.8
+        (0, 0, 500), range_sigma=100, azimuth_sigma=0.002, scan_period=5, detection_probability=0.8
     )
     record = radar_plots(crowd, [tower], rng=2)
     for error in errors(crowd, record, tower):
@@ -631,7 +633,7 @@ def test_noise_is_normal_and_detection_as_probable_as_told(crowd):
 
 
 def test_beyond_its_range_a_radar_sees_nothing(crowd):
-    record = radar_plots(crowd, [radar(range_max=50e3)], rng=3)
+    record = radar_plots(crowd, [radar(max_range=50e3)], rng=3)
     assert 0 < len(record) < 2000
     assert np.max(record.plots.range) < 50e3 + 1e-3
     whole = radar_plots(crowd, [radar()], phase=record.phase, rng=3)
@@ -652,7 +654,7 @@ def test_bias_and_outliers(crowd):
 
 
 def test_each_radar_has_its_own_bias_and_clutter(crowd):
-    towers = [radar(range_max=400e3), radar(range_max=400e3)]
+    towers = [radar(max_range=400e3), radar(max_range=400e3)]
     record = radar_plots(crowd, towers, bias=[[0, 0], [500, 0]], clutter=[0, 40], rng=5)
     for k, shift in enumerate((0.0, 500.0)):
         own = record[record.plots.sensor == k]
@@ -711,7 +713,7 @@ def test_without_heights_the_range_is_horizontal_and_without_identity_there_is_n
 
 
 def test_clutter_is_uniform_over_the_area_and_comes_with_the_beam(crowd):
-    tower = radar(range_max=300e3, detection_probability=1e-12)
+    tower = radar(max_range=300e3, detection_probability=1e-12)
     record = radar_plots(crowd, [tower], clutter=250, rng=9)
     assert (record.target == -1).all()
     assert len(record) == pytest.approx(5000, abs=4 * np.sqrt(5000))
@@ -727,12 +729,12 @@ def test_clutter_is_uniform_over_the_area_and_comes_with_the_beam(crowd):
 
 def test_phases_are_uniform():
     traffic = encounter("formation", duration=10.0, rng=1)
-    record = radar_plots(traffic, [radar(period=8.0)] * 400, rng=10)
+    record = radar_plots(traffic, [radar(scan_period=8.0)] * 400, rng=10)
     assert stats.kstest(record.phase / 8, "uniform").pvalue > 0.01
 
 
 def test_a_flight_alone_with_the_clutter(crowd):
-    record = radar_plots(crowd, [radar(range_max=400e3)], clutter=50, rng=11)
+    record = radar_plots(crowd, [radar(max_range=400e3)], clutter=50, rng=11)
     alone = record.alone(5)
     assert set(alone.target) == {-1, 5}
     assert np.sum(alone.target == 5) == np.sum(record.target == 5)
@@ -763,7 +765,7 @@ def test_a_seed_gives_the_same_traffic_and_a_generator_goes_on():
         lambda rng: flights(plans, scenario="holding", wind=15.0, rng=rng),
         lambda rng: dense_traffic(5, rng=rng),
         lambda rng: radar_plots(
-            dense_traffic(5, rng=1), [radar(range_max=1e6)], clutter=3, rng=rng
+            dense_traffic(5, rng=1), [radar(max_range=1e6)], clutter=3, rng=rng
         ),
     ):
         same(make(37), make(37))
@@ -781,7 +783,7 @@ def test_nobody_flies():
     ):
         assert len(traffic) == 0
         assert repr(traffic) == "Traffic(0 flights)"
-        record = radar_plots(traffic, [radar(range_max=1e5)], clutter=10, rng=1)
+        record = radar_plots(traffic, [radar(max_range=1e5)], clutter=10, rng=1)
         assert len(record) == len(record.plots) == 0
     assert routes("tma", 0, rng=1) == []
     assert len(radar_plots(dense_traffic(3, rng=1), [], rng=1)) == 0
@@ -852,7 +854,7 @@ def test_flights_refuse(options, error, message):
         ({"traffic": 3}, TypeError, "traffic is 3"),
         ({"radars": radar()}, TypeError, "(?s)radars is .*; it must be a sequence"),
         ({"radars": [3]}, TypeError, r"radars\[0\] is 3"),
-        ({"clutter": 5}, ValueError, "range_max is inf; it must be finite where there is clutter"),
+        ({"clutter": 5}, ValueError, "max_range is inf; it must be finite where there is clutter"),
         ({"clutter": -1}, ValueError, r"clutter is \[-1.0\]"),
         ({"clutter": [1, 2]}, ValueError, r"clutter has shape \(2,\); it must fit \(1,\)"),
         ({"phase": [1, 2]}, ValueError, r"phase has shape \(2,\)"),

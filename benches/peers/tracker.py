@@ -114,7 +114,7 @@ def scene(name, n, clutter, radars, seed):
     else:
         traffic = encounter(name, n=n, middle=MIDDLE, height=0.0, duration=duration, rng=seed)
     stations = [
-        Radar(place, period=PERIOD, range_max=RANGE, detection_probability=DETECTION, **NOISE)
+        Radar(place, scan_period=PERIOD, max_range=RANGE, detection_probability=DETECTION, **NOISE)
         for place in PLACES[:radars]
     ]
     seen = radar_plots(

@@ -69,7 +69,7 @@ def drawn(name: str, faults: int, size: float, *study: int) -> tuple[Any, FloatA
 
 def cells(fix: Location, target: FloatArray) -> list[str]:
     """Tell root mean square error, normalised error and share of instants without a position."""
-    located = np.asarray(fix.located)
+    located = np.asarray(fix.success)
     error = fix.position - target
     nees = np.asarray(metrics.nees(error, fix.covariance))[located]
     rmse = np.sqrt(np.mean(np.sum(error[located] ** 2, axis=-1)))
@@ -102,7 +102,7 @@ def poor_geometry() -> str:
         record = stations(places, target, batch=TRIALS, rng=generator(41, int(baseline)))
         fix = locate(places, azimuth=record.measurements["azimuth"])
         linear = accuracy_map(places, target).sigma
-        located = np.asarray(fix.located)
+        located = np.asarray(fix.success)
         nees = np.asarray(metrics.nees(fix.position - target, fix.covariance))[located]
         bias = np.median(fix.position[located, 1]) - target[1]
         rows.append(
@@ -123,7 +123,7 @@ def lenth() -> str:
             found = ", ".join(f"{v:.2f}" for v in fix.position)
             sigma = ", ".join(f"{v:.3f}" for v in fix.sigma)
             told = PUBLISHED.get((count, method), "")
-            rows.append([str(count), method, told, f"{found} ± {sigma}", str(fix.outliers.count)])
+            rows.append([str(count), method, told, f"{found} ± {sigma}", str(fix.outlier.count)])
     return markdown(["bearings", "method", "published", "found", "faults"], rows)
 
 

@@ -51,8 +51,8 @@ def scene(name: simulate.SetUpName, seed: int) -> tuple[report.Report, FloatArra
                     place,
                     range_sigma=usual.range_sigma * scale[0],
                     azimuth_sigma=usual.azimuth_sigma * scale[1],
-                    period=usual.period * (1.0 + 0.25 * k),
-                    range_max=usual.range_max,
+                    scan_period=usual.scan_period * (1.0 + 0.25 * k),
+                    max_range=usual.max_range,
                     detection_probability=usual.detection_probability,
                 )
             )

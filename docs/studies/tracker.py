@@ -242,7 +242,7 @@ def blocked_wrongly(record: Recording, found: Errors) -> float:
     first = np.full(len(record.plans), np.inf)
     np.minimum.at(first, target[found.conforming], time[found.conforming])
     # at its end no plan is believed
-    end = traffic.start + traffic.step * (traffic.count - 1) - 3 * record.radar.period
+    end = traffic.start + traffic.step * (traffic.count - 1) - 3 * record.radar.scan_period
     during = (time > first[target]) & (time < end[target]) & np.isfinite(found.turning)
     return len(np.unique(target[during & ~found.conforming])) / len(record.plans)
 

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown
 from tertia import plot
-from tertia.location import Kind, Station, locate
+from tertia.location import locate
+from tertia.sensors import Bias, Kind, Station
 from tertia.smoothing import local_polynomial
 from tertia.trajectory import Trajectory, reconstruct
 
@@ -57,7 +58,7 @@ FINDER_FIXES = "least squares, no smoothing"
 FINDER_METHODS: dict[str, dict[str, Any]] = {
     FINDER_FIXES: {"spatial": "least-squares"},
     "robust, RTS": {},
-    "robust, RTS, biases estimated": {"biases": ("azimuth",)},
+    "robust, RTS, biases estimated": {"bias": Bias(azimuth_sigma=None)},
 }
 SINGLE = "least squares, no smoothing"
 EXPECTED_SINGLE = (7.88, 8.43, 8.77, 8.68, 9.12, 9.06, 9.39)
@@ -66,6 +67,7 @@ BIASES: dict[Kind, FloatArray] = {
     "azimuth": np.deg2rad([0.3, -0.5, 0.1]),
     "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
 }
+ESTIMATED = Bias(range_sigma=None, azimuth_sigma=None, elevation_sigma=None)
 # the paper's claims: fixed degree, radii of circles round the first station
 CLAIM_RUNS, ONE_DEGREE, RADII = 40, 3, (500.0, 1000.0)
 # turns in radians a second and noise in units of what the stations have
@@ -308,9 +310,9 @@ def finders() -> str:
                 covered = np.sum(error * solved, axis=-1) < -2 * np.log(0.05)
                 errors.setdefault(name, []).append(np.linalg.norm(error, axis=-1))
                 inside.setdefault(name, []).append(float(np.mean(covered)))
-                if found.bias is not None and found.bias_sigma is not None:
+                if found.bias is not None:
                     off = np.asarray(found.bias.azimuth) - FINDER_BIASES
-                    squares.append((off / np.asarray(found.bias_sigma.azimuth)) ** 2)
+                    squares.append((off / np.asarray(found.bias.azimuth_sigma)) ** 2)
         for name, sizes in errors.items():
             levels = np.percentile(np.concatenate(sizes), [50, 90, 99])
             bias = f"{np.mean(squares):.2f}" if name.endswith("estimated") else ""
@@ -344,8 +346,8 @@ def biases() -> str:
     for name, options in {
         "no biases": {},
         "biases, not estimated": {},
-        "biases, estimated": {"biases": tuple(BIASES)},
-        "no biases, but estimated": {"biases": tuple(BIASES)},
+        "biases, estimated": {"bias": ESTIMATED},
+        "no biases, but estimated": {"bias": ESTIMATED},
     }.items():
         squares, normalised = [], []
         for run in range(RUNS):
@@ -539,7 +541,7 @@ def decoded() -> str:
         found = reconstruct(network(places, PAPER_SIGMA), PAPER_INSTANTS, **_named(measured))
         covariance, error = found.covariance[:, :3, :3], found.position - truth
         solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
-        left.append(np.asarray(found.outliers.range)[:, 0])
+        left.append(np.asarray(found.outlier.range)[:, 0])
         squares.append(np.sum(error**2, axis=-1))
         claimed.append(np.sum(found.sigma**2, axis=-1))
         normalised.append(np.sum(error * solved, axis=-1) / 3)
@@ -587,7 +589,7 @@ def track_figure() -> Figure:
         range=found["range_m"],
         azimuth=np.radians(found["azimuth_deg"]),
         elevation=np.radians(found["elevation_deg"]),
-        biases=("azimuth",),
+        bias=Bias(azimuth_sigma=None),
     )
     figure = Figure(figsize=(10, 7.5), layout="constrained")
     plot.trajectory(stations, track, figure=figure)

@@ -2,9 +2,10 @@
 
 For measurements that are redundant and sometimes wrong. `tertia.screening` finds the anomalous
 ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.weights` combines
-estimates and tells what not knowing their covariances costs, `tertia.location` makes a position of
-what several stations measured, `tertia.kalman` makes tracks of plots, `tertia.smoothing` smooths
-positions along time, `tertia.trajectory` does both for what stations measured along time,
+estimates and tells what not knowing their covariances costs, `tertia.sensors` describes stations
+and radars, `tertia.location` makes a position of what several stations measured, `tertia.kalman`
+makes tracks of plots, `tertia.smoothing` smooths positions along time, `tertia.trajectory` does
+both for what stations measured along time,
 `tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs
 to which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads
 these, `tertia.tracker` makes tracks of scans of plots, `tertia.metrics` tells whether errors are
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
         location,
         metrics,
         screening,
+        sensors,
         simulate,
         smoothing,
         tracker,
@@ -53,6 +55,7 @@ __all__ = [
     "location",
     "metrics",
     "screening",
+    "sensors",
     "simulate",
     "smoothing",
     "tracker",

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import FloatArray, finite, real, samples, scalar_or_array
-from tertia.location import Station
+from tertia.sensors import Station
 
 if TYPE_CHECKING:
     from pyproj import Transformer
@@ -242,7 +242,7 @@ class LocalFrame:
         height : array_like of shape (...)
             Metres above the ellipsoid.
         range_sigma, azimuth_sigma, elevation_sigma : float, optional
-            See `tertia.location.Station`.
+            See `tertia.sensors.Station`.
         name : str, optional
             How pictures call it.
 

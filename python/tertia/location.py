@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -28,43 +28,46 @@ from tertia._arrays import (
     finite,
     integer,
     positive,
-    real,
+    radians,
     samples,
     scalar_or_array,
     threads,
 )
+from tertia.sensors import (
+    ANGLES,
+    KINDS,
+    ByKind,
+    Kind,
+    Station,
+    angle_sigma,
+    stack_stations,
+)
 
 __all__ = [
     "Accuracy",
+    "ByKind",
     "Kind",
     "Location",
     "LocationMethod",
-    "Outliers",
-    "Problem",
-    "Residuals",
+    "LocationStatus",
     "Station",
     "accuracy_map",
     "locate",
 ]
 
-Kind: TypeAlias = Literal["range", "azimuth", "elevation", "range_difference"]
 LocationMethod: TypeAlias = Literal[
     "robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"
 ]
 
-_KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference")
-_STATION_KINDS = _KINDS[:3]
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 # with as many degrees of freedom, two faults still leave a majority
 _REDUNDANCY = 3
-# of the elements of axes times their transpose, from the identity
-_ORTHONORMAL = 1e-9
 
 
-class Problem(enum.IntEnum):
-    """Why an instant has no position; 0, which is false, where it has one."""
+class LocationStatus(enum.IntEnum):
+    """Whether an instant was located: OK, which is 0 and false, or why not."""
 
-    NONE = 0
+    OK = 0
     TOO_FEW = 1
     NO_INTERSECTION = 2
     SINGULAR = 3
@@ -73,127 +76,31 @@ class Problem(enum.IntEnum):
     NOT_CONVERGED = 6
 
     @property
-    def reason(self) -> str:
-        """What is wrong, as a sentence."""
-        return _REASONS[self]
+    def message(self) -> str:
+        """What happened, as a sentence."""
+        return _MESSAGES[self]
 
 
-_REASONS = {
-    Problem.NONE: "there is no problem",
-    Problem.TOO_FEW: "there are fewer measurements than coordinates",
-    Problem.NO_INTERSECTION: (
+_MESSAGES = {
+    LocationStatus.OK: "the target was located",
+    LocationStatus.TOO_FEW: "there are fewer measurements than coordinates",
+    LocationStatus.NO_INTERSECTION: (
         "the measurements do not meet: bearings are parallel, diverge or meet behind a station, "
         "or ranges are too short or too long"
     ),
-    Problem.SINGULAR: (
+    LocationStatus.SINGULAR: (
         "the geometry leaves a direction undetermined: stations and target are in line, or all "
         "measurements change alike"
     ),
-    Problem.AMBIGUOUS: (
+    LocationStatus.AMBIGUOUS: (
         "two positions explain the measurements (almost) equally well; give initial, or measure "
         "something else"
     ),
-    Problem.AT_STATION: "the position is at a station, or straight above one that measures angles",
-    Problem.NOT_CONVERGED: "no minimum was reached",
+    LocationStatus.AT_STATION: (
+        "the position is at a station, or straight above one that measures angles"
+    ),
+    LocationStatus.NOT_CONVERGED: "no minimum was reached",
 }
-
-
-@dataclass(frozen=True, slots=True, eq=False, init=False)
-class Station:
-    """Where a station is, and how well it measures.
-
-    Attributes
-    ----------
-    position : ndarray of shape (..., 2) or (..., 3)
-        East, north and up in metres; leading axes where the station moves.
-    range_sigma : float or None
-        Standard deviation of its ranges in metres; None: unknown, or it measures none.
-    azimuth_sigma, elevation_sigma : float or None
-        Those of its angles, in radians.
-    name : str or None
-        How pictures call it.
-    axes : ndarray of shape (..., D, D) or None
-        Its own east, north and up as rows, in the coordinates of the frame: azimuths and elevations
-        refer to them. None: those of the frame. At another place of the earth they are others, see
-        `tertia.geo`.
-    """
-
-    position: FloatArray
-    range_sigma: float | None
-    azimuth_sigma: float | None
-    elevation_sigma: float | None
-    name: str | None
-    axes: FloatArray | None
-
-    def __init__(
-        self,
-        position: npt.ArrayLike,
-        *,
-        range_sigma: float | None = None,
-        azimuth_sigma: float | None = None,
-        elevation_sigma: float | None = None,
-        name: str | None = None,
-        axes: npt.ArrayLike | None = None,
-    ) -> None:
-        place = finite(position, "position")
-        _require_dimension(place, "position", "(..., 2) or (..., 3)")
-        sigmas = {
-            "range_sigma": range_sigma,
-            "azimuth_sigma": azimuth_sigma,
-            "elevation_sigma": elevation_sigma,
-        }
-        object.__setattr__(self, "position", place)
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "axes", None if axes is None else _axes(axes, place))
-        for key, sigma in sigmas.items():
-            number = None if sigma is None else float(positive(real(sigma, key), key))
-            object.__setattr__(self, key, number)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Residuals:
-    """Whitened residuals, `(measured - predicted) / sigma`; None for kinds that were not given.
-
-    Attributes
-    ----------
-    range, azimuth, elevation : ndarray of shape (..., K) or None
-        One for each station; nan where nothing was measured.
-    range_difference : ndarray of shape (..., K - 1) or None
-        One for each station but the first.
-    """
-
-    range: FloatArray | None
-    azimuth: FloatArray | None
-    elevation: FloatArray | None
-    range_difference: FloatArray | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outliers:
-    """Which measurements have no weight; None for kinds that were not given.
-
-    Attributes
-    ----------
-    range, azimuth, elevation : ndarray of bool, shape (..., K), or None
-        One for each station.
-    range_difference : ndarray of bool, shape (..., K - 1), or None
-        One for each station but the first.
-    """
-
-    range: BoolArray | None
-    azimuth: BoolArray | None
-    elevation: BoolArray | None
-    range_difference: BoolArray | None
-
-    @property
-    def count(self) -> int | IntArray:
-        """How many there are, of shape (...)."""
-        marks = [getattr(self, field.name) for field in fields(self)]
-        present = [mark for mark in marks if mark is not None]
-        total: int | IntArray = scalar_or_array(
-            np.asarray(sum(np.sum(mark, axis=-1) for mark in present))
-        )
-        return total
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,39 +110,39 @@ class Location:
     Attributes
     ----------
     position : ndarray of shape (..., D)
-        The position in metres; nan where there is a problem.
+        The position in metres; nan where there is none.
     covariance : ndarray of shape (..., D, D)
         Its covariance; infinite variances where sigma is unknown and nothing is redundant.
-    residuals : Residuals
+    residual : ByKind
         The whitened residuals of all measurements.
-    outliers : Outliers
+    outlier : ByKind
         The measurements that were treated as faults; none by least squares.
     degrees_of_freedom : int or ndarray of shape (...)
         Measurements less coordinates.
-    chi_square : float or ndarray of shape (...)
+    statistic : float or ndarray of shape (...)
         Sum of all squared residuals, faults included.
-    p_value : float or ndarray of shape (...)
+    pvalue : float or ndarray of shape (...)
         Probability of a larger sum without faults; nan where sigma was estimated. A small one says
         that a measurement or a sigma is wrong.
-    dilution : float or ndarray of shape (...)
+    dop : float or ndarray of shape (...)
         Dilution of precision: the root of the trace of the covariance that measurements with
         sigma 1 would give. Metres per metre, or metres per radian; nan for mixtures of both.
     measurement_sigma : float, ndarray of shape (...) or None
         The common standard deviation of the measurements where it was estimated.
-    problem : Problem or ndarray of int, shape (...)
-        Why there is no position; 0 where there is one.
+    status : LocationStatus or ndarray of int, shape (...)
+        OK, which is 0, or why there is no position.
     """
 
     position: FloatArray
     covariance: FloatArray
-    residuals: Residuals
-    outliers: Outliers
+    residual: ByKind
+    outlier: ByKind
     degrees_of_freedom: int | IntArray
-    chi_square: float | FloatArray
-    p_value: float | FloatArray
-    dilution: float | FloatArray
+    statistic: float | FloatArray
+    pvalue: float | FloatArray
+    dop: float | FloatArray
     measurement_sigma: float | FloatArray | None
-    problem: Problem | IntArray
+    status: LocationStatus | IntArray
 
     @property
     def sigma(self) -> FloatArray:
@@ -243,20 +150,20 @@ class Location:
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
-    def located(self) -> bool | BoolArray:
+    def success(self) -> bool | BoolArray:
         """Whether there is a position, of shape (...)."""
-        known: bool | BoolArray = scalar_or_array(np.asarray(self.problem) == 0)
+        known: bool | BoolArray = scalar_or_array(np.asarray(self.status) == 0)
         return known
 
     def __repr__(self) -> str:
-        """Tell position and sigma where there is no batch."""
+        """Show position and sigma where there is no batch."""
         if self.position.ndim > 1:
-            found, count = np.count_nonzero(self.located), np.size(self.located)
+            found, count = np.count_nonzero(self.success), np.size(self.success)
             return f"Location(batch {self.position.shape[:-1]}, {found} of {count} located)"
         pairs = zip(self.position, self.sigma, strict=True)
         listed = ", ".join(f"{value:.6g} ± {sigma:.3g}" for value, sigma in pairs)
         count = int(self.degrees_of_freedom) + self.position.size
-        return f"Location([{listed}], {self.outliers.count} of {count} faulty)"
+        return f"Location([{listed}], {self.outlier.count} of {count} faulty)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,12 +174,12 @@ class Accuracy:
     ----------
     covariance : ndarray of shape (..., D, D)
         Of a position by least squares; infinite variances where it is not determined.
-    dilution : float or ndarray of shape (...)
+    dop : float or ndarray of shape (...)
         See `Location`.
     """
 
     covariance: FloatArray
-    dilution: float | FloatArray
+    dop: float | FloatArray
 
     @property
     def sigma(self) -> FloatArray:
@@ -280,15 +187,15 @@ class Accuracy:
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
-    def position_sigma(self) -> float | FloatArray:
-        """Root of the sum of their squares (DRMS), of shape (...)."""
+    def drms(self) -> float | FloatArray:
+        """Distance root mean square: root of the sum of the variances, of shape (...)."""
         total: float | FloatArray = scalar_or_array(
             np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1))
         )
         return total
 
     def __repr__(self) -> str:
-        """Tell the number of positions."""
+        """Show the number of positions."""
         return f"Accuracy(batch {self.covariance.shape[:-2]})"
 
 
@@ -306,6 +213,7 @@ def locate(
     method: LocationMethod = "robust",
     redundancy: int = _REDUNDANCY,
     initial: npt.ArrayLike | None = None,
+    degrees: bool = False,
     n_threads: int | None = None,
 ) -> Location:
     """Locate a target by what several stations measured at the same instant.
@@ -335,6 +243,8 @@ def locate(
         with two hardly.
     initial : array_like of shape (..., D), optional
         A position near that of the target. It decides where several explain the measurements.
+    degrees : bool
+        Whether the angles and their standard deviations given here are in degrees.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -342,7 +252,7 @@ def locate(
     -------
     Location
         Position, covariance, residuals and faults. In a batch an instant without a position has
-        nan there, and the reason in `problem`.
+        nan there, and the reason in `status`.
 
     Raises
     ------
@@ -380,10 +290,10 @@ def locate(
     >>> fix = locate(places, azimuth=bearings, azimuth_sigma=0.002)
     >>> fix
     Location([1001.02 ± 1.52, 999.061 ± 2.34], 1 of 5 faulty)
-    >>> fix.outliers.azimuth
+    >>> fix.outlier.azimuth
     array([False, False, False, False,  True])
     """
-    places, axes, sigmas = _stations(stations)
+    places, axes, sigmas = stack_stations(stations)
     k, d = places.shape[-2:]
     given = {
         "range": (range, range_sigma),
@@ -392,7 +302,10 @@ def locate(
         "range_difference": (range_difference, range_difference_sigma),
     }
     measured = {
-        kind: (_measured(value, kind, k), _deviations(sigma, sigmas.get(kind), kind, k))
+        kind: (
+            checked(value, kind, k, degrees=degrees),
+            _deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees),
+        )
         for kind, (value, sigma) in given.items()
         if value is not None
     }
@@ -407,10 +320,10 @@ def locate(
     if start is not None and start.shape[-1:] != (d,):
         raise ValueError(f"initial has shape {start.shape}; it must be (..., {d})")
     batch = _batch(places, measured, start)
-    values = np.full((*batch, len(_KINDS), k), np.nan)
-    deviations = np.full((*_sigma_batch(measured), len(_KINDS), k), np.nan)
+    values = np.full((*batch, len(KINDS), k), np.nan)
+    deviations = np.full((*_sigma_batch(measured), len(KINDS), k), np.nan)
     for kind, (value, sigma) in measured.items():
-        at, first = _KINDS.index(kind), int(kind == "range_difference")
+        at, first = KINDS.index(kind), int(kind == "range_difference")
         values[..., at, first:] = value
         deviations[..., at, first:] = sigma
     result = _core.locate(
@@ -424,8 +337,8 @@ def locate(
         threads(n_threads),
     )
     location = _location(result, tuple(measured), estimated=_is_unknown(measured))
-    if isinstance(location.problem, Problem):
-        _raise(location.problem, measured)
+    if isinstance(location.status, LocationStatus):
+        _raise(location.status)
     return location
 
 
@@ -433,11 +346,12 @@ def accuracy_map(
     stations: Sequence[Station] | npt.ArrayLike,
     grid: npt.ArrayLike,
     *,
-    measurements: Sequence[Kind] | None = None,
+    kinds: Sequence[Kind] | None = None,
     range_sigma: npt.ArrayLike | None = None,
     azimuth_sigma: npt.ArrayLike | None = None,
     elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
+    degrees: bool = False,
     n_threads: int | None = None,
 ) -> Accuracy:
     """Return the covariance that a position would have, before anything is measured.
@@ -448,12 +362,14 @@ def accuracy_map(
         The stations, or their positions alone.
     grid : array_like of shape (..., D)
         Positions of the target in metres.
-    measurements : sequence of {"range", "azimuth", "elevation", "range_difference"}, optional
+    kinds : sequence of {"range", "azimuth", "elevation", "range_difference"}, optional
         What is measured; by default all that there are standard deviations of.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
         Standard deviations of range differences, see `locate`.
+    degrees : bool
+        Whether the angles and their standard deviations given here are in degrees.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -479,7 +395,7 @@ def accuracy_map(
     array([[10., 10.],
            [inf, inf]])
     """
-    places, axes, own = _stations(stations)
+    places, axes, own = stack_stations(stations)
     if places.ndim != 2:
         raise ValueError("stations must have one position each")
     points = finite(grid, "grid")
@@ -488,110 +404,40 @@ def accuracy_map(
         raise ValueError(f"grid has shape {points.shape}; it must be (..., {d})")
     given = dict(
         zip(
-            _KINDS,
+            KINDS,
             (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma),
             strict=True,
         )
     )
-    deviations = np.full((1, len(_KINDS), k), np.nan)
-    for kind in _chosen(measurements, given, own):
-        sigma = _deviations(given[kind], own.get(kind), kind, k)
+    deviations = np.full((1, len(KINDS), k), np.nan)
+    for kind in _chosen(kinds, given, own):
+        sigma = _deviations(given[kind], own.get(kind), kind, k, degrees=degrees)
         if sigma.ndim > 1:
             raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must have no batch")
-        if measurements is not None and np.all(np.isnan(sigma)):
+        if kinds is not None and np.all(np.isnan(sigma)):
             raise ValueError(f"{kind}_sigma is missing")
         first = int(kind == "range_difference")
-        deviations[0, _KINDS.index(kind), first:] = sigma
+        deviations[0, KINDS.index(kind), first:] = sigma
     if d == 2 and not np.all(np.isnan(deviations[0, 2])):
         raise ValueError("elevation needs stations with three coordinates")
     if np.all(np.isnan(deviations)):
         raise ValueError("no standard deviation is given; nothing would be measured")
-    covariance, dilution = _core.location_accuracy(
+    covariance, dop = _core.location_accuracy(
         places[np.newaxis],
         None if axes is None else axes[np.newaxis],
         deviations,
         np.ascontiguousarray(points),
         threads(n_threads),
     )
-    return Accuracy(covariance, scalar_or_array(dilution))
+    return Accuracy(covariance, scalar_or_array(dop))
 
 
 _Measured: TypeAlias = dict[str, tuple[FloatArray, FloatArray]]
 
 
-def _stations(
-    stations: Sequence[Station] | npt.ArrayLike,
-) -> tuple[FloatArray, FloatArray | None, dict[str, FloatArray]]:
-    """Return positions, (..., K, D), axes, (..., K, D, D), and the stations' own sigmas, (K,)."""
-    if isinstance(stations, Station):
-        raise TypeError("stations is one Station; it must be a sequence of them")
-    if not isinstance(stations, Sequence) or not any(isinstance(s, Station) for s in stations):
-        places = finite(stations, "stations")  # type: ignore[arg-type]
-        _require_dimension(places, "stations", "(..., K, 2) or (..., K, 3)")
-        if places.ndim < 2 or places.shape[-2] == 0:
-            raise ValueError(f"stations has shape {places.shape}; it must be (..., K, D)")
-        return places, None, {}
-    known: list[Station] = []
-    for at, station in enumerate(stations):
-        if not isinstance(station, Station):
-            raise TypeError(f"stations[{at}] is {station!r}; it must be a Station")
-        known.append(station)
-    positions = [station.position for station in known]
-    try:
-        places = np.stack(np.broadcast_arrays(*positions), axis=-2)
-    except ValueError:
-        shapes = ", ".join(str(position.shape) for position in positions)
-        raise ValueError(f"the positions of the stations have shapes {shapes}") from None
-    sigmas = {
-        str(kind): np.array(
-            [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in known],
-            dtype=np.float64,
-        )
-        for kind in _STATION_KINDS
-    }
-    return places, _all_axes(known, places.shape[-1]), sigmas
-
-
-def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
-    """Return the axes of all stations, None if all are those of the frame."""
-    if all(station.axes is None for station in stations):
-        return None
-    each = [np.eye(d) if station.axes is None else station.axes for station in stations]
-    return np.stack(np.broadcast_arrays(*each), axis=-3)
-
-
-def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
-    """Return axes of a station, checked."""
-    array = finite(axes, "axes")
-    d = place.shape[-1]
-    if array.ndim < 2 or array.shape[-2:] != (d, d):
-        raise ValueError(f"axes has shape {array.shape}; it must be (..., {d}, {d})")
-    if array.shape[:-2] not in {(), place.shape[:-1]}:
-        raise ValueError(f"axes has shape {array.shape}, position {place.shape}; they do not fit")
-    error = np.max(np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(d)), initial=0.0)
-    if error > _ORTHONORMAL:
-        raise ValueError(f"axes is {error:.1g} off a rotation; its rows must be orthonormal")
-    if np.any(np.linalg.det(array) < 0):
-        raise ValueError("axes is a reflection; its rows must be east, north and up")
-    return array
-
-
-def _turned(offset: FloatArray, axes: FloatArray | None) -> FloatArray:
-    """Return offsets from stations, (..., K, D), in the axes of the stations."""
-    if axes is None:
-        return offset
-    turned: FloatArray = (axes @ offset[..., np.newaxis])[..., 0]
-    return turned
-
-
-def _require_dimension(array: FloatArray, name: str, shape: str) -> None:
-    if array.ndim < 1 or array.shape[-1] not in {2, 3}:
-        raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
-
-
-def _measured(value: npt.ArrayLike, kind: str, k: int) -> FloatArray:
+def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
     """Return measurements, (..., K) or (..., K - 1), within their domain."""
-    array = samples(value, kind)
+    array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     _require_length(array, kind, k)
     with np.errstate(invalid="ignore"):
         if kind == "range":
@@ -608,16 +454,17 @@ def _measured(value: npt.ArrayLike, kind: str, k: int) -> FloatArray:
 
 
 def _deviations(
-    sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int
+    sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int, *, degrees: bool
 ) -> FloatArray:
     """Return standard deviations, (..., K) or (..., K - 1), nan where they are unknown."""
     count = k - int(kind == "range_difference")
     if sigma is None:
         return np.full(count, np.nan) if own is None else own
-    array = positive(sigma, f"{kind}_sigma")
+    name = f"{kind}_sigma"
+    array = positive(angle_sigma(sigma, name, degrees=degrees), name)
     if array.ndim == 0:
         return np.full(count, array)
-    _require_length(array, f"{kind}_sigma", k)
+    _require_length(array, name, k)
     return array
 
 
@@ -682,15 +529,15 @@ def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray
 
 
 def _chosen(
-    measurements: Sequence[Kind] | None, given: dict[Kind, Any], own: dict[str, FloatArray]
+    kinds: Sequence[Kind] | None, given: dict[Kind, Any], own: dict[str, FloatArray]
 ) -> list[Kind]:
     """Return the kinds that are measured."""
-    if measurements is None:
-        return [kind for kind in _KINDS if given[kind] is not None or kind in own]
-    for kind in measurements:
-        if kind not in _KINDS:
-            raise ValueError(f"measurements has {kind!r}; it must be one of {', '.join(_KINDS)}")
-    return list(measurements)
+    if kinds is None:
+        return [kind for kind in KINDS if given[kind] is not None or kind in own]
+    for kind in kinds:
+        if kind not in KINDS:
+            raise ValueError(f"kinds has {kind!r}; it must be one of {', '.join(KINDS)}")
+    return list(kinds)
 
 
 def _location(
@@ -700,46 +547,33 @@ def _location(
     estimated: bool,
 ) -> Location:
     position, covariance, residual, outlier, columns = result
-    problems, degrees, chi_square, p_value, dilution, sigma = columns
-    problem: Problem | IntArray = problems.astype(np.int64)
+    statuses, degrees, statistic, pvalue, dop, sigma = columns
+    status: LocationStatus | IntArray = statuses.astype(np.int64)
     if position.ndim == 1:
-        problem = Problem(int(problems))
+        status = LocationStatus(int(statuses))
 
     def each(array: Any) -> list[Any]:
         return [
             array[..., at, int(kind == "range_difference") :] if kind in kinds else None
-            for at, kind in enumerate(_KINDS)
+            for at, kind in enumerate(KINDS)
         ]
 
     return Location(
         position,
         covariance,
-        Residuals(*each(residual)),
-        Outliers(*each(outlier)),
+        ByKind(*each(residual)),
+        ByKind(*each(outlier)),
         scalar_or_array(degrees.astype(np.int64)),
-        scalar_or_array(chi_square),
-        scalar_or_array(p_value),
-        scalar_or_array(dilution),
+        scalar_or_array(statistic),
+        scalar_or_array(pvalue),
+        scalar_or_array(dop),
         scalar_or_array(sigma) if estimated else None,
-        problem,
+        status,
     )
 
 
-def _raise(problem: Problem, measured: _Measured) -> None:
-    if not problem:
-        return
-    azimuth, _ = measured.get("azimuth", (np.zeros(1), None))
-    reason = problem.reason + _degrees(azimuth)
-    raise np.linalg.LinAlgError(reason) if problem == Problem.SINGULAR else ValueError(reason)
-
-
-def _degrees(azimuth: FloatArray) -> str:
-    """Return what to add to an error where azimuths may be degrees.
-
-    More than a whole turn is no error in itself: azimuths may be unwrapped.
-    """
-    large = np.argwhere(np.abs(azimuth) > 2 * np.pi)
-    if not len(large):
-        return ""
-    place = ", ".join(map(str, large[0]))
-    return f"; azimuths are radians, and azimuth[{place}] is {azimuth[tuple(large[0])]:.6g}"
+def _raise(status: LocationStatus) -> None:
+    if status == LocationStatus.SINGULAR:
+        raise np.linalg.LinAlgError(status.message)
+    if status:
+        raise ValueError(status.message)

@@ -31,6 +31,7 @@ from tertia._arrays import (
 from tertia.association import GUARD, INNER, OUTER, gate_threshold
 from tertia.flightplan import FlightPlan
 from tertia.kalman import SingerModel
+from tertia.sensors import Radar
 
 __all__ = [
     "CvModel",
@@ -64,65 +65,6 @@ _WITH_PLANS = ("imm", "window")
 # guard acceleration where scans take 4 s and where they take 10 s
 _GUARDS = {"window": (12.0, 7.0)}
 _GUARD = (5.0, 5.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False, init=False)
-class Radar:
-    """Where a radar is, and how it measures.
-
-    Attributes
-    ----------
-    position : ndarray of shape (2,) or (3,)
-        East, north and, if known, up in metres.
-    range_sigma : float
-        Standard deviation of its ranges in metres.
-    azimuth_sigma : float
-        That of its azimuths in radians.
-    period : float
-        Seconds of a scan.
-    range_max : float
-        Metres; beyond, nothing is detected.
-    detection_probability : float
-        How often an aircraft within its range is seen in a scan.
-    name : str or None
-        How pictures and reports call it.
-    """
-
-    position: FloatArray
-    range_sigma: float
-    azimuth_sigma: float
-    period: float
-    range_max: float
-    detection_probability: float
-    name: str | None
-
-    def __init__(
-        self,
-        position: npt.ArrayLike = (0.0, 0.0),
-        *,
-        range_sigma: float,
-        azimuth_sigma: float,
-        period: float,
-        range_max: float = np.inf,
-        detection_probability: float = 0.9,
-        name: str | None = None,
-    ) -> None:
-        place = finite(position, "position")
-        if place.shape not in {(2,), (3,)}:
-            raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
-        probability = real(detection_probability, "detection_probability")
-        if not 0.0 < probability < 1.0:
-            raise ValueError(f"detection_probability is {probability}; it must be between 0 and 1")
-        limit = real(range_max, "range_max")
-        if not limit > 0.0:
-            raise ValueError(f"range_max is {limit}; it must be positive")
-        numbers = {"range_sigma": range_sigma, "azimuth_sigma": azimuth_sigma, "period": period}
-        for key, number in numbers.items():
-            object.__setattr__(self, key, float(positive(real(number, key), key)))
-        object.__setattr__(self, "position", place)
-        object.__setattr__(self, "range_max", limit)
-        object.__setattr__(self, "detection_probability", probability)
-        object.__setattr__(self, "name", name)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -231,7 +173,7 @@ class Plots:
         --------
         >>> import numpy as np
         >>> from tertia.tracker import Plots, Radar
-        >>> radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), period=10.0)
+        >>> radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), scan_period=10.0)
         >>> position, covariance = Plots([0.0], [150e3], 30.0, degrees=True).to_cartesian([radar])
         >>> position.round(1)
         array([[ 75000.1, 129904. ]])
@@ -594,7 +536,7 @@ class Tracker:
     --------
     >>> import numpy as np
     >>> from tertia.tracker import Plots, Radar, Tracker
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     >>> tracker = Tracker([radar])
     >>> for time in range(0, 40, 4):
     ...     found = tracker.update(Plots([time], [50e3 + 200 * time], [0.5]))
@@ -853,7 +795,7 @@ def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
     --------
     >>> import numpy as np
     >>> from tertia.tracker import Plots, Radar, track
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     >>> time = np.arange(0.0, 100.0, 4.0)
     >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     TrackTable(1 tracks, 25 rows)
@@ -891,8 +833,8 @@ def _numbers(radar: Radar) -> list[float]:
         *(up or [0.0]),
         radar.range_sigma,
         radar.azimuth_sigma,
-        radar.period,
-        radar.range_max,
+        radar.scan_period,
+        radar.max_range,
         radar.detection_probability,
     ]
 

@@ -11,7 +11,7 @@ clockwise from north.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any, Literal, TypeAlias, get_args
@@ -19,30 +19,27 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, positive, samples
-from tertia.location import (
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, positive, radians, samples
+from tertia.location import Location, LocationStatus, locate
+from tertia.sensors import (
+    ANGLES,
+    KINDS,
+    STATION_KINDS,
+    Bias,
+    ByKind,
     Kind,
-    Location,
-    Outliers,
-    Problem,
-    Residuals,
     Station,
-    _degrees,
-    _stations,
-    _turned,
-    locate,
+    stack_stations,
+    to_station_axes,
 )
 from tertia.smoothing import SmoothedPositions, local_polynomial, smooth
 
-__all__ = ["Order", "Smoother", "Spatial", "Trajectory", "reconstruct"]
+__all__ = ["Bias", "ByKind", "Order", "Smoother", "Spatial", "Station", "Trajectory", "reconstruct"]
 
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
 Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
-_KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference")
-_BIASED = _KINDS[:3]
-_ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
 # each round starts from measurements without the biases of those before
 _ROUNDS = 10
 # change of a bias, in its standard errors, that ends the rounds
@@ -104,7 +101,7 @@ class Trajectory:
 
     Attributes
     ----------
-    times : ndarray of shape (N,)
+    time : ndarray of shape (N,)
         As given.
     position, velocity, acceleration : ndarray of shape (N, D)
         In metres, metres per unit of time, and so on; nan where unknown.
@@ -117,28 +114,27 @@ class Trajectory:
         "rts", robust and positions first, without what the track contradicts; where an instant has
         one or two degrees of freedom, its standard deviations are divided by the roots of Tukey's
         weights about the track.
-    outliers : Outliers
+    outlier : ByKind
         Measurements that were left out, because other stations or the track contradict them.
-    residuals : Residuals
+    residual : ByKind
         Measurements less those of the trajectory, over their standard deviations.
-    bias, bias_sigma : Residuals or None
-        Estimated biases of the stations, of shape (K,) for each kind, and their standard errors;
-        None if none were estimated.
+    bias : Bias or None
+        Estimated biases of the stations and their standard deviations, of shape (K,); None if none
+        were estimated. 0 with the sigma inf for a station that did not measure the kind.
     smoothed : SmoothedPositions or None
         What the smoother tells besides: likelihood, jerk, innovations. None for local polynomials
         and where measurements were smoothed.
     """
 
-    times: FloatArray
+    time: FloatArray
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
     covariance: FloatArray
     fixes: Location
-    outliers: Outliers
-    residuals: Residuals
-    bias: Residuals | None
-    bias_sigma: Residuals | None
+    outlier: ByKind
+    residual: ByKind
+    bias: Bias | None
     smoothed: SmoothedPositions | None
 
     @property
@@ -154,16 +150,16 @@ class Trajectory:
         Without those that were left out; in units of their standard deviations.
         """
         return {
-            kind: _statistics(residual, getattr(self.outliers, kind))
-            for kind in _KINDS
-            if (residual := getattr(self.residuals, kind)) is not None
+            kind: _statistics(residual, getattr(self.outlier, kind))
+            for kind in KINDS
+            if (residual := getattr(self.residual, kind)) is not None
         }
 
     def __repr__(self) -> str:
         """Tell what was found."""
         n, d = self.position.shape
         known = np.count_nonzero(~np.isnan(self.position).any(axis=-1))
-        left = int(np.sum(self.outliers.count))
+        left = int(np.sum(self.outlier.count))
         sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1))))
         return (
             f"Trajectory({known} of {n} instants in {d} axes, {left} measurements left out, "
@@ -176,7 +172,7 @@ _Measured: TypeAlias = dict[Kind, FloatArray]
 
 def reconstruct(
     stations: Sequence[Station],
-    times: npt.ArrayLike,
+    time: npt.ArrayLike,
     *,
     range: npt.ArrayLike | None = None,  # noqa: A002  # that is what it is
     azimuth: npt.ArrayLike | None = None,
@@ -189,7 +185,8 @@ def reconstruct(
     window: int = 13,
     degree: int | Literal["adaptive"] = "adaptive",
     jerk: float | None = None,
-    biases: Iterable[Kind] = (),
+    bias: Bias | None = None,
+    degrees: bool = False,
     n_threads: int | None = None,
 ) -> Trajectory:
     """Reconstruct a trajectory from the measurements of several stations at common times.
@@ -199,7 +196,7 @@ def reconstruct(
     stations : sequence of K Station
         Where they are, and how well they measure; positions of shape (D,) or, if they move, (N, D).
         Axes that change need positions first.
-    times : array_like of shape (N,)
+    time : array_like of shape (N,)
         Times of the instants, not decreasing.
     range, azimuth, elevation : array_like of shape (N, K), optional
         Measurements in metres and radians, nan where there is none.
@@ -220,9 +217,12 @@ def reconstruct(
     jerk : float, optional
         Intensity of the white jerk for "rts"; by default that which is most likely. For measured
         series it is always fitted.
-    biases : iterable of {"range", "azimuth", "elevation"}
-        Kinds of which each station's constant bias is estimated and removed. Needs positions first
-        and "rts".
+    bias : Bias, optional
+        Constant biases of the stations. A sigma of None, as in `Bias(azimuth_sigma=None)`: each
+        station's is estimated and removed, which needs positions first and "rts". Where it is 0
+        there is none.
+    degrees : bool
+        Whether the angles given here are in degrees.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -275,24 +275,24 @@ def reconstruct(
     >>> bearing = np.arctan2(offset[..., 0], offset[..., 1]) + 0.005 * rng.standard_normal((60, 3))
     >>> distance[30:34, 0] += 100
     >>> track = reconstruct(stations, t, range=distance, azimuth=bearing)
-    >>> np.flatnonzero(track.outliers.range[:, 0]).tolist()
+    >>> np.flatnonzero(track.outlier.range[:, 0]).tolist()
     [30, 31, 32, 33]
     """
     _require_choices(order, spatial, smoother)
-    instants = _instants(times)
+    instants = _instants(time)
     places, axes, sigmas = _places(stations, len(instants))
     k = places.shape[-2]
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
         sigmas["range_difference"] = np.broadcast_to(sigma, max(k - 1, sigma.size))
-    given = zip(_KINDS, (range, azimuth, elevation, range_difference), strict=True)
+    given = zip(KINDS, (range, azimuth, elevation, range_difference), strict=True)
     measured = {
-        kind: _checked(values, sigmas.get(kind), kind, (len(instants), k))
+        kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
         for kind, values in given
         if values is not None
     }
     record = _Record(stations, places, axes, sigmas, instants, measured, spatial, n_threads)
-    wanted = _wanted(biases, record, order, smoother)
+    wanted = _estimated(bias, measured, order, smoother)
     if order == "temporal-first":
         if axes is not None and axes.ndim > 3:
             raise ValueError("axes of stations change along time; order must be 'spatial-first'")
@@ -321,11 +321,10 @@ class _Record:
         options: dict[str, Any] = {str(kind): values for kind, values in measured.items()}
         options |= {f"{kind}_sigma": sigmas[kind] for kind in measured}
         fixes = locate(self.stations, method=self.spatial, n_threads=self.n_threads, **options)
-        if not np.any(fixes.located):
-            reasons = np.unique(np.asarray(fixes.problem))
-            told = "; ".join(Problem(int(reason)).reason for reason in reasons)
-            hint = _degrees(measured["azimuth"]) if "azimuth" in measured else ""
-            raise ValueError(f"no instant can be located: {told}{hint}")
+        if not np.any(fixes.success):
+            reasons = np.unique(np.asarray(fixes.status))
+            told = "; ".join(LocationStatus(int(reason)).message for reason in reasons)
+            raise ValueError(f"no instant can be located: {told}")
         return fixes
 
     def sigma(self, kind: Kind) -> FloatArray:
@@ -376,7 +375,7 @@ def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Tr
     d = record.places.shape[-1]
     states = tuple(track.mean[:, i * d : (i + 1) * d] for i in (0, 1, 2))
     return _trajectory(
-        record, states, covariance, found.fixes, outliers=found.outliers, biases=total, track=track
+        record, states, covariance, found.fixes, outlier=found.outlier, biases=total, track=track
     )
 
 
@@ -443,7 +442,7 @@ class _Smoothed:
         weight = np.where(np.isnan(residual), 0.0, self._used()) / record.deviations() ** 2
         jacobian = record.jacobian(position)
         covariance = _inverse(jacobian, weight)
-        good = np.asarray(self.fixes.located) & _is_finite(covariance)
+        good = np.asarray(self.fixes.success) & _is_finite(covariance)
         solution = _solution(jacobian, weight)
         left = np.where(weight > 0, residual * record.deviations(), 0.0)
         moved = position + np.einsum("nij,nj->ni", solution, left)
@@ -487,12 +486,12 @@ class _Smoothed:
         return found
 
     @property
-    def outliers(self) -> Outliers:
+    def outlier(self) -> ByKind:
         """What was left out in space, or is contradicted."""
         marked = dict(zip(self.measured, _split(self.trust == 0, self.measured), strict=True))
-        space = self.fixes.outliers
-        return Outliers(
-            *(getattr(space, kind) | marked[kind] if kind in marked else None for kind in _KINDS)
+        space = self.fixes.outlier
+        return ByKind(
+            *(getattr(space, kind) | marked[kind] if kind in marked else None for kind in KINDS)
         )
 
     def trusted(self) -> FloatArray:
@@ -651,7 +650,7 @@ def _temporal_first(
     position = fixes.position
     jacobian = record.jacobian(position)
     used = np.concatenate(
-        [~getattr(fixes.outliers, kind) & ~np.isnan(measured[kind]) for kind in series], axis=1
+        [~getattr(fixes.outlier, kind) & ~np.isnan(measured[kind]) for kind in series], axis=1
     )
     errors = [np.concatenate([own[i] for _, own in series.values()], axis=1) for i in (0, 1, 2)]
     solution = _solution(jacobian, np.where(used, errors[0] ** -2.0, 0.0))
@@ -809,9 +808,9 @@ class _Biases:
     def estimate(cls, record: _Record, found: _Smoothed, kinds: tuple[Kind, ...]) -> _Biases:
         """Estimate them from the residuals about the smooth trajectory."""
         measured, position = found.measured, found.track.position
-        located = np.asarray(found.fixes.located)[:, np.newaxis] & ~np.isnan(position)[:, :1]
+        located = np.asarray(found.fixes.success)[:, np.newaxis] & ~np.isnan(position)[:, :1]
         residual = record.whitened(measured, position)
-        outlier = np.concatenate([getattr(found.outliers, kind) for kind in measured], axis=1)
+        outlier = np.concatenate([getattr(found.outlier, kind) for kind in measured], axis=1)
         usable = located & ~np.isnan(residual) & ~outlier
         residual = np.where(usable, residual, 0.0)
         robust = record.spatial == "robust" and np.any(usable)
@@ -865,6 +864,12 @@ class _Biases:
             kind: _in_domain(kind, values - biases[kind]) if kind in biases else values
             for kind, values in measured.items()
         }
+
+    def as_bias(self) -> Bias:
+        """Return them for all stations."""
+        fields: dict[str, Any] = {str(k): v for k, v in self.split(self.values, 0.0).items()}
+        sigmas = self.split(self.sigma, np.inf)
+        return Bias(**fields | {f"{kind}_sigma": sigma for kind, sigma in sigmas.items()})
 
     def effect(self, track: SmoothedPositions) -> FloatArray:
         """Return what their uncertainty adds to the covariance of the states."""
@@ -1037,7 +1042,7 @@ def _trajectory(
     covariance: FloatArray,
     fixes: Location,
     *,
-    outliers: Outliers | None = None,
+    outlier: ByKind | None = None,
     biases: _Biases | None = None,
     track: SmoothedPositions | None = None,
 ) -> Trajectory:
@@ -1054,21 +1059,22 @@ def _trajectory(
         acceleration,
         covariance,
         fixes,
-        fixes.outliers if outliers is None else outliers,
+        fixes.outlier if outlier is None else outlier,
         _by_kind(residuals),
-        None if biases is None else _by_kind(biases.split(biases.values, np.nan)),
-        None if biases is None else _by_kind(biases.split(biases.sigma, np.inf)),
+        None if biases is None else biases.as_bias(),
         track,
     )
 
 
-def _instants(times: npt.ArrayLike) -> FloatArray:
-    instants = finite(times, "times")
+def _instants(time: npt.ArrayLike) -> FloatArray:
+    instants = finite(time, "time")
     if instants.ndim != 1 or instants.size == 0:
-        raise ValueError(f"times has shape {instants.shape}; it must be (N,)")
+        raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
     back = np.flatnonzero(np.diff(instants) < 0)
     if back.size:
-        raise ValueError(f"times[{back[0] + 1}] is before the time before it; times must rise")
+        raise ValueError(
+            f"time[{back[0] + 1}] is before the time before it; time must not decrease"
+        )
     return instants
 
 
@@ -1080,24 +1086,29 @@ def _places(
         raise TypeError("stations must be a sequence of Station")
     if not stations:
         raise ValueError("stations is empty; it must have at least one")
-    places, axes, sigmas = _stations(stations)
+    places, axes, sigmas = stack_stations(stations)
     if places.ndim > 3 or (places.ndim == 3 and len(places) != n):
         raise ValueError(
-            f"stations have positions of shape {places.shape[:-2]}; there are {n} times"
+            f"stations have positions of shape {places.shape[:-2]}; there are {n} instants"
         )
-    return places, axes, {kind: sigmas[kind] for kind in _BIASED}
+    return places, axes, {kind: sigmas[kind] for kind in STATION_KINDS}
 
 
 def _checked(
-    values: npt.ArrayLike, sigma: FloatArray | None, kind: Kind, shape: tuple[int, int]
+    values: npt.ArrayLike,
+    sigma: FloatArray | None,
+    kind: Kind,
+    shape: tuple[int, int],
+    *,
+    degrees: bool,
 ) -> FloatArray:
     """Return measurements, of which each has a standard deviation."""
     n, k = shape
     count = k - int(kind == "range_difference")
-    array = samples(values, kind)
+    array = radians(values, kind, degrees=degrees) if kind in ANGLES else samples(values, kind)
     if array.shape != (n, count):
         raise ValueError(
-            f"{kind} has shape {array.shape}; for {n} times and {k} stations it must be "
+            f"{kind} has shape {array.shape}; for {n} instants and {k} stations it must be "
             f"({n}, {count})"
         )
     if sigma is None:
@@ -1118,18 +1129,28 @@ def _require_choices(order: Order, spatial: Spatial, smoother: Smoother) -> None
             raise ValueError(f"{name} is {value!r}; it must be {told}")
 
 
-def _wanted(
-    biases: Iterable[Kind], record: _Record, order: Order, smoother: Smoother
+def _estimated(
+    bias: Bias | None, measured: _Measured, order: Order, smoother: Smoother
 ) -> tuple[Kind, ...]:
-    wanted = (biases,) if isinstance(biases, str) else tuple(dict.fromkeys(biases))
-    for kind in wanted:
-        if kind not in _BIASED:
-            raise ValueError(f"biases has {kind!r}; it must be 'range', 'azimuth' or 'elevation'")
-        if kind not in record.measured:
-            raise ValueError(f"biases has {kind!r}, of which nothing was measured")
-    if wanted and (order, smoother) != ("spatial-first", "rts"):
-        raise ValueError("biases need order 'spatial-first' and smoother 'rts'")
-    return wanted  # type: ignore[return-value]
+    """Return the kinds of which biases are to be estimated."""
+    if bias is None:
+        return ()
+    if not isinstance(bias, Bias):
+        raise TypeError(f"bias is {bias!r}; it must be a Bias")
+    kinds = []
+    for kind in STATION_KINDS:
+        sigma = getattr(bias, f"{kind}_sigma")
+        if np.any(getattr(bias, kind)):
+            raise ValueError(f"bias.{kind} is {getattr(bias, kind)}; it must be 0")
+        if sigma is None:
+            kinds.append(kind)
+        elif np.any(sigma):
+            raise ValueError(f"bias.{kind}_sigma is {sigma}; it must be 0, or None: estimated")
+        if sigma is None and kind not in measured:
+            raise ValueError(f"bias.{kind}_sigma is None, but {kind} was not measured")
+    if kinds and (order, smoother) != ("spatial-first", "rts"):
+        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
+    return tuple(kinds)
 
 
 def _columns(measured: _Measured, known: dict[Kind, BoolArray]) -> IntArray:
@@ -1141,8 +1162,8 @@ def _columns(measured: _Measured, known: dict[Kind, BoolArray]) -> IntArray:
 
 def _predicted(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Return what stations measure of a target that is off by `offset`, of shape (N, K, D)."""
-    if kind in _ANGLES:
-        offset = _turned(offset, axes)
+    if kind in ANGLES:
+        offset = to_station_axes(offset, axes)
     if kind == "azimuth":
         return np.asarray(np.arctan2(offset[..., 0], offset[..., 1]))
     if kind == "elevation":
@@ -1160,8 +1181,8 @@ def _difference(kind: Kind, values: FloatArray, predicted: FloatArray) -> FloatA
 
 def _jacobian(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
     """Return derivatives of `_predicted` with respect to the position, (N, K, D)."""
-    if kind in _ANGLES and axes is not None:
-        own = _jacobian(kind, _turned(offset, axes), None)
+    if kind in ANGLES and axes is not None:
+        own = _jacobian(kind, to_station_axes(offset, axes), None)
         return np.asarray((own[..., np.newaxis, :] @ axes)[..., 0, :])
     if kind == "azimuth":
         flat = np.sum(offset[..., :2] ** 2, axis=-1, keepdims=True)
@@ -1218,8 +1239,8 @@ def _diagonal(variances: FloatArray) -> FloatArray:
     return matrices
 
 
-def _by_kind(arrays: dict[Kind, FloatArray]) -> Residuals:
-    return Residuals(*(arrays.get(kind) for kind in _KINDS))
+def _by_kind(arrays: dict[Kind, FloatArray]) -> ByKind:
+    return ByKind(*(arrays.get(kind) for kind in KINDS))
 
 
 def _statistics(residual: FloatArray, outlier: BoolArray) -> FloatArray:

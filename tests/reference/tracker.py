@@ -98,7 +98,7 @@ class Straight:
     """Straight flight with white acceleration, constant for a scan."""
 
     def __init__(self, x, p, radar, sigma):
-        self.x, self.p, self.q = x, p, sigma**2 * radar.period
+        self.x, self.p, self.q = x, p, sigma**2 * radar.scan_period
 
     def predict(self, t):
         f = straight(t)
@@ -151,7 +151,7 @@ class Multiple:
         return np.append(x, 0.0), covariance
 
     def predict(self, t):
-        settings, period = self.settings, self.radar.period
+        settings, period = self.settings, self.radar.scan_period
         begins = 1 - np.exp(-t / settings.straight_time)
         ends = 1 - np.exp(-t / settings.turn_time)
         transition = np.array([[1 - begins, begins], [ends, 1 - ends]])
@@ -325,7 +325,7 @@ class Window:
         self.speeds.append((self.time, speed))
         planned = flightplan.turn(*self.plan, self.plan_speed)
         s, offset = flightplan.project(planned, self.x[:2])
-        room = 2 * speed * self.radar.period
+        room = 2 * speed * self.radar.scan_period
         end = planned["arc"] + 0.4 * planned["lead"] + room
         left = flightplan.wrap(flightplan.course(planned["u2"]) - flightplan.course(self.x[2:]))
         if s > end or (s > planned["arc"] and abs(left) < np.radians(4) and offset < 1500):
@@ -350,11 +350,11 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
     found = [(*model.estimate(), False)]
     for k in range(1, len(times)):
         gap = times[k] - times[k - 1]
-        missed = round(gap / radar.period) - 1
+        missed = round(gap / radar.scan_period) - 1
         for _ in range(missed):
-            model.predict(radar.period)
+            model.predict(radar.scan_period)
             model.watch()
-        model.predict(gap - missed * radar.period)
+        model.predict(gap - missed * radar.scan_period)
         is_beyond = distance(model, positions[k], radar) > GATES[0.998]
         extra = unnoticed(guard_acceleration, gap)
         if is_beyond:

@@ -32,8 +32,9 @@ from tertia.cli._options import (
 )
 from tertia.cli._stations import UNITS, Sites, read_stations
 from tertia.cli._terminal import FAILED, WRONG_USAGE, fail, group_name, tracked
-from tertia.location import Kind, Location, LocationMethod, Outliers
+from tertia.location import Location, LocationMethod
 from tertia.location import locate as locate_instants
+from tertia.sensors import ByKind, Kind
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -106,7 +107,7 @@ def locate(
         _tables.write(pl.concat(tables), measurements)
     if plot_file is not None:
         _draw(located, sites, columns, plot_file)
-    if not any(np.any(one.result.located) for one in located):
+    if not any(np.any(one.result.success) for one in located):
         raise typer.Exit(FAILED)
     return {"stations": pl.concat(summaries).to_dicts()}
 
@@ -139,7 +140,7 @@ def _locate(
         result = locate_instants(stations, **options, method=method, initial=start)
     except ValueError as error:
         fail(": ".join(filter(None, [record.name, str(error)])))
-    judged = _positions.judged(record, sites, result.residuals, result.outliers, result)
+    judged = _positions.judged(record, sites, result.residual, result.outlier, result)
     return _Located(record, result, judged)
 
 
@@ -188,7 +189,7 @@ def _draw(located: list[_Located], sites: Sites, columns: Columns, path: Path) -
 
     def draw_one(at: int, figure: "FigureBase") -> None:
         record, result = located[at].record, located[at].result
-        if record.times.size == 1 and np.all(result.located):
+        if record.times.size == 1 and np.all(result.success):
             _draw_instant(record, result, sites, figure)
             return
         panels = plot.trajectory(stations, result, times=record.moments.to_numpy(), figure=figure)
@@ -199,12 +200,12 @@ def _draw(located: list[_Located], sites: Sites, columns: Columns, path: Path) -
 
 def _draw_instant(record: Record, result: Location, sites: Sites, figure: "FigureBase") -> None:
     """Draw the rays and arcs that the only position was made of."""
-    marks = (getattr(result.outliers, kind) for kind in UNITS)
+    marks = (getattr(result.outlier, kind) for kind in UNITS)
     only = replace(
         result,
         position=result.position[0],
         covariance=result.covariance[0],
-        outliers=Outliers(*(None if mark is None else mark[0] for mark in marks)),
+        outlier=ByKind(*(None if mark is None else mark[0] for mark in marks)),
     )
     azimuth, ranges = (record.values[kind][0] if kind in record.values else None for kind in _DRAWN)
     ax = plot.location(sites.stations(), only, azimuth=azimuth, range=ranges, ax=figure.subplots())

@@ -13,7 +13,7 @@ from tertia.cli import _tables
 from tertia.cli._plots import require_distinct
 from tertia.cli._stations import UNITS, Sites, sigma_column, value_column
 from tertia.cli._terminal import WRONG_USAGE, fail, group_name, note
-from tertia.location import Kind
+from tertia.sensors import Kind
 
 # columns of a file with one row per measurement
 _KIND, _VALUE, _SIGMA = "kind", "value", "sigma"

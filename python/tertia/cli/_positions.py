@@ -14,7 +14,8 @@ from tertia.cli._measurements import Columns, Record
 from tertia.cli._places import GEODETIC
 from tertia.cli._stations import UNITS, Sites, sigma_column
 from tertia.cli._terminal import counted, fail, note, print_table, shown
-from tertia.location import Kind, Location, Outliers, Problem, Residuals
+from tertia.location import Location, LocationStatus
+from tertia.sensors import ByKind, Kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,7 +94,7 @@ def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
 
 
 def judged(
-    record: Record, sites: Sites, residuals: Residuals, outliers: Outliers, fixes: Location
+    record: Record, sites: Sites, residuals: ByKind, outliers: ByKind, fixes: Location
 ) -> pl.DataFrame:
     """Return the measurements with their whitened residuals, and whether they are faults.
 
@@ -105,7 +106,7 @@ def judged(
         first = int(kind == "range_difference")
         residual[own] = getattr(residuals, kind)[step, site - first]
         fault[own] = getattr(outliers, kind)[step, site - first]
-    decided = np.asarray(fixes.located)[record.rows["step"].to_numpy()]
+    decided = np.asarray(fixes.success)[record.rows["step"].to_numpy()]
     return record.rows.select(
         "step",
         "site",
@@ -133,9 +134,9 @@ def measurement_rows(table: pl.DataFrame, record: Record, columns: Columns) -> p
 
 def instants(record: Record, table: pl.DataFrame, fixes: Location) -> dict[str, pl.Series]:
     """Return columns of how each instant was located, null where it was not."""
-    located = np.asarray(fixes.located)
+    located = np.asarray(fixes.success)
     degrees = pl.Series(np.asarray(fixes.degrees_of_freedom))
-    p_value = np.asarray(fixes.p_value)
+    p_value = np.asarray(fixes.pvalue)
     faulty = (
         table.filter("fault")
         .group_by("step")
@@ -150,7 +151,7 @@ def instants(record: Record, table: pl.DataFrame, fixes: Location) -> dict[str, 
         "p_value": _tables.known(p_value, np.isfinite(p_value)),
         "outliers": faults.set(pl.Series(~located), None),
         "left_out": left_out,
-        "problem": pl.Series([_reason(one) for one in np.asarray(fixes.problem)], dtype=pl.String),
+        "problem": pl.Series([_reason(one) for one in np.asarray(fixes.status)], dtype=pl.String),
     }
 
 
@@ -159,8 +160,8 @@ def _each(record: Record, table: pl.DataFrame) -> pl.Series:
     return pl.Series(np.bincount(table["step"], minlength=record.times.size), dtype=pl.Int64)
 
 
-def _reason(problem: int) -> str | None:
-    return Problem(problem).reason if problem else None
+def _reason(status: int) -> str | None:
+    return LocationStatus(status).message if status else None
 
 
 def summary(record: Record, table: pl.DataFrame) -> pl.DataFrame:
@@ -195,7 +196,7 @@ def say_origin(sites: Sites) -> None:
 
 def say_located(record: Record, fixes: Location, position: FloatArray, sigma: FloatArray) -> None:
     """Say how many instants were located, why others were not, and how well."""
-    located = np.asarray(fixes.located)
+    located = np.asarray(fixes.success)
     total = np.sqrt(np.sum(sigma[np.isfinite(sigma).all(axis=1)] ** 2, axis=1))
     error = f", median sigma {np.median(total):.3g} m" if total.size else ""
     known = np.count_nonzero(np.isfinite(position).all(axis=1))
@@ -203,10 +204,10 @@ def say_located(record: Record, fixes: Location, position: FloatArray, sigma: Fl
     if known > np.count_nonzero(located):
         told += f", {known} with a position"
     typer.echo(": ".join(filter(None, [record.name, told + error])))
-    numbers, counts = np.unique(np.asarray(fixes.problem)[~located], return_counts=True)
+    numbers, counts = np.unique(np.asarray(fixes.status)[~located], return_counts=True)
     for number, count in zip(numbers, counts, strict=True):
         typer.echo(f"  {counted(int(count), 'instant')} not located: {_reason(int(number))}")
-    doubtful = (np.asarray(fixes.p_value) < _DOUBTFUL) & (np.asarray(fixes.outliers.count) == 0)
+    doubtful = (np.asarray(fixes.pvalue) < _DOUBTFUL) & (np.asarray(fixes.outlier.count) == 0)
     if np.sum(doubtful) > _MANY * np.sum(located):
         typer.echo(
             f"  {counted(int(np.sum(doubtful)), 'instant')} with a p-value below {_DOUBTFUL:g} and "

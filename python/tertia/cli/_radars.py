@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +12,16 @@ from tertia._arrays import FloatArray
 from tertia.cli._asterix import Told
 from tertia.cli._places import GEODETIC, LOCAL, Places, Row, named_rows, number, places, required
 from tertia.cli._terminal import fail, note
-from tertia.tracker import Radar
+from tertia.sensors import Radar
 
 # what is known of a radar, by column, and what its unit is in those of the library
 _MEASURES = {
     "range_sigma": ("range_sigma_m", 1.0),
     "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
-    "period": ("period_s", 1.0),
+    "scan_period": ("scan_period_s", 1.0),
 }
 _OPTIONAL = {
-    "range_max": "range_max_m",
+    "max_range": "max_range_m",
     "detection_probability": "detection_probability",
 }
 # no radar that watches aircraft is as good, in degrees
@@ -80,7 +81,11 @@ def _completed(row: Row, name: str, told: Row, path: Path) -> Row:
     def has(columns: Iterable[str]) -> bool:
         return any(number(row, column, name, path) is not None for column in columns)
 
-    added = {} if has(["period_s"]) or "period_s" not in told else {"period_s": told["period_s"]}
+    added = (
+        {}
+        if has(["scan_period_s"]) or "scan_period_s" not in told
+        else {"scan_period_s": told["scan_period_s"]}
+    )
     if not has((*LOCAL, *GEODETIC)):
         if GEODETIC[0] not in told:
             fail(
@@ -88,13 +93,13 @@ def _completed(row: Row, name: str, told: Row, path: Path) -> Row:
                 f"give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
             )
         added |= {column: told[column] for column in GEODETIC if column in told}
-    if "period_s" not in {*row, *added}:
-        fail(f"{path}: give period_s of {name}: its recording does not tell it (I034/041)")
+    if "scan_period_s" not in {*row, *added}:
+        fail(f"{path}: give scan_period_s of {name}: its recording does not tell it (I034/041)")
     return {**row, **added}
 
 
 def _radar(row: Row, name: str, place: FloatArray, path: Path) -> Radar:
-    told = {}
+    told: dict[str, Any] = {}
     for key, (column, unit) in _MEASURES.items():
         value = required(row, column, name, path)
         if value <= 0:

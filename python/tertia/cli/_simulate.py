@@ -15,9 +15,9 @@ from tertia.cli import _tables
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, working
 from tertia.flightplan import FlightPlan
 from tertia.fusion import common_azimuth
-from tertia.location import Station
+from tertia.sensors import Radar, Station
 from tertia.simulate import FlightScenario, RadarPlots, SetUp, SetUpName, Traffic
-from tertia.tracker import NO_IDENTITY, Radar
+from tertia.tracker import NO_IDENTITY
 
 EXAMPLES = (
     "tertia simulate scene",
@@ -133,8 +133,8 @@ def _radars(scene: SetUp, count: int) -> list[Radar]:
                 np.round([distance * np.sin(angle), distance * np.cos(angle), _UP]),
                 range_sigma=noise * first.range_sigma,
                 azimuth_sigma=np.radians(noise * np.degrees(first.azimuth_sigma)).item(),
-                period=pace * first.period,
-                range_max=first.range_max,
+                scan_period=pace * first.scan_period,
+                max_range=first.max_range,
                 detection_probability=first.detection_probability,
                 name=f"radar-{k + 1}",
             )
@@ -187,8 +187,8 @@ def _seen(
             last.position,
             range_sigma=last.range_sigma,
             azimuth_sigma=worse,
-            period=last.period,
-            range_max=last.range_max,
+            scan_period=last.scan_period,
+            max_range=last.max_range,
             detection_probability=last.detection_probability,
             name=last.name,
         )
@@ -197,7 +197,7 @@ def _seen(
             "azimuth_sigma_deg": round(float(np.degrees(worse)), 6),
             "since_s": duration / 2,
         }
-    phase = random.uniform(size=len(radars)) * [radar.period for radar in radars]
+    phase = random.uniform(size=len(radars)) * [radar.scan_period for radar in radars]
     halves = []
     for number, stations in enumerate((radars, real)):
         record = simulated.radar_plots(
@@ -353,8 +353,8 @@ def _radar_toml(radars: Sequence[Radar]) -> str:
                 **dict(zip(("east_m", "north_m", "up_m"), radar.position.tolist(), strict=True)),
                 "range_sigma_m": round(radar.range_sigma, 3),
                 "azimuth_sigma_deg": round(float(np.degrees(radar.azimuth_sigma)), 6),
-                "period_s": radar.period,
-                "range_max_m": radar.range_max,
+                "scan_period_s": radar.scan_period,
+                "max_range_m": radar.max_range,
                 "detection_probability": radar.detection_probability,
             }
             for radar in radars

@@ -3,13 +3,14 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tertia._arrays import FloatArray
 from tertia.cli._places import Places, Row, named_rows, number, places
 from tertia.cli._terminal import fail
-from tertia.location import Kind, Station
+from tertia.sensors import Kind, Station
 
 # what one unit of the files is in those of the library
 UNITS: dict[Kind, tuple[str, float]] = {
@@ -47,7 +48,7 @@ class Sites:
         told = self.sigmas if sigmas is None else sigmas
         columns: tuple[Kind, ...] = ("range", "azimuth", "elevation")
 
-        def stated(kind: Kind, k: int) -> float | None:
+        def stated(kind: Kind, k: int) -> Any:
             sigma = float(told[kind][k]) if kind in told else math.nan
             return None if math.isnan(sigma) else sigma
 

@@ -257,7 +257,7 @@ class Stream:
         rows: Rows | None,
         name: str,
     ) -> None:
-        periods = [radar.period for radar in sites.radars]
+        periods = [radar.scan_period for radar in sites.radars]
         self._tracker, self._sites, self._name = tracker, sites, name
         self._latency = _USUAL_LATENCY * min(periods) if latency is None else latency
         self._scan = max(periods)

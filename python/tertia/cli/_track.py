@@ -35,7 +35,8 @@ from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, 
 from tertia.cli._track_report import PICTURES, write_report
 from tertia.cli._tracked import Tracked, draw, figures, lines, radar_rows, summary
 from tertia.flightplan import FlightPlan
-from tertia.tracker import MotionName, Radar
+from tertia.sensors import Radar
+from tertia.tracker import MotionName
 
 EXAMPLES = (
     "tertia track plots.csv --radars radars.toml --output tracks.csv --plot tracks.png",
@@ -210,7 +211,7 @@ def _check(
     options: dict[str, Any], air: tuple[float, tuple[float, float], float], *, with_plans: bool
 ) -> tracker.PlanModel:
     """Let the library judge the options before the work."""
-    radar = Radar(range_sigma=1.0, azimuth_sigma=1.0, period=1.0)
+    radar = Radar(range_sigma=1.0, azimuth_sigma=1.0, scan_period=1.0)
     plans = [FlightPlan(_PLANE, 100.0)] if with_plans else []
     try:
         model = tracker.PlanModel(*air)

@@ -31,7 +31,7 @@ from tertia.cli._options import (
 )
 from tertia.cli._stations import UNITS, Sites, read_stations
 from tertia.cli._terminal import WRONG_USAGE, fail, tracked
-from tertia.location import Kind, Station
+from tertia.sensors import Bias, Kind, Station
 from tertia.trajectory import Order, Smoother, Spatial, Trajectory, reconstruct
 
 if TYPE_CHECKING:
@@ -63,7 +63,9 @@ class _Options:
 
     def named(self, **changes: Any) -> dict[str, Any]:
         """Return them as the library takes them."""
-        return asdict(replace(self, **changes))
+        options = asdict(replace(self, **changes))
+        estimated: dict[str, Any] = {f"{kind}_sigma": None for kind in options.pop("biases")}
+        return {**options, "bias": Bias(**estimated)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +190,7 @@ def _reconstruct(record: Record, sites: Sites, options: _Options) -> _Reconstruc
     except (ValueError, np.linalg.LinAlgError) as error:
         message = re.sub(r"\bstation (\d+)\b", lambda found: sites.names[int(found[1])], str(error))
         fail(": ".join(filter(None, [record.name, message])))
-    judged = _positions.judged(record, sites, result.residuals, result.outliers, result.fixes)
+    judged = _positions.judged(record, sites, result.residual, result.outlier, result.fixes)
     return _Reconstructed(record, sites.names, result, judged)
 
 
@@ -211,16 +213,17 @@ def _constant(record: Record, sites: Sites) -> dict[Kind, FloatArray]:
 def _summary(one: _Reconstructed) -> pl.DataFrame:
     """Return what is told of each station and kind, with its bias if one was estimated."""
     told = _positions.summary(one.record, one.judged)
-    bias, sigma = one.result.bias, one.result.bias_sigma
-    if bias is None or sigma is None:
+    bias = one.result.bias
+    if bias is None:
         return told
     texts = {}
     for kind in _BIASED:
-        if getattr(bias, kind) is not None:
+        sigmas = getattr(bias, f"{kind}_sigma")
+        if np.any(sigmas):
             unit, factor = UNITS[kind]
-            values, errors = getattr(bias, kind) / factor, getattr(sigma, kind) / factor
+            values, errors = getattr(bias, kind) / factor, sigmas / factor
             for name, value, error in zip(one.names, values, errors, strict=True):
-                if np.isfinite(value):
+                if np.isfinite(error):
                     texts[name, kind] = f"{' ± '.join(plot.rounded(value, error))} {unit}"
     keys = told.select("station", "kind").rows()
     return told.with_columns(pl.Series(_BIAS, [texts.get(key) for key in keys], dtype=pl.String))

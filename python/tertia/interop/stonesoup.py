@@ -34,7 +34,8 @@ from stonesoup.updater.kalman import ExtendedKalmanUpdater
 from tertia import weights
 from tertia._arrays import FloatArray
 from tertia.kalman import SingerModel
-from tertia.tracker import Plots, Radar, Tracker, TrackTable
+from tertia.sensors import Radar
+from tertia.tracker import Plots, Tracker, TrackTable
 
 __all__ = ["PlotTracker", "SingerMotion", "Updater", "plots", "predictor", "radar"]
 
@@ -83,7 +84,9 @@ def radar(model: Any, period: float, **options: Any) -> Radar:
             raise ValueError("bearing and range must not be correlated, nor the sensor tilted")
         place = np.asarray(model.translation_offset, dtype=np.float64)[:2, 0]
         bearing, distance = np.sqrt(np.diag(covariance)).tolist()
-        return Radar(place, range_sigma=distance, azimuth_sigma=bearing, period=period, **options)
+        return Radar(
+            place, range_sigma=distance, azimuth_sigma=bearing, scan_period=period, **options
+        )
     if not isinstance(model, LinearGaussian) or covariance.shape != (2, 2):
         raise TypeError(
             f"the measurement model is a {type(model).__name__}; it must be of bearing and range, "
@@ -94,7 +97,7 @@ def radar(model: Any, period: float, **options: Any) -> Radar:
         -_FAR * _line_of_sight(model),
         range_sigma=along,
         azimuth_sigma=across / _FAR,
-        period=period,
+        scan_period=period,
         **options,
     )
 

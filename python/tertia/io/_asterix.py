@@ -71,7 +71,7 @@ _COLUMNS = {
         "callsign": _TEXT,
     },
 }
-_RADARS = {"radar": _TEXT, **_PLACE, "period_s": _NUMBER, "plots": "Int64"}
+_RADARS = {"radar": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plots": "Int64"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +86,7 @@ class AsterixRecording:
         `field_monitor`, `track_number`, `speed_m_s`, `course_deg`.
     radars : DataFrame
         One row per radar that sent plots or service messages (category 34): `radar`,
-        `latitude_deg`, `longitude_deg`, `height_m`, `period_s`, `plots`.
+        `latitude_deg`, `longitude_deg`, `height_m`, `scan_period_s`, `plots`.
     tracks : DataFrame
         System tracks (category 62): `time_s`, `radar`, `target`, `latitude_deg`, `longitude_deg`,
         `height_m`, `flight_level`, `east_m`, `north_m`, `speed_m_s`, `course_deg`,
@@ -322,7 +322,7 @@ class _Reader:
             {
                 "radar": radar,
                 **self.places.get(radar, {}),
-                "period_s": self._period(radar),
+                "scan_period_s": self._period(radar),
                 "plots": counts[radar],
             }
             for radar in sorted({*counts, *self.places}, key=_codes)

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, flag
-from tertia.location import Accuracy, Location, Station, _measured, _stations
+from tertia.location import Accuracy, Location, checked
 from tertia.plot._axes import FLAGGED, KEPT, RESULT, new_axes, rounded
 from tertia.plot._combination import _ellipse, _share
+from tertia.sensors import Station, stack_stations
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +73,7 @@ def location(
     >>> plot.location(places, fix, azimuth=bearings, ax=Figure().subplots()).get_title()
     '505.6 ± 5.8, 498.8 ± 7.1'
     """
-    places, axes, _ = _stations(stations)
+    places, axes, _ = stack_stations(stations)
     if places.ndim != 2 or result.position.ndim != 1:
         raise ValueError("stations and result have a batch; one instant can be drawn")
     if places.shape[-1] != result.position.size:
@@ -89,9 +90,9 @@ def location(
 
     if rays is not None:
         toward = _toward(rays, axes)
-        _draw_rays(ax, places, toward, _marks(result.outliers.azimuth, rays), result.position)
+        _draw_rays(ax, places, toward, _marks(result.outlier.azimuth, rays), result.position)
     if ranges is not None:
-        _draw_ranges(ax, places, ranges, _marks(result.outliers.range, ranges), result.position)
+        _draw_ranges(ax, places, ranges, _marks(result.outlier.range, ranges), result.position)
     ax.plot(*places[:, :2].T, "^", color=RESULT, markerfacecolor="none", label="station")
     _name(ax, stations, places)
     points = result.position[np.newaxis, :2]
@@ -152,8 +153,8 @@ def accuracy_map(
     >>> plot.accuracy_map(radars, grid, accuracy, ax=Figure().subplots()).get_xlabel()
     'east (m)'
     """
-    places, _, _ = _stations(stations)
-    points, sigma = finite(grid, "grid"), np.asarray(result.position_sigma)
+    places, _, _ = stack_stations(stations)
+    points, sigma = finite(grid, "grid"), np.asarray(result.drms)
     if points.ndim != 3 or points.shape[:2] != sigma.shape:
         raise ValueError(
             f"grid has shape {points.shape} and result {sigma.shape}; they must be "
@@ -177,7 +178,7 @@ def accuracy_map(
 
 
 def _row(values: npt.ArrayLike, name: str, k: int) -> FloatArray:
-    row = _measured(values, name, k)
+    row = checked(values, name, k)
     if row.ndim != 1:
         raise ValueError(f"{name} has shape {row.shape}; one instant can be drawn")
     return row

@@ -11,7 +11,8 @@ from tertia.flightplan import FlightPlan
 from tertia.plot._axes import BAND, FLAGGED, RESULT, new_axes
 from tertia.plot._combination import _ellipse, _share
 from tertia.plot._tracks import _counted, _look
-from tertia.tracker import Plots, Radar, TrackTable
+from tertia.sensors import Radar
+from tertia.tracker import Plots, TrackTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +76,7 @@ def tracks(
     >>> from matplotlib.figure import Figure
     >>> from tertia import plot
     >>> from tertia.tracker import Plots, Radar, track
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     >>> time = np.arange(0.0, 100.0, 4.0)
     >>> table = track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     >>> plot.tracks(table, [radar], ax=Figure().subplots()).get_title()
@@ -154,7 +155,7 @@ def update_probability(
     >>> from matplotlib.figure import Figure
     >>> from tertia import plot
     >>> from tertia.tracker import Plots, Radar, track
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     >>> time = np.delete(np.arange(0.0, 100.0, 4.0), [10, 12])
     >>> table = track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     >>> plot.update_probability(table, [radar], ax=Figure().subplots()).get_title()

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, flag
-from tertia.location import _KINDS, Kind, Location, Outliers, Residuals, Station, _stations
+from tertia.location import Location
 from tertia.plot._axes import BAND, FLAGGED, KEPT, RESULT, new_figure
 from tertia.plot._combination import _ellipse, _share
 from tertia.plot._locations import _name
@@ -21,6 +21,7 @@ from tertia.plot._tracks import (
     _largest,
     _shorten_dates,
 )
+from tertia.sensors import KINDS, ByKind, Kind, Station, stack_stations
 from tertia.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -105,14 +106,14 @@ def trajectory(
             f"result has positions of shape {result.position.shape}; (N, D) can be drawn"
         )
     n, d = result.position.shape
-    places, _, _ = _stations(stations)
+    places, _, _ = stack_stations(stations)
     if places.shape[-1] != d or places.ndim > 3 or (places.ndim == 3 and len(places) != n):
         raise ValueError(f"stations has shape {places.shape} and result {result.position.shape}")
-    given = result.times if times is None and isinstance(result, Trajectory) else times
+    given = result.time if times is None and isinstance(result, Trajectory) else times
     instants = _instants(given, n)
     radius = math.sqrt(-2 * math.log1p(-_share(probability)))
     legend = flag(legend, "legend")
-    residuals = _by_station(result.residuals, result.outliers, places.shape[-2])
+    residuals = _by_station(result.residual, result.outlier, places.shape[-2])
     rows = [*(["height"] if d == 3 else []), *residuals]
     figure = new_figure(11, max(5.0, 2 + 1.5 * len(rows))) if figure is None else figure
     panels = figure.subplot_mosaic([["plan", name] for name in rows], width_ratios=(5, 4))
@@ -124,7 +125,7 @@ def trajectory(
     fixes = result.fixes if isinstance(result, Trajectory) else result
     faults = sum(int(np.sum(mark)) for _, mark in residuals.values())
     plan.set(
-        title=f"{np.count_nonzero(fixes.located)} of {_counted(n, 'instant')} located, "
+        title=f"{np.count_nonzero(fixes.success)} of {_counted(n, 'instant')} located, "
         f"{_counted(faults, 'fault')}",
         xlabel="east (m)",
         ylabel="north (m)",
@@ -141,12 +142,12 @@ def trajectory(
 
 
 def _by_station(
-    residuals: Residuals, outliers: Outliers, k: int
+    residual: ByKind, outlier: ByKind, k: int
 ) -> dict[Kind, tuple[FloatArray, BoolArray]]:
     """Return residuals and marks (K, N) of the kinds that were measured."""
     found: dict[Kind, tuple[FloatArray, BoolArray]] = {}
-    for kind in _KINDS:
-        values, marks = getattr(residuals, kind), getattr(outliers, kind)
+    for kind in KINDS:
+        values, marks = getattr(residual, kind), getattr(outlier, kind)
         if values is None:
             continue
         # the first station has no range difference
@@ -197,7 +198,7 @@ def _draw_plan(
     limits = ax.dataLim.frozen()
     ax.plot(*fixes.T, ".", color=KEPT, markersize=4, zorder=1, label="single instant")
     ax.dataLim.set(limits)
-    faulty = position[np.asarray(result.outliers.count) > 0]
+    faulty = position[np.asarray(result.outlier.count) > 0]
     if len(faulty):
         ax.plot(*faulty.T, "x", color=FLAGGED, markersize=6, zorder=3, label="with a fault")
     # room for the names of the stations

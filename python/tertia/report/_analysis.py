@@ -10,7 +10,6 @@ import numpy as np
 from tertia import metrics
 from tertia._arrays import FloatArray, IntArray
 from tertia.flightplan import FlightPlan
-from tertia.location import Station
 from tertia.metrics import Truth
 from tertia.metrics._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.report._bearings import Emitter, Heard, hear
@@ -36,7 +35,8 @@ from tertia.report._tracks import (
     common,
     confirmed_rows,
 )
-from tertia.tracker import Plots, Radar, TrackTable
+from tertia.sensors import Radar, Station
+from tertia.tracker import Plots, TrackTable
 
 Progress = Callable[[str, float], None]
 
@@ -105,7 +105,7 @@ def analyse(
     tell("tracks of all radars")
     joint = run(plots, radars)
     known = plots.time[np.isfinite(plots.time)]
-    slowest = max(radar.period for radar in radars)
+    slowest = max(radar.scan_period for radar in radars)
     edges = stretches(known, slowest) if len(known) else np.array([0.0, 1.0])
     found = []
     for k, name in enumerate(names):

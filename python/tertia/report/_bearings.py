@@ -108,7 +108,7 @@ def _position(
         return None
     heard = [station for station, there in zip(stations, known, strict=True) if there]
     found = locate(heard, azimuth=bearing[known][np.newaxis], azimuth_sigma=sigma[known])
-    return found if np.all(found.located) else None
+    return found if np.all(found.success) else None
 
 
 def _instants(stations: Sequence[Station], azimuth: FloatArray) -> Location | None:
@@ -117,4 +117,4 @@ def _instants(stations: Sequence[Station], azimuth: FloatArray) -> Location | No
         return None
     heard = [k for k, told in enumerate(stated) if told]
     found = locate([stations[k] for k in heard], azimuth=azimuth[:, heard])
-    return found if np.any(found.located) else None
+    return found if np.any(found.success) else None

@@ -353,7 +353,7 @@ def _finder_map(told: Analysis, heard: Heard, number: int) -> Panel:
     data: list[dict[str, Any]] = []
     centre = places.mean(axis=0)
     if heard.instants is not None:
-        at = heard.instants.position[np.asarray(heard.instants.located)][:, :2]
+        at = heard.instants.position[np.asarray(heard.instants.success)][:, :2]
         centre = np.median(at, axis=0)
         step = max(1, len(at) // _POINTS)
         data.append(

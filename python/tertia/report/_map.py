@@ -61,7 +61,7 @@ def map_of(told: Analysis) -> dict[str, Any]:
             "plots": _moving_plots(told),
             "first": first,
             "last": last,
-            "period": max(radar.period for radar in told.radars),
+            "period": max(radar.scan_period for radar in told.radars),
             "factors": list(_FACTORS),
             "factor": factor,
         },

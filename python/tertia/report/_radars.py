@@ -10,7 +10,8 @@ import numpy as np
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.report._tracks import Common, Run, alone
-from tertia.tracker import NO_IDENTITY, Plots, Radar, TrackTable
+from tertia.sensors import Radar
+from tertia.tracker import NO_IDENTITY, Plots, TrackTable
 
 # rounds of tracking with the noise found in the last one
 _ROUNDS = 3
@@ -86,7 +87,7 @@ def _lines(table: TrackTable, plots: Plots, radar: Radar) -> tuple[FloatArray, F
     point = (seen.to_cartesian([radar])[0] - radar.position[:2]).reshape(-1, _LINE, 2)
     time = own.time.reshape(-1, _LINE)
     since = time - time.mean(axis=1, keepdims=True)
-    near = np.ptp(time, axis=1) < _GAPS * _LINE * radar.period
+    near = np.ptp(time, axis=1) < _GAPS * _LINE * radar.scan_period
     near &= np.max(table.turn_probability[rows], axis=1) < _STRAIGHT
     since, point, time = since[near], point[near], time[near]
     centre = point.mean(axis=1, keepdims=True)
@@ -157,8 +158,8 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
         radar.position,
         range_sigma=float(sigma[0]),
         azimuth_sigma=float(sigma[1]),
-        period=radar.period,
-        range_max=radar.range_max,
+        scan_period=radar.scan_period,
+        max_range=radar.max_range,
         detection_probability=radar.detection_probability,
         name=radar.name,
     )

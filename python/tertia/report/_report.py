@@ -11,12 +11,12 @@ from typing import Any
 from tertia import tracker
 from tertia._arrays import positive, real
 from tertia.flightplan import FlightPlan
-from tertia.location import Station
 from tertia.metrics import Truth
 from tertia.report._analysis import analyse
 from tertia.report._bearings import Emitter
 from tertia.report._tables import summary
-from tertia.tracker import Motion, Plots, Radar, TrackTable
+from tertia.sensors import Radar, Station
+from tertia.tracker import Motion, Plots, TrackTable
 
 __all__ = ["Report", "make"]
 

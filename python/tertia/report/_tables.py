@@ -188,7 +188,7 @@ def emitter_rows(told: Analysis) -> list[Row]:
                 "east_sigma_m": float(sigma[0]),
                 "north_m": float(place[1]),
                 "north_sigma_m": float(sigma[1]),
-                "p_value": _known(float(np.ravel(heard.position.p_value)[0])),
+                "p_value": _known(float(np.ravel(heard.position.pvalue)[0])),
             }
         rows.append(row)
     return rows

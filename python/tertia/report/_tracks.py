@@ -10,7 +10,8 @@ import numpy as np
 from tertia import fusion
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.metrics._evaluation import Rows
-from tertia.tracker import Plots, PlotStatus, Radar, TrackTable
+from tertia.sensors import Radar
+from tertia.tracker import Plots, PlotStatus, TrackTable
 
 Run = Callable[[Plots, Sequence[Radar]], TrackTable]
 
@@ -83,7 +84,7 @@ def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Rad
 
     A track of a radar belongs to the joint track that has most of its plots, more than half.
     """
-    periods = [radar.period for radar in radars]
+    periods = [radar.scan_period for radar in radars]
     step = max(periods)
     partners = [_partners(table, joint) for table in single]
     targets = np.unique(joint.track[joint.confirmed])

@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator
 from tertia._units import FLIGHT_LEVEL
+from tertia.sensors import Radar
 from tertia.simulate._records import _number, _require
 from tertia.simulate._traffic import Traffic
-from tertia.tracker import NO_IDENTITY, Plots, Radar
+from tertia.tracker import NO_IDENTITY, Plots
 
 __all__ = ["RadarPlots", "radar_plots"]
 
@@ -109,7 +110,7 @@ def radar_plots(
     radars : sequence of K Radar
         The radars. Those whose position has no height are at height 0.
     clutter : array_like of shape () or (K,)
-        Mean number of false plots per scan. Needs a finite `range_max`.
+        Mean number of false plots per scan. Needs a finite `max_range`.
     phase : array_like of shape () or (K,), optional
         A time at which the beam points to the north; by default uniform over a scan.
     bias : array_like of shape (), (2,) or (K, 2)
@@ -153,7 +154,7 @@ def radar_plots(
     false = _per_radar(clutter, "clutter", (count,))
     _require(bool(np.all(false >= 0)), "clutter", false.tolist(), "zero or more")
     shift = _per_radar(bias, "bias", (count, 2))
-    periods = np.array([radar.period for radar in stations])
+    periods = np.array([radar.scan_period for radar in stations])
     if phase is None:
         north = random.uniform(size=count) * periods
     else:
@@ -221,7 +222,7 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
     flight, end = np.arange(len(traffic)), traffic.end
     azimuth, _ = _azimuth(traffic, radar, flight, traffic.start)
     lag = azimuth - _beam(radar, north, traffic.start)
-    time = traffic.start + radar.period * (lag / (2 * np.pi) % 1.0)
+    time = traffic.start + radar.scan_period * (lag / (2 * np.pi) % 1.0)
     flights, times = [flight[:0]], [time[:0]]
     while len(flight):
         guess = time
@@ -231,7 +232,7 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
         times.append(time[inside])
         later = time <= end[flight]
         # whatever an aircraft right above the radar does, time goes on
-        following = np.maximum(time + scan, guess + radar.period / 2)
+        following = np.maximum(time + scan, guess + radar.scan_period / 2)
         flight, time = flight[later], following[later]
     return np.concatenate(flights), np.concatenate(times)
 
@@ -244,24 +245,24 @@ def _meet(
     By Newton's method. Right above the radar, where an aircraft's azimuth may change as quickly as
     the beam's, there may be no such time: then the guess is returned.
     """
-    time, scan = guess.copy(), np.full(len(guess), radar.period)
+    time, scan = guess.copy(), np.full(len(guess), radar.scan_period)
     open_, meets = np.arange(len(guess)), np.zeros(len(guess), dtype=bool)
     for _ in range(_ROUNDS):
         azimuth, rate = _azimuth(traffic, radar, flight[open_], time[open_])
         lag = (azimuth - _beam(radar, north, time[open_])) / (2 * np.pi)
         # the aircraft runs away from the beam, or towards it
-        share = np.clip(1.0 - rate * radar.period / (2 * np.pi), *_SHARES)
-        late = radar.period / share * ((lag + 0.5) % 1.0 - 0.5)
+        share = np.clip(1.0 - rate * radar.scan_period / (2 * np.pi), *_SHARES)
+        late = radar.scan_period / share * ((lag + 0.5) % 1.0 - 0.5)
         time[open_] += late
-        scan[open_] = radar.period / share
+        scan[open_] = radar.scan_period / share
         found = np.abs(late) < _MEETS
         meets[open_[found]] = True
         open_ = open_[~found]
         if not len(open_):
             break
     # farther away, it is another scan's
-    meets &= np.abs(time - guess) < 0.75 * radar.period
-    return np.where(meets, time, guess), np.where(meets, scan, radar.period), meets
+    meets &= np.abs(time - guess) < 0.75 * radar.scan_period
+    return np.where(meets, time, guess), np.where(meets, scan, radar.scan_period), meets
 
 
 def _azimuth(
@@ -277,7 +278,7 @@ def _azimuth(
 
 
 def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
-    return 2 * np.pi / radar.period * (time - north)
+    return 2 * np.pi / radar.scan_period * (time - north)
 
 
 def _seen(
@@ -297,7 +298,7 @@ def _seen(
     distance = np.abs(offset)
     distance = np.where(np.isnan(height), distance, np.hypot(distance, height - place))
     seen = random.uniform(size=len(flight)) < radar.detection_probability
-    seen &= distance <= radar.range_max
+    seen &= distance <= radar.max_range
     twice = seen & (random.uniform(size=len(flight)) < faults.duplicate)
     rows = np.concatenate([np.flatnonzero(seen), np.flatnonzero(twice)])
     n = len(rows)
@@ -340,10 +341,10 @@ def _clutter(
     """Return false plots while there is traffic: the beam has their azimuths at their times."""
     if mean == 0.0 or not len(traffic):
         return _nothing()
-    limit = radar.range_max
-    _require(bool(np.isfinite(limit)), "range_max", limit, "finite where there is clutter")
+    limit = radar.max_range
+    _require(bool(np.isfinite(limit)), "max_range", limit, "finite where there is clutter")
     first, last = float(np.min(traffic.start)), float(np.max(traffic.end))
-    n = int(random.poisson(mean * (last - first) / radar.period))
+    n = int(random.poisson(mean * (last - first) / radar.scan_period))
     time = random.uniform(first, last, n)
     columns = _nothing(n)
     columns["time"], columns["azimuth"] = time, _beam(radar, north, time) % (2 * np.pi)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer, real
 from tertia._wishart import standard_wishart
 from tertia.kalman import SingerModel, _require_model
-from tertia.location import Kind, Station, _stations, _turned
+from tertia.sensors import Kind, Station, stack_stations, to_station_axes
 
 __all__ = [
     "BearingRecord",
@@ -360,14 +360,14 @@ def stations(
     >>> locate(finders, **record.measurements)
     Location([1000.74 ± 14.7, 2003.78 ± 14.6], 0 of 4 faulty)
     """
-    places, axes, sigmas = _stations(stations)
+    places, axes, sigmas = stack_stations(stations)
     target = finite(position, "position")
     d = places.shape[-1]
     _require(target.shape[-1:] == (d,), "position", target.shape, f"of shape (..., {d})")
     outlier_probability = _number(outlier_probability, "outlier_probability", 0, 1)
     missing_probability = _number(missing_probability, "missing_probability", 0, 1)
     size, source = _number(outlier_size, "outlier_size", 0), generator(rng)
-    truth = _sights(_turned(target[..., np.newaxis, :] - places, axes))
+    truth = _sights(to_station_axes(target[..., np.newaxis, :] - places, axes))
     if kinds is None:
         chosen = [kind for kind in truth if not np.all(np.isnan(sigmas.get(kind, np.nan)))]
     else:

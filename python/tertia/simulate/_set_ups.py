@@ -9,9 +9,9 @@ import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, generator, integer
 from tertia.flightplan import FlightPlan
+from tertia.sensors import Radar
 from tertia.simulate._records import _require
 from tertia.simulate._routes import GRAVITY
-from tertia.tracker import Radar
 
 __all__ = ["SetUp", "SetUpName", "routes", "set_up"]
 
@@ -74,7 +74,7 @@ def set_up(name: SetUpName) -> SetUp:
     Examples
     --------
     >>> from tertia.simulate import set_up
-    >>> set_up("tma").radar.period, set_up("en-route").speed
+    >>> set_up("tma").radar.scan_period, set_up("en-route").speed
     (4.0, (200.0, 250.0))
     """
     known = tuple(_SET_UPS)
@@ -90,8 +90,8 @@ def _radar(
         (0.0, 0.0),
         range_sigma=noise[0],
         azimuth_sigma=np.radians(noise[1]).item(),
-        period=period,
-        range_max=limit,
+        scan_period=period,
+        max_range=limit,
         detection_probability=seen,
         name=name,
     )
@@ -207,7 +207,7 @@ def _draw(
     arc = radius[:, np.newaxis] * np.tan(angle / 2)
     arc[np.arange(1, legs) > turns[:, np.newaxis]] = 0.0
     scans = random.uniform(*_STRAIGHT, (n, legs))
-    length = scans * scene.radar.period * speed[:, np.newaxis]
+    length = scans * scene.radar.scan_period * speed[:, np.newaxis]
     length[:, :-1] += arc
     length[:, 1:] += arc
     angle *= np.where(random.uniform(size=angle.shape) < 0.5, -1.0, 1.0)

@@ -13,10 +13,11 @@ from tertia import tracker
 from tertia._arrays import FloatArray, IntArray
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
+from tertia.sensors import Radar
 from tertia.tables._columns import numbers, times
 from tertia.tables._kinds import Table, names, take
 from tertia.tables._track_rows import IDENTITIES, Clock, Identities, track_rows
-from tertia.tracker import NO_IDENTITY, Plots, Radar
+from tertia.tracker import NO_IDENTITY, Plots
 
 # columns of which one is taken, the first that is there, and their units
 _RANGES = {"range_m": 1.0, "range_nm": NAUTICAL_MILE}
@@ -71,7 +72,7 @@ def track(
     >>> import numpy as np, polars as pl
     >>> from tertia.tables import track
     >>> from tertia.tracker import Radar
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), period=4.0)
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     >>> time = np.arange(0.0, 100.0, 4.0)
     >>> plots = pl.DataFrame({"time_s": time, "range_m": 50e3 + 200 * time}).with_columns(
     ...     azimuth_deg=30.0

@@ -19,7 +19,7 @@ const NUMBERS: [usize; 9] = [1, 2, 2, 16, 2, 4, 1, 1, 1];
 const INTEGERS: [usize; 5] = [1; 5];
 const FLAGS: [usize; 2] = [1; 2];
 
-/// Numbers of a radar: east, north, up, range_sigma, azimuth_sigma, period, range_max,
+/// Numbers of a radar: east, north, up, range_sigma, azimuth_sigma, scan_period, max_range,
 /// detection_probability.
 type RadarNumbers = [f64; 8];
 
@@ -225,13 +225,13 @@ fn plots<'py>(
 }
 
 fn radar(numbers: RadarNumbers) -> Radar {
-    let [east, north, up, range_sigma, azimuth_sigma, period, range_max, detection] = numbers;
+    let [east, north, up, range_sigma, azimuth_sigma, scan_period, max_range, detection] = numbers;
     Radar {
         position: [east, north, up],
         range_sigma,
         azimuth_sigma,
-        period,
-        range_max,
+        scan_period,
+        max_range,
         detection_probability: detection,
     }
 }

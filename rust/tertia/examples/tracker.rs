@@ -14,8 +14,8 @@ fn settings() -> Settings {
         position: [0.0; 3],
         range_sigma: 50.0,
         azimuth_sigma: 0.0014,
-        period: PERIOD,
-        range_max: 80e3,
+        scan_period: PERIOD,
+        max_range: 80e3,
         detection_probability: 0.95,
     };
     let noise = Noise {

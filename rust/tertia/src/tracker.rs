@@ -228,7 +228,8 @@ impl Tracker {
         self.plots += plots.len();
         let last = measured.last().map_or(self.time, |plot| plot.time);
         let end = end.unwrap_or(last).max(last).max(self.time);
-        let period = self.settings.radars.iter().map(|r| r.period).fold(f64::INFINITY, f64::min);
+        let period =
+            self.settings.radars.iter().map(|r| r.scan_period).fold(f64::INFINITY, f64::min);
         let mut scan = Scan::default();
         let mut waiting: Vec<Measured> = Vec::new();
         let mut rest = &measured[..];
@@ -282,7 +283,7 @@ impl Tracker {
         for (i, plot) in plots.iter().enumerate() {
             let radar = &self.settings.radars[plot.radar];
             let found = Measured::new(self.plots + i, plot, radar);
-            let late = plot.time < self.time - radar.period;
+            let late = plot.time < self.time - radar.scan_period;
             statuses.push(match found {
                 Ok(_) if late => PlotStatus::Late,
                 Ok(found) => {
@@ -306,7 +307,7 @@ impl Tracker {
     /// Leaves out single plots that come long after the others: with a wrong clock they would end all
     /// tracks. The next plot at about that time shows that there was a silence.
     fn refuse_strays(&mut self, measured: &mut Vec<Measured>, statuses: &mut [PlotStatus]) {
-        let period = self.settings.radars.iter().map(|radar| radar.period).fold(0.0, f64::max);
+        let period = self.settings.radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
         let silence = (self.settings.coasting as f64 + 0.5) * period;
         let mut before = self.time;
         let mut kept = Vec::with_capacity(measured.len());

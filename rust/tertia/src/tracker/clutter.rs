@@ -43,7 +43,7 @@ impl Clutter {
     }
 
     fn area(&self, radar: &Radar) -> f64 {
-        let radius = radar.range_max.min(self.farthest);
+        let radius = radar.max_range.min(self.farthest);
         PI * radius * radius
     }
 

@@ -22,9 +22,9 @@ pub struct Radar {
     /// That of azimuths, rad.
     pub azimuth_sigma: f64,
     /// Time of a scan, s.
-    pub period: f64,
+    pub scan_period: f64,
     /// Farther, nothing is seen; m, may be infinite.
-    pub range_max: f64,
+    pub max_range: f64,
     /// How often a target is seen in a scan.
     pub detection_probability: f64,
 }
@@ -39,11 +39,11 @@ impl Radar {
         for (name, value) in [
             ("range_sigma", self.range_sigma),
             ("azimuth_sigma", self.azimuth_sigma),
-            ("period", self.period),
+            ("scan_period", self.scan_period),
         ] {
             require(name, value, value > 0.0 && value.is_finite(), "a positive number")?;
         }
-        require("range_max", self.range_max, self.range_max > 0.0, "a positive number")?;
+        require("max_range", self.max_range, self.max_range > 0.0, "a positive number")?;
         let p = self.detection_probability;
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }
@@ -82,7 +82,7 @@ impl Radar {
 
     /// Whether a target at this position can be seen.
     pub fn covers(&self, position: [f64; 2]) -> bool {
-        self.distance(position) <= self.range_max
+        self.distance(position) <= self.max_range
     }
 
     /// The distance, quickly: not for results.
@@ -174,7 +174,7 @@ impl Measured {
         if !plot.is_valid() {
             return Err(PlotStatus::Invalid);
         }
-        if plot.range > radar.range_max {
+        if plot.range > radar.max_range {
             return Err(PlotStatus::OutOfRange);
         }
         let position =

@@ -109,7 +109,7 @@ impl Scan {
             sky.clutter[plot.radar].saw(radars[plot.radar].distance(plot.position));
         }
         let cell = radars.iter().map(|radar| {
-            let far = radar.azimuth_sigma * radar.range_max.min(1e5);
+            let far = radar.azimuth_sigma * radar.max_range.min(1e5);
             7.0 * (radar.range_sigma + far) + 500.0
         });
         self.grid.fill(&self.points, cell.fold(0.0, f64::max)).expect("plots are finite");
@@ -242,7 +242,7 @@ impl Scan {
             taken[given.plot as usize] = true;
             tell(plots[given.plot as usize].index, PlotStatus::Track(given.track));
             if let Some((radar, time)) = given.begun {
-                sky.clutter[radar].discount(time, settings.radars[radar].period);
+                sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
             }
             if let Some(row) = row {
                 sky.rows.push(row);
@@ -278,7 +278,7 @@ impl Scan {
             return;
         };
         for (radar, count) in unused.into_iter().enumerate() {
-            let period = sky.settings.radars[radar].period;
+            let period = sky.settings.radars[radar].scan_period;
             sky.clutter[radar].count(count, [first.time, last.time], period);
         }
     }
@@ -305,16 +305,16 @@ pub(super) fn reach(
     let (time, slack) = match track.expected_by(radar) {
         Some(expected) => {
             // near the radar the beam comes earlier or later
-            let moved = settings.max_speed * (begin - expected.seen).max(station.period);
+            let moved = settings.max_speed * (begin - expected.seen).max(station.scan_period);
             let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
-            let late = (settings.patience + swing) * station.period;
+            let late = (settings.patience + swing) * station.scan_period;
             // the scan in which the radar comes between begin and end
-            let scans = ((begin - late - expected.time) / station.period).ceil().max(0.0);
-            let time = expected.time + scans * station.period;
+            let scans = ((begin - late - expected.time) / station.scan_period).ceil().max(0.0);
+            let time = expected.time + scans * station.scan_period;
             if time > end + late {
                 return None;
             }
-            (time.clamp(begin, end), (BEAM + swing) * station.period)
+            (time.clamp(begin, end), (BEAM + swing) * station.scan_period)
         }
         None => (0.5 * (begin + end), 0.5 * (end - begin)),
     };
@@ -324,14 +324,14 @@ pub(super) fn reach(
     let (wide, margin) = track.reach(time, unseen);
     let more = margin + speed * slack;
     // no target is farther than it can have flown
-    let flown = 2.0 * settings.max_speed * (time - track.seen).abs().max(station.period);
+    let flown = 2.0 * settings.max_speed * (time - track.seen).abs().max(station.scan_period);
     let half = |variance: f64, noise: f64| {
         let most = flown + (settings.guard * noise).sqrt();
         ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
     };
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
     let nearest = station.about(centre) - half[0] - half[1];
-    (nearest <= station.range_max).then_some((centre, half))
+    (nearest <= station.max_range).then_some((centre, half))
 }
 
 fn root(joined: &mut [u32], mut i: u32) -> u32 {

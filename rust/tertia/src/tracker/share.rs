@@ -129,7 +129,7 @@ impl Share {
             let Some(&first) = wanted.clone().min_by(|a, b| off(a).total_cmp(&off(b))) else {
                 continue;
             };
-            track.predict(plots[first as usize].time, station.period, settings);
+            track.predict(plots[first as usize].time, station.scan_period, settings);
             for &plot in wanted {
                 let Some(gain) = track.score(&plots[plot as usize], others, settings) else {
                     continue;

@@ -218,7 +218,8 @@ impl Track {
 
     /// Whether this radar can have made a plot of this target at this time.
     pub fn is_due(&self, plot: &Measured, radar: &Radar) -> bool {
-        self.expected_by(plot.radar).is_none_or(|e| plot.time - e.seen > SOONEST * radar.period)
+        self.expected_by(plot.radar)
+            .is_none_or(|e| plot.time - e.seen > SOONEST * radar.scan_period)
     }
 
     /// Where the plot would be at the time of the estimate, and its noise, in which the error of
@@ -339,7 +340,7 @@ impl Track {
     /// Corrects by a plot.
     pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
         let radar = &settings.radars[plot.radar];
-        self.predict(plot.time, radar.period, settings);
+        self.predict(plot.time, radar.scan_period, settings);
         let (z, r) = self.brought_here(plot, radar);
         let motion = self.motion(settings);
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
@@ -348,7 +349,7 @@ impl Track {
         self.estimate = self.filter.estimate();
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
-        self.follow(radar.period, settings);
+        self.follow(radar.scan_period, settings);
     }
 
     /// What the plan says of a scan, and whether there is a plan.
@@ -438,7 +439,7 @@ impl Track {
             self.emergencies = 0;
             self.answer(plot.identity);
         }
-        let next = plot.time + settings.radars[plot.radar].period;
+        let next = plot.time + settings.radars[plot.radar].scan_period;
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
             Some(expected) => (expected.time, expected.seen) = (next, plot.time),
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
@@ -486,7 +487,7 @@ impl Track {
     /// Scans of the slowest radar that sees the target.
     fn period(&self, settings: &Settings) -> f64 {
         let beams = self.beams.all().iter();
-        let periods = beams.map(|expected| settings.radars[expected.radar].period);
+        let periods = beams.map(|expected| settings.radars[expected.radar].scan_period);
         periods.fold(0.0, f64::max)
     }
 
@@ -497,17 +498,18 @@ impl Track {
             loop {
                 let Expected { radar, time, .. } = self.beams.all()[i];
                 let station = &settings.radars[radar];
-                if time + settings.patience * station.period >= end || !self.is_alive(settings) {
+                if time + settings.patience * station.scan_period >= end || !self.is_alive(settings)
+                {
                     break;
                 }
-                self.beams.all_mut()[i].time += station.period;
-                self.predict(time, station.period, settings);
+                self.beams.all_mut()[i].time += station.scan_period;
+                self.predict(time, station.scan_period, settings);
                 if station.covers(self.estimate.position()) {
                     if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
                         *misses += 1;
                         *evidence += (1.0 - station.detection_probability).ln();
                     }
-                    self.follow(station.period, settings);
+                    self.follow(station.scan_period, settings);
                     missed(self, radar);
                 }
             }

@@ -1,0 +1,417 @@
+"""Sensors: where stations and radars are, what they measure, and how they err.
+
+Positions are local east, north and up in metres; azimuths and elevations are radians, azimuths
+clockwise from north.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    finite,
+    positive,
+    radians,
+    real,
+    samples,
+    scalar_or_array,
+)
+
+__all__ = ["Bias", "ByKind", "Kind", "Radar", "Station"]
+
+Kind: TypeAlias = Literal["range", "azimuth", "elevation", "range_difference"]
+
+KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference")
+# what one station measures alone
+STATION_KINDS = KINDS[:3]
+ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
+# largest element by which axes times their transpose may differ from the identity
+_ORTHONORMAL = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Station:
+    """A station that measures ranges and angles.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether `azimuth_sigma` and `elevation_sigma` are given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    position : ndarray of shape (..., 2) or (..., 3)
+        East, north and up in metres; with leading axes where the station moves.
+    range_sigma : float or None
+        Standard deviation of its ranges in metres; None if it is unknown, or none are measured.
+    azimuth_sigma, elevation_sigma : float or None
+        Standard deviations of its angles in radians.
+    name : str or None
+        Its label in plots.
+    axes : ndarray of shape (..., D, D) or None
+        The station's own east, north and up as rows, in the coordinates of the frame: its azimuths
+        and elevations refer to them. None: the axes of the frame. They differ where the earth
+        curves between the station and the origin, see `tertia.geo`.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, a number outside its domain, or axes that are not a rotation.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import Station
+    >>> Station([1000.0, 0.0], azimuth_sigma=0.5, degrees=True).azimuth_sigma
+    0.008726646259971648
+    """
+
+    position: FloatArray
+    range_sigma: float | None
+    azimuth_sigma: float | None
+    elevation_sigma: float | None
+    name: str | None
+    axes: FloatArray | None
+
+    def __init__(
+        self,
+        position: npt.ArrayLike,
+        *,
+        range_sigma: float | None = None,
+        azimuth_sigma: float | None = None,
+        elevation_sigma: float | None = None,
+        axes: npt.ArrayLike | None = None,
+        name: str | None = None,
+        degrees: bool = False,
+    ) -> None:
+        place = finite(position, "position")
+        require_dimension(place, "position", "(..., 2) or (..., 3)")
+        sigmas = {
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "elevation_sigma": elevation_sigma,
+        }
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "axes", None if axes is None else _axes(axes, place))
+        for key, sigma in sigmas.items():
+            object.__setattr__(self, key, None if sigma is None else _sigma(sigma, key, degrees))
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Radar:
+    """A radar: where it is, how it turns, and how well it measures.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether `azimuth_sigma` is given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    position : ndarray of shape (2,) or (3,)
+        East, north and, if known, up in metres.
+    range_sigma : float
+        Standard deviation of its ranges in metres.
+    azimuth_sigma : float
+        Standard deviation of its azimuths in radians.
+    scan_period : float
+        Seconds per rotation of the antenna.
+    max_range : float
+        Metres; nothing is detected beyond.
+    detection_probability : float
+        Probability that a target within range is detected in a scan.
+    name : str or None
+        Its label in plots and reports.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, or a number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import Radar
+    >>> Radar(range_sigma=50.0, azimuth_sigma=0.1, scan_period=4.0, degrees=True).azimuth_sigma
+    0.0017453292519943296
+    """
+
+    position: FloatArray
+    range_sigma: float
+    azimuth_sigma: float
+    scan_period: float
+    max_range: float
+    detection_probability: float
+    name: str | None
+
+    def __init__(
+        self,
+        position: npt.ArrayLike = (0.0, 0.0),
+        *,
+        range_sigma: float,
+        azimuth_sigma: float,
+        scan_period: float,
+        max_range: float = np.inf,
+        detection_probability: float = 0.9,
+        name: str | None = None,
+        degrees: bool = False,
+    ) -> None:
+        place = finite(position, "position")
+        if place.shape not in {(2,), (3,)}:
+            raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
+        probability = real(detection_probability, "detection_probability")
+        if not 0.0 < probability < 1.0:
+            raise ValueError(f"detection_probability is {probability}; it must be between 0 and 1")
+        limit = real(max_range, "max_range")
+        if not limit > 0.0:
+            raise ValueError(f"max_range is {limit}; it must be positive")
+        numbers = {
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "scan_period": scan_period,
+        }
+        for key, number in numbers.items():
+            object.__setattr__(self, key, _sigma(number, key, degrees))
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "max_range", limit)
+        object.__setattr__(self, "detection_probability", probability)
+        object.__setattr__(self, "name", name)
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class Bias:
+    """Systematic errors of a sensor: what is assumed of them, or what was found.
+
+    A measurement less its bias has no systematic error but that of the bias, which is normal with
+    the standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known, inf that
+    nothing is known of it, and None that it is to be estimated.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether the angles and their sigmas are given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    range : float or ndarray of shape (K,)
+        Metres, of one sensor or of K.
+    azimuth, elevation : float or ndarray of shape (K,)
+        Radians.
+    range_sigma, azimuth_sigma, elevation_sigma : float, ndarray of shape (K,), or None
+        Their standard deviations.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, a bias that is not finite, or a sigma that is negative or nan.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import Bias
+    >>> bias = Bias(azimuth=[0.5, -0.25], azimuth_sigma=0.1, degrees=True)
+    >>> bias[1]
+    Bias(azimuth=-0.00436, azimuth_sigma=0.00175)
+    """
+
+    range: float | FloatArray
+    azimuth: float | FloatArray
+    elevation: float | FloatArray
+    range_sigma: float | FloatArray | None
+    azimuth_sigma: float | FloatArray | None
+    elevation_sigma: float | FloatArray | None
+
+    def __init__(
+        self,
+        *,
+        range: npt.ArrayLike = 0.0,  # noqa: A002  # its name everywhere
+        azimuth: npt.ArrayLike = 0.0,
+        elevation: npt.ArrayLike = 0.0,
+        range_sigma: npt.ArrayLike | None = 0.0,
+        azimuth_sigma: npt.ArrayLike | None = 0.0,
+        elevation_sigma: npt.ArrayLike | None = 0.0,
+        degrees: bool = False,
+    ) -> None:
+        given = {
+            "range": range,
+            "azimuth": azimuth,
+            "elevation": elevation,
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "elevation_sigma": elevation_sigma,
+        }
+        arrays = {
+            name: _bias_number(value, name, degrees)
+            for name, value in given.items()
+            if value is not None
+        }
+        try:
+            shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
+        except ValueError:
+            shape = (0, 0)
+        if len(shape) > 1:
+            shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+            raise ValueError(f"the fields have shapes {shapes}; each must be () or (K,)")
+        for name in given:
+            column = np.array(np.broadcast_to(arrays[name], shape)) if name in arrays else None
+            object.__setattr__(self, name, None if column is None else scalar_or_array(column))
+
+    def __len__(self) -> int:
+        """Return the number of sensors."""
+        if isinstance(self.range, float):
+            raise TypeError("the bias is that of one sensor")
+        return len(self.range)
+
+    def __getitem__(self, sensor: int) -> Bias:
+        """Return the bias of one of the sensors."""
+        len(self)
+        values: dict[str, Any] = {name: getattr(self, name) for name in self.__slots__}
+        return Bias(**{k: None if value is None else value[sensor] for k, value in values.items()})
+
+    def __repr__(self) -> str:
+        """Show what is not zero."""
+        shown = []
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if value is None:
+                shown.append(f"{name}=None")
+            elif np.any(value):
+                listed = np.array2string(np.asarray(value), precision=3, separator=", ")
+                shown.append(
+                    f"{name}={value:.3g}" if isinstance(value, float) else f"{name}={listed}"
+                )
+        return f"Bias({', '.join(shown)})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ByKind:
+    """One array for each kind of measurement; None for kinds that were not measured.
+
+    Attributes
+    ----------
+    range, azimuth, elevation : ndarray of shape (..., K) or None
+        One element for each station.
+    range_difference : ndarray of shape (..., K - 1) or None
+        One element for each station but the first.
+    """
+
+    range: npt.NDArray[Any] | None = None
+    azimuth: npt.NDArray[Any] | None = None
+    elevation: npt.NDArray[Any] | None = None
+    range_difference: npt.NDArray[Any] | None = None
+
+    @property
+    def count(self) -> int | IntArray:
+        """Number of nonzero elements of all kinds, such as outliers, of shape (...)."""
+        marks = [getattr(self, field.name) for field in fields(self)]
+        present = [mark for mark in marks if mark is not None]
+        total: int | IntArray = scalar_or_array(
+            np.asarray(sum(np.count_nonzero(mark, axis=-1) for mark in present))
+        )
+        return total
+
+
+def stack_stations(
+    stations: Sequence[Station] | npt.ArrayLike,
+) -> tuple[FloatArray, FloatArray | None, dict[str, FloatArray]]:
+    """Return positions, (..., K, D), axes, (..., K, D, D), and the stations' own sigmas, (K,)."""
+    if isinstance(stations, Station):
+        raise TypeError("stations is one Station; it must be a sequence of them")
+    if not isinstance(stations, Sequence) or not any(isinstance(s, Station) for s in stations):
+        places = finite(stations, "stations")  # type: ignore[arg-type]
+        require_dimension(places, "stations", "(..., K, 2) or (..., K, 3)")
+        if places.ndim < 2 or places.shape[-2] == 0:
+            raise ValueError(f"stations has shape {places.shape}; it must be (..., K, D)")
+        return places, None, {}
+    known: list[Station] = []
+    for at, station in enumerate(stations):
+        if not isinstance(station, Station):
+            raise TypeError(f"stations[{at}] is {station!r}; it must be a Station")
+        known.append(station)
+    positions = [station.position for station in known]
+    try:
+        places = np.stack(np.broadcast_arrays(*positions), axis=-2)
+    except ValueError:
+        shapes = ", ".join(str(position.shape) for position in positions)
+        raise ValueError(f"the positions of the stations have shapes {shapes}") from None
+    sigmas = {
+        str(kind): np.array(
+            [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in known],
+            dtype=np.float64,
+        )
+        for kind in STATION_KINDS
+    }
+    return places, _all_axes(known, places.shape[-1]), sigmas
+
+
+def to_station_axes(offset: FloatArray, axes: FloatArray | None) -> FloatArray:
+    """Return offsets from stations, (..., K, D), in the axes of the stations."""
+    if axes is None:
+        return offset
+    turned: FloatArray = (axes @ offset[..., np.newaxis])[..., 0]
+    return turned
+
+
+def require_dimension(array: FloatArray, name: str, shape: str) -> None:
+    """Fail unless the last axis is east, north and perhaps up."""
+    if array.ndim < 1 or array.shape[-1] not in {2, 3}:
+        raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
+
+
+def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
+    """Return the axes of all stations, None if all are those of the frame."""
+    if all(station.axes is None for station in stations):
+        return None
+    each = [np.eye(d) if station.axes is None else station.axes for station in stations]
+    return np.stack(np.broadcast_arrays(*each), axis=-3)
+
+
+def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
+    """Return axes of a station, checked."""
+    array = finite(axes, "axes")
+    d = place.shape[-1]
+    if array.ndim < 2 or array.shape[-2:] != (d, d):
+        raise ValueError(f"axes has shape {array.shape}; it must be (..., {d}, {d})")
+    if array.shape[:-2] not in {(), place.shape[:-1]}:
+        raise ValueError(f"axes has shape {array.shape}, position {place.shape}; they do not fit")
+    error = np.max(np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(d)), initial=0.0)
+    if error > _ORTHONORMAL:
+        raise ValueError(f"axes is {error:.1g} off a rotation; its rows must be orthonormal")
+    if np.any(np.linalg.det(array) < 0):
+        raise ValueError("axes is a reflection; its rows must be east, north and up")
+    return array
+
+
+def angle_sigma(value: npt.ArrayLike, name: str, *, degrees: bool) -> FloatArray:
+    """Return standard deviations, those of angles in radians."""
+    if not name.startswith(ANGLES):
+        return samples(value, name)
+    return radians(value, name, degrees=degrees, is_sigma=True)
+
+
+def _sigma(value: float, name: str, degrees: bool) -> float:
+    return float(positive(angle_sigma(real(value, name), name, degrees=degrees), name))
+
+
+def _bias_number(value: npt.ArrayLike, name: str, degrees: bool) -> FloatArray:
+    """Return biases, or the standard deviations of biases, within their domain."""
+    if not name.endswith("_sigma"):
+        known = radians(value, name, degrees=degrees) if name in ANGLES else value
+        return finite(known, name)
+    array = angle_sigma(value, name, degrees=degrees)
+    bad = np.argwhere(~(array >= 0))
+    if len(bad):
+        place = name + "".join(f"[{at}]" for at in bad[0])
+        raise ValueError(f"{place} is {array[tuple(bad[0])]}; it must be 0, positive or inf")
+    return array
