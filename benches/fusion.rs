@@ -13,8 +13,8 @@ const RULES: [Rule; 10] = [
     Rule::Ewma,
     Rule::Posterior,
     Rule::Adaptive,
+    Rule::AdaptiveMatrix,
     Rule::Matrix,
-    Rule::NominalMatrix,
     Rule::CovarianceIntersection,
     Rule::Central,
 ];
@@ -38,7 +38,7 @@ fn run(mut centre: Centre, transition: &Transition, plots: &[f64], r: &[f64]) ->
 fn benches(c: &mut Criterion) {
     let model = Singer::try_new(0.05, 0.003, false).unwrap();
     let transition = model.over(5.0).unwrap();
-    let beliefs = Beliefs::try_new(0.1, 1.6, 16.0, 0.005).unwrap();
+    let beliefs = Beliefs::try_new(0.9, 1.6, 16.0, 0.005).unwrap();
     let mut group = c.benchmark_group("fusion");
     for radars in [2, 4] {
         let (plots, r) = (plots(radars), vec![0.01; radars]);

@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tertia.fusion import FusionMethod, InstantMethod, TrackFusion, fuse, fuse_series
+from tertia.fusion import AngleFusion, FusionMethod, InstantMethod, fuse, fuse_series
 from tertia.kalman import SingerModel
 
 MODEL = SingerModel(5.0, 1 / 20, 0.003)
@@ -37,7 +37,7 @@ def test_method(benchmark, method, radars):
 
 @pytest.mark.parametrize("radars", [2, 8])
 def test_step(benchmark, radars):
-    centre = TrackFusion(MODEL, [R] * radars)
+    centre = AngleFusion(MODEL, [R] * radars)
     for scan in plots((radars, 100), 0.0).T:
         centre.step(scan)
     benchmark(centre.step, [1.0] * radars)

@@ -9,7 +9,6 @@ FUNCTIONS = {
     "weight_matrices": lambda x, s: weights.weight_matrices(s, n_threads=1),
     "weight_covariance": lambda x, s: weights.weight_covariance(s, 30, n_threads=1),
     "jacobian": lambda x, s: weights.jacobian(s, n_threads=1),
-    "combine": lambda x, s: weights.combine(x, s, n_threads=1),
 }
 
 

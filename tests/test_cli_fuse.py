@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from tertia import cli, metrics, simulate
 from tertia.cli import _fuse
-from tertia.fusion import FusionMethod, FusionResult, fuse_series
+from tertia.fusion import FusedSeries, FusionMethod, fuse_series
 from tertia.kalman import SingerModel, fit_noise
 from tertia.tables import _fit
 
@@ -95,7 +95,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
     return to_file
 
 
-def check(frame: pl.DataFrame, result: FusionResult, z: npt.NDArray[np.float64] = Z) -> None:
+def check(frame: pl.DataFrame, result: FusedSeries, z: npt.NDArray[np.float64] = Z) -> None:
     """Check every number of a track against the library's result."""
 
     def same(name: str, expected: npt.NDArray[np.float64]) -> None:
@@ -118,8 +118,8 @@ def check(frame: pl.DataFrame, result: FusionResult, z: npt.NDArray[np.float64] 
         assert frame[f"outlier_{name}"].to_list() == expected
 
 
-def fused(variance: Any = ((0.1**2,), (0.3**2,)), **options: Any) -> FusionResult:
-    options = {"times": TIMES, "period": 360.0} | options
+def fused(variance: Any = ((0.1**2,), (0.3**2,)), **options: Any) -> FusedSeries:
+    options = {"time": TIMES, "period": 360.0} | options
     return fuse_series(Z, variance, MODEL, **options)
 
 
@@ -180,7 +180,7 @@ def test_period_zero_and_other_names(write: Callable[..., Path], tmp_path: Path)
     options = ("--sensor-column", "radar", "--time-column", "t", "--column", "el", "--period", 0)
     frame = track(path, *options, *SIGMAS, *MOTION, folder=tmp_path)
     assert frame.columns[:3] == ["t", "el", "el_sigma"]
-    result = fuse_series(flat, [[0.1**2], [0.3**2]], MODEL, times=TIMES)
+    result = fuse_series(flat, [[0.1**2], [0.3**2]], MODEL, time=TIMES)
     assert result.mean[:, 0].min() < 0
     known = np.isfinite(result.sigma[:, 0])
     np.testing.assert_array_equal(frame["el"].drop_nulls(), result.mean[known, 0])
@@ -273,7 +273,7 @@ def test_dates_without_times(write: Callable[..., Path], tmp_path: Path) -> None
     rows = [f"2026-01-{day:02},A,{value}" for day, value in ((1, 1.0), (2, 2.0), (4, 4.1))]
     frame = track(write(rows), "--sensor-column", "sensor", *SIGMAS[:2], *MOTION, folder=tmp_path)
     times = np.array([0, 1, 3]) * 86400.0
-    expected = fuse_series([[1.0, 2.0, 4.1]], 0.1**2, MODEL, times=times, period=360.0)
+    expected = fuse_series([[1.0, 2.0, 4.1]], 0.1**2, MODEL, time=times, period=360.0)
     assert frame["rate"].to_list()[1:] == expected.mean[1:, 1].tolist()
 
 
@@ -335,7 +335,7 @@ def test_groups(write: Callable[..., Path], tmp_path: Path) -> None:
         60,
     )
     z = np.vstack([other, [5.5, 5.7, *[np.nan] * 58]])
-    expected = fuse_series(z, [[0.1**2], [0.3**2], [1.0]], MODEL, times=TIMES, period=360.0)
+    expected = fuse_series(z, [[0.1**2], [0.3**2], [1.0]], MODEL, time=TIMES, period=360.0)
     check(second, expected, other)
     assert second["weight_C"].to_list()[-1] == expected.weights[2, -1, 0]
 
@@ -362,7 +362,7 @@ def test_a_missing_plot_makes_a_time_of_the_track(
     arguments = (write(rows), "--sensor-column", "sensor", "--sigma", 0.1, *MOTION)
     frame = track(*arguments, folder=tmp_path)
     expected = fuse_series(
-        [[1, 1.1, 1.2, 1.25, np.nan]], 0.1**2, MODEL, times=[0, 2, 4, 5, 9], period=360.0
+        [[1, 1.1, 1.2, 1.25, np.nan]], 0.1**2, MODEL, time=[0, 2, 4, 5, 9], period=360.0
     )
     assert frame["time_s"].to_list() == [0, 2, 4, 5, 9]
     assert frame["azimuth_deg"][4] == expected.mean[4, 0]
@@ -405,7 +405,7 @@ def test_what_is_not_given_is_fitted(write: Callable[..., Path], tmp_path: Path)
         "acceleration sigma": told(best.acceleration_sigma, best.sigma[1], name),
     }
     variance = [[fit.measurement_sigma**2] for fit in expected]
-    result = fuse_series(Z, variance, best.model(2.0), times=TIMES, period=360.0)
+    result = fuse_series(Z, variance, best.model(2.0), time=TIMES, period=360.0)
     check(track(*arguments, folder=tmp_path), result)
 
 

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from tertia import cli, weights
+from tertia import cli, fusion, weights
 
 FILE = Path(__file__).parents[1] / "examples" / "estimates.csv"
 BOTH = ("--column", "east_m", "--column", "north_m")
@@ -43,14 +43,14 @@ def test_it_is_the_library_on_the_means(differences: bool, tmp_path: Path) -> No
     assert done.code == 0
     told, table = json.loads(done.out), pl.read_parquet(output)
     spread = [weights.sample_covariance(s, differences=differences) / 24 for s in samples()]
-    fused = weights.combine([s.mean(axis=0) for s in samples()], spread)
+    fused = fusion.fuse([s.mean(axis=0) for s in samples()], spread)
     convention = "differences" if differences else "sample-mean"
-    assert told["p_value"] == fused.p_value
+    assert told["pvalue"] == fused.pvalue
     assert told["loss"] == weights.fusion_loss(spread, 24, convention=convention).loss
     assert told["required"] == weights.required_samples(spread, 0.1, convention=convention)
     assert table["sensor"].to_list() == ["radar", "finders", "fused"]
     assert table["measurements"].to_list() == [24, 24, 48]
-    np.testing.assert_array_equal(table[2, "east_m"], fused.value[0])
+    np.testing.assert_array_equal(table[2, "east_m"], fused.mean[0])
     sigma = np.sqrt(fused.covariance[1, 1])
     np.testing.assert_array_equal(table[2, "north_m_sigma"], sigma)
     found = table.select(pl.col("^weight_.*$")).to_numpy()[:2].reshape(2, 2, 2)

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 import tertia
-from tertia import fusion, kalman, location, metrics, screening, smoothing, weights
+from tertia import fusion, kalman, location, metrics, screening, smoothing
 from tertia.tracker import Plots, Radar, track
 
 pd = pytest.importorskip("pandas")
@@ -53,7 +53,7 @@ CALLS = {
     ),
     "smoothing.local_polynomial": lambda y, t: smoothing.local_polynomial(y, time=t).value,
     "fusion.fuse_series": lambda y, t: (
-        fusion.fuse_series([y, y], 1.0, MODEL, times=t, period=360.0).mean
+        fusion.fuse_series([y, y], 1.0, MODEL, time=t, period=360.0).mean
     ),
     "metrics.rmse": lambda y, t: metrics.rmse(y),
     "tracker": lambda y, t: track(Plots(t, y, y), [RADAR], clutter_density=1e-9).track_of_plot,
@@ -106,9 +106,9 @@ def test_columns_of_integers(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_estimates_and_covariances(kind):
     make = KINDS[kind]
-    found = weights.combine_scalar(make([3.0, 4.0]), np.eye(2), make([0.6, 0.8]), 5.2, 0.1)
-    expected = weights.combine_scalar([3.0, 4.0], np.eye(2), [0.6, 0.8], 5.2, 0.1)
-    assert np.array_equal(found.value, expected.value)
+    found = fusion.fuse_scalar(make([3.0, 4.0]), np.eye(2), make([0.6, 0.8]), 5.2, 0.1)
+    expected = fusion.fuse_scalar([3.0, 4.0], np.eye(2), [0.6, 0.8], 5.2, 0.1)
+    assert np.array_equal(found.mean, expected.mean)
     stations = [location.Station(p, azimuth_sigma=0.01) for p in ([0.0, 0.0], [1e3, 0.0])]
     here, there = (
         location.locate(stations, azimuth=azimuth) for azimuth in (make([0.5, -0.5]), [0.5, -0.5])

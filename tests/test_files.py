@@ -364,7 +364,7 @@ def test_one_aircraft_fused_from_a_real_recording(tmp_path: Path) -> None:
     for k in range(2):
         z[k, k::2] = own["theta_deg"].to_numpy()[k::2]
     model = SingerModel(1.0, 0.02, 0.002, exact=True)
-    expected = fuse_series(z, 0.08**2, model, times=own["tod_s"].to_numpy(), period=360.0)
+    expected = fuse_series(z, 0.08**2, model, time=own["tod_s"].to_numpy(), period=360.0)
     np.testing.assert_allclose(found["theta_deg"], expected.mean[:, 0], rtol=1e-12)
 
 

@@ -11,7 +11,7 @@ from reference import fusion as reference
 from scipy import stats
 from tolerances import CHANCE, PARITY, VECTOR
 
-from tertia.fusion import TrackFusion, common_azimuth, fuse_series
+from tertia.fusion import AngleFusion, common_azimuth, fuse_series
 from tertia.kalman import SingerModel, filter_series
 from tertia.simulate import ScenarioName, radar_scenario, radars
 
@@ -83,7 +83,7 @@ V2_INITIAL = (
 V2_MEANS = {
     "paper": [12.0451982656175, 0.105734160326341, 0.000230796779820971],
     "adaptive": [12.082737580949, 0.113898181340249, 0.000858511197732528],
-    "matrix": [12.0815717165248, 0.11186695113395, 0.000561812820999961],
+    "adaptive-matrix": [12.0815717165248, 0.11186695113395, 0.000561812820999961],
     "central": [12.0848675793787, 0.11301839263859, 0.000656027754028872],
 }
 V2_WEIGHTS = {
@@ -217,7 +217,7 @@ def scene(k, seed, *, given):
 def both(k, seed, method, *, given, model=MODEL, **options):
     z, r, times, initial = scene(k, seed, given=given)
     result = fuse_series(
-        z, r, model, method=method, initial=initial, times=times, period=360.0, **options
+        z, r, model, method=method, initial=initial, time=times, period=360.0, **options
     )
     renamed = {"gate" if name == "outlier_gate" else name: v for name, v in options.items()}
     expected = reference.fuse(
@@ -274,12 +274,12 @@ def test_parity_with_an_exact_model(method):
 @pytest.mark.parametrize(
     "options",
     [
-        {"memory": 0.3},
-        {"memory": 1.0},
+        {"forgetting_factor": 0.7},
+        {"forgetting_factor": 0.0},
         {"threshold": 1.0},
         {"outlier_gate": 3.0},
-        {"change": 0.05},
-        {"change": 1e-12},
+        {"change_probability": 0.05},
+        {"change_probability": 1e-12},
     ],
 )
 @pytest.mark.parametrize("method", ["adaptive", "ewma", "robust"])
@@ -288,9 +288,9 @@ def test_parity_of_parameters(method, options):
     check_parity(result, expected, method)
     plain, _ = both(2, 5, method, given=True)
     relevant = {
-        "adaptive": "change" not in options,
-        "ewma": "memory" in options,
-        "robust": "change" in options,
+        "adaptive": "change_probability" not in options,
+        "ewma": "forgetting_factor" in options,
+        "robust": "change_probability" in options,
     }[method]
     assert relevant == (not np.allclose(plain.mean, result.mean, rtol=0, atol=1e-6))
 
@@ -308,7 +308,7 @@ def test_a_batch_is_its_series(method):
     initial = states.normal(size=(2, 3, 2, 3)), np.full((2, 3, 2, 3, 3), np.diag([1, 0.1, 0.01]))
     variance = states.uniform(0.005, 0.02, (2, 3, 2, 40))
     times = np.cumsum(states.uniform(3, 7, (2, 3, 40)), axis=-1)
-    whole = fuse_series(z, variance, MODEL, method=method, initial=initial, times=times)
+    whole = fuse_series(z, variance, MODEL, method=method, initial=initial, time=times)
     assert whole.mean.shape == (2, 3, 40, 3)
     assert whole.upper.shape == (2, 3, 40, 6)
     assert whole.covariance.shape == (2, 3, 40, 3, 3)
@@ -319,7 +319,7 @@ def test_a_batch_is_its_series(method):
     for place in np.ndindex(2, 3):
         own = tuple(part[place] for part in initial)
         one = fuse_series(
-            z[place], variance[place], MODEL, method=method, initial=own, times=times[place]
+            z[place], variance[place], MODEL, method=method, initial=own, time=times[place]
         )
         for field in FIELDS:
             np.testing.assert_array_equal(getattr(whole, field)[place], getattr(one, field))
@@ -346,8 +346,8 @@ def test_lists_order_in_memory_and_masks():
         same(plain, fuse_series(other, 0.01, MODEL))
     for variance in ([[0.01], [0.01]], np.full((2, 40), 0.01), np.full((4, 2, 40), 0.01)):
         same(plain, fuse_series(z, variance, MODEL))
-    same(plain, fuse_series(z, 0.01, MODEL, times=np.arange(40) * 5.0))
-    same(plain, fuse_series(z, 0.01, MODEL, times=np.full((4, 40), np.arange(40) * 5.0)))
+    same(plain, fuse_series(z, 0.01, MODEL, time=np.arange(40) * 5.0))
+    same(plain, fuse_series(z, 0.01, MODEL, time=np.full((4, 40), np.arange(40) * 5.0)))
 
 
 def test_one_state_for_all_radars():
@@ -367,9 +367,9 @@ def test_the_caller_keeps_the_plots():
 @pytest.mark.parametrize(
     ("z", "told"),
     [
-        (batches(), r"FusionResult\(2 radars, 40 steps, \d+ outliers\)"),
-        (batches(3, 2), r"FusionResult\(batch \(3, 2\), 2 radars, 40 steps, \d+ outliers\)"),
-        (np.zeros((1, 1)), r"FusionResult\(1 radar, 1 step, 0 outliers\)"),
+        (batches(), r"FusedSeries\(2 radars, 40 steps, \d+ outliers\)"),
+        (batches(3, 2), r"FusedSeries\(batch \(3, 2\), 2 radars, 40 steps, \d+ outliers\)"),
+        (np.zeros((1, 1)), r"FusedSeries\(1 radar, 1 step, 0 outliers\)"),
     ],
 )
 def test_repr(z, told):
@@ -380,7 +380,7 @@ def test_repr_of_one_outlier():
     result = fuse_series(batches(), 0.01, MODEL)
     result.outlier[:] = False
     result.outlier[1, 7] = True
-    assert repr(result) == "FusionResult(2 radars, 40 steps, 1 outlier)"
+    assert repr(result) == "FusedSeries(2 radars, 40 steps, 1 outlier)"
 
 
 # one step at a time
@@ -390,9 +390,9 @@ def test_repr_of_one_outlier():
 @pytest.mark.parametrize("k", [1, 2, 4])
 def test_streaming_is_the_series(method, k):
     z, r, times, _ = scene(k, 12, given=False)
-    options = {"method": method, "period": 360.0, "change": 0.01}
-    whole = fuse_series(z, r, MODEL, times=times, **options)
-    centre = TrackFusion(MODEL, [0.01] * k, **options)
+    options = {"method": method, "period": 360.0, "change_probability": 0.01}
+    whole = fuse_series(z, r, MODEL, time=times, **options)
+    centre = AngleFusion(MODEL, [0.01] * k, **options)
     for step, dt in enumerate(np.diff(times, prepend=times[0])):
         if step in {1, 2, 30}:
             centre = pickle.loads(pickle.dumps(centre))
@@ -411,8 +411,8 @@ def test_errors_of_a_stream_say_where():
     with pytest.raises(
         ValueError, match=r"^measurement_variance\[1\] is -0.2; it must be a positive"
     ):
-        TrackFusion(MODEL, [0.1, -0.2])
-    centre = TrackFusion(MODEL, [0.1, 0.2])
+        AngleFusion(MODEL, [0.1, -0.2])
+    centre = AngleFusion(MODEL, [0.1, 0.2])
     with pytest.raises(ValueError, match=r"^plots\[1\] is inf; it must be a finite number, or nan"):
         centre.step([0.0, INF])
     with pytest.raises(ValueError, match=r"^measurement_variance\[0\] is 0"):
@@ -487,7 +487,7 @@ STARTS = {
 }
 
 
-@pytest.mark.parametrize("method", ["equal", "posterior", "nominal-matrix", "central"])
+@pytest.mark.parametrize("method", ["equal", "posterior", "matrix", "central"])
 @pytest.mark.parametrize("start", STARTS.values(), ids=STARTS)
 def test_the_start_is_honest(method, start):
     """From the second plot of the first radar on."""
@@ -586,7 +586,7 @@ def test_a_single_radar_is_its_filter(method, given):
         # its noise is never believed exactly
         assert abs(np.log(np.median(result.noise_variance) / 0.01)) < 0.3
         return
-    if method in {"adaptive", "matrix"}:
+    if method in {"adaptive", "adaptive-matrix"}:
         # the covariance follows the noise that is believed
         healthy = (result.noise_variance == 0.01).all(axis=(1, 2))
         assert 3 <= healthy.sum() < 20
@@ -638,7 +638,7 @@ def test_hierarchical_fusion_of_information_is_central():
     variances = np.where(np.isnan(pooled), 1.0, variances)
     alone = tuple(np.asarray(part)[np.newaxis] for part in same_start)
     result = fuse_series(
-        pooled[np.newaxis], variances, MODEL, method="central", initial=alone, times=times,
+        pooled[np.newaxis], variances, MODEL, method="central", initial=alone, time=times,
         period=360.0,
     )  # fmt: skip
     in_sigmas(result, {"mean": local[0], "covariance": local[1]}, 10 * PARITY, 360.0)
@@ -653,7 +653,7 @@ def test_central_is_the_hierarchical_fusion_of_information(k):
     # of angles that are independent, the centre knows k times as much
     own = np.tile(state, (k, 1)), np.tile(np.diag(variances * [k, 1, 1]), (k, 1, 1))
     result = fuse_series(
-        z, r, MODEL, method="central", initial=own, times=times, period=360.0
+        z, r, MODEL, method="central", initial=own, time=times, period=360.0
     )  # fmt: skip
     _, f, q = steps_of(MODEL, times)
     mean, covariance = reference.hierarchical(z, r, f, q, (state, np.diag(variances)), 360.0)
@@ -665,7 +665,7 @@ def test_central_is_the_hierarchical_fusion_of_information(k):
 def test_the_order_of_the_radars_does_not_matter(method, given):
     z, r, times, initial = scene(3, 8, given=given)
     order = [2, 0, 1]
-    options = {"method": method, "times": times, "period": 360.0}
+    options = {"method": method, "time": times, "period": 360.0}
     plain = fuse_series(z, r, MODEL, initial=initial, **options)
     turned = None if initial is None else tuple(part[order] for part in initial)
     other = fuse_series(z[order], r[order], MODEL, initial=turned, **options)
@@ -687,7 +687,7 @@ def test_the_order_of_the_radars_does_not_matter(method, given):
 def test_units_do_not_matter(method, scale):
     z, r, times, _ = scene(2, 9, given=False)
     z = z % 360
-    options = {"method": method, "times": times}
+    options = {"method": method, "time": times}
     plain = fuse_series(z, r, MODEL, period=360.0, **options)
     model = SingerModel(5.0, 0.05, 0.003 * scale)
     other = fuse_series(z * scale, r * scale**2, model, period=360.0 * scale, **options)
@@ -783,10 +783,10 @@ class TestMonteCarlo:
             ("posterior", 63.9),
             ("paper", 76.4),
             ("ewma", 65.6),
-            ("nominal-matrix", 63.9),
+            ("matrix", 63.9),
             ("covariance-intersection", 63.9),
             ("adaptive", 64.4),
-            ("matrix", 64.6),
+            ("adaptive-matrix", 64.6),
             ("central", 63.0),
             ("robust", 63.0),
         ],
@@ -798,7 +798,7 @@ class TestMonteCarlo:
 
     def test_a_noisier_radar_is_found(self):
         after = range(80, 120)
-        for method in ("adaptive", "matrix"):
+        for method in ("adaptive", "adaptive-matrix"):
             assert mean_nees("noisier", method, after)[0] <= 1.2
         for method in ("equal", "posterior", "central"):
             assert mean_nees("noisier", method, after)[0] > 3
@@ -811,7 +811,7 @@ class TestMonteCarlo:
 
     def test_outliers_are_found(self):
         within = range(60, 80)
-        for method in ("adaptive", "matrix"):
+        for method in ("adaptive", "adaptive-matrix"):
             assert rmse("outliers", method, within) < rmse("outliers", "equal", within) / 1.8
         result, record = fused("outliers", "adaptive"), record_of("outliers")
         # one of 15 sigma is below the gate of 4 S^(1/2) with the chance .4
@@ -1117,25 +1117,25 @@ STATE_OF_TWO = np.zeros((2, 3)), np.full((2, 3, 3), np.eye(3))
         ({"model": 5.0}, TypeError, "model is 5.0; it must be a SingerModel"),
         ({"method": "best"}, ValueError, "method is 'best'; it must be 'robust', 'adaptive'"),
         ({"method": None}, ValueError, "method is 'None'"),
-        ({"times": [0, 1, 2, 1, 3]}, ValueError, r"times?\[3\] is before"),
-        ({"times": [0, 1, 2]}, ValueError, "times? has shape"),
-        ({"times": 1.0}, ValueError, "times? is a single number"),
-        ({"times": [0, 1, NAN, 2, 3]}, ValueError, r"times?\[2\] is nan"),
-        ({"times": [0, 1, 2, 30, 31]}, ValueError, "alpha"),
+        ({"time": [0, 1, 2, 1, 3]}, ValueError, r"time\[3\] is before"),
+        ({"time": [0, 1, 2]}, ValueError, "time has shape"),
+        ({"time": 1.0}, ValueError, "time is a single number"),
+        ({"time": [0, 1, NAN, 2, 3]}, ValueError, r"time\[2\] is nan"),
+        ({"time": [0, 1, 2, 30, 31]}, ValueError, "alpha"),
         ({"period": 0.0}, ValueError, "period is 0"),
         ({"period": -360.0}, ValueError, "period is -360"),
         ({"period": "x"}, TypeError, "period is 'x'"),
-        ({"memory": 0.0}, ValueError, "memory is 0"),
-        ({"memory": 1.5}, ValueError, "memory is 1.5"),
-        ({"memory": NAN}, ValueError, "memory is nan"),
-        ({"memory": "x"}, TypeError, "memory is 'x'"),
+        ({"forgetting_factor": 1.0}, ValueError, "forgetting_factor is 1"),
+        ({"forgetting_factor": -0.5}, ValueError, "forgetting_factor is -0.5"),
+        ({"forgetting_factor": NAN}, ValueError, "forgetting_factor is nan"),
+        ({"forgetting_factor": "x"}, TypeError, "forgetting_factor is 'x'"),
         ({"threshold": 0.9}, ValueError, "threshold is 0.9"),
         ({"threshold": NAN}, ValueError, "threshold is nan"),
         ({"outlier_gate": 0.5}, ValueError, "outlier_gate is 0.5"),
-        ({"change": 0.0}, ValueError, "change is 0"),
-        ({"change": 1.0}, ValueError, "change is 1"),
-        ({"change": NAN}, ValueError, "change is nan"),
-        ({"change": "x"}, TypeError, "change is 'x'"),
+        ({"change_probability": 0.0}, ValueError, "change_probability is 0"),
+        ({"change_probability": 1.0}, ValueError, "change_probability is 1"),
+        ({"change_probability": NAN}, ValueError, "change_probability is nan"),
+        ({"change_probability": "x"}, TypeError, "change_probability is 'x'"),
         ({"outlier_gate": None}, TypeError, "outlier_gate is None"),
         ({"n_threads": 0}, ValueError, "n_threads is 0"),
         ({"initial": 5}, TypeError, "initial must be a pair"),

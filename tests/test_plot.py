@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 import tertia
-from tertia import metrics, plot, screening, simulate, smoothing, weights
+from tertia import fusion, metrics, plot, screening, simulate, smoothing
 from tertia.flightplan import FlightPlan
 from tertia.fusion import fuse_series
 from tertia.kalman import SingerModel
@@ -224,12 +224,12 @@ def test_errors(
 @pytest.mark.parametrize("components", [(0, 1), (2, 0), [1, 2]])
 @pytest.mark.parametrize("probability", [0.5, 0.95])
 def test_combination(components: Sequence[int], probability: float) -> None:
-    result = weights.combine(X, S)
+    result = fusion.fuse(X, S)
     ax = plot.combination(X, S, result, components=components, probability=probability)
     quantile = scipy.stats.chi2.ppf(probability, 2)
     drawn = [("estimate 0", X[0], S[0]), ("estimate 1", X[1], S[1])]
     pair = list(components)
-    for label, centre, covariance in [*drawn, ("fused", result.value, result.covariance)]:
+    for label, centre, covariance in [*drawn, ("fused", result.mean, result.covariance)]:
         points = line(ax, label)
         expected = np.asarray(centre)[pair]
         assert points[0].tolist() == expected.tolist()
@@ -247,7 +247,7 @@ def test_combination(components: Sequence[int], probability: float) -> None:
 
 
 def test_combination_title_aspect_and_legend() -> None:
-    result = weights.combine(X, S)
+    result = fusion.fuse(X, S)
     ax = plot.combination(X, S, result, probability=0.6827)
     assert ax.get_title() == "12.49 ± 0.85, 21.1 ± 1.0; p-value 0.45"
     legend = ax.get_legend()
@@ -264,17 +264,17 @@ def test_combination_title_aspect_and_legend() -> None:
 def test_combination_of_many_estimates() -> None:
     six, seven = np.tile(S[0], (6, 1, 1)), np.tile(S[0], (7, 1, 1))
     x = np.arange(21.0).reshape(7, 3)
-    ax = plot.combination(x[:6], six, weights.combine(x[:6], six))
+    ax = plot.combination(x[:6], six, fusion.fuse(x[:6], six))
     assert labels(ax) == [*(f"estimate {k}" for k in range(6)), "fused"]
     looks = [(a.get_color(), a.get_marker()) for a in ax.get_lines()]
     assert len({c for c, _ in looks}) == len({m for _, m in looks}) == 7
-    ax = plot.combination(x, seven, weights.combine(x, seven))
+    ax = plot.combination(x, seven, fusion.fuse(x, seven))
     assert labels(ax) == ["estimate", "fused"]
     assert len(ax.get_lines()) == 8
 
 
 def test_combination_with_a_scalar() -> None:
-    result = weights.combine_scalar([3, 4], np.eye(2), [0.6, 0.8], 5.2, 0.1)
+    result = fusion.fuse_scalar([3, 4], np.eye(2), [0.6, 0.8], 5.2, 0.1)
     ax = plot.combination([[3, 4]], [np.eye(2)], result)
     assert labels(ax) == ["estimate 0", "fused"]
     assert ax.get_title() == "3.12 ± 0.80, 4.16 ± 0.61; p-value 0.84"
@@ -284,8 +284,8 @@ def test_combination_with_a_scalar() -> None:
 def test_combination_of_components_of_different_size(scale: float) -> None:
     units = np.array([1.0, scale, 1.0])
     x, s = X * units, S * np.outer(units, units)
-    ax = plot.combination(x, s, weights.combine(x, s), equal=False)
-    plain = plot.combination(X, S, weights.combine(X, S))
+    ax = plot.combination(x, s, fusion.fuse(x, s), equal=False)
+    plain = plot.combination(X, S, fusion.fuse(X, S))
     for label in labels(ax):
         expected = line(plain, label) * units[:2]
         np.testing.assert_allclose(line(ax, label), expected, rtol=1e-12)
@@ -293,7 +293,7 @@ def test_combination_of_components_of_different_size(scale: float) -> None:
 
 def test_combination_of_singular_covariances() -> None:
     crossed = np.array([[[4.0, 4.0], [4.0, 4.0]], [[1.0, -1.0], [-1.0, 1.0]]])
-    result = weights.Combination(np.zeros(2), np.eye(2), crossed, 0.0, 2, 1.0)
+    result = fusion.FusedEstimate(np.zeros(2), np.eye(2), crossed, 0.0, 2, 1.0)
     points = line(plot.combination(np.zeros((2, 2)), crossed, result), "estimate 0")[2:]
     # a line
     np.testing.assert_allclose(points[:, 0], points[:, 1], rtol=1e-12)
@@ -316,7 +316,7 @@ def test_combination_of_singular_covariances() -> None:
             r"covariances has shape \(3, 3\); for estimates of shape \(2, 3\) it must be \(2, 3",
         ),
         (
-            {"result": weights.combine([X], [S])},
+            {"result": fusion.fuse([X], [S])},
             ValueError,
             r"result has a batch of shape \(1,\); one combination can be drawn",
         ),
@@ -346,7 +346,7 @@ def test_combination_of_singular_covariances() -> None:
 def test_errors_of_combination(
     arguments: dict[str, Any], error: type[Exception], message: str
 ) -> None:
-    right: dict[str, Any] = {"estimates": X, "covariances": S, "result": weights.combine(X, S)}
+    right: dict[str, Any] = {"estimates": X, "covariances": S, "result": fusion.fuse(X, S)}
     with pytest.raises(error, match=message):
         plot.combination(**(right | arguments))
     assert not plt.get_fignums()
@@ -362,7 +362,7 @@ def test_missing_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ImportError, match=r"needs Matplotlib: pip install 'tertia\[plot\]'"):
         plot.bearing(Y, tertia.estimate_bearing(Y))
     with pytest.raises(ImportError, match="needs Matplotlib"):
-        plot.combination(X, S, weights.combine(X, S))
+        plot.combination(X, S, fusion.fuse(X, S))
     with pytest.raises(ImportError, match="needs Matplotlib"):
         plot.fusion(plots(), fuse_series(plots(), R, MODEL))
     with pytest.raises(ImportError, match="needs Matplotlib"):

@@ -273,7 +273,7 @@ class TestFuse:
                 z,
                 np.array([[0.01], [0.09]]),
                 kalman.SingerModel(1.0, **MODEL, exact=True),
-                times=times,
+                time=times,
                 period=360.0,
             )
             track = found.filter(target=target)

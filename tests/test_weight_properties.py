@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tolerances import IDENTITIES
 
-from tertia import simulate, weights
+from tertia import fusion, simulate, weights
 
 PROPERTY = settings(
     deadline=None, derandomize=True, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
@@ -118,9 +118,9 @@ def test_units_do_not_matter(s, seed):
     for method in ("first-order", "monte-carlo"):
         new, old = (weights.fusion_loss(t, 30, method=method, trials=20) for t in (scaled, s))
         same(new.component_loss, old.component_loss)
-    new, old = weights.combine(x * d, scaled), weights.combine(x, s)
-    same(new.value, old.value * d)
-    assert (new.statistic, new.p_value) == (old.statistic, old.p_value)
+    new, old = fusion.fuse(x * d, scaled), fusion.fuse(x, s)
+    same(new.mean, old.mean * d)
+    assert (new.statistic, new.pvalue) == (old.statistic, old.pvalue)
 
 
 @PROPERTY
@@ -134,10 +134,10 @@ def test_coordinates_do_not_matter(s, seed):
     new = t @ s @ t.T
     new = (new + transposed(new)) / 2
     x = estimates_for(s, seed)
-    found, old = weights.combine(x @ t.T, new), weights.combine(x, s)
+    found, old = fusion.fuse(x @ t.T, new), fusion.fuse(x, s)
     assert_near(found.weights, t @ old.weights @ back)
     assert_near(found.covariance, t @ old.covariance @ t.T)
-    assert_near(found.value, t @ old.value, np.abs(found.weights).max())
+    assert_near(found.mean, t @ old.mean, np.abs(found.weights).max())
     assert_near(found.statistic, old.statistic)
 
 
@@ -146,10 +146,10 @@ def test_coordinates_do_not_matter(s, seed):
 def test_order_of_sensors_does_not_matter(s, seed):
     order = np.random.default_rng(seed).permutation(len(s))
     x = estimates_for(s, seed)
-    new, old = weights.combine(x[order], s[order]), weights.combine(x, s)
+    new, old = fusion.fuse(x[order], s[order]), fusion.fuse(x, s)
     assert_near(new.weights, old.weights[order])
     assert_near(new.covariance, old.covariance)
-    assert_near(new.value, old.value, np.abs(old.weights).max())
+    assert_near(new.mean, old.mean, np.abs(old.weights).max())
     assert_near(new.statistic, old.statistic)
     n = np.arange(30, 30 + len(s))
     at = int(np.flatnonzero(order == 0)[0])
@@ -186,14 +186,14 @@ def test_the_fused_covariance_is_below_that_of_every_sensor(s):
 @given(COVARIANCES, SEEDS)
 def test_sensors_may_be_fused_one_after_the_other(s, seed):
     x = estimates_for(s, seed)
-    at_once = weights.combine(x, s)
+    at_once = fusion.fuse(x, s)
     value, covariance, statistic, degrees = x[0], s[0], 0.0, 0
     for x_k, s_k in zip(x[1:], s[1:], strict=True):
-        step = weights.combine([value, x_k], [covariance, s_k])
-        value, covariance = step.value, step.covariance
+        step = fusion.fuse([value, x_k], [covariance, s_k])
+        value, covariance = step.mean, step.covariance
         statistic += step.statistic
         degrees += step.degrees_of_freedom
-    assert_near(at_once.value, value, np.abs(at_once.weights).max())
+    assert_near(at_once.mean, value, np.abs(at_once.weights).max())
     assert_near(at_once.covariance, covariance)
     assert_near(at_once.statistic, statistic)
     assert at_once.degrees_of_freedom == degrees
@@ -203,9 +203,9 @@ def test_sensors_may_be_fused_one_after_the_other(s, seed):
 @given(COVARIANCES, SEEDS)
 def test_estimates_that_agree_are_their_fusion(s, seed):
     x = estimates_for(s, seed)[0]
-    found = weights.combine(np.tile(x, (len(s), 1)), s)
-    np.testing.assert_array_equal(found.value, x)
-    assert (found.statistic, found.p_value) == (0, 1)
+    found = fusion.fuse(np.tile(x, (len(s), 1)), s)
+    np.testing.assert_array_equal(found.mean, x)
+    assert (found.statistic, found.pvalue) == (0, 1)
 
 
 @PROPERTY
@@ -214,8 +214,8 @@ def test_shifted_estimates_are_a_shifted_fusion(s, seed):
     """And the statistic knows the differences only."""
     x = np.round(256 * estimates_for(s, seed)) / 256
     shift = np.arange(s.shape[-1]) * 1024.0
-    found, old = weights.combine(x + shift, s), weights.combine(x, s)
-    assert_near(found.value, old.value + shift, np.abs(old.weights).max())
+    found, old = fusion.fuse(x + shift, s), fusion.fuse(x, s)
+    assert_near(found.mean, old.mean + shift, np.abs(old.weights).max())
     assert found.statistic == old.statistic
 
 
@@ -238,12 +238,12 @@ def test_what_estimated_weights_cost(s, sensor):
 @given(covariance_matrices(sensors=(2, 2)), st.floats(1e-3, 1e3), SEEDS)
 def test_a_scalar_tells_something(s, sigma, seed):
     x, h = np.random.default_rng(seed).normal(size=(2, s.shape[-1]))
-    found = weights.combine_scalar(x, s[0], h, 0.5, sigma)
+    found = fusion.fuse_scalar(x, s[0], h, 0.5, sigma)
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
     assert_no_negative_variance(found.covariance, found.covariance)
     assert_no_negative_variance(s[0] - found.covariance, s[0])
     # the scalar's own residual, from both sides
-    before, after = 0.5 - h @ x, 0.5 - h @ found.value
+    before, after = 0.5 - h @ x, 0.5 - h @ found.mean
     variance = h @ s[0] @ h
     assert_near(after, before * sigma**2 / (variance + sigma**2), abs(before) + abs(h) @ abs(x))
     assert_near(h @ found.covariance @ h, variance * sigma**2 / (variance + sigma**2), variance)
@@ -328,18 +328,18 @@ def test_anything_for_the_loss(s, n, convention, method):
 @PROPERTY
 @given(ANY, MATRICES)
 def test_anything_for_estimates(x, s):
-    result = outcome(weights.combine, x, s)
+    result = outcome(fusion.fuse, x, s)
     if result is not None:
-        assert_no_nan(result.value, result.covariance, result.statistic, result.p_value)
-        assert ((np.asarray(result.p_value) >= 0) & (np.asarray(result.p_value) <= 1)).all()
+        assert_no_nan(result.mean, result.covariance, result.statistic, result.pvalue)
+        assert ((np.asarray(result.pvalue) >= 0) & (np.asarray(result.pvalue) <= 1)).all()
 
 
 @PROPERTY
 @given(ANY, MATRICES, ANY, NUMBERS, NUMBERS)
 def test_anything_for_a_scalar(x, s, h, measured, sigma):
-    result = outcome(weights.combine_scalar, x, s, h, measured, sigma)
+    result = outcome(fusion.fuse_scalar, x, s, h, measured, sigma)
     if result is not None:
-        assert_no_nan(result.value, result.covariance, result.statistic, result.p_value)
+        assert_no_nan(result.mean, result.covariance, result.statistic, result.pvalue)
 
 
 SIDES = st.sampled_from([0, 1, 2, 3, 5])
@@ -349,8 +349,8 @@ SIDES = st.sampled_from([0, 1, 2, 3, 5])
 @given(st.lists(SIDES, max_size=3), st.lists(SIDES, max_size=3), st.integers(1, 3))
 def test_any_shapes_of_estimates_and_covariances(of_estimates, of_covariances, m):
     s = np.broadcast_to(np.eye(m), (*of_covariances, m, m))
-    outcome(weights.combine, np.zeros((*of_estimates, m)), s)
-    outcome(weights.combine_scalar, np.zeros((*of_estimates, m)), s, np.ones(m), 1.0, 1.0)
+    outcome(fusion.fuse, np.zeros((*of_estimates, m)), s)
+    outcome(fusion.fuse_scalar, np.zeros((*of_estimates, m)), s, np.ones(m), 1.0, 1.0)
 
 
 @MANY
@@ -361,9 +361,9 @@ def test_any_numbers_for_a_scalar(s, data):
     x, h = data.draw(vectors), data.draw(vectors)
     measured = data.draw(st.sampled_from([0.0, 1.0, -1e69, 5e-324]))
     sigma = data.draw(st.sampled_from([1.0, 1e-60, 1e-100, 1e-160, 1e-200, 5e-324, 1e69]))
-    result = outcome(weights.combine_scalar, x, s[0], h, measured, sigma)
+    result = outcome(fusion.fuse_scalar, x, s[0], h, measured, sigma)
     if result is not None:
-        assert_no_nan(result.value, result.covariance, result.statistic, result.p_value)
+        assert_no_nan(result.mean, result.covariance, result.statistic, result.pvalue)
 
 
 @MANY
@@ -372,15 +372,15 @@ def test_any_numbers_for_estimates(s, data):
     numbers = st.sampled_from([0.0, 1.0, 1e140, 1e150, -1e150, 5e-324])
     x = data.draw(hnp.arrays(np.float64, s.shape[:2], elements=numbers))
     size = data.draw(st.sampled_from([1.0, 1e-130, 1e130]))
-    result = outcome(weights.combine, x, size * s)
+    result = outcome(fusion.fuse, x, size * s)
     if result is not None:
-        assert_no_nan(result.value, result.covariance, result.statistic, result.p_value)
+        assert_no_nan(result.mean, result.covariance, result.statistic, result.pvalue)
 
 
 @PROPERTY
 @given(ANY, ANY, st.one_of(COUNTS, ANY), NUMBERS)
 def test_anything_for_the_others(a, b, n, number):
-    outcome(weights.blend, a, b, n, number)
+    outcome(weights.shrink_covariance, a, b, n, number)
     outcome(weights.covariance_of_covariance, a, number)
     outcome(weights.covariance_factor, n, number)
     outcome(weights.sample_covariance, np.clip(a, -1e9, 1e9) if is_numeric(a) else a)

@@ -11,7 +11,7 @@ from scipy import integrate, special, stats
 from scipy.sparse.linalg import aslinearoperator
 from tolerances import DISTRIBUTION, INVERSES, UNITS, VECTOR
 
-from tertia import simulate, weights
+from tertia import fusion, simulate, weights
 
 TWO = np.array([[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]])
 CONVENTIONS = ["sample-mean", "known-mean", "paper", "differences"]
@@ -364,19 +364,19 @@ GROUPS = {
     "weight_matrices": (weights.weight_matrices, reference.weights),
     "fused_covariance": (weights.fused_covariance, reference.fused_covariance),
     "combined value": (
-        lambda s, **kw: weights.combine(estimates_for(s), s, **kw).value,
+        lambda s, **kw: fusion.fuse(estimates_for(s), s, **kw).mean,
         lambda s: reference.combine(estimates_for(s), s)[0],
     ),
     "combined covariance": (
-        lambda s, **kw: weights.combine(estimates_for(s), s, **kw).covariance,
+        lambda s, **kw: fusion.fuse(estimates_for(s), s, **kw).covariance,
         reference.fused_covariance,
     ),
     "combined weights": (
-        lambda s, **kw: weights.combine(estimates_for(s), s, **kw).weights,
+        lambda s, **kw: fusion.fuse(estimates_for(s), s, **kw).weights,
         reference.weights,
     ),
     "combined statistic": (
-        lambda s, **kw: np.asarray(weights.combine(estimates_for(s), s, **kw).statistic),
+        lambda s, **kw: np.asarray(fusion.fuse(estimates_for(s), s, **kw).statistic),
         lambda s: reference.combine(estimates_for(s), s)[2],
     ),
     "jacobian": (weights.jacobian, lambda s: reference.jacobian(s, len(s) - 1)),
@@ -423,7 +423,7 @@ GROUPS = {
     ),
     "standard error": (
         lambda s, **kw: np.asarray(
-            weights.fusion_loss(s, 31, method="monte-carlo", trials=50, **kw).standard_error
+            weights.fusion_loss(s, 31, method="monte-carlo", trials=50, **kw).loss_sigma
         ),
         None,
     ),
@@ -442,7 +442,7 @@ def scalar_for(s):
 
 def added(s, **kw):
     x, h, z, sigma = scalar_for(s)
-    return weights.combine_scalar(x, s, h, z, sigma, **kw)
+    return fusion.fuse_scalar(x, s, h, z, sigma, **kw)
 
 
 def added_by_inversion(s):
@@ -456,7 +456,7 @@ SINGLE = {
         lambda s: reference.elements_of_covariance_of_covariance(s, 0.2),
     ),
     "value with a scalar": (
-        lambda s, **kw: added(s, **kw).value,
+        lambda s, **kw: added(s, **kw).mean,
         lambda s: added_by_inversion(s)[0],
     ),
     "covariance with a scalar": (
@@ -615,14 +615,14 @@ class TestCombine:
     @pytest.mark.parametrize("sensors", [2, 3, 5])
     def test_agrees_with_information(self, m, sensors):
         s, x = covariances(m, sensors, seed=m), rng(m).normal(size=(sensors, m))
-        found = weights.combine(x, s)
+        found = fusion.fuse(x, s)
         value, covariance, statistic = reference.combine(x, s)
-        assert_near(found.value, value)
+        assert_near(found.mean, value)
         assert_same_covariance(found.covariance, covariance)
         assert_is_covariance(found.covariance)
         assert found.statistic == close(statistic, INVERSES)
         assert found.degrees_of_freedom == (sensors - 1) * m
-        assert found.p_value == close(stats.chi2.sf(statistic, (sensors - 1) * m), DISTRIBUTION)
+        assert found.pvalue == close(stats.chi2.sf(statistic, (sensors - 1) * m), DISTRIBUTION)
         np.testing.assert_array_equal(found.weights, weights.weight_matrices(s))
         np.testing.assert_array_equal(found.sigma, np.sqrt(np.diag(found.covariance)))
 
@@ -631,45 +631,45 @@ class TestCombine:
     def test_p_values_far_into_the_tail(self, away, sensors):
         s, x = covariances(2, sensors, seed=1), np.zeros((sensors, 2))
         x[0] = away
-        found = weights.combine(x, s)
+        found = fusion.fuse(x, s)
         expected = stats.chi2.sf(found.statistic, 2 * (sensors - 1))
-        assert found.p_value == close(expected, DISTRIBUTION)
+        assert found.pvalue == close(expected, DISTRIBUTION)
 
     def test_the_fused_estimate_of_two_is_that_of_the_paper(self):
         x = np.array([[10.0, 20.0], [13.0, 21.0]])
         w = np.array([[78, 12], [16, 38]]) / 99
-        assert weights.combine(x, TWO).value == close(x[0] + w @ (x[1] - x[0]))
+        assert fusion.fuse(x, TWO).mean == close(x[0] + w @ (x[1] - x[0]))
 
     @pytest.mark.parametrize("sensors", [2, 4])
     def test_an_offset_costs_no_digits(self, sensors):
         """The estimates keep all their digits beside 1e9."""
         s = covariances(3, sensors, seed=3)
         x = rng(3).integers(-100, 100, size=(sensors, 3)) / 16
-        near, far = weights.combine(x, s), weights.combine(x + 1e9, s)
+        near, far = fusion.fuse(x, s), fusion.fuse(x + 1e9, s)
         assert far.statistic == near.statistic
-        assert far.p_value == near.p_value
-        np.testing.assert_allclose(far.value, 1e9 + near.value, rtol=2.3e-16)
+        assert far.pvalue == near.pvalue
+        np.testing.assert_allclose(far.mean, 1e9 + near.mean, rtol=2.3e-16)
 
     def test_estimates_and_covariances_are_broadcast(self):
         s, x = covariances(2, 3, seed=4, batch=(4, 1)), rng(4).normal(size=(5, 3, 2))
-        found = weights.combine(x, s)
-        assert found.value.shape == (4, 5, 2)
+        found = fusion.fuse(x, s)
+        assert found.mean.shape == (4, 5, 2)
         assert found.weights.shape == (4, 5, 3, 2, 2)
-        assert found.statistic.shape == found.p_value.shape == (4, 5)
+        assert found.statistic.shape == found.pvalue.shape == (4, 5)
         for i, j in np.ndindex(4, 5):
-            one = weights.combine(x[j], s[i, 0])
-            np.testing.assert_array_equal(found.value[i, j], one.value)
+            one = fusion.fuse(x[j], s[i, 0])
+            np.testing.assert_array_equal(found.mean[i, j], one.mean)
             np.testing.assert_array_equal(found.covariance[i, j], one.covariance)
             assert found.statistic[i, j] == one.statistic
-            assert found.p_value[i, j] == one.p_value
+            assert found.pvalue[i, j] == one.pvalue
 
     def test_many_estimates_for_one_set_of_covariances(self):
         x = rng(5).normal(size=(1000, 2, 2))
-        found = weights.combine(x, TWO)
-        one = weights.combine(x[700], TWO)
-        np.testing.assert_array_equal(found.value[700], one.value)
+        found = fusion.fuse(x, TWO)
+        one = fusion.fuse(x[700], TWO)
+        np.testing.assert_array_equal(found.mean[700], one.mean)
         assert isinstance(one.statistic, float)
-        assert isinstance(one.p_value, float)
+        assert isinstance(one.pvalue, float)
 
     @pytest.mark.parametrize(("sensors", "m"), [(2, 1), (2, 3), (4, 2), (3, 11)])
     def test_honest_errors_are_told_so(self, sensors, m):
@@ -678,9 +678,9 @@ class TestCombine:
         s = covariances(m, sensors, seed=m)
         noise = rng(20 + m).normal(size=(trials, sensors, m, 1))
         truth = np.arange(m)
-        found = weights.combine(truth + (np.linalg.cholesky(s) @ noise)[..., 0], s)
-        assert stats.kstest(found.p_value, "uniform").pvalue > 0.01
-        error = found.value - truth
+        found = fusion.fuse(truth + (np.linalg.cholesky(s) @ noise)[..., 0], s)
+        assert stats.kstest(found.pvalue, "uniform").pvalue > 0.01
+        error = found.mean - truth
         nees = np.einsum("ti,ij,tj", error, np.linalg.inv(found.covariance[0]), error)
         low, high = stats.chi2.ppf([0.005, 0.995], m * trials)
         assert low < nees < high
@@ -688,16 +688,16 @@ class TestCombine:
     def test_wrong_covariances_are_told(self):
         noise = rng(6).normal(size=(20_000, 2, 2, 1))
         x = (np.linalg.cholesky(TWO) @ noise)[..., 0]
-        p = weights.combine(x, TWO / 2).p_value
+        p = fusion.fuse(x, TWO / 2).pvalue
         # chi-square of twice the size
         expected = stats.chi2.sf(stats.chi2.isf(0.05, 2) / 2, 2)
         assert (p < 0.05).mean() == pytest.approx(expected, abs=4 * np.sqrt(0.25 / 20_000))
 
     def test_enormous_disagreement_is_no_nan(self):
         s = 1e-10 * np.array([[[1, 0.9], [0.9, 1]]] * 2)
-        found = weights.combine([[1e150, 1e149], [0, 0]], s)
+        found = fusion.fuse([[1e150, 1e149], [0, 0]], s)
         assert not np.isnan(found.statistic)
-        assert found.p_value == 0
+        assert found.pvalue == 0
 
 
 class TestCombineScalar:
@@ -706,26 +706,26 @@ class TestCombineScalar:
     def test_agrees_with_information(self, m, sigma):
         s = covariances(m, seed=m)[0]
         x, h = rng(m).normal(size=(2, m))
-        found = weights.combine_scalar(x, s, h, 1.5, sigma)
+        found = fusion.fuse_scalar(x, s, h, 1.5, sigma)
         information = np.linalg.inv(s) + weights.scalar_information(h, sigma)
         # what is inverted has a condition number of up to 1e6
         assert_near(found.covariance, np.linalg.inv(information), 1e-10)
         value, _, statistic = reference.combine_scalar(x, s, h, 1.5, sigma)
-        assert_near(found.value, value, 1e-9)
+        assert_near(found.mean, value, 1e-9)
         assert found.statistic == close(statistic)
-        assert found.p_value == close(stats.chi2.sf(statistic, 1), DISTRIBUTION)
+        assert found.pvalue == close(stats.chi2.sf(statistic, 1), DISTRIBUTION)
         assert found.degrees_of_freedom == 1
         assert_near(found.weights, found.covariance @ h / sigma**2, 1e-10)
         np.testing.assert_array_equal(found.covariance, found.covariance.T)
 
     def test_a_scalar_is_an_estimate_in_one_dimension(self):
         """z = h x ± sigma says that x is z/h ± sigma/h."""
-        scalar = weights.combine_scalar([2.0], [[3.0]], [4.0], 9.0, 0.8)
-        estimate = weights.combine([[2.0], [9 / 4]], [[[3.0]], [[(0.8 / 4) ** 2]]])
-        assert scalar.value == close(estimate.value)
+        scalar = fusion.fuse_scalar([2.0], [[3.0]], [4.0], 9.0, 0.8)
+        estimate = fusion.fuse([[2.0], [9 / 4]], [[[3.0]], [[(0.8 / 4) ** 2]]])
+        assert scalar.mean == close(estimate.mean)
         assert scalar.covariance == close(estimate.covariance)
         assert scalar.statistic == close(estimate.statistic)
-        assert scalar.p_value == close(estimate.p_value, DISTRIBUTION)
+        assert scalar.pvalue == close(estimate.pvalue, DISTRIBUTION)
 
     @pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1]])
     def test_scalars_of_every_component_are_an_estimate(self, order):
@@ -734,35 +734,35 @@ class TestCombineScalar:
         other, sigma = np.array([1.3, -2.2, 0.1]), np.array([0.5, 2.0, 0.9])
         value, covariance, statistic = x, s, 0.0
         for i in order:
-            step = weights.combine_scalar(value, covariance, np.eye(3)[i], other[i], sigma[i])
-            value, covariance = step.value, step.covariance
+            step = fusion.fuse_scalar(value, covariance, np.eye(3)[i], other[i], sigma[i])
+            value, covariance = step.mean, step.covariance
             statistic += step.statistic
-        at_once = weights.combine([x, other], [s, np.diag(sigma**2)])
-        assert_near(value, at_once.value)
+        at_once = fusion.fuse([x, other], [s, np.diag(sigma**2)])
+        assert_near(value, at_once.mean)
         assert_same_covariance(covariance, at_once.covariance)
         assert statistic == close(at_once.statistic)
 
     def test_a_scalar_that_tells_nothing_changes_nothing(self):
         s, x = TWO[0], [1.0, 2.0]
-        useless = weights.combine_scalar(x, s, [1.0, -1.0], 50.0, 1e60)
-        np.testing.assert_array_equal(useless.value, x)
+        useless = fusion.fuse_scalar(x, s, [1.0, -1.0], 50.0, 1e60)
+        np.testing.assert_array_equal(useless.mean, x)
         np.testing.assert_array_equal(useless.covariance, s)
-        blind = weights.combine_scalar(x, s, [0.0, 0.0], 3.0, 2.0)
-        np.testing.assert_array_equal(blind.value, x)
+        blind = fusion.fuse_scalar(x, s, [0.0, 0.0], 3.0, 2.0)
+        np.testing.assert_array_equal(blind.mean, x)
         np.testing.assert_array_equal(blind.covariance, s)
         assert blind.statistic == close(9 / 4)
 
     def test_broadcasting(self):
         s, x = covariances(2, seed=2, batch=(3,))[:, 0], rng(2).normal(size=(4, 1, 2))
         h, z, sigma = [1.0, 2.0], rng(3).normal(size=(4, 3)), np.array([0.1, 1.0, 3.0])
-        found = weights.combine_scalar(x, s, h, z, sigma)
-        assert found.value.shape == found.weights.shape == (4, 3, 2)
+        found = fusion.fuse_scalar(x, s, h, z, sigma)
+        assert found.mean.shape == found.weights.shape == (4, 3, 2)
         for i, j in np.ndindex(4, 3):
-            one = weights.combine_scalar(x[i, 0], s[j], h, z[i, j], sigma[j])
-            np.testing.assert_array_equal(found.value[i, j], one.value)
+            one = fusion.fuse_scalar(x[i, 0], s[j], h, z[i, j], sigma[j])
+            np.testing.assert_array_equal(found.mean[i, j], one.mean)
             np.testing.assert_array_equal(found.covariance[i, j], one.covariance)
             np.testing.assert_array_equal(found.weights[i, j], one.weights)
-            assert found.p_value[i, j] == one.p_value
+            assert found.pvalue[i, j] == one.pvalue
 
     def test_errors_are_as_large_as_told(self):
         trials = 20_000
@@ -770,31 +770,31 @@ class TestCombineScalar:
         noise = rng(4).normal(size=(trials, 2)) @ np.linalg.cholesky(s).T
         z = 7.0 + sigma * rng(5).normal(size=trials)
         truth = np.array([4.0, 1.0])
-        found = weights.combine_scalar(truth + noise, s, h, z, sigma)
-        error = found.value - truth
+        found = fusion.fuse_scalar(truth + noise, s, h, z, sigma)
+        error = found.mean - truth
         nees = np.einsum("ti,ij,tj", error, np.linalg.inv(found.covariance[0]), error)
         low, high = stats.chi2.ppf([0.005, 0.995], 2 * trials)
         assert low < nees < high
         inside = (np.abs(error) < 1.96 * found.sigma).mean(axis=0)
         np.testing.assert_allclose(inside, 0.95, atol=4 * np.sqrt(0.05 / trials))
-        assert stats.kstest(found.p_value, "uniform").pvalue > 0.01
+        assert stats.kstest(found.pvalue, "uniform").pvalue > 0.01
 
     @pytest.mark.parametrize("sigma", [1e-6, 1e-12, 1e-60])
     def test_a_scalar_without_error_leaves_a_covariance(self, sigma):
         for seed in range(50):
             s = covariances(4, seed=seed)[0]
             h = rng(seed).normal(size=4)
-            found = weights.combine_scalar(np.zeros(4), s, h, 1.0, sigma)
+            found = fusion.fuse_scalar(np.zeros(4), s, h, 1.0, sigma)
             assert_is_covariance(found.covariance)
             assert (found.sigma > 0).all()
-            assert h @ found.value == close(1.0, 1e-10)
+            assert h @ found.mean == close(1.0, 1e-10)
 
     @pytest.mark.parametrize("sigma", [1e-6, 1e-9, 1e-12])
     def test_no_variance_is_negative_where_the_covariance_is_singular(self, sigma):
         """A target on a known line, whose place there is then measured."""
         for direction, h in ([[9, 4], [3, 1]], [[-7, 3], [2, 5]], [[1, 6], [7, -2]]):
             s = np.outer(direction, direction)
-            found = weights.combine_scalar([0, 0], s, h, 1.0, sigma)
+            found = fusion.fuse_scalar([0, 0], s, h, 1.0, sigma)
             assert (np.diag(found.covariance) >= 0).all()
             # sigma over h times the direction
             expected = np.abs(direction) / abs(np.dot(h, direction)) * sigma
@@ -804,11 +804,11 @@ class TestCombineScalar:
         ("s", "h"), [(np.eye(2), [0, 0]), (np.ones((2, 2)), [1, -1])], ids=["no h", "singular"]
     )
     def test_no_nan_where_scalar_and_covariance_have_no_error(self, s, h):
-        found = weights.combine_scalar([1.0, 2.0], s, h, 0.0, 1e-70)
-        np.testing.assert_array_equal(found.value, [1.0, 2.0])
+        found = fusion.fuse_scalar([1.0, 2.0], s, h, 0.0, 1e-70)
+        np.testing.assert_array_equal(found.mean, [1.0, 2.0])
         np.testing.assert_array_equal(found.covariance, s)
         with pytest.raises(ValueError, match=r"sigma must be between 1e-70"):
-            weights.combine_scalar([1.0, 2.0], s, h, 0.0, 1e-200)
+            fusion.fuse_scalar([1.0, 2.0], s, h, 0.0, 1e-200)
 
     def test_information(self):
         assert weights.scalar_information([3, 4], 5) == close(np.array([[9, 12], [12, 16]]) / 25)
@@ -833,16 +833,16 @@ class TestSharedAzimuth:
 
     def normalised(self, target, found):
         """Mean squared error in units of what is claimed, for each position."""
-        error = found.value - target.position
+        error = found.mean - target.position
         information = np.linalg.inv(found.covariance[0])
         return np.einsum("tpi,pij,tpj->p", error, information, error) / self.TRIALS
 
     def test_combining_them_claims_too_much(self, drawn):
         target, x = drawn
-        found = weights.combine(x, target.covariances)
+        found = fusion.fuse(x, target.covariances)
         assert (self.normalised(target, found) > 2.6).all()
         claimed = trace(found.covariance[0])
-        optimism = np.sqrt(((found.value - target.position) ** 2).sum(-1).mean(0) / claimed)
+        optimism = np.sqrt(((found.mean - target.position) ** 2).sum(-1).mean(0) / claimed)
         assert np.median(optimism) == pytest.approx(1.2, abs=0.03)
 
     def test_adding_the_range_difference_is_honest(self, drawn):
@@ -850,13 +850,13 @@ class TestSharedAzimuth:
         h = target.jacobian[:, 2]
         # what the second estimate was made of, besides the azimuth
         measured = np.einsum("pi,tpi->tp", h, x[:, :, 1])
-        found = weights.combine_scalar(
+        found = fusion.fuse_scalar(
             x[:, :, 0], target.covariances[:, 0], h, measured, target.sigma[2]
         )
         low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], 2 * self.TRIALS) / self.TRIALS
         ratio = self.normalised(target, found)
         assert ((low < ratio) & (ratio < high)).all()
-        for p in found.p_value.T:
+        for p in found.pvalue.T:
             assert stats.kstest(p, "uniform").pvalue > 0.001
 
 
@@ -907,6 +907,17 @@ class TestSampleCovariance:
         x = rng(1).normal(size=(12, 3))
         found = from_measurements(convention)(x)
         assert_near(found, reference.sample_covariance(x, convention))
+
+    def test_the_divisor_of_the_paper_on_association(self):
+        x = [(100, 50), (130, 20), (90, 80), (120, 70)]
+        found = weights.sample_covariance(x, ddof=0)
+        np.testing.assert_allclose(found, [[250, -250], [-250, 525]], rtol=1e-14)
+
+    @pytest.mark.parametrize("ddof", [0, 1, 5])
+    def test_the_divisor(self, ddof):
+        x = rng(4).normal(size=(12, 3)) + 1e3
+        expected = np.cov(x, rowvar=False, ddof=ddof)
+        assert_near(weights.sample_covariance(x, ddof=ddof), expected, 1e-9)
 
     def test_a_known_mean(self):
         x, mean = rng(2).normal(size=(4, 9, 2)), np.array([0.3, -1.0])
@@ -1004,7 +1015,7 @@ class TestLoss:
     @pytest.mark.parametrize(("case", "n", "percent", "rounding"), PRINTED_LOSSES)
     def test_printed(self, case, n, percent, rounding):
         found = simulated(CASES[case], n, seed=1)
-        error = rounding / 100 + 4 * found.standard_error
+        error = rounding / 100 + 4 * found.loss_sigma
         assert found.loss == pytest.approx(percent / 100, abs=error)
 
     @pytest.mark.parametrize("case", CASES)
@@ -1014,7 +1025,7 @@ class TestLoss:
         s = np.array(CASES[case])
         mean, error = mean_and_error(losses(s, sampled(s, n, 25_000, n)))
         found = simulated(s, n)
-        assert found.loss == pytest.approx(mean, abs=4 * np.hypot(error, found.standard_error))
+        assert found.loss == pytest.approx(mean, abs=4 * np.hypot(error, found.loss_sigma))
 
     @pytest.mark.parametrize("m", [1, 2, 3, 4])
     @pytest.mark.parametrize("n", [8, 12, 40])
@@ -1022,7 +1033,7 @@ class TestLoss:
         s = [covariances(m, seed=m)[0]] * 2
         found = simulated(s, n)
         exact = reference.loss_of_equal_sensors(m, n - 1)
-        assert found.loss == pytest.approx(exact, abs=4 * found.standard_error)
+        assert found.loss == pytest.approx(exact, abs=4 * found.loss_sigma)
         first = weights.fusion_loss(s, n, method="first-order").loss
         assert first == close((m + 1) / (2 * (n - 1)))
 
@@ -1031,7 +1042,7 @@ class TestLoss:
     def test_of_scalars(self, s, n):
         exact = exact_scalar_loss(s, [count - 1 for count in n])
         found = simulated(np.reshape(s, (2, 1, 1)), n)
-        assert found.loss == pytest.approx(exact, abs=4 * found.standard_error)
+        assert found.loss == pytest.approx(exact, abs=4 * found.loss_sigma)
 
     def test_the_first_order_is_the_limit(self):
         """It is wrong by a share that goes as 1/n."""
@@ -1054,10 +1065,10 @@ class TestLoss:
         for s in cases:
             automatic = weights.fusion_loss(s, least)
             assert automatic.method == "first-order"
-            assert automatic.standard_error is None
+            assert automatic.loss_sigma is None
             assert weights.fusion_loss(s, least - 1, trials=10).method == "monte-carlo"
             exact = simulated(s, least, trials=40_000)
-            room = 0.05 * exact.loss + 4 * exact.standard_error
+            room = 0.05 * exact.loss + 4 * exact.loss_sigma
             assert automatic.loss == pytest.approx(exact.loss, abs=room)
 
     def test_auto_looks_at_the_sensor_that_is_known_least(self):
@@ -1072,7 +1083,7 @@ class TestLoss:
             drawn = sampled(s, n, 25_000, 3, convention)
             mean, error = mean_and_error(losses(s, drawn))
             found = simulated(s, n, convention=convention)
-            room = 4 * np.hypot(error, found.standard_error)
+            room = 4 * np.hypot(error, found.loss_sigma)
             assert found.loss == pytest.approx(mean, abs=room)
 
     def test_a_sensor_whose_covariance_is_known(self):
@@ -1081,7 +1092,7 @@ class TestLoss:
         drawn[:, 0] = s[0]
         mean, error = mean_and_error(losses(s, drawn))
         found = simulated(s, [np.inf, 10])
-        assert found.loss == pytest.approx(mean, abs=4 * np.hypot(error, found.standard_error))
+        assert found.loss == pytest.approx(mean, abs=4 * np.hypot(error, found.loss_sigma))
 
     @pytest.mark.parametrize(("n", "low", "high"), [(10, 1.05, 1.22), (30, 1.01, 1.045)])
     @pytest.mark.parametrize("case", list(CASES)[:4])
@@ -1093,7 +1104,7 @@ class TestLoss:
         s = np.array(CASES[case])
         mean, error = mean_and_error(losses(s, sampled(s, n, 40_000, 5, "differences")))
         found = simulated(s, n, convention="differences")
-        room = 3 * np.hypot(error / mean, found.standard_error / found.loss)
+        room = 3 * np.hypot(error / mean, found.loss_sigma / found.loss)
         assert low - room < found.loss / mean < high + room
 
     @pytest.mark.parametrize("method", ["first-order", "monte-carlo"])
@@ -1106,14 +1117,14 @@ class TestLoss:
         assert found.loss == close(np.trace(error) / np.trace(fused) - 1, 1e-10)
         assert found.component_loss == close(np.diag(error) / np.diag(fused) - 1, 1e-10)
         assert found.method == method
-        assert (found.standard_error is None) == (method == "first-order")
+        assert (found.loss_sigma is None) == (method == "first-order")
         assert_is_covariance(error)
         assert_is_covariance(error - fused)
 
-    def test_the_standard_error_is_that(self):
+    def test_the_loss_sigma_is_that(self):
         runs = [simulated(CASES["ten times"], 20, trials=2000, seed=seed) for seed in range(60)]
         spread = np.std([run.loss for run in runs], ddof=1)
-        told = np.mean([run.standard_error for run in runs])
+        told = np.mean([run.loss_sigma for run in runs])
         # relative standard error of a standard deviation: 1/sqrt(2 (60 - 1))
         assert told / spread == pytest.approx(1.0, abs=4 / np.sqrt(118))
 
@@ -1345,22 +1356,24 @@ class TestBlend:
         model, sample = covariances(3, seed=1)
         for n in (1, 5, 40):
             expected = (12 * model + (n - 1) * sample) / (12 + n - 1)
-            assert_near(weights.blend(model, sample, n), expected, 1e-15)
+            assert_near(weights.shrink_covariance(model, sample, n), expected, 1e-15)
             expected = (3.5 * model + (n - 1) * sample) / (3.5 + n - 1)
-            assert_near(weights.blend(model, sample, n, 3.5), expected, 1e-15)
+            assert_near(weights.shrink_covariance(model, sample, n, 3.5), expected, 1e-15)
 
     def test_ends(self):
         model, sample = covariances(2, seed=2)
-        np.testing.assert_array_equal(weights.blend(model, sample, 1), model)
-        np.testing.assert_array_equal(weights.blend(model, sample, np.inf), sample)
-        assert_near(weights.blend(model, sample, 5, 1e12), model, 1e-11)
+        np.testing.assert_array_equal(weights.shrink_covariance(model, sample, 1), model)
+        np.testing.assert_array_equal(weights.shrink_covariance(model, sample, np.inf), sample)
+        assert_near(weights.shrink_covariance(model, sample, 5, 1e12), model, 1e-11)
 
     def test_broadcasting(self):
         model, sample = covariances(2, seed=3)[0], covariances(2, 4, seed=4)
         n = np.array([2, 9, 30, np.inf])
-        found = weights.blend(model, sample, n)
+        found = weights.shrink_covariance(model, sample, n)
         for i in range(4):
-            np.testing.assert_array_equal(found[i], weights.blend(model, sample[i], n[i]))
+            np.testing.assert_array_equal(
+                found[i], weights.shrink_covariance(model, sample[i], n[i])
+            )
 
     @pytest.mark.parametrize("case", ["vector", "crossed"])
     def test_it_beats_either_with_few_samples(self, case):
@@ -1368,7 +1381,7 @@ class TestBlend:
         s = np.array(CASES[case])
         model = s * np.array([1.5, 0.75])[:, None, None]
         drawn = sampled(s, 6, 20_000, 5)
-        blended, alone = losses(s, weights.blend(model, drawn, 6)), losses(s, drawn)
+        blended, alone = losses(s, weights.shrink_covariance(model, drawn, 6)), losses(s, drawn)
         assert blended.mean() < 0.5 * alone.mean()
 
 
@@ -1514,7 +1527,7 @@ def results_in_units(s, units):
     s, x, h = s * outer, x * d, h / d
     jacobian_units = vec(weight_units)[:, None] / vec(outer)
     w_units = vec(weight_units)[:, None] * vec(weight_units)
-    combined, scalar = weights.combine(x, s), weights.combine_scalar(x[0], s[0], h, 0.4, 0.7)
+    combined, scalar = fusion.fuse(x, s), fusion.fuse_scalar(x[0], s[0], h, 0.4, 0.7)
     losses = [
         weights.fusion_loss(s, 20, method=method, trials=40)
         for method in ("first-order", "monte-carlo")
@@ -1522,10 +1535,10 @@ def results_in_units(s, units):
     return {
         "weights": weights.weight_matrices(s) / weight_units,
         "fused": weights.fused_covariance(s) / outer,
-        "value": combined.value / d,
+        "value": combined.mean / d,
         "combined": combined.covariance / outer,
         "statistic": np.array(combined.statistic),
-        "with scalar": scalar.value / d,
+        "with scalar": scalar.mean / d,
         "covariance with scalar": scalar.covariance / outer,
         "gain": scalar.weights / d,
         "innovation": np.array(scalar.statistic),
@@ -1536,7 +1549,7 @@ def results_in_units(s, units):
         "error": np.array([loss.mean_squared_error for loss in losses]) / outer,
         "covariance_of_covariance": weights.covariance_of_covariance(s[0], 0.1)
         / (vec(outer)[:, None] * vec(outer)),
-        "blend": weights.blend(s[0], s[1], 9) / outer,
+        "blend": weights.shrink_covariance(s[0], s[1], 9) / outer,
     }
 
 
@@ -1585,7 +1598,7 @@ def of_every_group(covariances_, error, message):
     calls = {
         "weight_matrices": weights.weight_matrices,
         "fused_covariance": weights.fused_covariance,
-        "combine": lambda s: weights.combine(np.zeros((2, 2)), s),
+        "combine": lambda s: fusion.fuse(np.zeros((2, 2)), s),
         "jacobian": weights.jacobian,
         "jacobian_operator": weights.jacobian_operator,
         "weight_covariance": lambda s: weights.weight_covariance(s, 10),
@@ -1645,9 +1658,11 @@ BAD_GROUPS = [
     ),
     *of_every_group([[["1", "2"], ["2", "3"]]] * 2, TypeError, "covariances has dtype <U1"),
     *of_every_group(np.ones((2, 2, 2), dtype=complex), TypeError, "covariances has dtype complex"),
-    *of_every_group(1.0, ValueError, "covariances is a single number"),
-    *of_every_group(np.eye(2), ValueError, r"covariances has shape \[2, 2\]; .*K >= 2 sensors"),
-    *of_every_group(np.ones((2, 2, 0)), ValueError, r"covariances has shape \[2, 2, 0\]|estimates"),
+    *of_every_group(1.0, ValueError, "covariances is a single number|covariances has shape"),
+    *of_every_group(
+        np.eye(2), ValueError, r"covariances has shape [\[(]2, 2[\])]; .*(K >= 2 sensors|2, 2, 2)"
+    ),
+    *of_every_group(np.ones((2, 2, 0)), ValueError, r"covariances has shape [\[(]2, 2, 0[\])]"),
 ]
 # where no estimates are there to be compared with
 SHAPES = {
@@ -1660,36 +1675,32 @@ SHAPES = {
 
 def scalar(**changed):
     arguments = {"estimate": [1.0, 2.0], "covariance": TWO[0], "h": [1.0, 0.5], "measured": 0.3}
-    return weights.combine_scalar(**{**arguments, "sigma": 2.0, **changed})
+    return fusion.fuse_scalar(**{**arguments, "sigma": 2.0, **changed})
 
 
 BAD_CALLS = [
+    (lambda: fusion.fuse(np.zeros((3, 2)), TWO), ValueError, r"covariances has shape \(2, 2, 2\)"),
+    (lambda: fusion.fuse(np.zeros(2), TWO), ValueError, r"estimates has shape \(2,\); it must"),
+    (lambda: fusion.fuse(1.0, TWO), ValueError, r"estimates has shape \(\); it must"),
     (
-        lambda: weights.combine(np.zeros((3, 2)), TWO),
+        lambda: fusion.fuse(np.zeros((5, 2, 3)), np.eye(3)),
         ValueError,
-        r"estimates has shape \(3, 2\); for",
-    ),
-    (lambda: weights.combine(np.zeros(2), TWO), ValueError, r"estimates has shape \(2,\); for"),
-    (lambda: weights.combine(1.0, TWO), ValueError, r"estimates has shape \(\); for"),
-    (
-        lambda: weights.combine(np.zeros((5, 2, 3)), np.eye(3)),
-        ValueError,
-        r"covariances has shape \[3, 3\]|estimates has shape",
+        r"covariances has shape \(3, 3\); for estimates",
     ),
     (
-        lambda: weights.combine(np.zeros((3, 2, 2)), np.stack([TWO] * 4)),
+        lambda: fusion.fuse(np.zeros((3, 2, 2)), np.stack([TWO] * 4)),
         ValueError,
         r"do not fit together: estimates \(3,\), covariances \(4,\)",
     ),
-    (lambda: weights.combine([[0, np.nan], [0, 0]], TWO), ValueError, r"estimates\[0, 1\] is nan"),
+    (lambda: fusion.fuse([[0, np.nan], [0, 0]], TWO), ValueError, r"estimates\[0, 1\] is nan"),
     (
-        lambda: weights.combine([[[0, 0], [0, 0]], [[0, 0], [np.inf, 0]]], TWO),
+        lambda: fusion.fuse([[[0, 0], [0, 0]], [[0, 0], [np.inf, 0]]], TWO),
         ValueError,
         r"estimates\[1, 1, 0\] is inf; it must be a number of at most 1e150",
     ),
-    (lambda: weights.combine([[0, 1e151], [0, 0]], TWO), ValueError, r"estimates\[0, 1\] is 1e151"),
-    (lambda: weights.combine([["a", "b"]] * 2, TWO), TypeError, "estimates has dtype <U1"),
-    (lambda: weights.combine([[1, 2], [3]], TWO), ValueError, "estimates is ragged"),
+    (lambda: fusion.fuse([[0, 1e151], [0, 0]], TWO), ValueError, r"estimates\[0, 1\] is 1e151"),
+    (lambda: fusion.fuse([["a", "b"]] * 2, TWO), TypeError, "estimates has dtype <U1"),
+    (lambda: fusion.fuse([[1, 2], [3]], TWO), ValueError, "estimates is ragged"),
     (lambda: scalar(covariance=INDEFINITE), np.linalg.LinAlgError, "covariance is indefinite"),
     (
         lambda: scalar(covariance=batch_with(INDEFINITE)),
@@ -1706,8 +1717,12 @@ BAD_CALLS = [
         ValueError,
         r"covariance has shape \(0, 0\)",
     ),
-    (lambda: scalar(covariance=np.eye(3)), ValueError, r"shape \(3, 3\), estimate \(2,\) and h"),
-    (lambda: scalar(h=[1.0, 2.0, 3.0]), ValueError, r"and h \(3,\)"),
+    (
+        lambda: scalar(covariance=np.eye(3)),
+        ValueError,
+        r"estimate has shape \(2,\); for covariance of shape \(3, 3\)",
+    ),
+    (lambda: scalar(h=[1.0, 2.0, 3.0]), ValueError, r"h has shape \(3,\)"),
     (lambda: scalar(h=[1.0, np.nan]), ValueError, r"h\[1\] is nan"),
     (lambda: scalar(h=[1.0, 1e71]), ValueError, r"h has a number above 1e\+70"),
     (lambda: scalar(estimate=[np.inf, 0]), ValueError, r"estimate\[0\] is inf"),
@@ -1771,6 +1786,9 @@ BAD_CALLS = [
         "differences is 1; it must be True or False",
     ),
     (lambda: weights.sample_covariance([[1e200], [-1e200]]), ValueError, "x"),
+    (lambda: weights.sample_covariance(np.ones((3, 2)), ddof=3), ValueError, "ddof is 3"),
+    (lambda: weights.sample_covariance(np.ones((3, 2)), ddof=-1), ValueError, "ddof is -1"),
+    (lambda: weights.sample_covariance(np.ones((3, 2)), ddof=0.5), TypeError, "ddof is 0.5"),
     (lambda: weights.covariance_factor(1), ValueError, "n is 1; it must be a whole number"),
     (lambda: weights.covariance_factor(2.5), ValueError, r"n is 2\.5; it must be a whole number"),
     (lambda: weights.covariance_factor(np.nan), ValueError, "n is nan"),
@@ -1855,16 +1873,28 @@ BAD_CALLS = [
     (lambda: weights.required_samples(TWO, trials=0), ValueError, "trials is 0"),
     (lambda: weights.required_samples(TWO, convention="x"), ValueError, "convention is 'x'"),
     (lambda: weights.required_samples(TWO, rng=1.5), TypeError, r"rng is 1\.5"),
-    (lambda: weights.blend(1.0, TWO[0], 5), ValueError, r"model has shape \(\)"),
-    (lambda: weights.blend(TWO[0], np.ones((2, 3)), 5), ValueError, r"sample has shape \(2, 3\)"),
-    (lambda: weights.blend(np.eye(3), TWO[0], 5), ValueError, "their m must agree"),
-    (lambda: weights.blend(TWO[0], [[1, np.nan], [0, 1]], 5), ValueError, r"sample\[0, 1\] is nan"),
-    (lambda: weights.blend(TWO[0], TWO[0], 0), ValueError, "n must be at least 1"),
-    (lambda: weights.blend(TWO[0], TWO[0], [3, np.nan]), ValueError, "n must be at least 1"),
-    (lambda: weights.blend(TWO[0], TWO[0], 5, 0), ValueError, r"n_model is 0\.0"),
-    (lambda: weights.blend(TWO[0], TWO[0], 5, np.inf), ValueError, "n_model is inf"),
-    (lambda: weights.blend(TWO[0], TWO[0], 5, "x"), TypeError, "n_model is 'x'"),
-    (lambda: weights.blend(TWO, np.ones((3, 2, 2)), 5), ValueError, "model.*sample"),
+    (lambda: weights.shrink_covariance(1.0, TWO[0], 5), ValueError, r"model has shape \(\)"),
+    (
+        lambda: weights.shrink_covariance(TWO[0], np.ones((2, 3)), 5),
+        ValueError,
+        r"sample has shape \(2, 3\)",
+    ),
+    (lambda: weights.shrink_covariance(np.eye(3), TWO[0], 5), ValueError, "their m must agree"),
+    (
+        lambda: weights.shrink_covariance(TWO[0], [[1, np.nan], [0, 1]], 5),
+        ValueError,
+        r"sample\[0, 1\] is nan",
+    ),
+    (lambda: weights.shrink_covariance(TWO[0], TWO[0], 0), ValueError, "n must be at least 1"),
+    (
+        lambda: weights.shrink_covariance(TWO[0], TWO[0], [3, np.nan]),
+        ValueError,
+        "n must be at least 1",
+    ),
+    (lambda: weights.shrink_covariance(TWO[0], TWO[0], 5, 0), ValueError, r"n_model is 0\.0"),
+    (lambda: weights.shrink_covariance(TWO[0], TWO[0], 5, np.inf), ValueError, "n_model is inf"),
+    (lambda: weights.shrink_covariance(TWO[0], TWO[0], 5, "x"), TypeError, "n_model is 'x'"),
+    (lambda: weights.shrink_covariance(TWO, np.ones((3, 2, 2)), 5), ValueError, "model.*sample"),
     (lambda: weights.weight_matrices(TWO, n_threads=0), ValueError, "n_threads is 0"),
     (lambda: weights.weight_covariance(TWO, 9, n_threads=0.5), TypeError, r"n_threads is 0\.5"),
     (
@@ -1873,7 +1903,7 @@ BAD_CALLS = [
         "the fused covariance of covariances is lost to rounding",
     ),
     (
-        lambda: weights.combine(np.zeros((2, 2)), [SINGULAR, OTHER_SINGULAR]),
+        lambda: fusion.fuse(np.zeros((2, 2)), [SINGULAR, OTHER_SINGULAR]),
         np.linalg.LinAlgError,
         "the fused covariance of covariances is lost to rounding",
     ),
@@ -1923,7 +1953,7 @@ def test_bad_parameters(call, error, message):
         (lambda s: weights.fusion_loss(s, 2), "n is 2"),
         (lambda s: weights.fusion_loss(s, 9, trials=1), "trials is 1"),
         (lambda s: weights.required_samples(s, -1), "loss is -1"),
-        (lambda s: weights.combine(np.zeros((3, 2)), s), "estimates has shape"),
+        (lambda s: fusion.fuse(np.zeros((3, 2)), s), "covariances has shape"),
     ],
 )
 def test_bad_parameters_of_an_empty_batch(call, message):
@@ -1933,11 +1963,6 @@ def test_bad_parameters_of_an_empty_batch(call, message):
 
 
 def test_results_are_printed_usefully():
-    estimates = [[10, 20], [13, 21]]
-    found = weights.combine(estimates, TWO)
-    assert repr(found) == "Combination([12.4848 ± 0.853, 20.8687 ± 1.03], p-value 0.387)"
-    many = weights.combine([estimates] * 3, TWO)
-    assert repr(many) == "Combination(batch (3,), 2 components)"
     assert repr(weights.fusion_loss(TWO, 10**4)) == "FusionLoss(0.01%, first-order)"
     assert repr(weights.fusion_loss(TWO, 20)).startswith("FusionLoss(7.")
     assert repr(weights.fusion_loss([TWO] * 3, 20)) == "FusionLoss(batch (3,), monte-carlo)"
@@ -1945,7 +1970,7 @@ def test_results_are_printed_usefully():
 
 def test_results_are_frozen():
     for result, name in (
-        (weights.combine(np.zeros((2, 2)), TWO), "value"),
+        (fusion.fuse(np.zeros((2, 2)), TWO), "mean"),
         (weights.fusion_loss(TWO, 20), "loss"),
         (weights.jacobian_operator(TWO), "left"),
     ):

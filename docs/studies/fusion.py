@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from studies.montecarlo import FloatArray, generator
 from studies.pages import BLUE, GREY, ORANGE, PURPLE, markdown
 from tertia import metrics, simulate
-from tertia.fusion import FusionResult, fuse_series
+from tertia.fusion import FusedSeries, fuse_series
 from tertia.kalman import (
     AngleFilter,
     FilteredSeries,
@@ -48,10 +48,10 @@ RULES: dict[str, str] = {
     "paper": "paper",
     "ewma": "ewma",
     "posterior": "posterior",
-    "nominal-matrix": "nominal-matrix",
+    "matrix": "matrix",
     "covariance-intersection": "covariance-intersection",
     "adaptive": "adaptive",
-    "matrix": "matrix",
+    "adaptive-matrix": "adaptive-matrix",
     "central": "central",
     "robust": "**robust**",
 }
@@ -64,10 +64,10 @@ EXPECTED: dict[str, tuple[float, ...]] = {
     "paper": (76.4, 131, 85.1, 72.3, 82.8, 80.8, 441, 124),
     "ewma": (65.6, 81.8, 73.8, 61.4, 48.0, 51.6, 286, 82.5),
     "posterior": (63.9, 171, 168, 59.9, 44.7, 89.2, 100, 75.2),
-    "nominal-matrix": (63.9, 171, 168, 59.9, 44.6, 89.2, 98.1, 75.0),
+    "matrix": (63.9, 171, 168, 59.9, 44.6, 89.2, 98.1, 75.0),
     "covariance-intersection": (63.9, 171, 168, 59.9, 45.5, 89.2, 110, 86.3),
     "adaptive": (64.4, 80.8, 74.8, 60.1, 45.3, 51.1, 102, 76.0),
-    "matrix": (64.6, 81.0, 75.1, 60.1, 45.9, 51.2, 100, 76.1),
+    "adaptive-matrix": (64.6, 81.0, 75.1, 60.1, 45.9, 51.2, 100, 76.1),
     "central": (63.0, 176, 172, 61.2, 44.3, 90.1, 97.4, 73.9),
 }
 
@@ -114,7 +114,7 @@ def noisier(factor: float) -> RadarScenario:
     return scenario
 
 
-def fused(scenario: RadarScenario, method: str) -> FusionResult:
+def fused(scenario: RadarScenario, method: str) -> FusedSeries:
     """Return the track of a rule."""
     return fuse_series(
         scenario.z,
@@ -258,7 +258,7 @@ def cost() -> str:
     for model, motion in MODELS.items():
         found = results(model)
         cells = []
-        for rule in ("paper", "ewma", "adaptive", "matrix", "robust"):
+        for rule in ("paper", "ewma", "adaptive", "adaptive-matrix", "robust"):
             ratio, error = found[rule, "healthy"].ratio(found["equal", "healthy"])
             cells.append(f"{100 * (ratio - 1):+.1f} ± {100 * error:.1g}")
         scenario = case("healthy", motion)
@@ -267,7 +267,13 @@ def cost() -> str:
         accused = (result.noise_variance > 2 * SIGMA**2)[..., window].mean()
         cells += [f"{accused:.1%}", f"{result.outlier[..., window].mean():.2%}"]
         rows.append([model, *cells])
-    head = ["healthy: RMSE over that of equal weights, %", "paper", "ewma", "adaptive", "matrix"]
+    head = [
+        "healthy: RMSE over that of equal weights, %",
+        "paper",
+        "ewma",
+        "adaptive",
+        "adaptive-matrix",
+    ]
     told = ["robust: R believed twice as large", "plots taken for outliers"]
     return markdown([*head, "robust", *told], rows)
 
@@ -415,7 +421,7 @@ def mean_weights() -> str:
 def noise_factors() -> str:
     """From what wrong noise on do the rules pay."""
     factors = (1, 1.5, 2, 2.5, 3, 4, 5, 10)
-    rules = ("equal", "paper", "ewma", "adaptive", "matrix", "robust")
+    rules = ("equal", "paper", "ewma", "adaptive", "adaptive-matrix", "robust")
     rows: list[list[str]] = [[rule] for rule in rules]
     for factor in factors:
         scenario = case("noisy") if factor == 5 else noisier(factor)
@@ -465,7 +471,7 @@ def track_figure() -> Figure:
     )
     figure = Figure(figsize=(9, 7.6), layout="constrained")
     axes = figure.subplots(4, 1, sharex=True, height_ratios=[1, 1, 0.8, 0.8])
-    found: dict[str, FusionResult] = {}
+    found: dict[str, FusedSeries] = {}
     for axis, method, color in ((axes[0], "equal", ORANGE), (axes[1], "robust", BLUE)):
         found[method] = fuse_series(record.z, SIGMA**2, MODEL, method=method)  # type: ignore[arg-type]
         result = found[method]

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
 from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown
-from tertia import simulate, weights
+from tertia import fusion, simulate, weights
 
 Matrices = FloatArray
 Exact = list[list[Fraction]]
@@ -73,8 +73,8 @@ def simulated(s: Matrices, n: Any, trials: int = TRIALS, **options: Any) -> tupl
     """Return the simulated loss and its standard error, per cent."""
     result = weights.fusion_loss(s, n, method="monte-carlo", trials=trials, **options)
     assert isinstance(result.loss, float)
-    assert isinstance(result.standard_error, float)
-    return 100 * result.loss, 100 * result.standard_error
+    assert isinstance(result.loss_sigma, float)
+    return 100 * result.loss, 100 * result.loss_sigma
 
 
 def first_order(s: Matrices, n: Any, **options: Any) -> float:
@@ -581,8 +581,10 @@ def few_samples() -> str:
         found = {
             "sample": weights.weight_matrices(sample),
             "model": weights.weight_matrices(model),
-            "blend": weights.weight_matrices(weights.blend(model, sample, FEW)),
-            "blend, σ off by √1.5": weights.weight_matrices(weights.blend(better, sample, FEW)),
+            "shrunk": weights.weight_matrices(weights.shrink_covariance(model, sample, FEW)),
+            "shrunk, σ off by √1.5": weights.weight_matrices(
+                weights.shrink_covariance(better, sample, FEW)
+            ),
             "OAS": weights.weight_matrices(oas(sample, FEW - 1)),
             "Ledoit-Wolf": weights.weight_matrices(ledoit_wolf(x)),
             "diagonal": weights.weight_matrices(sample * np.eye(m)),
@@ -617,7 +619,9 @@ def model_errors() -> str:
             s = FEW_CASES[name]
             sample = weights.sample_covariance(measured(s, FEW, FEW_TRIALS, generator(53)))
             model = model_of(s, FEW_TRIALS, generator(55), factor, degrees)
-            blended = losses_with(s, weights.weight_matrices(weights.blend(model, sample, FEW)))
+            blended = losses_with(
+                s, weights.weight_matrices(weights.shrink_covariance(model, sample, FEW))
+            )
             alone = losses_with(s, weights.weight_matrices(model))
             cells.append(f"{100 * blended.mean():.1f} ({abs(100 * alone.mean()):.1f})")
         rows.append([f"{factor:g}, {degrees}°", *cells])
@@ -642,7 +646,7 @@ def consistency() -> str:
     cases["a shared azimuth"] = (location.estimates(generator(58)), location.covariances[0])
     rows = []
     for name, (estimates, covariances) in cases.items():
-        p = np.asarray(weights.combine(estimates, covariances).p_value)
+        p = np.asarray(fusion.fuse(estimates, covariances).pvalue)
         rows.append([name, *(f"{np.mean(p < level):.2%}" for level in (0.05, 0.01, 0.001))])
     return markdown(["share of p-values", "below .05", "below .01", "below .001"], rows)
 
@@ -700,7 +704,7 @@ def shared_azimuth() -> str:
         alone = trace(location.covariances[..., 0, :, :])
         row = location.jacobian[..., 2, :]
         right = trace(
-            weights.combine_scalar(
+            fusion.fuse_scalar(
                 location.position,
                 location.covariances[..., 0, :, :],
                 row,
@@ -724,10 +728,10 @@ def right_treatment() -> str:
     for position in ([0.0, 40e3], [10e3, 30e3], [-30e3, 20e3]):
         location = simulate.passive_location(np.broadcast_to(position, (count, 2)))
         estimates = location.estimates(generator(59))
-        both = weights.combine(estimates, location.covariances)
+        both = fusion.fuse(estimates, location.covariances)
         # the range difference that the second estimate reproduces
         row = location.jacobian[..., 2, :]
-        scalar = weights.combine_scalar(
+        scalar = fusion.fuse_scalar(
             estimates[:, 0],
             location.covariances[:, 0],
             row,
@@ -736,14 +740,14 @@ def right_treatment() -> str:
         )
         cells = []
         for fused in (both, scalar):
-            error = np.sum((fused.value - position) ** 2, axis=-1).mean()
+            error = np.sum((fused.mean - position) ** 2, axis=-1).mean()
             ratio = np.sqrt(error / trace(fused.covariance).mean())
-            small = np.mean(np.asarray(fused.p_value) < 0.05)
+            small = np.mean(np.asarray(fused.pvalue) < 0.05)
             cells += [f"{ratio:.3f}", f"{small:.2%}"]
         east, north = (f"{x / 1e3:g}" for x in position)
         rows.append([f"({east}, {north}) km", *cells])
-    head = ["target", "`combine`: rms over claimed", "p < .05"]
-    return markdown([*head, "`combine_scalar`: rms over claimed", "p < .05"], rows)
+    head = ["target", "`fuse`: rms over claimed", "p < .05"]
+    return markdown([*head, "`fuse_scalar`: rms over claimed", "p < .05"], rows)
 
 
 def passive_location_figure() -> Figure:

@@ -6,14 +6,12 @@ __all__ = [
     "DEBUG_BUILD",
     "VERSION",
     "AngleFilter",
+    "AngleFusion",
     "PlotTracker",
     "Route",
-    "TrackFusion",
     "assign_pairs",
     "bursts",
     "cochran",
-    "combine",
-    "combine_scalar",
     "conformance",
     "consistency_bounds",
     "correlate",
@@ -24,6 +22,7 @@ __all__ = [
     "filter_series",
     "first_order_excess",
     "fuse",
+    "fuse_scalar",
     "fuse_series",
     "fused_covariance",
     "gate_pairs",
@@ -144,16 +143,6 @@ def first_order_excess(
 def simulated_excess(
     covariances: FloatArray, draws: FloatArray, n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]: ...
-def combine(
-    estimates: FloatArray, covariances: FloatArray, n_threads: int | None
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
-def combine_scalar(
-    estimate: FloatArray,
-    covariance: FloatArray,
-    h: FloatArray,
-    scalars: FloatArray,
-    n_threads: int | None,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
 def covariance_of_covariance(
     covariance: FloatArray, factor: float, n_threads: int | None
 ) -> FloatArray: ...
@@ -191,13 +180,20 @@ class AngleFilter:
     def __getstate__(self) -> tuple[list[float], float, float]: ...
     def __setstate__(self, state: Any) -> None: ...
 
-def fuse(instants: dict[str, Any], n_threads: int | None) -> tuple[list[FloatArray], IntArray]: ...
+def fuse(given: dict[str, Any], n_threads: int | None) -> tuple[list[FloatArray], IntArray]: ...
+def fuse_scalar(
+    estimate: FloatArray,
+    covariance: FloatArray,
+    h: FloatArray,
+    scalars: FloatArray,
+    n_threads: int | None,
+) -> tuple[list[FloatArray], IntArray]: ...
 def fuse_series(
     batch: dict[str, Any], n_threads: int | None
 ) -> tuple[list[FloatArray], BoolArray]: ...
 
 @final
-class TrackFusion:
+class AngleFusion:
     angle: float
     mean: FloatArray
     covariance: FloatArray
@@ -213,11 +209,11 @@ class TrackFusion:
         *,
         method: str = "robust",
         period: float | None = None,
-        change: float = 0.005,
-        memory: float = 0.1,
+        change_probability: float = 0.005,
+        forgetting_factor: float = 0.9,
         threshold: float = 1.6,
         outlier_gate: float = 16.0,
-    ) -> TrackFusion: ...
+    ) -> AngleFusion: ...
     def predict(self, dt: float | None = None) -> None: ...
     def update(self, plots: Any, measurement_variance: Any = None) -> float: ...
     def step(

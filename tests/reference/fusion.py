@@ -7,7 +7,7 @@ import numpy as np
 
 NAN = float("nan")
 COMPONENTWISE = ["equal", "static", "paper", "ewma", "posterior", "adaptive"]
-MATRICES = ["matrix", "nominal-matrix"]
+MATRICES = ["adaptive-matrix", "matrix"]
 METHODS = [*COMPONENTWISE, *MATRICES, "covariance-intersection", "central", "robust"]
 LEVELS = [0.25, 1, 4, 16, 64]
 AT_FIRST = np.array([0.125, 0.5, 0.125, 0.125, 0.125])
@@ -319,7 +319,7 @@ class Hypothesis:
         return (self.mean - other.mean) ** 2 / (self.variance + other.variance)
 
 
-def hypotheses(components, nu, r, seen, base, period, change):
+def hypotheses(components, nu, r, seen, base, period, change_probability):
     """Every combination of the prediction's level and those of the plots, as far as followed, with
     its share of the largest probability; the most probable one first."""
     found = [
@@ -330,7 +330,9 @@ def hypotheses(components, nu, r, seen, base, period, change):
     for i, v, variance in zip(seen, nu, r, strict=True):
         grown, squares = [], []
         for h in found[:FOLLOWED]:
-            chances = np.append((1 - change) * components[h.component].noise[i], change)
+            chances = np.append(
+                (1 - change_probability) * components[h.component].noise[i], change_probability
+            )
             for level, chance in enumerate(chances):
                 plot = variance * [*LEVELS, OUTLIER][level]
                 s = h.variance + plot
@@ -431,7 +433,7 @@ def learnt(component, cluster, seen, base, total, period):
     return Component(weight / total, component.x + with_angle * e, covariance, noise, motion)
 
 
-def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change=0.005):
+def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change_probability=0.005):
     """One filter for all plots with the noise as believed: states, weights, noise, outliers."""
     k, steps = z.shape
     track = Track(initial, acceleration_variance, period)
@@ -461,8 +463,10 @@ def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change=0.
                 nu = [nu[first] + wrap(z[i, step] - z[first, step], period) for i in seen]
                 for one in components:
                     one.motion = one.motion + MANOEUVRE_ENDS * (MOSTLY_NONE - one.motion)
-                    one.noise[seen] += change * (AT_FIRST - one.noise[seen])
-                found = hypotheses(components, nu, r[seen, step], seen, base, period, change)
+                    one.noise[seen] += change_probability * (AT_FIRST - one.noise[seen])
+                found = hypotheses(
+                    components, nu, r[seen, step], seen, base, period, change_probability
+                )
                 clusters = clusters_of(found)
                 kept = [h for cluster in clusters for h in cluster]
                 total = sum(h.weight for h in kept)
@@ -540,10 +544,10 @@ def fuse(  # noqa: PLR0912, PLR0915
     initial=None,
     acceleration_variance=0.0,
     period=None,
-    memory=0.1,
+    forgetting_factor=0.9,
     threshold=1.6,
     gate=16.0,
-    change=0.005,
+    change_probability=0.005,
 ):
     """Plots and variances (K, steps), times and matrices between the steps, states for all radars
     or none; returns arrays by name."""
@@ -600,10 +604,10 @@ def fuse(  # noqa: PLR0912, PLR0915
             kept[i] = np.eye(3) - np.outer(gains[i], [1, 0, 0])
             out["innovation"][i, step], out["innovation_variance"][i, step] = v, s
             nis[i] = v**2 / s
-            quality[i] += memory * (min(nis[i], 100) - quality[i])
-            excess[i] += memory * (min(v**2 - s, 99 * s) - excess[i])
+            quality[i] += (1 - forgetting_factor) * (min(nis[i], 100) - quality[i])
+            excess[i] += (1 - forgetting_factor) * (min(v**2 - s, 99 * s) - excess[i])
             before = s if np.isnan(squares[i]) else squares[i]
-            squares[i] = before + memory * (v**2 - before)
+            squares[i] = before + (1 - forgetting_factor) * (v**2 - before)
         for i in range(k):
             v = out["innovation"][i, step]
             noise, outlier = believed_noise(i, r[i, step], quality, excess, nis, v, threshold, gate)
@@ -622,7 +626,7 @@ def fuse(  # noqa: PLR0912, PLR0915
         if method == "central":
             out["mean"][step], out["covariance"][step] = together[0][step], together[1][step]
             continue
-        own = actual if method in {"adaptive", "matrix"} else [track.p for track in tracks]
+        own = actual if method in {"adaptive", "adaptive-matrix"} else [track.p for track in tracks]
         joint = [[own[i] if i == j else cross[i][j] for j in known] for i in known]
         states = [tracks[i].x for i in known]
         bound = None
@@ -654,7 +658,7 @@ def fuse(  # noqa: PLR0912, PLR0915
             out["weights"][i, step] = np.diag(w)
     if method == "robust":
         states, weights, out["noise_variance"], out["outlier"] = robust(
-            z, r, t, f, q, pool, acceleration_variance, period, change
+            z, r, t, f, q, pool, acceleration_variance, period, change_probability
         )
         known = out["known"].any(axis=0)
         out["mean"][known], out["covariance"][known] = (part[known] for part in states)

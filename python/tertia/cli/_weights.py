@@ -8,11 +8,12 @@ import numpy as np
 import polars as pl
 import typer
 
-from tertia import plot, weights
+from tertia import fusion, plot, weights
 from tertia._arrays import FloatArray
 from tertia.cli import _tables
 from tertia.cli._terminal import WRONG_USAGE, counted, fail, note, print_table, shown, working
-from tertia.weights import Combination, FusionLoss
+from tertia.fusion import FusedEstimate
+from tertia.weights import FusionLoss
 
 EXAMPLES = (
     "tertia weights estimates.csv --column east_m --column north_m",
@@ -29,14 +30,14 @@ class _Weighed:
     counts: list[int]
     means: FloatArray
     covariances: FloatArray
-    fused: Combination
+    fused: FusedEstimate
     loss: FusionLoss
     required: int
 
     def rows(self, columns: list[str]) -> pl.DataFrame:
         """Return one row per sensor, and one of the fused estimate."""
         names, counts = [*self.names, _FUSED], [*self.counts, sum(self.counts)]
-        means = np.vstack([self.means, self.fused.value])
+        means = np.vstack([self.means, self.fused.mean])
         spread = [*self.covariances, self.fused.covariance]
         sigmas = np.sqrt([np.diagonal(one) for one in spread])
         table: dict[str, Any] = {"sensor": names, "measurements": counts}
@@ -101,7 +102,7 @@ def weigh(
     _say(weighed, columns, bound)
     return {
         "sensors": table.to_dicts(),
-        "p_value": float(weighed.fused.p_value),
+        "pvalue": float(weighed.fused.pvalue),
         "loss": float(weighed.loss.loss),
         "required": weighed.required,
     }
@@ -146,7 +147,7 @@ def _weigh(
     )
     convention: weights.Convention = "differences" if differences else "sample-mean"
     try:
-        fused = weights.combine(means, covariances)
+        fused = fusion.fuse(means, covariances)
         loss = weights.fusion_loss(covariances, counts, convention=convention)
         required = int(weights.required_samples(covariances, bound, convention=convention))
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -163,13 +164,13 @@ def _cells(row: dict[str, Any], columns: list[str]) -> dict[str, Any]:
 
 def _say(weighed: _Weighed, columns: list[str], bound: float) -> None:
     sigmas = np.sqrt(np.diagonal(weighed.fused.covariance))
-    pairs = [plot.rounded(*pair) for pair in zip(weighed.fused.value, sigmas, strict=True)]
+    pairs = [plot.rounded(*pair) for pair in zip(weighed.fused.mean, sigmas, strict=True)]
     told = [
         f"{name} {value} ± {sigma}" for name, (value, sigma) in zip(columns, pairs, strict=True)
     ]
     typer.echo(f"fused: {', '.join(told)}")
     typer.echo(
-        f"  means that differ more have a probability of {weighed.fused.p_value:.3g}, were the "
+        f"  means that differ more have a probability of {weighed.fused.pvalue:.3g}, were the "
         "covariances known"
     )
     typer.echo(

@@ -31,7 +31,7 @@ from stonesoup.types.track import Track
 from stonesoup.types.update import GaussianStateUpdate, Update
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
 
-from tertia import weights
+from tertia import fusion
 from tertia._arrays import FloatArray
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
@@ -312,7 +312,7 @@ def predictor(model: SingerModel, axes: int = 2) -> Any:
 
 
 class Updater(ExtendedKalmanUpdater):  # type: ignore[misc]
-    """Stone Soup's updater, with `tertia.weights.combine_scalar` for its arithmetic.
+    """Stone Soup's updater, with `tertia.fusion.fuse_scalar` for its arithmetic.
 
     The components of a measurement are made independent and added one by one, each as information
     of rank one, in Joseph's form: covariances stay positive and symmetric. Measurements may be
@@ -334,8 +334,8 @@ class Updater(ExtendedKalmanUpdater):  # type: ignore[misc]
         change = np.zeros(independent.shape[1] - 1)
         covariance = np.asarray(prediction.covar, dtype=np.float64)
         for *h, z in independent:
-            found = weights.combine_scalar(change, covariance, h, z, 1.0)
-            change, covariance = found.value, found.covariance
+            found = fusion.fuse_scalar(change, covariance, h, z, 1.0)
+            change, covariance = found.mean, found.covariance
         return Update.from_state(
             prediction,
             (prediction.state_vector + change[:, np.newaxis]).view(StateVector),

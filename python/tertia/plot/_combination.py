@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import FloatArray, finite, flag, integer, real
+from tertia.fusion import FusedEstimate
 from tertia.plot._axes import RESULT, new_axes, rounded
-from tertia.weights import Combination
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +31,7 @@ _ROUNDING = 1e-12
 def combination(
     estimates: npt.ArrayLike,
     covariances: npt.ArrayLike,
-    result: Combination,
+    result: FusedEstimate,
     *,
     components: Sequence[int] = (0, 1),
     probability: float = 0.95,
@@ -46,11 +46,11 @@ def combination(
     Parameters
     ----------
     estimates : array_like of shape (K, m)
-        The estimates, as given to `tertia.weights.combine`; of one that a scalar was added to by
-        `tertia.weights.combine_scalar`, a single row.
+        The estimates, as given to `tertia.fusion.fuse`; for `tertia.fusion.fuse_scalar` a single
+        row.
     covariances : array_like of shape (K, m, m)
         Their covariances.
-    result : Combination
+    result : FusedEstimate
         What came of them.
     components : (int, int)
         The components along the two axes, from 0.
@@ -82,33 +82,33 @@ def combination(
     Examples
     --------
     >>> from matplotlib.figure import Figure
-    >>> from tertia import plot, weights
+    >>> from tertia import fusion, plot
     >>> x = [[10, 20], [13, 21]]
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
-    >>> plot.combination(x, S, weights.combine(x, S), ax=Figure().subplots()).get_title()
+    >>> plot.combination(x, S, fusion.fuse(x, S), ax=Figure().subplots()).get_title()
     '12.48 ± 0.85, 20.9 ± 1.0; p-value 0.39'
     """
-    if result.value.ndim != 1:
+    if result.mean.ndim != 1:
         raise ValueError(
-            f"result has a batch of shape {result.value.shape[:-1]}; one combination can be drawn"
+            f"result has a batch of shape {result.mean.shape[:-1]}; one combination can be drawn"
         )
-    centres, shapes = _estimates(estimates, covariances, result.value.size)
-    pair = _pair(components, result.value.size)
+    centres, shapes = _estimates(estimates, covariances, result.mean.size)
+    pair = _pair(components, result.mean.size)
     radius = math.sqrt(-2 * math.log1p(-_share(probability)))
     ellipses = [
         _ellipse(centre[pair], covariance[np.ix_(pair, pair)], radius, name)
         for centre, covariance, name in [
             *((x, shapes[k], f"covariances[{k}]") for k, x in enumerate(centres)),
-            (result.value, result.covariance, "result.covariance"),
+            (result.mean, result.covariance, "result.covariance"),
         ]
     ]
-    equal, p_value = flag(equal, "equal"), real(result.p_value, "result.p_value")
+    equal, pvalue = flag(equal, "equal"), real(result.pvalue, "result.pvalue")
     ax = new_axes() if ax is None else ax
 
     _draw_ellipses(ax, ellipses)
-    texts = (" ± ".join(rounded(result.value[i], result.sigma[i])) for i in pair)
+    texts = (" ± ".join(rounded(result.mean[i], result.sigma[i])) for i in pair)
     ax.set(
-        title=f"{', '.join(texts)}; p-value {p_value:.2g}",
+        title=f"{', '.join(texts)}; p-value {pvalue:.2g}",
         xlabel=f"component {pair[0]}",
         ylabel=f"component {pair[1]}",
     )

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, real, samples
-from tertia.fusion import FusionResult, _variances
+from tertia.fusion import FusedSeries
+from tertia.fusion._series import _variances
 from tertia.metrics import consistency_bounds
 from tertia.plot._axes import (
     BAND,
@@ -41,7 +42,7 @@ _MARKS = 12
 
 def fusion(
     z: npt.ArrayLike,
-    result: FusionResult,
+    result: FusedSeries,
     *,
     measurement_variance: npt.ArrayLike | None = None,
     times: npt.ArrayLike | None = None,
@@ -56,7 +57,7 @@ def fusion(
     ----------
     z : array_like of shape (K, steps)
         The plots, as given to `tertia.fusion.fuse_series`; nan is not drawn.
-    result : FusionResult
+    result : FusedSeries
         What came of them.
     measurement_variance : array_like of shape (), (K, 1) or (K, steps), optional
         As given to `fuse_series`, to draw the standard deviations that were stated.
@@ -219,7 +220,7 @@ def consistency(
     return ax
 
 
-def _plots(z: npt.ArrayLike, result: FusionResult) -> FloatArray:
+def _plots(z: npt.ArrayLike, result: FusedSeries) -> FloatArray:
     plots = samples(z, "z")
     if plots.ndim != 2:
         raise ValueError(f"z has shape {plots.shape}; one record of shape (K, steps) can be drawn")
@@ -257,7 +258,7 @@ def _stated(measurement_variance: npt.ArrayLike, plots: FloatArray) -> FloatArra
 
 
 def _draw_plots(
-    ax: "Axes", instants: Times, deviations: FloatArray, result: FusionResult, names: list[str]
+    ax: "Axes", instants: Times, deviations: FloatArray, result: FusedSeries, names: list[str]
 ) -> None:
     """Draw the deviations from the fused angle; outliers do not set the scale."""
     width = 2 * result.sigma[:, 0]

@@ -190,4 +190,4 @@ def combine(told: Common, method: fusion.InstantMethod) -> Combined:
     found = fusion.fuse(told.state, told.covariance, method=method)
     weight = np.trace(found.weights[..., :2, :2], axis1=-2, axis2=-1) / 2
     weight[~told.there] = np.nan
-    return Combined(found.mean, found.covariance, weight, np.asarray(found.p_value))
+    return Combined(found.mean, found.covariance, weight, np.asarray(found.pvalue))

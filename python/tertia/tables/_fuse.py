@@ -12,14 +12,14 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, positive, real
-from tertia.fusion import FusionMethod, FusionResult, fuse_series
+from tertia.fusion import FusedSeries, FusionMethod, fuse_series
 from tertia.kalman import SingerModel
 from tertia.tables._columns import as_names, beside, known, numbers, times
 from tertia.tables._kinds import Table, take
 from tertia.tables._noise import Given, Noise, settle
 from tertia.tables._plots import Columns, Group, by_group, require_plots, second_plots
 
-Fuse = Callable[..., FusionResult]
+Fuse = Callable[..., FusedSeries]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Fused:
 
     group: Group
     variance: FloatArray
-    result: FusionResult
+    result: FusedSeries
 
 
 def fuse(
@@ -71,8 +71,8 @@ def fuse(
     method : str
         As of `tertia.fusion.fuse_series`.
     **options
-        As of `tertia.fusion.fuse_series`: `change`, `memory`, `threshold`, `outlier_gate`,
-        `n_threads`.
+        As of `tertia.fusion.fuse_series`: `change_probability`, `forgetting_factor`,
+        `threshold`, `outlier_gate`, `n_threads`.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def output_columns(columns: Columns, sensors: list[str]) -> list[str]:
 def fuse_group(fuse_one: Fuse, group: Group, noise: Noise) -> Fused:
     """Fuse the plots of one target."""
     variance = noise.variance(group)
-    return Fused(group, variance, fuse_one(group.z, variance, noise.model, times=group.times))
+    return Fused(group, variance, fuse_one(group.z, variance, noise.model, time=group.times))
 
 
 def track(one: Fused, sensors: list[str], names: list[str]) -> pl.DataFrame:

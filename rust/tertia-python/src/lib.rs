@@ -5,7 +5,6 @@ mod association;
 mod bearing;
 mod flightplan;
 mod fusion;
-mod instant;
 mod kalman;
 mod location;
 mod screening;
@@ -27,9 +26,7 @@ mod core_module {
     #[pymodule_export]
     use super::flightplan::{Route, conformance, correlate, plan_speeds, times_over};
     #[pymodule_export]
-    use super::fusion::{TrackFusion, fuse_series};
-    #[pymodule_export]
-    use super::instant::fuse;
+    use super::fusion::{AngleFusion, fuse, fuse_scalar, fuse_series};
     #[pymodule_export]
     use super::kalman::{
         AngleFilter, consistency_bounds, filter_series, singer_transition, smooth_series,
@@ -49,9 +46,9 @@ mod core_module {
     use super::tracker::{PlotTracker, plots_to_cartesian};
     #[pymodule_export]
     use super::weights::{
-        combine, combine_scalar, covariance_of_covariance, first_order_excess, fused_covariance,
-        jacobian, jacobian_factors, least_count, simulated_excess, weight_bias, weight_covariance,
-        weight_matrices, wishart_law,
+        covariance_of_covariance, first_order_excess, fused_covariance, jacobian, jacobian_factors,
+        least_count, simulated_excess, weight_bias, weight_covariance, weight_matrices,
+        wishart_law,
     };
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -11,7 +11,7 @@ use std::cell::Cell;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::weights::{
-    self, Agreement, Convention, Scalar, Simulated, Weighing, require_degrees_of_freedom, weighing,
+    self, Convention, Simulated, Weighing, require_degrees_of_freedom, weighing,
 };
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
@@ -338,88 +338,6 @@ pub fn simulated_excess<'py>(
     Ok((out.into_array(), column(|l| l.loss)?, column(|l| l.standard_error)?))
 }
 
-type Combined<'py> = (Array<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>);
-
-/// Fused estimate, covariance, weights, statistic of the consistency and its p-value.
-#[pyfunction]
-pub fn combine<'py>(
-    py: Python<'py>,
-    estimates: &Bound<'py, PyAny>,
-    covariances: &Bound<'py, PyAny>,
-    n_threads: Threads,
-) -> PyResult<Combined<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let estimates = Samples::extract(estimates, "estimates")?;
-    let (sensors, m) = size(&samples)?;
-    let (rows, estimates) = (samples.blocks(3)?, estimates.blocks(2)?);
-    let count = rows.count();
-    let new = |tail: &[usize]| Output::new(py, &[rows.batch(), tail].concat());
-    let (mut value, mut covariance) = (new(&[m])?, new(&[m, m])?);
-    let mut weights = Output::new(py, rows.shape)?;
-    let mut agreements = agreements(count)?;
-    let outputs = chunks(value.values()?, m, count)
-        .zip(chunks(covariance.values()?, m * m, count))
-        .zip(chunks(weights.values()?, rows.len(), count))
-        .zip(&mut agreements);
-    let cost = 2.0 * weigh_ns((sensors, m)) * count as f64;
-    release(py, cost, || {
-        let items = estimates.iter().zip(rows.iter()).zip(outputs);
-        let new = || Solver::new((sensors, m));
-        for_each_row(items, cost, n_threads, new, |solver, ((x, s), out)| {
-            let (((value, covariance), weights), agreement) = out;
-            *agreement = solver.get().combine(x, s, value, covariance, weights)?;
-            Ok(())
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let (statistic, p_value) = columns(py, rows.batch(), &agreements)?;
-    let arrays = (value.into_array(), covariance.into_array(), weights.into_array());
-    Ok((arrays.0, arrays.1, arrays.2, statistic, p_value))
-}
-
-/// Estimate and covariance with a scalar added, its gain, statistic and p-value.
-#[pyfunction]
-pub fn combine_scalar<'py>(
-    py: Python<'py>,
-    estimate: &Bound<'py, PyAny>,
-    covariance: &Bound<'py, PyAny>,
-    h: &Bound<'py, PyAny>,
-    scalars: &Bound<'py, PyAny>,
-    n_threads: Threads,
-) -> PyResult<Combined<'py>> {
-    let samples = Samples::extract(covariance, "covariance")?;
-    let [estimate, h, scalars] = [(estimate, "estimate"), (h, "h"), (scalars, "scalars")]
-        .map(|(value, name)| Samples::extract(value, name));
-    let (estimate, h, scalars) = (estimate?, h?, scalars?);
-    let rows = samples.blocks(2)?;
-    let (estimate, h, scalars) = (estimate.blocks(1)?, h.blocks(1)?, scalars.blocks(1)?);
-    let (m, count) = (estimate.len(), rows.count());
-    require_room((2, m))?;
-    let mut value = Output::new(py, estimate.shape)?;
-    let mut gain = Output::new(py, estimate.shape)?;
-    let mut out = Output::new(py, rows.shape)?;
-    let mut agreements = agreements(count)?;
-    let outputs = chunks(value.values()?, m, count)
-        .zip(chunks(out.values()?, m * m, count))
-        .zip(chunks(gain.values()?, m, count))
-        .zip(&mut agreements);
-    let cost = weigh_ns((2, m)) * count as f64;
-    release(py, cost, || {
-        let inputs = estimate.iter().zip(rows.iter()).zip(h.iter()).zip(scalars.iter());
-        let new = || Solver::new((2, m));
-        let items = inputs.zip(outputs);
-        for_each_row(items, cost, n_threads, new, |solver, ((((x, s), h), scalar), out)| {
-            let (((value, covariance), gain), agreement) = out;
-            let scalar = Scalar { h, value: scalar[0], sigma: scalar[1] };
-            *agreement = solver.get().combine_scalar(x, s, &scalar, value, covariance, gain)?;
-            Ok(())
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let (statistic, p_value) = columns(py, rows.batch(), &agreements)?;
-    Ok((value.into_array(), out.into_array(), gain.into_array(), statistic, p_value))
-}
-
 /// The covariance of the vec of a sample covariance.
 #[pyfunction]
 pub fn covariance_of_covariance<'py>(
@@ -442,18 +360,4 @@ pub fn covariance_of_covariance<'py>(
     fill(py, &rows, (2, m), &[m * m, m * m], propagate_ns((1, m)), n_threads, |solver, s, out| {
         solver.covariance_of_covariance(s, factor, out)
     })
-}
-
-fn agreements(count: usize) -> PyResult<Vec<Agreement>> {
-    repeated(Agreement { statistic: 0.0, p_value: 1.0 }, count)
-}
-
-/// The statistics and the p-values.
-fn columns<'py>(
-    py: Python<'py>,
-    batch: &[usize],
-    agreements: &[Agreement],
-) -> PyResult<(Array<'py>, Array<'py>)> {
-    let column = |f: fn(&Agreement) -> f64| array(py, batch, agreements.iter().map(f).collect());
-    Ok((column(|a| a.statistic)?, column(|a| a.p_value)?))
 }

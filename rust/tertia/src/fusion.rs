@@ -1,20 +1,23 @@
-//! One track from the plots of several radars: each radar's own filter, and the weights of their
-//! states.
+//! One track from the plots of several radars, and one estimate from those of several sensors.
 //!
 //! Source: Panasyuk, Pudovkin, Rogachev 2018, (1) to (13), for K radars, misprints mended; and
-//! weights that are robust against radars that are worse than they say. All radars see one angle in
-//! one frame at common times; a radar without a plot at a time has none.
+//! weights that are robust against radars that are worse than they state. All radars measure one
+//! angle in one frame at common times.
 
 mod belief;
 mod centre;
-mod instant;
+mod estimates;
+mod independent;
 mod intersection;
 mod joint;
+mod levels;
 mod matrix;
 mod mixture;
 mod robust;
 mod rules;
+mod scalar;
 
-pub use centre::{Centre, Fused, RadarReport};
-pub use instant::{Consistency, Fusing, Instant, InstantFusion, Weighting, fusing};
+pub use centre::{Centre, RadarReport};
+pub use estimates::{Agreement, Estimates, FusedEstimate, Fusing, Weighting, fusing};
 pub use rules::{Beliefs, Rule};
+pub use scalar::Scalar;

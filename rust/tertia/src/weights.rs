@@ -5,7 +5,6 @@
 //! `W_k = S_p C_k`; vec stacks columns. Matrices are passed row by row, those of several sensors
 //! one after the other.
 
-mod combination;
 mod convention;
 mod group;
 mod loss;
@@ -19,10 +18,8 @@ use nalgebra::allocator::Allocator;
 use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector};
 use propagation::{Propagation, write_covariance_of_covariance};
 
-pub use combination::{Agreement, Scalar};
-pub(crate) use combination::{Combiner, require_estimates};
 pub use convention::{Convention, least_count, require_degrees_of_freedom};
-pub(crate) use group::Group;
+pub(crate) use group::{Group, Sum};
 pub use loss::Simulated;
 
 pub(crate) const COVARIANCES: &str = "covariances";
@@ -42,35 +39,6 @@ pub trait Weighing: Send {
     /// # Errors
     /// Also where it is lost to rounding.
     fn fused_covariance(&mut self, covariances: &[f64], out: &mut [f64]) -> Result<()>;
-
-    /// The fused estimate (m), its covariance (m, m) and the weights (K, m, m) of `estimates`
-    /// (K, m). Cost O(K m³).
-    ///
-    /// # Errors
-    /// Also an estimate that is not finite, or too large.
-    fn combine(
-        &mut self,
-        estimates: &[f64],
-        covariances: &[f64],
-        value: &mut [f64],
-        covariance: &mut [f64],
-        weights: &mut [f64],
-    ) -> Result<Agreement>;
-
-    /// The estimate (m) with the covariance (m, m) after adding a scalar: its value (m), covariance
-    /// (m, m) and the scalar's gain (m). Cost O(m³).
-    ///
-    /// # Errors
-    /// A covariance that is none, or an estimate that is not finite, or too large.
-    fn combine_scalar(
-        &mut self,
-        estimate: &[f64],
-        covariance: &[f64],
-        scalar: &Scalar<'_>,
-        value: &mut [f64],
-        out: &mut [f64],
-        gain: &mut [f64],
-    ) -> Result<Agreement>;
 
     /// `∂vec W_k / ∂vec S_j` for every j (K, m², m²), (7)–(14): for two sensors and k = 1, P1 and
     /// P2. Cost O(K m⁴), that of writing it.
@@ -192,7 +160,6 @@ where
     // made when they are needed
     propagation: Option<Propagation<D>>,
     loss: Option<Loss<D>>,
-    combiner: Option<Combiner<D>>,
 }
 
 impl<D: Dim> Solver<D>
@@ -202,7 +169,7 @@ where
 {
     fn boxed(sensors: usize, order: D) -> Box<dyn Weighing> {
         let problem = Problem::new(sensors, order);
-        Box::new(Self { order, problem, propagation: None, loss: None, combiner: None })
+        Box::new(Self { order, problem, propagation: None, loss: None })
     }
 }
 
@@ -238,10 +205,6 @@ where
         let new = || Loss::new(self.problem.covariances.len(), self.order);
         (self.loss.get_or_insert_with(new), &self.problem)
     }
-
-    fn combiner(&mut self) -> (&mut Combiner<D>, &Problem<D>) {
-        (self.combiner.get_or_insert_with(|| Combiner::new(self.order)), &self.problem)
-    }
 }
 
 impl<D: Dim> Weighing for Solver<D>
@@ -260,43 +223,6 @@ where
         self.problem.fuse(covariances)?;
         write(&self.problem.group.fused, out);
         Ok(())
-    }
-
-    fn combine(
-        &mut self,
-        estimates: &[f64],
-        covariances: &[f64],
-        value: &mut [f64],
-        covariance: &mut [f64],
-        weights: &mut [f64],
-    ) -> Result<Agreement> {
-        let m = self.order.value();
-        require_estimates("estimates", estimates, |i| vec![i / m, i % m])?;
-        self.problem.fuse(covariances)?;
-        let (combiner, Problem { covariances, group, .. }) = self.combiner();
-        write(&group.fused, covariance);
-        write_all(&group.weight, weights);
-        combiner.fuse(estimates, group, value);
-        combiner.agreement(estimates, covariances)
-    }
-
-    fn combine_scalar(
-        &mut self,
-        estimate: &[f64],
-        covariance: &[f64],
-        scalar: &Scalar<'_>,
-        value: &mut [f64],
-        out: &mut [f64],
-        gain: &mut [f64],
-    ) -> Result<Agreement> {
-        require_estimates("estimate", estimate, |i| vec![i])?;
-        self.read_one(covariance)?;
-        let (combiner, problem) = self.combiner();
-        let agreement = combiner.add_scalar(estimate, &problem.covariances[0], scalar, value);
-        let (covariance, weight) = combiner.with_scalar();
-        write(covariance, out);
-        gain.copy_from_slice(weight);
-        Ok(agreement)
     }
 
     fn jacobian(&mut self, covariances: &[f64], k: usize, out: &mut [f64]) -> Result<()> {

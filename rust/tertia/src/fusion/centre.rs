@@ -8,9 +8,6 @@ use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
 use nalgebra::{Const, Matrix3, Vector3};
 
-/// The state at a step, fused.
-pub type Fused = State;
-
 /// What is told of a radar at a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadarReport {
@@ -90,7 +87,7 @@ impl Centre {
             beliefs: radars.iter().map(|radar| radar.known.then_some(Belief::NEW)).collect(),
             cross: vec![Matrix3::zeros(); k * k],
             central: radars.first().map_or(Filter::new(0.0, period), |radar| radar.filter),
-            robust: Robust::new(k, parameters.change),
+            robust: Robust::new(k, parameters.change_probability),
             weights: vec![Matrix3::zeros(); k],
             scratch: Vec::with_capacity(k),
             intersection: None,
@@ -191,7 +188,7 @@ impl Centre {
     }
 
     /// Takes in the plots z (nan: none) with the nominal variances r of all radars.
-    pub fn update(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> Fused {
+    pub fn update(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
         let robustly = self.rule == Rule::Robust && self.central.is_known();
         let started = self.update_filters(z, r, !robustly);
         if self.rule == Rule::Robust {
@@ -200,7 +197,7 @@ impl Centre {
         }
         for (belief, radar) in self.beliefs.iter_mut().zip(&self.radars) {
             if let Some(belief) = belief {
-                belief.update(radar.innovation, self.parameters.memory);
+                belief.update(radar.innovation, 1.0 - self.parameters.forgetting_factor);
             }
         }
         for (i, report) in reports.iter_mut().enumerate() {
@@ -301,7 +298,7 @@ impl Centre {
         }
     }
 
-    fn fuse(&mut self, r: &[f64], reports: &mut [RadarReport]) -> Fused {
+    fn fuse(&mut self, r: &[f64], reports: &mut [RadarReport]) -> State {
         let known: Vec<usize> = (0..self.radars.len()).filter(|&i| self.radars[i].known).collect();
         if self.rule == Rule::Central {
             return self.central.state();
@@ -316,11 +313,11 @@ impl Centre {
         }
         let combined = self.combined(&known);
         let covariance = bound.as_ref().map_or(combined.covariance, packed);
-        Fused { covariance, ..combined }
+        State { covariance, ..combined }
     }
 
     /// Before two plots of any radar.
-    fn unfused(&self) -> Fused {
+    fn unfused(&self) -> State {
         let states = self.radars.iter().map(|radar| radar.filter.state());
         states.into_iter().find(|state| !state.mean[0].is_nan()).unwrap_or(State::UNKNOWN)
     }
@@ -332,7 +329,7 @@ impl Centre {
     /// Sets the weights; covariance intersection returns its bound of the covariance.
     fn weigh(&mut self, known: &[usize], r: &[f64]) -> Option<Matrix3<f64>> {
         match self.rule {
-            Rule::Matrix | Rule::NominalMatrix => {
+            Rule::AdaptiveMatrix | Rule::Matrix => {
                 let mut out = vec![Matrix3::zeros(); known.len()];
                 best_weights(known.len(), |a, b| self.joint(known[a], known[b]), &mut out);
                 for (&i, weight) in known.iter().zip(out) {

@@ -1,6 +1,6 @@
 //! The mixture of normal distributions that the robust rule follows.
 
-use super::robust::{LEVELS, MANOEUVRES};
+use super::levels::{MANOEUVRES, NOISE};
 use crate::kalman::{Filter, State, residual};
 
 /// A normal distribution of the state, and what is believed if it is the right one.
@@ -10,7 +10,7 @@ pub(super) struct Component {
     pub weight: f64,
     pub filter: Filter,
     /// Probabilities of each radar's levels.
-    pub noise: Vec<[f64; LEVELS.len()]>,
+    pub noise: Vec<[f64; NOISE.len()]>,
     /// Probabilities of the prediction's.
     pub motion: [f64; MANOEUVRES.len()],
 }
@@ -35,7 +35,7 @@ impl Component {
 
     /// Mean logarithm of a radar's noise variance over what it states.
     pub fn log_excess(&self, radar: usize) -> f64 {
-        self.noise[radar].iter().zip(LEVELS).map(|(p, level)| p * level.ln()).sum()
+        self.noise[radar].iter().zip(NOISE).map(|(p, level)| p * level.ln()).sum()
     }
 
     /// Takes another one in: mean, covariance and probabilities are those of both together.

@@ -11,17 +11,14 @@
 //! whose plots contradict each other, a track after the worse one is soon contradicted by its own
 //! prediction. One common track would not be, for its covariance holds what both may be.
 
+use super::levels::{MANOEUVRES, NOISE};
 use super::mixture::{Component, reduce, united};
 use crate::kalman::{Filter, Transition, residual};
 
-/// Noise variances of a radar over what it states.
-pub(super) const LEVELS: [f64; 5] = [0.25, 1.0, 4.0, 16.0, 64.0];
 /// How probable they are where nothing is known of a radar: mostly as stated.
-const AT_FIRST: [f64; LEVELS.len()] = [0.125, 0.5, 0.125, 0.125, 0.125];
+const AT_FIRST: [f64; NOISE.len()] = [0.125, 0.5, 0.125, 0.125, 0.125];
 /// Those of a plot: its radar's, and a single outlier's.
-const EXCESSES: [f64; LEVELS.len() + 1] = [0.25, 1.0, 4.0, 16.0, 64.0, 256.0];
-/// Variances of the prediction over what the filter says.
-pub(super) const MANOEUVRES: [f64; 2] = [1.0, 64.0];
+const EXCESSES: [f64; NOISE.len() + 1] = [0.25, 1.0, 4.0, 16.0, 64.0, 256.0];
 /// How probable they are where nothing is known.
 const MOSTLY_NONE: [f64; MANOEUVRES.len()] = [0.999, 0.001];
 /// Chance that a manoeuvre is over by the next step.
@@ -286,7 +283,7 @@ impl Robust {
                 self.hypotheses.truncate(start + FOLLOWED);
             }
             plot.first = self.hypotheses.len();
-            let mut chances = [[self.change; LEVELS.len() + 1]; COMPONENTS];
+            let mut chances = [[self.change; NOISE.len() + 1]; COMPONENTS];
             for (chances, component) in chances.iter_mut().zip(&self.components) {
                 for (chance, p) in chances.iter_mut().zip(component.noise[plot.radar]) {
                     *chance = (1.0 - self.change) * p;

@@ -18,10 +18,10 @@ pub enum Rule {
     Posterior,
     /// Component by component by 1/P of what the radars' tracks really are, as now believed.
     Adaptive,
-    /// The best linear combination with cross-covariances, of what the tracks really are.
+    /// The best linear combination with cross-covariances, with the noise as believed.
+    AdaptiveMatrix,
+    /// The same with the noise as stated (Bar-Shalom, Campo 1986).
     Matrix,
-    /// The same with the nominal noise (Bar-Shalom, Campo 1986).
-    NominalMatrix,
     /// Covariance intersection of the radars' own filters.
     CovarianceIntersection,
     /// One filter for all plots.
@@ -33,22 +33,22 @@ pub enum Rule {
 impl Rule {
     /// Whether the covariances are those of the noise as believed.
     pub(super) fn believes(self) -> bool {
-        matches!(self, Self::Adaptive | Self::Matrix)
+        matches!(self, Self::Adaptive | Self::AdaptiveMatrix)
     }
 }
 
 /// How quickly and how easily a radar is believed to be worse than it says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beliefs {
-    /// Share of the newest innovation in the running means.
-    pub memory: f64,
+    /// Weight of the past in the running means, per plot.
+    pub forgetting_factor: f64,
     /// Mean normalised innovation, in units of the others', above which more noise is believed.
     pub threshold: f64,
     /// Normalised square of a single innovation, likewise, above which it is an outlier.
     pub outlier_gate: f64,
     /// For [`Rule::Robust`]: chance that a radar's noise changes from one plot to the next, and that
     /// a plot is an outlier.
-    pub change: f64,
+    pub change_probability: f64,
 }
 
 impl Beliefs {
@@ -56,12 +56,23 @@ impl Beliefs {
     ///
     /// # Errors
     /// A parameter outside its domain.
-    pub fn try_new(memory: f64, threshold: f64, outlier_gate: f64, change: f64) -> Result<Self> {
-        require("memory", memory, memory > 0.0 && memory <= 1.0, "above 0 and at most 1")?;
+    pub fn try_new(
+        forgetting_factor: f64,
+        threshold: f64,
+        outlier_gate: f64,
+        change_probability: f64,
+    ) -> Result<Self> {
+        let (factor, change) = (forgetting_factor, change_probability);
+        require(
+            "forgetting_factor",
+            factor,
+            (0.0..1.0).contains(&factor),
+            "at least 0 and below 1",
+        )?;
         require("threshold", threshold, threshold >= 1.0, "at least 1")?;
         require("outlier_gate", outlier_gate, outlier_gate >= 1.0, "at least 1")?;
-        require("change", change, change > 0.0 && change < 1.0, "above 0 and below 1")?;
-        Ok(Self { memory, threshold, outlier_gate, change })
+        require("change_probability", change, change > 0.0 && change < 1.0, "above 0 and below 1")?;
+        Ok(Self { forgetting_factor, threshold, outlier_gate, change_probability })
     }
 }
 

@@ -1,19 +1,23 @@
 //! Estimates of one vector at one instant by several sensors, fused.
 
+use super::independent::Independent;
 use super::intersection::Intersection;
 use super::joint::{Joint, vector};
 use super::rules::shares;
+use super::scalar::{Addition, Scalar};
 use crate::base::angle::{nearest, principal};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::{Error, Result};
 use crate::base::matrix::{
     Square, assembled, is_large_semidefinite, read_covariance, symmetrise, write, zeros,
 };
-use crate::weights::{COVARIANCES, Combiner, Group, require_estimates};
+use crate::weights::COVARIANCES;
 use nalgebra::allocator::Allocator;
 use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector, U1};
 
 const CROSS: &str = "cross_covariances";
+/// Beyond this size squares of differences overflow.
+const LARGEST: f64 = 1e150;
 /// Largest difference of two elements that should be equal, in standard deviations.
 const ASYMMETRY: f64 = 1e-10;
 
@@ -36,9 +40,9 @@ pub enum Weighting {
 /// (K, m, m); those between sensors (K, K, m, m), whose diagonal blocks are not read, or none for
 /// independent errors. What belongs to a sensor without an estimate is not read.
 #[derive(Clone, Copy, Debug)]
-pub struct Instant<'a> {
+pub struct Estimates<'a> {
     /// x_k.
-    pub estimates: &'a [f64],
+    pub values: &'a [f64],
     /// S_k.
     pub covariances: &'a [f64],
     /// S_jk.
@@ -47,24 +51,24 @@ pub struct Instant<'a> {
 
 /// Where a fused estimate goes.
 #[derive(Debug)]
-pub struct InstantFusion<'a> {
+pub struct FusedEstimate<'a> {
     /// x̂ (m).
     pub mean: &'a mut [f64],
     /// Its covariance (m, m), or the bound of it.
     pub covariance: &'a mut [f64],
-    /// W_k (K, m, m).
+    /// W_k (K, m, m), or the gain of a scalar (m).
     pub weights: &'a mut [f64],
 }
 
-/// Whether estimates agree within their covariances, and how many there are.
+/// Whether estimates agree within their covariances.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Consistency {
+pub struct Agreement {
     /// `Δ^T cov(Δ)^-1 Δ` of all differences Δ; nan where the rule does not find it.
     pub statistic: f64,
     /// Probability of a larger one where the covariances are right; nan likewise.
-    pub p_value: f64,
-    /// Sensors that have an estimate.
-    pub present: usize,
+    pub pvalue: f64,
+    /// Of the chi-square distribution that the statistic has where the covariances are right.
+    pub degrees_of_freedom: usize,
 }
 
 /// The fusion of K estimates of m components, with buffers that are reused from call to call.
@@ -75,7 +79,21 @@ pub trait Fusing: Send {
     /// # Errors
     /// An estimate that is only in part a number, a covariance that is none, and, where they are
     /// inverted, covariances that make a singular one.
-    fn fuse(&mut self, instant: &Instant<'_>, out: &mut InstantFusion<'_>) -> Result<Consistency>;
+    fn fuse(&mut self, estimates: &Estimates<'_>, out: &mut FusedEstimate<'_>)
+    -> Result<Agreement>;
+
+    /// Adds a scalar to an estimate (m) with this covariance (m, m), whatever the weighting.
+    /// Cost O(m³).
+    ///
+    /// # Errors
+    /// A covariance that is none, or an estimate that is not finite, or too large.
+    fn fuse_scalar(
+        &mut self,
+        estimate: &[f64],
+        covariance: &[f64],
+        scalar: &Scalar<'_>,
+        out: &mut FusedEstimate<'_>,
+    ) -> Result<Agreement>;
 }
 
 /// The fusion of so many sensors' estimates of so many components, of which the first is an angle
@@ -123,9 +141,15 @@ where
     weight: Vec<Square<D>>,
     fused: Square<D>,
     // made when they are needed
-    group: Option<(Group<D>, Combiner<D>)>,
+    independent: Option<Independent<D>>,
     joint: Option<Joint<D>>,
     intersection: Option<Intersection<D>>,
+    addition: Option<Addition<D>>,
+}
+
+impl Agreement {
+    /// Without a statistic.
+    const UNKNOWN: Self = Self { statistic: f64::NAN, degrees_of_freedom: 0, pvalue: f64::NAN };
 }
 
 impl<D: Dim> Solver<D>
@@ -151,9 +175,10 @@ where
             origin: vector(order),
             weight: vec![zeros(order); sensors],
             fused: zeros(order),
-            group: None,
+            independent: None,
             joint: None,
             intersection: None,
+            addition: None,
         })
     }
 }
@@ -164,18 +189,46 @@ where
     Square<D>: Send,
     OVector<f64, D>: Send,
 {
-    fn fuse(&mut self, instant: &Instant<'_>, out: &mut InstantFusion<'_>) -> Result<Consistency> {
-        self.read(instant)?;
+    fn fuse(
+        &mut self,
+        estimates: &Estimates<'_>,
+        out: &mut FusedEstimate<'_>,
+    ) -> Result<Agreement> {
+        self.read(estimates)?;
         out.weights.fill(0.0);
         let present = self.present.len();
         if present == 0 {
             self.write_unknown(out);
-            return Ok(Consistency { statistic: f64::NAN, p_value: f64::NAN, present });
+            return Ok(Agreement::UNKNOWN);
         }
-        self.set_relative(instant.estimates);
-        let (statistic, p_value) = self.weigh()?;
+        self.set_relative(estimates.values);
+        let statistic = self.weigh()?;
         self.write(out);
-        Ok(Consistency { statistic, p_value, present })
+        let degrees_of_freedom = (present - 1) * self.order.value();
+        let pvalue = if statistic.is_nan() {
+            f64::NAN
+        } else {
+            chi_square_upper(statistic, degrees_of_freedom)
+        };
+        Ok(Agreement { statistic, degrees_of_freedom, pvalue })
+    }
+
+    fn fuse_scalar(
+        &mut self,
+        estimate: &[f64],
+        covariance: &[f64],
+        scalar: &Scalar<'_>,
+        out: &mut FusedEstimate<'_>,
+    ) -> Result<Agreement> {
+        require_estimates("estimate", estimate, |i| vec![i])?;
+        let mut factor = zeros(self.order);
+        read_covariance("covariance", &[], covariance, &mut self.fused, &mut factor)?;
+        let addition = self.addition.get_or_insert_with(|| Addition::new(self.order));
+        let (statistic, pvalue) = addition.add(estimate, &self.fused, scalar);
+        out.mean.copy_from_slice(addition.mean.as_slice());
+        out.weights.copy_from_slice(addition.gain.as_slice());
+        write(&addition.covariance, out.covariance);
+        Ok(Agreement { statistic, degrees_of_freedom: 1, pvalue })
     }
 }
 
@@ -184,10 +237,10 @@ where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
     /// Finds out who is present, and reads the covariances.
-    fn read(&mut self, instant: &Instant<'_>) -> Result<()> {
+    fn read(&mut self, estimates: &Estimates<'_>) -> Result<()> {
         let m = self.order.value();
         self.present.clear();
-        for (k, estimate) in instant.estimates.chunks_exact(m).enumerate() {
+        for (k, estimate) in estimates.values.chunks_exact(m).enumerate() {
             if !estimate.iter().all(|x| x.is_nan()) {
                 require_estimates("estimates", estimate, |i| vec![k, i])?;
                 self.present.push(k);
@@ -196,11 +249,11 @@ where
         let mut factor = zeros(self.order);
         self.covariances.resize(self.present.len(), zeros(self.order));
         for (&k, covariance) in self.present.iter().zip(&mut self.covariances) {
-            let values = &instant.covariances[k * m * m..][..m * m];
+            let values = &estimates.covariances[k * m * m..][..m * m];
             read_covariance(COVARIANCES, &[k], values, covariance, &mut factor)?;
         }
         self.blocks.clear();
-        match instant.cross {
+        match estimates.cross {
             Some(cross) => self.read_cross(cross),
             None => Ok(()),
         }
@@ -272,54 +325,44 @@ where
         }
     }
 
-    /// Sets the weights and the covariance; returns the statistic of the consistency and its
-    /// p-value.
-    fn weigh(&mut self) -> Result<(f64, f64)> {
-        let unknown = (f64::NAN, f64::NAN);
+    /// Sets the weights and the covariance; returns the statistic, nan where the rule has none.
+    fn weigh(&mut self) -> Result<f64> {
         if let [_] = self.covariances[..] {
             self.weight[0].fill_with_identity();
             self.fused.copy_from(&self.covariances[0]);
-            return Ok(if self.weighting == Weighting::Matrix { (0.0, 1.0) } else { unknown });
+            return Ok(if self.weighting == Weighting::Matrix { 0.0 } else { f64::NAN });
         }
         match self.weighting {
             Weighting::Matrix if self.blocks.is_empty() => self.weigh_independent(),
             Weighting::Matrix => self.weigh_joint(),
-            Weighting::Intersection => self.intersect().map(|()| unknown),
+            Weighting::Intersection => self.intersect().map(|()| f64::NAN),
             _ => {
                 self.weigh_components();
                 self.spread_components();
-                Ok(unknown)
+                Ok(f64::NAN)
             }
         }
     }
 
-    fn weigh_independent(&mut self) -> Result<(f64, f64)> {
-        let new = || (Group::new(self.sensors, self.order), Combiner::new(self.order));
-        let (group, combiner) = self.group.get_or_insert_with(new);
-        let place = |error: Error| error.renumbered(&self.present);
-        group.weigh(&self.covariances, None).map_err(place)?;
-        group.fuse(&self.covariances, None).map_err(place)?;
-        group.require_known()?;
-        for (weight, found) in self.weight.iter_mut().zip(&group.weight) {
-            weight.copy_from(found);
-        }
-        self.fused.copy_from(&group.fused);
-        let agreement = combiner.agreement(&self.relative, &self.covariances).map_err(place)?;
-        Ok((agreement.statistic, agreement.p_value))
+    fn weigh_independent(&mut self) -> Result<f64> {
+        let new = || Independent::new(self.sensors, self.order);
+        let independent = self.independent.get_or_insert_with(new);
+        let statistic = independent.combine(&self.relative, &self.covariances);
+        copy(&independent.group.weight, &mut self.weight);
+        self.fused.copy_from(&independent.group.fused);
+        statistic.map_err(|error| error.renumbered(&self.present))
     }
 
-    fn weigh_joint(&mut self) -> Result<(f64, f64)> {
+    fn weigh_joint(&mut self) -> Result<f64> {
         let (order, m) = (self.order, self.order.value());
         let joint = self.joint.get_or_insert_with(|| Joint::new(order));
         let vectors = self.relative.chunks_exact(m);
         let mut vectors: Vec<_> =
             vectors.map(|x| OVector::from_column_slice_generic(order, U1, x)).collect();
         let statistic = joint.combine(&mut vectors, &self.blocks)?;
-        for (weight, found) in self.weight.iter_mut().zip(&joint.weight) {
-            weight.copy_from(found);
-        }
+        copy(&joint.weight, &mut self.weight);
         self.fused.copy_from(&joint.fused);
-        Ok((statistic, chi_square_upper(statistic, (self.present.len() - 1) * m)))
+        Ok(statistic)
     }
 
     fn intersect(&mut self) -> Result<()> {
@@ -327,9 +370,7 @@ where
         let intersection = self.intersection.get_or_insert_with(new);
         let bound = intersection.intersect(&self.covariances);
         self.fused.copy_from(bound.map_err(|error| error.renumbered(&self.present))?);
-        for (weight, found) in self.weight.iter_mut().zip(&intersection.weight) {
-            weight.copy_from(found);
-        }
+        copy(&intersection.weight, &mut self.weight);
         Ok(())
     }
 
@@ -369,7 +410,7 @@ where
         symmetrise(&mut self.fused);
     }
 
-    fn write(&mut self, out: &mut InstantFusion<'_>) {
+    fn write(&mut self, out: &mut FusedEstimate<'_>) {
         let m = self.order.value();
         out.mean.copy_from_slice(self.origin.as_slice());
         for (at, &k) in self.present.iter().enumerate() {
@@ -387,12 +428,39 @@ where
     }
 
     /// Nothing is known, as before the first plot of a track.
-    fn write_unknown(&self, out: &mut InstantFusion<'_>) {
+    fn write_unknown(&self, out: &mut FusedEstimate<'_>) {
         out.mean.fill(f64::NAN);
         out.covariance.fill(0.0);
         for variance in out.covariance.iter_mut().step_by(self.order.value() + 1) {
             *variance = f64::INFINITY;
         }
+    }
+}
+
+/// Copies the matrices of the sensors that have an estimate.
+fn copy<D: Dim>(from: &[Square<D>], to: &mut [Square<D>])
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    for (to, from) in to.iter_mut().zip(from) {
+        to.copy_from(from);
+    }
+}
+
+/// Fails with the first number among vectors of length m that is not finite, or too large.
+fn require_estimates(
+    argument: &'static str,
+    estimates: &[f64],
+    place: impl Fn(usize) -> Vec<usize>,
+) -> Result<()> {
+    match estimates.iter().position(|x| x.is_nan() || x.abs() > LARGEST) {
+        None => Ok(()),
+        Some(i) => Err(Error::InvalidElement {
+            argument,
+            index: place(i),
+            value: estimates[i],
+            requirement: "it must be a number of at most 1e150 in size",
+        }),
     }
 }
 
@@ -406,10 +474,10 @@ mod tests {
 
     fn fused(weighting: Weighting, cross: Option<&[f64]>) -> Result<([f64; 2], [f64; 4])> {
         let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
-        let instant = Instant { estimates: &ESTIMATES, covariances: &TWO, cross };
+        let estimates = Estimates { values: &ESTIMATES, covariances: &TWO, cross };
         let mut out =
-            InstantFusion { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
-        fusing(2, 2, weighting, None).fuse(&instant, &mut out)?;
+            FusedEstimate { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
+        fusing(2, 2, weighting, None).fuse(&estimates, &mut out)?;
         Ok((mean, covariance))
     }
 
@@ -432,10 +500,10 @@ mod tests {
         let mut rest = TWO;
         rest.iter_mut().zip(common.repeat(2)).for_each(|(s, c)| *s -= c);
         let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
-        let instant = Instant { estimates: &ESTIMATES, covariances: &rest, cross: None };
+        let estimates = Estimates { values: &ESTIMATES, covariances: &rest, cross: None };
         let mut out =
-            InstantFusion { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
-        fusing(2, 2, Weighting::Matrix, None).fuse(&instant, &mut out).unwrap();
+            FusedEstimate { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
+        fusing(2, 2, Weighting::Matrix, None).fuse(&estimates, &mut out).unwrap();
         covariance.iter_mut().zip(common).for_each(|(s, c)| *s += c);
         assert_all_close(&with, &covariance);
     }

@@ -1,0 +1,275 @@
+"""Estimates that several sensors have of the same vector, fused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray, finite, real, samples, scalar_or_array, threads
+from tertia.weights._readers import deviation, moderate, of_one_batch
+
+InstantMethod: TypeAlias = Literal[
+    "matrix", "posterior", "covariance-intersection", "static", "equal"
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedEstimate:
+    """A fused estimate, and whether the estimates that it was made of agree.
+
+    Attributes
+    ----------
+    mean : ndarray of shape (..., m)
+        The fused estimate; nan where no sensor has one.
+    covariance : ndarray of shape (..., m, m)
+        Its covariance, if those given are right; from "covariance-intersection" an upper bound.
+        Where no sensor has an estimate, infinite variances.
+    weights : ndarray of shape (..., K, m, m)
+        The weight of each estimate, which sum to the identity; 0 where a sensor has none. From
+        `fuse_scalar` the gain of the scalar, of shape (..., m).
+    statistic : float or ndarray of shape (...)
+        Sum of the squared differences of the estimates in units of their covariances; nan from
+        methods other than "matrix".
+    degrees_of_freedom : int or ndarray of shape (...)
+        Of the chi-square distribution that `statistic` has where the covariances are right.
+    pvalue : float or ndarray of shape (...)
+        Probability of a larger statistic then; nan where there is none. If it is small, an estimate
+        or a covariance is wrong.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    weights: FloatArray
+    statistic: float | FloatArray
+    degrees_of_freedom: int | IntArray
+    pvalue: float | FloatArray
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of `mean`, of shape (..., m)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+
+    def __repr__(self) -> str:
+        """Show mean and sigma, or the shape of a batch."""
+        if self.mean.ndim > 1:
+            return f"FusedEstimate(batch {self.mean.shape[:-1]}, {self.mean.shape[-1]} components)"
+        pairs = zip(self.mean, self.sigma, strict=True)
+        listed = ", ".join(f"{mean:.6g} ± {sigma:.3g}" for mean, sigma in pairs)
+        agreement = "" if np.isnan(self.pvalue) else f", p-value {self.pvalue:.3g}"
+        return f"FusedEstimate([{listed}]{agreement})"
+
+
+def fuse(
+    estimates: npt.ArrayLike,
+    covariances: npt.ArrayLike,
+    *,
+    method: InstantMethod = "matrix",
+    cross_covariances: npt.ArrayLike | None = None,
+    weights: npt.ArrayLike | None = None,
+    period: float | None = None,
+    n_threads: int | None = None,
+) -> FusedEstimate:
+    """Fuse the estimates that several sensors have of the same vector, and test if they agree.
+
+    Parameters
+    ----------
+    estimates : array_like of shape (..., K, m)
+        Estimates of K >= 1 sensors. nan in all components: the sensor has none, and what else is
+        given of it is not read.
+    covariances : array_like of shape (..., K, m, m)
+        Their covariances. Leading axes of all arrays are broadcast against each other. With
+        "matrix", a covariance may be singular where the others are not singular in the same
+        direction.
+    method : str
+        "matrix": the linear unbiased combination with the least covariance.
+        "posterior": component by component by the inverse variances.
+        "covariance-intersection": for errors whose correlation is unknown; all sensors at once,
+        with the upper bound of the covariance that has the least determinant.
+        "static": by `weights`. "equal": equal weights.
+    cross_covariances : array_like of shape (..., K, K, m, m), optional
+        Covariances of the errors of two sensors: block [i, j] is that of the errors of i (rows) and
+        of j (columns), and the transpose of [j, i]. Blocks [i, i] are not read. By default the
+        errors are independent. Covariance intersection does not use them: its bound holds for any.
+    weights : array_like of shape (K,), optional
+        For "static", and only there: what the weights are proportional to.
+    period : float, optional
+        Of the first component, if that is an angle: 360.0 for degrees, 2*pi for radians. The fused
+        angle is in [0, period).
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    FusedEstimate
+        Mean, covariance, weights, and for "matrix" the statistic of their agreement.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A covariance, or the joint one of all sensors, is indefinite. With "matrix" and
+        "covariance-intersection" also where covariances are singular, so that the weights are not
+        defined, or lost to rounding.
+    ValueError
+        Shapes that do not fit, a matrix that is not symmetric, an estimate that is infinite, above
+        1e150 in size, or nan in some components only, a variance that is not positive, an unknown
+        method, or weights that are missing, negative, all zero or not asked for.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Whatever the weights W, the covariance is that of the combination,
+    `sum of W_i S_ij W_j'` over all i and j. "matrix" inverts covariances of differences of
+    estimates only. Without `cross_covariances` its weights are those of `weights.weight_matrices`,
+    and its statistic is `sum of (x_k - x)' C_k (x_k - x)`, chi-square with (K - 1) m degrees of
+    freedom for normal errors; cost O(K m³). With `cross_covariances` O(K³ m³).
+
+    Estimates that share a measurement are not independent, and without `cross_covariances` the
+    covariance is too small. A measurement that they share is better added by `fuse_scalar`.
+
+    "covariance-intersection": `(sum of ω_k C_k)^-1` with C_k the inverse covariances and shares
+    ω_k of sum 1 is a bound of the covariance whatever the correlation. Unlike the least trace, the
+    least determinant does not depend on the units. The problem is convex and treats all sensors
+    alike.
+
+    With a period, angles are turned to within half of it of the angle with the least variance.
+
+    Examples
+    --------
+    Two tracks whose errors have something in common:
+
+    >>> from tertia.fusion import fuse
+    >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
+    >>> common = [[0.5, 0.2], [0.2, 0.5]]
+    >>> joint = [[S[0], common], [common, S[1]]]
+    >>> fuse([[359, 20], [2, 21]], S, cross_covariances=joint, period=360)
+    FusedEstimate([1.78987 ± 0.9, 20.9425 ± 1.14], p-value 0.292)
+    >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
+    FusedEstimate([1.93436 ± 1.02, 20.9903 ± 1.66])
+    """
+    x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
+    if x.ndim < 2 or 0 in x.shape[-2:]:
+        raise ValueError(f"estimates has shape {x.shape}; it must be (..., K, m)")
+    sensors, m = x.shape[-2:]
+    given = {"estimates": (x, (sensors, m)), "covariances": (s, (sensors, m, m))}
+    if cross_covariances is not None:
+        cross = samples(cross_covariances, "cross_covariances")
+        given["cross_covariances"] = (cross, (sensors, sensors, m, m))
+    arguments: dict[str, object] = {
+        "cross_covariances": None,
+        **of_one_batch(**given),
+        "weights": _proportions(weights, method, sensors),
+        "method": str(method),
+        "period": None if period is None else real(period, "period"),
+    }
+    return _fused(_core.fuse(arguments, threads(n_threads)))
+
+
+def fuse_scalar(
+    estimate: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    h: npt.ArrayLike,
+    measured: npt.ArrayLike,
+    sigma: npt.ArrayLike,
+    *,
+    n_threads: int | None = None,
+) -> FusedEstimate:
+    """Add one redundant measured scalar to an estimate, and test if they agree.
+
+    A scalar has no covariance matrix of its own, but it is information: `h h' / sigma²`, of rank
+    one. This is the right way to add a measurement to an estimate that was made of others, where
+    two estimates that share measurements would not be independent.
+
+    Parameters
+    ----------
+    estimate : array_like of shape (..., m)
+        The estimate without the scalar.
+    covariance : array_like of shape (..., m, m)
+        Its covariance.
+    h : array_like of shape (..., m)
+        Derivatives of the scalar with respect to the components.
+    measured : array_like of shape (...)
+        The measured scalar less the constant of its linear model `z = h . x`. For a nonlinear one
+        `z = f(x)` it is `measured z - f(estimate) + h . estimate`.
+    sigma : array_like of shape (...)
+        Standard deviation of the scalar.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    FusedEstimate
+        `weights` is the gain of the scalar, of shape (..., m); the statistic is the squared
+        innovation over its variance, with one degree of freedom.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The covariance is indefinite.
+    ValueError
+        Shapes that do not fit, or a number that is not finite, too large, or not positive where it
+        must be.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Leading axes are broadcast against each other. The covariance is computed in Joseph's form, so
+    it stays positive. Cost O(m³).
+
+    Examples
+    --------
+    A range of 5 ± 0.1 added to a position of (3 ± 1, 4 ± 1), of which `h` is the direction:
+
+    >>> from tertia.fusion import fuse_scalar
+    >>> fuse_scalar([3, 4], [[1, 0], [0, 1]], [0.6, 0.8], 5.2, 0.1)
+    FusedEstimate([3.11881 ± 0.802, 4.15842 ± 0.605], p-value 0.842)
+    """
+    s, x = samples(covariance, "covariance"), finite(estimate, "estimate")
+    if s.ndim < 2 or s.shape[-2] != s.shape[-1] or s.shape[-1] == 0:
+        raise ValueError(f"covariance has shape {s.shape}; it must be (..., m, m)")
+    m = s.shape[-1]
+    given = of_one_batch(
+        covariance=(s, (m, m)),
+        estimate=(x, (m,)),
+        h=(moderate(h, "h"), (m,)),
+        measured=(moderate(measured, "measured"), ()),
+        sigma=(deviation(sigma, "sigma"), ()),
+    )
+    scalars = np.stack([given["measured"], given["sigma"]], axis=-1)
+    found = _core.fuse_scalar(
+        given["estimate"], given["covariance"], given["h"], scalars, threads(n_threads)
+    )
+    return _fused(found)
+
+
+def _fused(found: tuple[list[FloatArray], IntArray]) -> FusedEstimate:
+    (mean, covariance, weights, statistic, pvalue), degrees_of_freedom = found
+    return FusedEstimate(
+        mean,
+        covariance,
+        weights,
+        scalar_or_array(statistic),
+        scalar_or_array(degrees_of_freedom),
+        scalar_or_array(pvalue),
+    )
+
+
+def _proportions(weights: npt.ArrayLike | None, method: str, sensors: int) -> list[float] | None:
+    """Return the weights of method "static"."""
+    if (weights is None) == (method == "static"):
+        needed = "needs weights" if weights is None else "takes no weights"
+        raise ValueError(f"method {method!r} {needed}; they are for 'static'")
+    if weights is None:
+        return None
+    array = finite(weights, "weights")
+    if array.shape != (sensors,):
+        raise ValueError(f"weights has shape {array.shape}; it must be ({sensors},)")
+    if np.any(array < 0) or not np.any(array > 0):
+        raise ValueError(f"weights are {array}; they must not be negative, and not all zero")
+    numbers: list[float] = array.tolist()
+    return numbers

@@ -1,0 +1,234 @@
+"""The plots of several radars over time, fused into one track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, real, samples, threads
+from tertia.kalman import SingerModel, _full, _initial, _intervals, _require_model, _sigma
+
+FusionMethod: TypeAlias = Literal[
+    "robust",
+    "adaptive",
+    "adaptive-matrix",
+    "central",
+    "posterior",
+    "matrix",
+    "covariance-intersection",
+    "ewma",
+    "static",
+    "equal",
+    "paper",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedSeries:
+    """A fused track, and what was found out about the radars.
+
+    Attributes
+    ----------
+    mean : ndarray of shape (..., steps, 3)
+        Angle, rate and acceleration.
+    upper : ndarray of shape (..., steps, 6)
+        Upper triangles of the covariances, row by row.
+    weights : ndarray of shape (..., K, steps, 3)
+        Weights of the radars in angle, rate and acceleration: the diagonals of the weight matrices.
+        nan for radars that are not known yet, and for "central". For "robust" the shares of the
+        plots in the correction of this step, the same in all components: 0 without a plot.
+    noise_variance : ndarray of shape (..., K, steps)
+        Variance of each radar's plots as now believed; for "robust" apart from single outliers.
+    outlier : ndarray of bool, shape (..., K, steps)
+        Plots that were taken for single outliers. With rules other than "robust", the radar's own
+        filter needs some steps to recover after one, and its plots of these may be taken for
+        outliers, too.
+    innovation, innovation_variance : ndarray of shape (..., K, steps)
+        Of the radars' own filters, with the noise as given; nan where there is none.
+    """
+
+    mean: FloatArray
+    upper: FloatArray
+    weights: FloatArray
+    noise_variance: FloatArray
+    outlier: BoolArray
+    innovation: FloatArray
+    innovation_variance: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariances of `mean`, of shape (..., steps, 3, 3)."""
+        return _full(self.upper)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of `mean`, of shape (..., steps, 3)."""
+        return _sigma(self.upper)
+
+    def __repr__(self) -> str:
+        """Tell the shape and the outliers."""
+        *batch, radars, steps = self.outlier.shape
+        counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
+        told = [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
+        return f"FusedSeries({', '.join([f'batch {tuple(batch)}'] * bool(batch) + told)})"
+
+
+def fuse_series(
+    z: npt.ArrayLike,
+    measurement_variance: npt.ArrayLike,
+    model: SingerModel,
+    *,
+    method: FusionMethod = "robust",
+    initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    time: npt.ArrayLike | None = None,
+    period: float | None = None,
+    change_probability: float = 0.005,
+    forgetting_factor: float = 0.9,
+    threshold: float = 1.6,
+    outlier_gate: float = 16.0,
+    n_threads: int | None = None,
+) -> FusedSeries:
+    """Fuse the plots of several radars into one track.
+
+    Parameters
+    ----------
+    z : array_like of shape (..., K, steps)
+        Plots of the angle by K >= 1 radars at common times; nan where a radar has none. Radars that
+        scan at different times share the times of all, with nan between their own.
+    measurement_variance : array_like of shape (), (K, 1) or (..., K, steps)
+        Variance of their noise, as they state it.
+    model : SingerModel
+        How the target moves.
+    method : str
+        "robust": one filter for all plots, whose noise, outliers and manoeuvres are found out.
+        "adaptive": component by component by the inverse variances that the radars' tracks really
+        have, as now believed.
+        "adaptive-matrix": by the same covariances as full matrices, with the correlation between
+        the radars.
+        "central": one filter for all plots, with the noise as stated.
+        "posterior": component by component by the inverse variances of the radars' own filters.
+        "matrix": their full matrices and the correlation (Bar-Shalom, Campo 1986).
+        "covariance-intersection": without the correlation; the covariance is an upper bound.
+        "ewma": by the inverse running mean of the squared innovations.
+        "static": by the inverse variances as stated. "equal": equal weights.
+        "paper": component by component by the inverse squares of this step's corrections; radars
+        without a plot are left out.
+    initial : (mean, covariance), optional
+        States of the radars' filters at the first step before their plots, of shapes (..., K, 3)
+        and (..., K, 3, 3). By default nothing is known.
+    time : array_like of shape (steps,) or (..., steps), optional
+        Times of the steps, not decreasing; by default `model.dt` apart.
+    period : float, optional
+        360.0 for degrees, 2*pi for radians; None for data that do not wrap. Angles come back in
+        [0, period).
+    change_probability : float
+        For "robust": chance that a radar's noise changes from one of its plots to the next, and
+        that a plot is a single outlier.
+    forgetting_factor : float
+        For "adaptive", "adaptive-matrix" and "ewma": weight of the past, per plot, in the running
+        means of a radar's innovations.
+    threshold : float
+        For "adaptive" and "adaptive-matrix": mean normalised innovation, over that of the others,
+        above which a radar is believed to be noisier than it says.
+    outlier_gate : float
+        Square of a single normalised innovation, likewise, above which a plot is an outlier.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    FusedSeries
+        The track with its covariance, weights, believed noise and outliers.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a plot that is infinite, a variance that is not positive, times that
+        decrease, an unknown method, or a parameter outside its domain.
+    numpy.linalg.LinAlgError
+        An initial covariance that is indefinite.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    "robust": a plot's noise variance is that stated times an unknown level (1/4 to 64; 256 for a
+    single outlier), and the prediction's variance is that of the filter times 1 or 64. Every
+    combination of levels is a hypothesis, as probable as it makes the plots of the step. Their
+    mixture gives the state and its covariance, and the probabilities of each radar's levels, from
+    which the next step starts. Cost O(K steps) besides the radars' own filters.
+
+    "adaptive": each radar's filter runs with the noise as stated. A radar whose innovations are
+    larger than expected and than those of the others (the median of them, so that a manoeuvre
+    accuses nobody) is believed to have more noise, and its track the covariance that follows from
+    that; the errors of two tracks are correlated through the motion that both follow. Cost
+    O(K² steps).
+
+    A bias of a radar is not noise, and not seen.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.fusion import fuse_series
+    >>> from tertia.kalman import SingerModel
+    >>> rng = np.random.default_rng(1)
+    >>> z = 359.0 + 0.2 * np.arange(60) + 0.1 * rng.standard_normal((2, 60))
+    >>> z[0, 20] -= 2.0
+    >>> z[1, 40] += 3.0
+    >>> result = fuse_series(z % 360, 0.01, SingerModel(5.0, 0.05, 0.003), period=360.0)
+    >>> result
+    FusedSeries(2 radars, 60 steps, 2 outliers)
+    """
+    plots = samples(z, "z")
+    if plots.ndim < 2 or plots.shape[-2] < 1 or plots.shape[-1] < 1:
+        raise ValueError(f"z has shape {plots.shape}; it must be (..., K, steps)")
+    _require_model(model)
+    *batch, radars, steps = plots.shape
+    arguments = {
+        "z": plots,
+        "variance": _variances(measurement_variance, tuple(batch), radars, steps),
+        "dt": _intervals(time, model, steps, tuple(batch)),
+        "initial": None if initial is None else _states(initial, tuple(batch), radars),
+        "model": model._core,
+        "period": None if period is None else real(period, "period"),
+        "method": str(method),
+        "change_probability": real(change_probability, "change_probability"),
+        "forgetting_factor": real(forgetting_factor, "forgetting_factor"),
+        "threshold": real(threshold, "threshold"),
+        "outlier_gate": real(outlier_gate, "outlier_gate"),
+    }
+    arrays, outlier = _core.fuse_series(arguments, threads(n_threads))
+    mean, upper, weights, noise, innovation, innovation_variance = arrays
+    return FusedSeries(mean, upper, weights, noise, outlier, innovation, innovation_variance)
+
+
+def _variances(
+    measurement_variance: npt.ArrayLike, batch: tuple[int, ...], radars: int, steps: int
+) -> FloatArray:
+    """Return variances of shape (1 or K, 1 or steps), of one row for all or one for each."""
+    array = np.atleast_2d(samples(measurement_variance, "measurement_variance"))
+    lengths = (1, steps)
+    if array.shape[-1] in lengths and array.shape[-2] in {1, radars}:
+        if array.ndim == 2:
+            return array
+        try:
+            return np.broadcast_to(array, (*batch, *array.shape[-2:]))
+        except ValueError:
+            pass
+    raise ValueError(
+        f"measurement_variance has shape {array.shape}; for {radars} radars and series {batch} it "
+        f"must be (), ({radars}, 1) or (..., {radars}, {steps})"
+    )
+
+
+def _states(
+    initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...], radars: int
+) -> FloatArray:
+    states = _initial(initial, (*batch, radars))
+    if states.ndim == 1:
+        return states[np.newaxis]
+    return states.reshape(*batch, radars, 12)

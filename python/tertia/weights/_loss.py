@@ -1,0 +1,295 @@
+"""What fusing with estimated weights costs, and how many measurements keep that small."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    generator,
+    integer,
+    real,
+    samples,
+    scalar_or_array,
+    threads,
+)
+from tertia._wishart import standard_wishart
+from tertia.weights._samples import Convention
+from tertia.weights._spread import LARGEST_N, Count, counts
+
+LossMethod: TypeAlias = Literal["auto", "first-order", "monte-carlo"]
+
+# below this many degrees of freedom per (m + 1) the first-order loss may be off by more than a
+# twentieth of itself: docs/weights.md
+_FIRST_ORDER_FROM = 100
+_TRIALS = 10_000
+# measured losses must stay below the bound with this many of their standard errors
+_STANDARD_ERRORS = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusionLoss:
+    """What fusing with estimated weights costs.
+
+    Attributes
+    ----------
+    loss : float or ndarray of shape (...)
+        `trace(mean_squared_error) / trace(fused_covariance) - 1`.
+    component_loss : ndarray of shape (..., m)
+        The same for each component alone, which does not depend on units.
+    mean_squared_error : ndarray of shape (..., m, m)
+        Of the estimate fused with estimated weights.
+    fused_covariance : ndarray of shape (..., m, m)
+        Of the estimate fused with the true weights.
+    loss_sigma : float, ndarray of shape (...) or None
+        Of `loss`, where it was simulated.
+    method : {"first-order", "monte-carlo"}
+        How it was computed.
+    """
+
+    loss: float | FloatArray
+    component_loss: FloatArray
+    mean_squared_error: FloatArray
+    fused_covariance: FloatArray
+    loss_sigma: float | FloatArray | None
+    method: str
+
+    def __repr__(self) -> str:
+        """Tell the loss."""
+        if isinstance(self.loss, np.ndarray):
+            return f"FusionLoss(batch {self.loss.shape}, {self.method})"
+        error = "" if self.loss_sigma is None else f" ± {self.loss_sigma:.1%}"
+        return f"FusionLoss({self.loss:.2%}{error}, {self.method})"
+
+
+def fusion_loss(
+    covariances: npt.ArrayLike,
+    n: Count,
+    *,
+    method: LossMethod = "auto",
+    convention: Convention = "sample-mean",
+    trials: int = _TRIALS,
+    rng: np.random.Generator | int = 0,
+    n_threads: int | None = None,
+) -> FusionLoss:
+    """Return how much worse the fused estimate is when its weights are estimated.
+
+    Parameters
+    ----------
+    covariances : array_like of shape (..., K, m, m)
+        The true covariances, or their estimates; see `weight_matrices`.
+    n : int, inf or array_like of shape (K,)
+        Measurements from which each covariance is estimated; inf where it is known.
+    method : {"auto", "first-order", "monte-carlo"}
+        "first-order": a closed form, too small where n is small or W is near 0 or I.
+        "monte-carlo": the mean over simulated covariances, exact but for its standard error.
+        "auto": the closed form from 100 (m + 1) degrees of freedom on, where it is off by a
+        twentieth of the loss at most, and Monte Carlo below.
+    convention : {"sample-mean", "known-mean", "paper", "differences"}
+        How the covariances are estimated, see `sample_covariance`.
+    trials : int
+        Simulated sets of covariances, at least 2; the same for the whole batch.
+    rng : numpy.random.Generator or int
+        Source of randomness, or its seed; by default always the same.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    FusionLoss
+        The loss, the matrix of the mean squared error, and the standard error of the loss.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError, ValueError, TypeError
+        As for `weight_covariance` and `fused_covariance`.
+
+    Notes
+    -----
+    To first order the mean squared error is
+    `{I + sum over j of c_j [tr(I - W_j) W_j + W_j (I - W_j)]} S_p`; for equal sensors the loss is
+    `(m + 1) / (2 (n - 1))`. Below m + 4 degrees of freedom of two sensors together the squared
+    error has no variance, and the standard error means little.
+
+    Examples
+    --------
+    >>> from tertia import weights
+    >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
+    >>> weights.fusion_loss(S, 10, method="first-order")
+    FusionLoss(15.16%, first-order)
+    """
+    s = samples(covariances, "covariances")
+    if method not in ("auto", "first-order", "monte-carlo"):
+        choices = "'auto', 'first-order' or 'monte-carlo'"
+        raise ValueError(f"method is {method!r}; it must be {choices}")
+    trials = integer(trials, "trials", 2)
+    # also where it is not used, for it checks everything
+    first = _core.first_order_excess(s, counts(n), convention, threads(n_threads))
+    sensors, m = s.shape[-3:-1]
+    laws = _core.wishart_law(counts(n), convention, sensors)
+    if method == "auto":
+        enough = min(law[0] for law in laws) >= _FIRST_ORDER_FROM * (m + 1)
+        method = "first-order" if enough else "monte-carlo"
+    if method == "first-order":
+        fused, excess, error = first[..., 0, :, :], first[..., 1, :, :], None
+        loss = _trace(excess) / _trace(fused)
+    else:
+        draws = _draws(laws, m, trials, generator(rng))
+        both, loss, error = _core.simulated_excess(s, draws, threads(n_threads))
+        fused, excess = both[..., 0, :, :], both[..., 1, :, :]
+        error = scalar_or_array(error)
+    return FusionLoss(
+        scalar_or_array(loss),
+        _diagonal(excess) / _diagonal(fused),
+        fused + excess,
+        fused,
+        error,
+        method,
+    )
+
+
+def required_samples(
+    covariances: npt.ArrayLike,
+    loss: float = 0.05,
+    *,
+    method: Literal["first-order", "monte-carlo"] = "monte-carlo",
+    convention: Convention = "sample-mean",
+    trials: int = _TRIALS,
+    rng: np.random.Generator | int = 0,
+    n_threads: int | None = None,
+) -> int | IntArray:
+    """Return how many measurements per sensor keep the loss of the fused estimate under a bound.
+
+    Parameters
+    ----------
+    covariances : array_like of shape (..., K, m, m)
+        The true covariances, or what they may be; see `weight_matrices`.
+    loss : float
+        The bound on the loss as of `fusion_loss`.
+    method : {"first-order", "monte-carlo"}
+        "monte-carlo": the simulated loss plus two of its standard errors is under the bound.
+        "first-order": closed form; promises too much where W is near 0 or I.
+    convention : {"sample-mean", "known-mean", "paper", "differences"}
+        How the covariances are estimated, see `sample_covariance`.
+    trials : int
+        Simulated sets of covariances for each n that is tried, at least 2.
+    rng : numpy.random.Generator or int
+        Source of randomness, or its seed; by default always the same.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    int or ndarray of int, shape (...)
+        The smallest n, the same for all sensors.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError, ValueError, TypeError
+        As for `fusion_loss`, or a bound that is not between 1e-6 and 1e6.
+
+    Notes
+    -----
+    Without knowing the covariances of two sensors, n >= 15 m + 6 for m <= 3, and in general
+    `1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`, kept the loss below 5 % in every case that was
+    tried; for more sensors n >= 1 + 22 (m + 1) did (docs/weights.md).
+
+    Examples
+    --------
+    >>> from tertia import weights
+    >>> weights.required_samples([[[1.0]], [[1.0]]], 0.05, method="first-order")
+    21
+    """
+    s = samples(covariances, "covariances")
+    bound, trials = real(loss, "loss"), integer(trials, "trials", 2)
+    if not 1e-6 <= bound <= 1e6:
+        raise ValueError(f"loss is {bound}; it must be between 1e-6 and 1e6")
+    if method not in ("first-order", "monte-carlo"):
+        raise ValueError(f"method is {method!r}; it must be 'first-order' or 'monte-carlo'")
+    seed = int(generator(rng).integers(2**63))
+    both = _core.first_order_excess(s, LARGEST_N, convention, threads(n_threads))
+    per_factor = _trace(both[..., 1, :, :]) / _trace(both[..., 0, :, :])
+    per_factor = np.atleast_1d(per_factor / _relative_factor(LARGEST_N, convention)).ravel()
+    sensors, m = s.shape[-3:-1]
+    problems = s.reshape(-1, sensors, m, m)
+
+    def first_order(problem: IntArray, n: int) -> npt.NDArray[np.bool_]:
+        # a bound that is met exactly is kept, whatever rounding says
+        return per_factor[problem] * _relative_factor(n, convention) <= bound * (1 + 1e-12)
+
+    def simulated(problem: IntArray, n: int) -> npt.NDArray[np.bool_]:
+        laws = _core.wishart_law(n, convention, sensors)
+        draws = _draws(laws, m, trials, np.random.default_rng([seed, n]))
+        _, mean, error = _core.simulated_excess(problems[problem], draws, threads(n_threads))
+        return mean + _STANDARD_ERRORS * error <= bound
+
+    least = _core.least_count(convention, sensors, m)
+    found = _smallest(first_order, len(problems), least)
+    if method == "monte-carlo":
+        found = _smallest(simulated, len(problems), least, found)
+    result: int | IntArray = scalar_or_array(found.reshape(s.shape[:-3]))
+    return result
+
+
+def _smallest(
+    holds: Callable[[IntArray, int], npt.NDArray[np.bool_]],
+    count: int,
+    least: int,
+    guess: IntArray | None = None,
+) -> IntArray:
+    """Return for each of `count` problems the smallest n >= least for which `holds` says so.
+
+    `holds` takes indices of problems and an n for all of them; it must not become false again.
+    """
+    low = np.full(count, least - 1)
+    high = np.full(count, least) if guess is None else guess.copy()
+    open_ended = np.ones(count, dtype=bool)
+    while np.any(active := open_ended | (high - low > 1)):
+        tried = np.where(open_ended, high, (low + high) // 2)
+        for n in np.unique(tried[active]):
+            problem = np.flatnonzero(active & (tried == n))
+            held = holds(problem, int(n))
+            high[problem[held]] = n
+            low[problem[~held]] = n
+            open_ended[problem[held]] = False
+        doubled = open_ended & (low == high)
+        high[doubled] *= 2
+    return high
+
+
+def _relative_factor(n: int, convention: Convention) -> float:
+    """Return c of a sample covariance in units of its own mean."""
+    [(degrees_of_freedom, _)] = _core.wishart_law(n, convention, 1)
+    return 1 / degrees_of_freedom
+
+
+def _draws(
+    laws: list[tuple[float, float]], m: int, trials: int, rng: np.random.Generator
+) -> FloatArray:
+    """Draw the Wishart matrices of every sensor, (trials, K, m, m), for a true covariance I."""
+    draws = []
+    for degrees_of_freedom, mean in laws:
+        whole = np.isinf(degrees_of_freedom) or degrees_of_freedom == int(degrees_of_freedom)
+        if not (whole or degrees_of_freedom > m - 1):
+            raise ValueError(
+                f"n is too small: differences have {degrees_of_freedom:.2f} degrees of freedom, "
+                f"and a simulation in {m} dimensions needs more than {m - 1}"
+            )
+        draws.append(mean * standard_wishart(m, degrees_of_freedom, (trials,), rng))
+    return np.stack(draws, axis=1)
+
+
+def _diagonal(matrix: FloatArray) -> FloatArray:
+    return np.diagonal(matrix, axis1=-2, axis2=-1)
+
+
+def _trace(matrix: FloatArray) -> FloatArray:
+    trace: FloatArray = _diagonal(matrix).sum(axis=-1)
+    return trace

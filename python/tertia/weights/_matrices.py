@@ -1,0 +1,120 @@
+"""Weight matrices and the covariance of what they fuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, samples, threads
+from tertia.weights._readers import common_batch, deviation, moderate
+
+
+def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None) -> FloatArray:
+    """Return the weight matrices of several estimates of the same vector.
+
+    The fused estimate is the sum of `W_k x_k`; for two sensors `x_1 + W_2 (x_2 - x_1)`.
+
+    Parameters
+    ----------
+    covariances : array_like of shape (..., K, m, m)
+        Covariance of each of K >= 2 estimates, with independent errors. A covariance may be
+        singular where the others are not singular in the same direction.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    ndarray of shape (..., K, m, m)
+        `W_k`. They sum to the identity, and are not symmetric in general.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A covariance is indefinite, or some are singular in the same direction.
+    ValueError
+        A wrong shape, a matrix that is not symmetric, an element that is not finite, or a variance
+        that is not positive.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    (1), (2) and (6) of the source, for K sensors. Cost O(K m³).
+
+    Examples
+    --------
+    >>> from tertia import weights
+    >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
+    >>> weights.weight_matrices(S)[1] * 99
+    array([[78., 12.],
+           [16., 38.]])
+    """
+    return _core.weight_matrices(samples(covariances, "covariances"), threads(n_threads))
+
+
+def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None) -> FloatArray:
+    """Return the covariance of the fused estimate, `S_p = (C_1 + ... + C_K)^-1`.
+
+    Parameters
+    ----------
+    covariances, n_threads
+        See `weight_matrices`.
+
+    Returns
+    -------
+    ndarray of shape (..., m, m)
+        `S_p`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError, ValueError, TypeError
+        As for `weight_matrices`; also where covariances are (almost) singular in different
+        directions, so that rounding would leave an error of more than 0.1 % in a fused variance.
+
+    Examples
+    --------
+    >>> from tertia import weights
+    >>> weights.fused_covariance([[[1.0]], [[3.0]]])
+    array([[0.75]])
+    """
+    return _core.fused_covariance(samples(covariances, "covariances"), threads(n_threads))
+
+
+def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:
+    """Return the information matrix of a measured scalar, `h h' / sigma²`, of rank one.
+
+    `tertia.fusion.fuse_scalar` uses it without forming or inverting it.
+
+    Parameters
+    ----------
+    h : array_like of shape (..., m)
+        Derivatives of the scalar with respect to the components.
+    sigma : array_like of shape (...)
+        Standard deviation of the scalar.
+
+    Returns
+    -------
+    ndarray of shape (..., m, m)
+        The information: the inverse of a covariance, if it had one.
+
+    Raises
+    ------
+    ValueError
+        A number that is not finite, or a sigma that is not positive.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia import weights
+    >>> weights.scalar_information([3, 4], 5)
+    array([[0.36, 0.48],
+           [0.48, 0.64]])
+    """
+    row, sigmas = moderate(h, "h"), deviation(sigma, "sigma")
+    if row.ndim == 0:
+        raise ValueError("h is a single number; it must be of shape (..., m)")
+    common_batch(h=row.shape[:-1], sigma=sigmas.shape)
+    scaled = row / sigmas[..., np.newaxis]
+    return scaled[..., :, np.newaxis] * scaled[..., np.newaxis, :]

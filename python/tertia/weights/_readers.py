@@ -1,0 +1,65 @@
+"""What `weights` and `fusion` read: numbers of moderate size, and arrays of one batch."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, finite, positive
+
+# squares of smaller sigmas, or of larger ones than its reciprocal, leave the range of doubles
+_SMALLEST_SIGMA = 1e-70
+_LARGEST = 1 / _SMALLEST_SIGMA
+
+
+def moderate(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return finite numbers whose squares are finite, too."""
+    array = finite(value, name)
+    if np.any(np.abs(array) > _LARGEST):
+        raise ValueError(f"{name} has a number above {_LARGEST}; change the unit")
+    return array
+
+
+def deviation(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return standard deviations that can be squared."""
+    array = positive(value, name)
+    if np.any((array < _SMALLEST_SIGMA) | (array > _LARGEST)):
+        limits = f"between {_SMALLEST_SIGMA} and {_LARGEST}"
+        raise ValueError(f"{name} must be {limits} everywhere; change the unit")
+    return array
+
+
+def squares(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return finite matrices of as many rows as columns."""
+    array = finite(value, name)
+    if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
+        raise ValueError(f"{name} has shape {array.shape}; it must be (..., m, m)")
+    return array
+
+
+def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape that the leading axes are broadcast to."""
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"the batches do not fit together: {listed}") from None
+
+
+def of_one_batch(
+    **arrays: tuple[FloatArray, tuple[int, ...]],
+) -> dict[str, FloatArray]:
+    """Return arrays, each given with the shape of one element, with the same leading axes."""
+    first, (given, _) = next(iter(arrays.items()))
+    batches = {}
+    for name, (array, tail) in arrays.items():
+        length = array.ndim - len(tail)
+        if length < 0 or array.shape[length:] != tail:
+            expected = ", ".join(["...", *map(str, tail)])
+            raise ValueError(
+                f"{name} has shape {array.shape}; for {first} of shape {given.shape} it must be "
+                f"({expected})"
+            )
+        batches[name] = array.shape[:length]
+    batch = common_batch(**batches)
+    return {name: np.broadcast_to(array, batch + tail) for name, (array, tail) in arrays.items()}

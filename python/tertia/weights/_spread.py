@@ -1,0 +1,129 @@
+"""How far weights that are computed from estimated covariances are from the true ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, integer, samples, threads
+from tertia.weights._samples import Convention
+
+Count: TypeAlias = float | Sequence[float] | npt.NDArray[Any]
+
+LARGEST_N = 2**53
+
+
+def weight_covariance(
+    covariances: npt.ArrayLike,
+    n: Count,
+    sensor: int = -1,
+    *,
+    convention: Convention = "sample-mean",
+    n_threads: int | None = None,
+) -> FloatArray:
+    """Return the covariance of a weight matrix that is computed from estimated covariances.
+
+    Parameters
+    ----------
+    covariances : array_like of shape (..., K, m, m)
+        The true covariances, or their estimates; see `weight_matrices`.
+    n : int, inf or array_like of shape (K,)
+        Measurements from which each covariance is estimated; inf where it is known.
+    sensor : int
+        The sensor whose weight it is; negative numbers count from the last.
+    convention : {"sample-mean", "known-mean", "paper", "differences"}
+        How the covariances are estimated, see `sample_covariance`.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    ndarray of shape (..., m², m²)
+        Covariance of vec W to first order; vec stacks columns: element [b m + a, q m + p] is that
+        of `W[a, b]` and `W[p, q]`. Reliable from about n = 30: below, where W is near 0 or I, the
+        standard deviations come out too small (docs/weights.md says by how much).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError, ValueError, TypeError
+        As for `weight_matrices`; or no such sensor, or an n that is not a whole number of at least
+        2 or is too small: if m > 1, the variance is infinite for less than m + 2 degrees of freedom
+        of two sensors together, or where all sensors together lack m - 1 or more of the m degrees
+        of freedom that each should have.
+
+    Notes
+    -----
+    (10) of the source in closed form. Cost O(K m⁴), where the printed product takes O(m⁶). In the
+    convention "paper" it is as printed: too large by `n² / (n - 1)²`, because W does not change
+    when all covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow for
+    that.
+
+    Examples
+    --------
+    For scalars it is `2 (c_1 + c_2) W² (1 - W)²`:
+
+    >>> from tertia import weights
+    >>> weights.weight_covariance([[[1.0]], [[1.0]]], 33)
+    array([[0.0078125]])
+    """
+    k = integer(sensor, "sensor", -(2**31))
+    return _core.weight_covariance(
+        samples(covariances, "covariances"), counts(n), k, convention, threads(n_threads)
+    )
+
+
+def weight_bias(
+    covariances: npt.ArrayLike,
+    n: Count,
+    sensor: int = -1,
+    *,
+    convention: Convention = "sample-mean",
+    n_threads: int | None = None,
+) -> FloatArray:
+    """Return the bias of a weight matrix that is computed from estimated covariances.
+
+    Parameters
+    ----------
+    covariances, n, sensor, convention, n_threads
+        See `weight_covariance`.
+
+    Returns
+    -------
+    ndarray of shape (..., m, m)
+        Expected estimate of `W_sensor` less `W_sensor`, to second order.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError, ValueError, TypeError
+        As for `weight_covariance`.
+
+    Notes
+    -----
+    `-sum over j of c_j W_j [(I - W_j) + tr(I - W_j) I] (W - δ I)`, where δ is 1 for the sensor
+    itself. In the convention "paper" the factors n/(n - 1) add to it where the n differ. Cost
+    O(K m³).
+
+    Examples
+    --------
+    >>> from tertia import weights
+    >>> weights.weight_bias([[[1.0]], [[3.0]]], 31).round(5)
+    array([[0.00625]])
+    """
+    k = integer(sensor, "sensor", -(2**31))
+    return _core.weight_bias(
+        samples(covariances, "covariances"), counts(n), k, convention, threads(n_threads)
+    )
+
+
+def counts(n: Count) -> float | list[float]:
+    """Return n as the core takes it."""
+    if type(n) is int and n <= LARGEST_N:
+        return n
+    array = samples(n, "n")
+    if array.ndim > 1:
+        raise ValueError(f"n has shape {array.shape}; it must be one number or one per sensor")
+    numbers: float | list[float] = array.tolist()
+    return numbers

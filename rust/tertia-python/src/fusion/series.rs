@@ -1,0 +1,232 @@
+//! Series of plots of several radars.
+
+use super::{POSITIVE, VARIANCE, rule};
+use crate::arrays::{Output, Rows, Samples, chunks, release, value_error};
+use crate::kalman::{Model, shared, singer};
+use numpy::PyArrayDyn;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::num::NonZero;
+use tertia::batch::for_each_row;
+use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
+use tertia::kalman::{
+    self, Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped,
+};
+
+/// Cost of a step for one radar, for the choice of threads.
+const FUSE_NS: f64 = 300.0;
+/// The same of the rule that follows hypotheses.
+const ROBUST_NS: f64 = 1200.0;
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+
+/// Series of several radars (..., K, steps); `variance` (one radar for all or K, and then one or all
+/// steps), `dt` and `initial` (one state for all or K: mean, then covariance row by row) may have a
+/// single row for all.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Batch<'py> {
+    z: Bound<'py, PyAny>,
+    variance: Bound<'py, PyAny>,
+    dt: Bound<'py, PyAny>,
+    initial: Option<Bound<'py, PyAny>>,
+    model: Model,
+    period: Option<f64>,
+    method: String,
+    forgetting_factor: f64,
+    threshold: f64,
+    outlier_gate: f64,
+    change_probability: f64,
+}
+
+/// What every row is fused with.
+struct Task<'a> {
+    variance: Rows<'a>,
+    dt: Rows<'a>,
+    initial: Option<Rows<'a>>,
+    model: Singer,
+    period: Option<f64>,
+    rule: Rule,
+    beliefs: Beliefs,
+    /// One radar's for all, or those of each.
+    variance_rows: usize,
+    radars: usize,
+    steps: usize,
+}
+
+/// Where the results of a row go.
+struct Results<'a> {
+    mean: &'a mut [f64],
+    covariance: &'a mut [f64],
+    weight: &'a mut [f64],
+    noise: &'a mut [f64],
+    innovation: &'a mut [f64],
+    variance: &'a mut [f64],
+    outlier: &'a mut [bool],
+}
+
+/// Buffers of a thread.
+#[derive(Default)]
+struct Buffers {
+    transitions: Vec<Transition>,
+    z: Vec<f64>,
+    r: Vec<f64>,
+    reports: Vec<RadarReport>,
+}
+
+impl Task<'_> {
+    fn filters(&self, row: usize) -> tertia::Result<Vec<Filter>> {
+        let Some(initial) = &self.initial else {
+            let filter = Filter::new(self.model.acceleration_variance(), self.period);
+            return Ok(vec![filter; self.radars]);
+        };
+        let (states, _) = shared(initial, row).as_chunks::<12>();
+        let filter = |numbers: &[f64; 12]| {
+            let (rows, _) = numbers.as_chunks::<3>();
+            let state = State::try_new(rows[0], &[rows[1], rows[2], rows[3]])?;
+            Ok(Filter::from_state(state, self.period))
+        };
+        if let [common] = states {
+            return Ok(vec![filter(common)?; self.radars]);
+        }
+        let of_radar = |(radar, numbers)| filter(numbers).map_err(|error| error.within(radar));
+        states.iter().enumerate().map(of_radar).collect()
+    }
+
+    /// The row of the variances that is a radar's.
+    fn variance_row(&self, radar: usize) -> usize {
+        if self.variance_rows == 1 { 0 } else { radar }
+    }
+
+    /// What is wrong with a radar's series, with the place where the caller has it.
+    fn of_radar(&self, radar: usize, error: tertia::Error) -> tertia::Error {
+        match error {
+            tertia::Error::InvalidParameter { argument, value, .. } if self.variance_rows > 1 => {
+                let index = vec![radar, 0];
+                tertia::Error::InvalidElement { argument, index, value, requirement: POSITIVE }
+            }
+            tertia::Error::InvalidMeasurement { argument: VARIANCE, .. } => {
+                error.within(self.variance_row(radar))
+            }
+            other => other.within(radar),
+        }
+    }
+
+    fn run(
+        &self,
+        row: usize,
+        plots: &[f64],
+        out: &mut Results<'_>,
+        buffers: &mut Buffers,
+    ) -> tertia::Result<()> {
+        let (radars, n) = (self.radars, self.steps);
+        let Buffers { transitions, z, r, reports } = buffers;
+        let transition = self.model.over_all(shared(&self.dt, row), transitions)?;
+        let variances = shared(&self.variance, row);
+        let length = variances.len() / self.variance_rows;
+        let variance =
+            |radar: usize| match &variances[self.variance_row(radar) * length..][..length] {
+                [single] => PerStep::Constant(*single),
+                each => PerStep::Each(each),
+            };
+        for radar in 0..radars {
+            Series::try_new(&plots[radar * n..][..n], variance(radar), transition)
+                .map_err(|error| self.of_radar(radar, error))?;
+        }
+        let mut centre = Centre::new(self.filters(row)?, self.rule, self.beliefs, self.period);
+        for step in 0..n {
+            z.clear();
+            z.extend((0..radars).map(|radar| plots[radar * n + step]));
+            r.clear();
+            r.extend((0..radars).map(|radar| variance(radar).at(step)));
+            if step > 0 {
+                centre.predict(&transition.at(step - 1));
+            }
+            reports.clear();
+            reports.resize(radars, RadarReport::NONE);
+            let mut state = centre.update(z, r, reports);
+            if let Some(period) = self.period {
+                state.mean[0] = wrapped(state.mean[0], period);
+            }
+            out.mean[3 * step..][..3].copy_from_slice(&state.mean);
+            out.covariance[6 * step..][..6].copy_from_slice(&state.covariance);
+            for (radar, report) in reports.iter().enumerate() {
+                let at = radar * n + step;
+                let Innovation { value, variance } = report.innovation;
+                out.weight[3 * at..][..3].copy_from_slice(&report.weight);
+                (out.noise[at], out.innovation[at]) = (report.noise, value);
+                (out.variance[at], out.outlier[at]) = (variance, report.outlier);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Fused means (..., steps, 3) and upper triangles of covariances (..., steps, 6); weights
+/// (..., K, steps, 3), believed noise, innovations and their variances (..., K, steps); and which
+/// plots are outliers.
+#[pyfunction]
+pub fn fuse_series<'py>(
+    py: Python<'py>,
+    batch: Batch<'py>,
+    n_threads: Option<NonZero<usize>>,
+) -> PyResult<([Array<'py>; 6], Bound<'py, PyArrayDyn<bool>>)> {
+    let z = Samples::extract(&batch.z, "z")?;
+    let variance = Samples::extract(&batch.variance, VARIANCE)?;
+    let dt = Samples::extract(&batch.dt, "time")?;
+    let initial = batch.initial.as_ref();
+    let initial = initial.map(|value| Samples::extract(value, "initial")).transpose()?;
+    if let Some(period) = batch.period {
+        kalman::require_period(period).map_err(value_error)?;
+    }
+    let &[.., radars, n] = z.shape() else {
+        return Err(PyValueError::new_err("z must be of shape (..., K, steps)"));
+    };
+    let task = Task {
+        variance: variance.blocks(2)?,
+        dt: dt.rows(0)?,
+        initial: initial.as_ref().map(|samples| samples.blocks(2)).transpose()?,
+        model: singer(batch.model)?,
+        period: batch.period,
+        rule: rule(&batch.method)?,
+        beliefs: Beliefs::try_new(
+            batch.forgetting_factor,
+            batch.threshold,
+            batch.outlier_gate,
+            batch.change_probability,
+        )
+        .map_err(value_error)?,
+        variance_rows: variance.shape()[variance.shape().len() - 2],
+        radars,
+        steps: n,
+    };
+    let rows = z.blocks(2)?;
+    let count = rows.count();
+    let new = |tail: &[usize]| Output::new(py, &[rows.batch(), tail].concat());
+    let (mut mean, mut covariance) = (new(&[n, 3])?, new(&[n, 6])?);
+    let (mut weight, mut noise) = (new(&[radars, n, 3])?, new(&[radars, n])?);
+    let (mut innovation, mut spread) = (new(&[radars, n])?, new(&[radars, n])?);
+    let mut outlier = Output::new(py, rows.shape)?;
+    let size = radars * n;
+    let outputs = chunks(mean.values()?, 3 * n, count)
+        .zip(chunks(covariance.values()?, 6 * n, count))
+        .zip(chunks(weight.values()?, 3 * size, count))
+        .zip(chunks(noise.values()?, size, count))
+        .zip(chunks(innovation.values()?, size, count))
+        .zip(chunks(spread.values()?, size, count))
+        .zip(chunks(outlier.values()?, size, count))
+        .map(|((((((mean, covariance), weight), noise), innovation), variance), outlier)| {
+            Results { mean, covariance, weight, noise, innovation, variance, outlier }
+        });
+    let of_step = if task.rule == Rule::Robust { ROBUST_NS } else { FUSE_NS };
+    let cost = of_step * (size * count) as f64;
+    release(py, cost, || {
+        let items = rows.iter().enumerate().zip(outputs);
+        for_each_row(items, cost, n_threads, Buffers::default, |buffers, ((row, z), mut out)| {
+            task.run(row, z, &mut out, buffers)
+        })
+    })
+    .map_err(|failure| rows.error(failure))?;
+    let arrays = [mean, covariance, weight, noise, innovation, spread].map(Output::into_array);
+    Ok((arrays, outlier.into_array()))
+}
