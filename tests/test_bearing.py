@@ -546,7 +546,7 @@ def test_a_bad_measurement_is_named_with_its_row():
 
 def test_results_are_printed_usefully():
     estimate = estimate_bearing(BURST, period=None, block_size=5, max_burst=10)
-    expected = "BearingEstimate(10.0478 ± 0.148, 7 of 30 anomalous, polarity +0.233)"
+    expected = "BearingEstimate(10.0478 ± 0.148, outliers 7 of 30, polarity +0.233)"
     assert repr(estimate) == expected
     batch = estimate_bearing(np.stack([BURST, BURST]))
     assert repr(batch).startswith("BearingEstimate(batch (2,), ")

@@ -751,7 +751,7 @@ def test_replace_is_true_or_false(replace):
 
 
 def test_results_are_printed_usefully():
-    assert repr(screening.leave_one_out(SAMPLE)).startswith("Screening(2 of 10 anomalous, mean 12")
+    assert repr(screening.leave_one_out(SAMPLE)).startswith("Screening(outliers 2 of 10, mean 12")
     assert repr(screening.leave_one_out([SAMPLE] * 3)) == (
-        "Screening(6 of 30 anomalous, batch (3,))"
+        "Screening(outliers 6 of 30, batch (3,))"
     )

@@ -1,7 +1,7 @@
 """Bearing: one angle with its standard deviation from a sample of measured angles.
 
 Source: Manoilov, Pysarchuk, Pavliuk 2006, stages 1 to 3.2 and equations (M5)-(M7), as printed
-(`method="paper"`), corrected, and with a more accurate default.
+(`method="paper"`) and corrected. The default is more accurate than both.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Method: TypeAlias = Literal["robust", "corrected", "paper", "k-sigma", "mean"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BearingEstimate:
-    """A bearing, its standard deviation, and what was found on the way.
+    """A bearing, its standard deviation, and the outliers found on the way.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class BearingEstimate:
     sigma : float or ndarray of shape (...)
         Its standard deviation.
     outlier : ndarray of bool, shape (..., N)
-        Which measurements are anomalous; the members of a rejected block are.
+        Which measurements are outliers, including all those of a rejected block.
     polarity : float or ndarray of shape (...)
-        `(N+ - N-) / N`: anomalous measurements above the bearing less those below.
+        `(N+ - N-) / N`: outliers above the bearing less those below.
     block_means, block_variances, block_weights : ndarray of shape (..., L) or None
-        The blocks as they entered the estimate, the means in the unwrapped angle; weights sum to
-        one. A block without measurements has mean nan, one with fewer than two variance nan. None
-        where the method has no blocks.
+        The blocks as they entered the estimate, with means in the unwrapped angle and weights that
+        sum to one. The mean is nan in a block without measurements, the variance is nan in one with
+        fewer than two. None where the method has no blocks.
     """
 
     value: float | FloatArray
@@ -59,8 +59,8 @@ class BearingEstimate:
     block_weights: FloatArray | None
 
     def __repr__(self) -> str:
-        """Tell the numbers, not the arrays."""
-        found = f"{np.count_nonzero(self.outlier)} of {self.outlier.size} anomalous"
+        """Show numbers, not arrays."""
+        found = f"outliers {np.count_nonzero(self.outlier)} of {self.outlier.size}"
         if self.outlier.ndim > 1:
             return f"BearingEstimate(batch {self.outlier.shape[:-1]}, {found})"
         return (
@@ -87,7 +87,7 @@ def estimate_bearing(
     nan_policy: NanPolicy = "raise",
     n_threads: int | None = None,
 ) -> BearingEstimate:
-    """Estimate a bearing and its standard deviation from measurements that are sometimes wrong.
+    """Estimate a bearing and its standard deviation from measurements with outliers.
 
     The angles are unwrapped about their circular median first and the result is wrapped back, so
     north is a direction like any other.
@@ -95,40 +95,40 @@ def estimate_bearing(
     Parameters
     ----------
     theta : array_like of shape (..., N)
-        Measured bearings in the order in which they came. N >= 5 for "robust" (30 or more for the
-        error rates of the documentation), >= 3 for the others, >= 2 for "mean".
+        Measured bearings in time order. N >= 5 for "robust" (30 or more for the error rates of the
+        documentation), >= 3 for the others, >= 2 for "mean".
     period : float or None
         360.0 for degrees, 2*pi for radians, None for data that do not wrap.
     method : {"robust", "corrected", "paper", "k-sigma", "mean"}
-        "robust": points and bursts are found as by `tertia.screening.bursts` and left out, the rest
-        is averaged in blocks weighted by moderated variances.
-        "paper": the algorithm as printed: leave-one-out screening, blocks with an anomalous mean or
-        variance replaced, blocks weighted by 1/d_j, sigma by (M7). Its sigma is not that of the
+        "robust": `tertia.screening.bursts` finds single outliers and bursts; the rest is averaged
+        in blocks weighted by moderated variances.
+        "paper": the algorithm as printed: leave-one-out screening, blocks with an outlying mean or
+        variance replaced, blocks weighted by 1/d_j, sigma by (M7). This sigma is not that of the
         bearing: see the documentation.
         "corrected": the same with exclusion instead of replacement, Grubbs' test for the means of
         blocks, the exact test for their variances, and the right sigma.
-        "k-sigma": mean of the measurements that pass `|y - M| <= k sqrt(D)`.
+        "k-sigma": mean of the measurements that satisfy `|y - M| <= k sqrt(D)`.
         "mean": mean of all.
     block_size : int
         Consecutive measurements per block, at least 2; the last block takes the remainder.
     k : float
         Threshold of the screening in "paper", "corrected" (k1 of the paper) and "k-sigma".
     variance_test : {"cochran", "student"}, float or None
-        When the variance of a block is too large, in "paper" and "corrected". "cochran": the exact
-        F test at `significance`. A number: `d_j > k2 / sum(1/d_j)` with this k2 >= 1. "student":
-        the k2 that the paper names, for demonstration only: it nearly always rejects some clean
-        block. None: never.
+        When the variance of a block is too large, in "paper" and "corrected". "cochran": by the
+        exact F test at `significance`. A number: if `d_j > k2 / sum(1/d_j)` with this k2 >= 1.
+        "student": with the k2 of the paper, for demonstration only, as it nearly always rejects
+        some clean block. None: never.
     significance : float
-        Significance significance of the tests among blocks.
+        Significance of the tests among blocks.
     point_penalty, burst_penalty, min_burst, max_burst, rounding
         For "robust": see `tertia.screening.bursts`.
     correlation : float
         Correlation of successive measurements in a quiet record. Widens sigma by
         `sqrt((1 + correlation) / (1 - correlation))` in all methods but "paper".
     nan_policy : {"raise", "omit"}
-        "omit": nan is 'no measurement'; blocks are formed of what is there.
+        "omit": nan is 'no measurement'; blocks are formed of the measurements that remain.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Number of threads; by default one for little work and all cores for much.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def estimate_bearing(
     >>> import tertia
     >>> record = tertia.simulate.direction_finder(100, bearing=359.0, rng=7)
     >>> tertia.estimate_bearing(record.theta)
-    BearingEstimate(358.477 ± 0.305, 2 of 100 anomalous, polarity -0.02)
+    BearingEstimate(358.477 ± 0.305, outliers 2 of 100, polarity -0.02)
     """
     options = {
         "period": None if period is None else real(period, "period"),

@@ -1,12 +1,12 @@
 """Estimators of scikit-learn: outlier detectors, a cleaner and a smoother of columns.
 
-A matrix `(n_samples, n_features)` is a recording: rows are instants, columns are quantities, each
-of which is screened or smoothed alone. nan is 'no measurement'.
+A matrix `(n_samples, n_features)` is a recording: rows are instants, columns are quantities, and
+each column is screened or smoothed alone. nan is 'no measurement'.
 
-`BandDetector` and `Cleaner` learn a band for each column, and judge any rows by it. What
-`BurstDetector` and `Smoother` say of a row depends on the rows before and after it: as
-`LocalOutlierFactor` and `TSNE` of scikit-learn they have no method for other rows than those they
-are fitted to, and the rows must be in the order of time. Needs the extra `sklearn` (scikit-learn).
+`BandDetector` and `Cleaner` learn a band for each column and apply it to any rows. The results of
+`BurstDetector` and `Smoother` for a row depend on the rows before and after it: like scikit-learn's
+`LocalOutlierFactor` and `TSNE` they have no method for rows other than those they were fitted to,
+and the rows must be in time order. Needs the extra `sklearn` (scikit-learn).
 """
 
 from __future__ import annotations
@@ -24,29 +24,39 @@ from tertia._arrays import FloatArray, IntArray, real
 
 __all__ = ["BandDetector", "BurstDetector", "Cleaner", "Smoother"]
 
-# a band needs them: two for a variance, and one to be judged
+# two for a variance and one to be compared with it
 _FEWEST = 3
 _MOST_PASSES = 10
-# share of clean values that cleaning takes away, and of their variance that it leaves
+# share of good values that cleaning removes, and of their variance that remains
 _TAKEN = math.erfc(3.0 / math.sqrt(2.0))
 _LEFT = 1.0 - 6.0 * math.exp(-4.5) / math.sqrt(2.0 * math.pi) / (1.0 - _TAKEN)
 
 
-class _Band(BaseEstimator):  # type: ignore[misc]
-    """A band for each column, outside which a value is anomalous."""
+class _Columns(BaseEstimator):  # type: ignore[misc]
+    """What takes a matrix in which nan is 'no measurement'."""
+
+    def _values(self, X: Any, **options: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
+        values: FloatArray = validate_data(
+            self, X, dtype=np.float64, ensure_all_finite="allow-nan", **options
+        )
+        return values
+
+    def __sklearn_tags__(self) -> Any:
+        """Declare that nan is allowed."""
+        tags = super().__sklearn_tags__()
+        tags.input_tags.allow_nan = True
+        return tags
+
+
+class _Band(_Columns):
+    """A band for each column, outside which a value is an outlier."""
 
     significance: float
     center_: FloatArray
     half_width_: FloatArray
 
     def _fit_bands(self, X: Any, *, together: bool) -> None:  # noqa: N803  # as scikit-learn
-        values = validate_data(
-            self,
-            X,
-            dtype=np.float64,
-            ensure_all_finite="allow-nan",
-            ensure_min_samples=_FEWEST,
-        )
+        values = self._values(X, ensure_min_samples=_FEWEST)
         significance = real(self.significance, "significance")
         if not 0.0 < significance < 1.0:
             raise ValueError(f"significance is {significance}; it must be between 0 and 1")
@@ -56,35 +66,27 @@ class _Band(BaseEstimator):  # type: ignore[misc]
         self.center_, self.half_width_ = np.array(bands).T
 
     def _excess(self, X: Any) -> tuple[FloatArray, FloatArray]:  # noqa: N803  # as scikit-learn
-        """Return values, and how far they are from the middle of the band, in half widths."""
+        """Return the values and their distances from the middle of the band, in half widths."""
         check_is_fitted(self)
-        values = validate_data(
-            self, X, dtype=np.float64, ensure_all_finite="allow-nan", reset=False
-        )
+        values = self._values(X, reset=False)
         off = np.abs(values - self.center_)
         # where all values were equal the band is a line
         with np.errstate(divide="ignore", invalid="ignore"):
             excess = np.where(off > 0, off / self.half_width_, 0.0)
         return values, np.where(np.isnan(values), 0.0, excess)
 
-    def __sklearn_tags__(self) -> Any:
-        """Tell that nan is a missing measurement."""
-        tags = super().__sklearn_tags__()
-        tags.input_tags.allow_nan = True
-        return tags
-
 
 class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
-    """Rows with a value outside the band that the others make.
+    """Detects rows with a value outside the band of its column.
 
-    Each column is cleaned by the leave-one-out rule, which takes 0.27 percent of a clean sample,
-    until nothing more is found. What is left tells mean and standard deviation, and these the band
-    in which one more clean measurement lies. Up to a tenth of the values may be wrong.
+    Each column is cleaned by the leave-one-out rule, which removes 0.27 percent of a clean sample,
+    until nothing more is found. Mean and standard deviation of the rest give the band in which one
+    more good measurement lies. Up to a tenth of the values may be wrong.
 
     Parameters
     ----------
     significance : float
-        Probability of calling a clean row anomalous, over all its columns together.
+        Probability of flagging a good row, over all its columns together.
 
     Attributes
     ----------
@@ -120,7 +122,7 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
         return self
 
     def score_samples(self, X: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return less than -1 where a value is outside its band: minus its half widths off."""
+        """Return minus the largest distance from the middle of a band, in half widths."""
         scores: FloatArray = -self._excess(X)[1].max(axis=1)
         return scores
 
@@ -129,22 +131,22 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: Any) -> IntArray:  # noqa: N803  # as scikit-learn
-        """Return -1 for rows with an anomalous value, 1 for others."""
+        """Return -1 for rows with an outlier, 1 for others."""
         return np.where(self.decision_function(X) < 0, -1, 1)
 
 
 class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[misc]
-    """Values outside the band that the others of their column make become nan.
+    """Replaces values outside the band of their column by nan.
 
     Parameters
     ----------
     significance : float
-        Probability of calling a clean value anomalous.
+        Probability of removing a good value.
 
     Attributes
     ----------
     center_, half_width_ : ndarray of shape (n_features,)
-        The bands, as of `BandDetector`.
+        The bands, as in `BandDetector`.
     n_features_in_ : int
         Number of columns.
 
@@ -164,20 +166,20 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
         return self
 
     def transform(self, X: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return X with nan in place of what is outside the bands."""
+        """Return X with nan in place of values outside the bands."""
         values, excess = self._excess(X)
         return np.where(excess > 1.0, np.nan, values)
 
 
-class BurstDetector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
-    """Rows that are single anomalies or in a burst, in one of the columns at least.
+class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
+    """Detects rows with a single outlier or part of a burst in at least one column.
 
-    Rows must be in the order of time. As `LocalOutlierFactor`, it judges only what it is fitted to.
+    Rows must be in time order. Like `LocalOutlierFactor`, it judges only the rows it is fitted to.
 
     Parameters
     ----------
     point_penalty, burst_penalty : float
-        What a single anomaly and a burst must explain: see `tertia.screening.bursts`.
+        How much a single outlier and a burst must explain: see `tertia.screening.bursts`.
     min_burst, max_burst : int
         Shortest and longest burst, in rows.
     correlation : float
@@ -186,7 +188,7 @@ class BurstDetector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     Attributes
     ----------
     outlier_ : ndarray of bool, shape (n_samples, n_features)
-        Which values are anomalous.
+        Which values are outliers.
     n_features_in_ : int
         Number of columns.
 
@@ -217,33 +219,21 @@ class BurstDetector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         self.correlation = correlation
 
     def fit(self, X: Any, y: Any = None) -> BurstDetector:  # noqa: N803  # as scikit-learn
-        """Find what is anomalous in X, of shape (n_samples, n_features), n >= 3."""
-        values = validate_data(
-            self,
-            X,
-            dtype=np.float64,
-            ensure_all_finite="allow-nan",
-            ensure_min_samples=_FEWEST,
-        )
+        """Find the outliers of X, of shape (n_samples, n_features), n >= 3."""
+        values = self._values(X, ensure_min_samples=_FEWEST)
         found = screening.bursts(values.T, nan_policy="omit", **self.get_params())
         self.outlier_ = found.outlier.T
         return self
 
     def fit_predict(self, X: Any, y: Any = None) -> IntArray:  # noqa: N803  # as scikit-learn
-        """Return -1 for rows with an anomalous value, 1 for others."""
+        """Return -1 for rows with an outlier, 1 for others."""
         return np.where(self.fit(X).outlier_.any(axis=1), -1, 1)
 
-    def __sklearn_tags__(self) -> Any:
-        """Tell that nan is a missing measurement."""
-        tags = super().__sklearn_tags__()
-        tags.input_tags.allow_nan = True
-        return tags
 
+class Smoother(_Columns):
+    """Smooths columns by local polynomials.
 
-class Smoother(BaseEstimator):  # type: ignore[misc]
-    """Columns smoothed by local polynomials.
-
-    Rows must be in the order of time, at equal steps. As `TSNE`, it transforms only what it is
+    Rows must be in time order, at equal steps. Like `TSNE`, it transforms only the rows it is
     fitted to.
 
     Parameters
@@ -258,9 +248,9 @@ class Smoother(BaseEstimator):  # type: ignore[misc]
     Attributes
     ----------
     embedding_ : ndarray of shape (n_samples, n_features)
-        The smoothed values; nan where too few rows are near.
+        The smoothed values; nan where too few rows are nearby.
     sigma_ : ndarray of shape (n_samples, n_features)
-        Their standard errors.
+        Their standard deviations.
     n_features_in_ : int
         Number of columns.
 
@@ -289,7 +279,7 @@ class Smoother(BaseEstimator):  # type: ignore[misc]
 
     def fit(self, X: Any, y: Any = None) -> Smoother:  # noqa: N803  # as scikit-learn
         """Smooth X, of shape (n_samples, n_features)."""
-        values = validate_data(self, X, dtype=np.float64, ensure_all_finite="allow-nan")
+        values = self._values(X)
         found = smoothing.local_polynomial(values.T, **self.get_params())
         self.embedding_, self.sigma_ = found.value.T, found.sigma.T
         return self
@@ -297,12 +287,6 @@ class Smoother(BaseEstimator):  # type: ignore[misc]
     def fit_transform(self, X: Any, y: Any = None) -> FloatArray:  # noqa: N803  # as scikit-learn
         """Return the columns of X, smoothed."""
         return self.fit(X).embedding_
-
-    def __sklearn_tags__(self) -> Any:
-        """Tell that nan is a missing measurement."""
-        tags = super().__sklearn_tags__()
-        tags.input_tags.allow_nan = True
-        return tags
 
 
 def _band(column: FloatArray, significance: float) -> tuple[float, float]:

@@ -1,0 +1,50 @@
+"""Screening: which measurements of a sample are outliers.
+
+Every function works along the last axis of an array of shape `(..., N)`. The leading axes are a
+batch, which several threads share where that pays; results do not depend on their number.
+
+Sources: Manoilov, Pysarchuk, Pavliuk 2006, equations (M1)-(M4); Motylev 2010, equations (R1)-(R3);
+Fisch, Eckley, Fearnhead 2022 for points and bursts.
+"""
+
+from tertia.screening._hypothesis import (
+    ExtremeTest,
+    OutlierTest,
+    TestName,
+    cochran,
+    critical_value,
+    false_alarm_probability,
+    grubbs,
+    t_test,
+    thompson_tau,
+    z_test,
+)
+from tertia.screening._rules import (
+    Screening,
+    bursts,
+    k_sigma,
+    leave_one_out,
+    leave_one_out_mask,
+    leave_one_out_statistics,
+    unwrap_about_median,
+)
+
+__all__ = [
+    "ExtremeTest",
+    "OutlierTest",
+    "Screening",
+    "TestName",
+    "bursts",
+    "cochran",
+    "critical_value",
+    "false_alarm_probability",
+    "grubbs",
+    "k_sigma",
+    "leave_one_out",
+    "leave_one_out_mask",
+    "leave_one_out_statistics",
+    "t_test",
+    "thompson_tau",
+    "unwrap_about_median",
+    "z_test",
+]

@@ -1,0 +1,382 @@
+"""Tests of a single measurement, of the most extreme one, and of the largest variance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    integer,
+    positive,
+    real,
+    samples,
+    scalar_or_array,
+)
+
+TestName: TypeAlias = Literal[
+    "leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlierTest:
+    """A test of single measurements.
+
+    Attributes
+    ----------
+    statistic : float or ndarray
+        The test statistic.
+    pvalue : float or ndarray
+        Probability of a statistic at least as large if the measurement is not an outlier.
+    """
+
+    statistic: float | FloatArray
+    pvalue: float | FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtremeTest:
+    """A test of the most extreme of several values.
+
+    Attributes
+    ----------
+    index : int or ndarray of int
+        Which value along the last axis is the most extreme.
+    statistic : float or ndarray
+        The test statistic.
+    pvalue : float or ndarray
+        Probability of a statistic at least as large if no value is an outlier.
+    critical_value : float
+        Threshold of the statistic at the significance asked for.
+    outlier : bool or ndarray of bool
+        Whether the statistic exceeds the threshold.
+    """
+
+    index: int | IntArray
+    statistic: float | FloatArray
+    pvalue: float | FloatArray
+    critical_value: float
+    outlier: bool | BoolArray
+
+
+def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierTest:
+    """Test whether x is an outlier against the others y, with known standard deviation.
+
+    Equation (R1): `t = |x - mean(y)| / (sigma sqrt((n+1)/n))` is standard normal (two-sided) if x
+    comes from the same distribution as the n measurements y.
+
+    Parameters
+    ----------
+    x : array_like of shape (...)
+        Measurements to test; they are not among y.
+    y : array_like of shape (..., n)
+        The others, n >= 1. `x` and `y[..., 0]` broadcast against each other.
+    sigma : array_like of shape (...)
+        Standard deviation of one measurement, in the unit of y; broadcasts likewise.
+
+    Returns
+    -------
+    OutlierTest
+        `statistic` t and `pvalue`, each of shape (...).
+
+    Raises
+    ------
+    ValueError
+        No others, a value that is not finite, sigma <= 0, or shapes that do not broadcast.
+    TypeError
+        An argument does not hold real numbers.
+
+    Examples
+    --------
+    >>> from tertia.screening import z_test
+    >>> test = z_test(12.6, [10.1, 9.8, 10.3, 10.0, 9.9], sigma=1.0)
+    >>> round(test.statistic, 4), round(test.pvalue, 4)
+    (2.3552, 0.0185)
+    """
+    x, y, sigma = finite(x, "x"), samples(y, "y"), positive(sigma, "sigma")
+    batch = _batch(x=x.shape, y=y.shape[:-1], sigma=sigma.shape)
+    result = _core.z_test(_flat(x, batch), _rows(y, batch), y, _flat(sigma, batch))
+    return _outlier_test(result, batch)
+
+
+def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
+    """Test whether x is an outlier against the others y, whose standard deviation is estimated.
+
+    Equations (R2) and (R3): `t = |x - mean(y)| / s`, where s is the standard deviation of the n
+    measurements y; `t sqrt(n/(n+1))` follows Student's distribution with n - 1 degrees of freedom.
+
+    Parameters
+    ----------
+    x : array_like of shape (...)
+        Measurements to test; they are not among y.
+    y : array_like of shape (..., n)
+        The others, n >= 2. `x` and `y[..., 0]` broadcast against each other.
+
+    Returns
+    -------
+    OutlierTest
+        `statistic` t and `pvalue`, each of shape (...).
+
+    Raises
+    ------
+    ValueError
+        Fewer than 2 others, a value that is not finite, or shapes that do not broadcast.
+    TypeError
+        An argument does not hold real numbers.
+
+    Examples
+    --------
+    >>> from tertia.screening import t_test
+    >>> round(t_test(10.8, [10.1, 9.8, 10.3, 10.0, 9.9]).pvalue, 4)
+    0.0208
+    """
+    x, y = finite(x, "x"), samples(y, "y")
+    batch = _batch(x=x.shape, y=y.shape[:-1])
+    return _outlier_test(_core.t_test(_flat(x, batch), _rows(y, batch), y), batch)
+
+
+def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
+    """Test every measurement as if it had been chosen beforehand.
+
+    The statistic is `|y_i - M| / sqrt(D)`; its p-value is exact for one measurement that was not
+    chosen for its deviation. For the most deviating one use `grubbs`.
+
+    Parameters
+    ----------
+    y : array_like of shape (..., N)
+        Samples, N >= 3.
+
+    Returns
+    -------
+    OutlierTest
+        `statistic` and `pvalue`, each of shape (..., N).
+
+    Raises
+    ------
+    ValueError
+        Fewer than 3 measurements, or one that is not finite.
+    TypeError
+        `y` does not hold real numbers.
+
+    Examples
+    --------
+    >>> from tertia.screening import thompson_tau
+    >>> thompson_tau([9.8, 10.1, 10.0, 12.0]).pvalue < 0.05
+    array([False, False, False,  True])
+    """
+    return OutlierTest(*_core.thompson_tau(samples(y, "y")))
+
+
+def grubbs(y: npt.ArrayLike, significance: float = 0.05) -> ExtremeTest:
+    """Test the most deviating measurement of a sample.
+
+    Grubbs' statistic `G = max |y_i - M| / sqrt(D)`, two-sided. The p-value is Bonferroni's: exact
+    while `G > sqrt((N-1)/2)`, otherwise an upper bound.
+
+    Parameters
+    ----------
+    y : array_like of shape (..., N)
+        Samples, N >= 3.
+    significance : float
+        Probability of an alarm in a clean sample.
+
+    Returns
+    -------
+    ExtremeTest
+        Fields of shape (...).
+
+    Raises
+    ------
+    ValueError
+        Fewer than 3 measurements, one that is not finite, or a significance outside (0, 1).
+    TypeError
+        `y` does not hold real numbers.
+
+    Examples
+    --------
+    >>> from tertia.screening import grubbs
+    >>> test = grubbs([9.8, 10.1, 10.0, 25.0, 9.9])
+    >>> test.index, test.outlier
+    (3, True)
+    """
+    y = samples(y, "y")
+    result = _core.grubbs(y)
+    return _extreme_test(result, critical_value(y.shape[-1], significance, test="grubbs"))
+
+
+def cochran(
+    variances: npt.ArrayLike, degrees_of_freedom: float, significance: float = 0.05
+) -> ExtremeTest:
+    """Test the largest of several variances.
+
+    Cochran's statistic `C = max d_j / sum d_j` for L variances with the same degrees of freedom.
+    The p-value is Bonferroni's: exact while `C > 1/2`, otherwise an upper bound.
+
+    Parameters
+    ----------
+    variances : array_like of shape (..., L)
+        Sample variances, L >= 2.
+    degrees_of_freedom : float
+        Of each variance: the number of measurements behind it less one.
+    significance : float
+        Probability of an alarm when all variances are equal.
+
+    Returns
+    -------
+    ExtremeTest
+        Fields of shape (...).
+
+    Raises
+    ------
+    ValueError
+        Fewer than 2 variances, one that is negative or not finite, all zero, degrees of freedom
+        not between 1 and 1e9, or a significance outside (0, 1).
+    TypeError
+        `variances` does not hold real numbers.
+
+    Examples
+    --------
+    >>> from tertia.screening import cochran
+    >>> test = cochran([0.18, 0.22, 7.9, 0.03, 0.09], degrees_of_freedom=3)
+    >>> test.index, round(test.statistic, 3), test.outlier
+    (2, 0.938, True)
+    """
+    variances = samples(variances, "variances")
+    degrees = real(degrees_of_freedom, "degrees_of_freedom")
+    result = _core.cochran(variances, degrees)
+    count = variances.shape[-1]
+    return _extreme_test(
+        result, critical_value(count, significance, test="cochran", degrees_of_freedom=degrees)
+    )
+
+
+def critical_value(
+    n: int,
+    significance: float,
+    *,
+    test: TestName = "leave-one-out",
+    degrees_of_freedom: float | None = None,
+) -> float:
+    """Threshold of a test at a given significance; the inverse of `false_alarm_probability`.
+
+    Parameters
+    ----------
+    n : int
+        Number of the others ("z-test", "t-test"), of variances ("cochran"), otherwise of
+        measurements in the sample.
+    significance : float
+        Probability of flagging a good measurement, or of an alarm in a clean sample ("grubbs",
+        "cochran").
+    test : {"leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"}
+        The function of the same name; for "leave-one-out" the threshold is its k.
+    degrees_of_freedom : float
+        Of each variance, 1 to 1e9, for "cochran" only.
+
+    Returns
+    -------
+    float
+        Exact for the first four. For "grubbs" and "cochran" exact as long as two values cannot
+        exceed it at once, else slightly large (the significance is not exceeded).
+
+    Raises
+    ------
+    ValueError
+        n too small for the test, a significance outside (0, 1), or an unknown test.
+    TypeError
+        A number of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.screening import critical_value
+    >>> round(critical_value(10, 0.05), 4)
+    2.4307
+    >>> round(critical_value(100, 0.05, test="grubbs"), 4)
+    3.3841
+    """
+    n, significance = integer(n, "n", 1), real(significance, "significance")
+    return _core.critical_value(n, significance, str(test), _optional(degrees_of_freedom))
+
+
+def false_alarm_probability(
+    k: float,
+    n: int,
+    *,
+    test: TestName = "leave-one-out",
+    degrees_of_freedom: float | None = None,
+) -> float:
+    """Probability that a test with threshold k flags a good measurement.
+
+    The inverse of `critical_value`. For the default test with frozen statistics it is
+    `2 P(t_{n-2} > k sqrt((n-1)/n))` for every good measurement.
+
+    Parameters
+    ----------
+    k : float
+        Threshold of the test.
+    n : int
+        As in `critical_value`.
+    test : {"leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"}
+        As in `critical_value`.
+    degrees_of_freedom : float
+        Of each variance, 1 to 1e9, for "cochran" only.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        n too small for the test, k <= 0, or an unknown test.
+    TypeError
+        A number of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.screening import false_alarm_probability
+    >>> round(false_alarm_probability(2.5, 10), 4), round(false_alarm_probability(2.5, 100), 4)
+    (0.0451, 0.0146)
+    """
+    k, n = real(k, "k"), integer(n, "n", 1)
+    return _core.false_alarm_probability(k, n, str(test), _optional(degrees_of_freedom))
+
+
+def _optional(degrees_of_freedom: float | None) -> float | None:
+    return None if degrees_of_freedom is None else real(degrees_of_freedom, "degrees_of_freedom")
+
+
+def _outlier_test(result: tuple[FloatArray, FloatArray], batch: tuple[int, ...]) -> OutlierTest:
+    return OutlierTest(*(scalar_or_array(field.reshape(batch)) for field in result))
+
+
+def _extreme_test(result: tuple[IntArray, FloatArray, FloatArray], critical: float) -> ExtremeTest:
+    index, statistic, pvalue = map(scalar_or_array, result)
+    return ExtremeTest(index, statistic, pvalue, critical, statistic > critical)
+
+
+def _batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        text = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"the batch shapes do not broadcast: {text}") from None
+
+
+def _flat(array: FloatArray, batch: tuple[int, ...]) -> FloatArray:
+    return np.broadcast_to(array, batch).ravel()
+
+
+def _rows(y: FloatArray, batch: tuple[int, ...]) -> IntArray:
+    """Which row of y each test of the batch is against."""
+    own = y.shape[:-1]
+    rows = np.arange(math.prod(own), dtype=np.int64).reshape(own)
+    return np.broadcast_to(rows, batch).ravel()
