@@ -44,7 +44,7 @@ lint: $(WHEEL) $(VENV)/.test docs
 
 docs: $(WHEEL) $(VENV)/.docs
 	$(BIN)/python docs/build_site.py
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --config-file build/mkdocs.yml
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --config-file build/mkdocs.yml
 	! grep -rE '<(script|link|img|iframe)[^>]* (src|href)="?https?:' build/site --include='*.html' # offline
 	@echo "The site is in build/site: python3 -m http.server --directory build/site"
 

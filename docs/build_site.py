@@ -126,16 +126,17 @@ def modules() -> list[str]:
 
 def compiled(name: str) -> list[str]:
     """List what a module takes from the compiled core as it is: the reference looks there."""
-    path = PACKAGE / f"{name}.py"
-    text = path.read_text("utf-8") if path.is_file() else ""
+    files = [PACKAGE / f"{name}.py", *sorted((PACKAGE / name).glob("*.py"))]
+    text = "".join(path.read_text("utf-8") for path in files if path.is_file())
     return re.findall(r"^(\w+) = _core\.\1$", text, re.M)
 
 
 def reference(name: str) -> str:
     """Write the page of a module."""
     text = f"# `tertia.{name}`\n\n::: tertia.{name}\n"
-    options = "    options: {show_root_heading: true, show_root_toc_entry: true}\n"
-    return text + "".join(f"\n::: tertia._core.{thing}\n{options}" for thing in compiled(name))
+    # signatures of compiled classes are in the stub, not where the texts are parsed
+    options = "show_root_heading: true, show_root_toc_entry: true, docstring_options: {warnings: false}"
+    return text + "".join(f"\n::: tertia._core.{thing}\n    options: {{{options}}}\n" for thing in compiled(name))
 
 
 def heading(text: str) -> str:

@@ -314,9 +314,9 @@ def track_figure() -> Figure:
     figure = Figure(figsize=(8, 6), layout="constrained")
     top, bottom = figure.subplots(2, sharex=True)
     track = smooth(x[:, np.newaxis], variances[:, np.newaxis], time=times)
-    plot.smoothing(x[:, np.newaxis], track, times=times, ax=top)
+    plot.smoothing(x[:, np.newaxis], track, time=times, ax=top)
     curve = local_polynomial(x, WINDOW, time=times, variance=variances)
-    plot.smoothing(x, curve, times=times, ax=bottom)
+    plot.smoothing(x, curve, time=times, ax=bottom)
     for ax, title in ((top, "smooth"), (bottom, "local_polynomial")):
         ax.plot(times, truth[:, 0], ":", color="0.3", linewidth=1)
         ax.set(title=title, ylabel="x, m")

@@ -276,11 +276,11 @@ def _figure(drawn: list[Fused], columns: Columns, period: float | None) -> "Figu
     )
     for at, (part, one) in enumerate(zip(parts, drawn, strict=True)):
         group = one.group
-        top, middle, bottom = plot.fusion(
+        top, middle, bottom = plot.fused_series(
             group.z,
             one.result,
             measurement_variance=one.variance,
-            times=group.moments.to_numpy(),
+            time=group.moments.to_numpy(),
             period=period,
             sensors=group.sensors,
             figure=part,

@@ -192,7 +192,7 @@ def _draw(located: list[_Located], sites: Sites, columns: Columns, path: Path) -
         if record.times.size == 1 and np.all(result.success):
             _draw_instant(record, result, sites, figure)
             return
-        panels = plot.trajectory(stations, result, times=record.moments.to_numpy(), figure=figure)
+        panels = plot.trajectory(stations, result, time=record.moments.to_numpy(), figure=figure)
         _positions.name_panels(panels, record, columns)
 
     _positions.draw(path, [one.record.name for one in located], draw_one, _PANELS_HEIGHT)

@@ -273,7 +273,7 @@ def _draw(found: list[_Reconstructed], sites: Sites, columns: Columns, path: Pat
     def draw_one(at: int, figure: "FigureBase") -> None:
         record = found[at].record
         panels = plot.trajectory(
-            stations, found[at].result, times=record.moments.to_numpy(), figure=figure
+            stations, found[at].result, time=record.moments.to_numpy(), figure=figure
         )
         _positions.name_panels(panels, record, columns)
 

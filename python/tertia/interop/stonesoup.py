@@ -1,8 +1,8 @@
-"""Components of Stone Soup: the tracker, an updater, and the motion of Singer.
+"""Components for Stone Soup: a tracker, an updater, and Singer's motion model.
 
-`PlotTracker` makes Stone Soup's tracks of its detections with `tertia.tracker`. `Updater` updates
-states with `tertia.weights`, and `SingerMotion` moves them with `tertia.kalman`, in trackers that
-are made of Stone Soup's own components. The state of a track is `[x, vx, y, vy]`, x to the east and
+`PlotTracker` turns Stone Soup's detections into its tracks with `tertia.tracker`. `Updater` updates
+states with `tertia.weights`, and `SingerMotion` predicts them with `tertia.kalman`, in trackers
+made of Stone Soup's own components. The state of a track is `[x, vx, y, vy]`, x to the east and
 y to the north, in metres. Needs the extra `stonesoup`.
 """
 
@@ -39,22 +39,22 @@ from tertia.tracker import Plots, Tracker, TrackTable
 
 __all__ = ["PlotTracker", "SingerMotion", "Updater", "plots", "predictor", "radar"]
 
-# a radar so far away, in metres, measures x and y: its beam bends by a metre in 20 km
+# a radar this many metres away measures x and y: its beam bends by a metre in 20 km
 _FAR = 1e8
-# where its components are in the state of a track
+# where the components of a state of Tertia are in one of Stone Soup
 _ORDER = [0, 2, 1, 3]
 
 
-def radar(model: Any, period: float, **options: Any) -> Radar:
-    """Return the radar that measures as a measurement model says.
+def radar(model: Any, scan_period: float, **options: Any) -> Radar:
+    """Return the radar of a measurement model.
 
     Parameters
     ----------
     model : CartesianToBearingRange or LinearGaussian
-        Of range and bearing, without correlation; or of x and y, which become range and azimuth of
-        a radar 1e8 m away, along the axes of the covariance.
-    period : float
-        Seconds from scan to scan.
+        Of range and bearing, uncorrelated; or of x and y, which become range and azimuth of a radar
+        1e8 m away, along the axes of the covariance.
+    scan_period : float
+        Seconds of one antenna rotation.
     **options
         As of `tertia.tracker.Radar`.
 
@@ -65,9 +65,9 @@ def radar(model: Any, period: float, **options: Any) -> Radar:
     Raises
     ------
     ValueError
-        A covariance that is no radar's, or a sensor that is tilted.
+        Range and bearing are correlated, or the sensor is tilted.
     TypeError
-        A model of another kind.
+        Another kind of model.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def radar(model: Any, period: float, **options: Any) -> Radar:
         place = np.asarray(model.translation_offset, dtype=np.float64)[:2, 0]
         bearing, distance = np.sqrt(np.diag(covariance)).tolist()
         return Radar(
-            place, range_sigma=distance, azimuth_sigma=bearing, scan_period=period, **options
+            place, range_sigma=distance, azimuth_sigma=bearing, scan_period=scan_period, **options
         )
     if not isinstance(model, LinearGaussian) or covariance.shape != (2, 2):
         raise TypeError(
@@ -97,22 +97,22 @@ def radar(model: Any, period: float, **options: Any) -> Radar:
         -_FAR * _line_of_sight(model),
         range_sigma=along,
         azimuth_sigma=across / _FAR,
-        scan_period=period,
+        scan_period=scan_period,
         **options,
     )
 
 
 def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> Plots:
-    """Return detections as plots of the radars of these measurement models.
+    """Return detections as plots of radars.
 
     Parameters
     ----------
     detections : iterable of Detection
         Each with its measurement model.
     models : sequence of measurement models
-        Those of all sensors: a plot's radar is the index of its own.
+        Those of all sensors; a plot's sensor is the index of its own.
     start : datetime
-        When time is 0.
+        The zero of time.
 
     Returns
     -------
@@ -121,9 +121,9 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
     Raises
     ------
     ValueError
-        A detection whose model is none of these.
+        A detection whose model is not among `models`.
     TypeError
-        A model of another kind than `radar` takes.
+        A kind of model that `radar` does not take.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def _row(detection: Any, models: Sequence[Any], start: datetime) -> tuple[float,
 
 
 def _line_of_sight(model: Any) -> FloatArray:
-    """Return the direction in which x and y have their largest error."""
+    """Return the direction of the largest error of x and y."""
     vectors: FloatArray = np.linalg.eigh(np.asarray(model.noise_covar, dtype=np.float64))[1]
     return vectors[:, 1]
 
@@ -174,29 +174,29 @@ def _measures_alike(first: Any, second: Any) -> bool:
 
 
 class PlotTracker(TrackerBase):  # type: ignore[misc]
-    """Tracks of detections by `tertia.tracker.Tracker`, as one of Stone Soup's trackers.
+    """`tertia.tracker.Tracker` as one of Stone Soup's trackers.
 
     Parameters
     ----------
     detector : DetectionReader
-        Where detections come from. A step is a scan or a part of one.
+        Source of the detections. A step is a scan or a part of one.
     measurement_models : sequence of measurement models
-        Those of all sensors: see `radar`. Sensors that measure x and y need `clutter_density` among
-        the options, for what area they see is not known.
-    period : float
-        Seconds from scan to scan.
+        Those of all sensors, as for `radar`. Sensors that measure x and y need the option
+        `clutter_density`, since the area that they cover is not known.
+    scan_period : float
+        Seconds of one antenna rotation.
     options : mapping, optional
         As of `tertia.tracker.Tracker`.
 
     Notes
     -----
-    `tracks` are those that are confirmed and have not ended. Each of their states is an update with
-    the detection, or a prediction where a scan missed the target.
+    `tracks` has the confirmed tracks that have not ended. Each state is an update with its
+    detection, or a prediction where a scan missed the target.
     """
 
-    detector: Any = Property(doc="Where detections come from.")
+    detector: Any = Property(doc="Source of the detections.")
     measurement_models: Any = Property(doc="Measurement models of all sensors.")
-    period: Any = Property(doc="Seconds from scan to scan.")
+    scan_period: Any = Property(doc="Seconds of one antenna rotation.")
     options: Any = Property(default=None, doc="Options of the tracker.")
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -205,7 +205,7 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
         cartesian = [isinstance(model, LinearGaussian) for model in self.measurement_models]
         if any(cartesian) and options.get("clutter_density") is None:
             raise ValueError("options must have clutter_density where a sensor measures x and y")
-        radars = [radar(model, self.period) for model in self.measurement_models]
+        radars = [radar(model, self.scan_period) for model in self.measurement_models]
         self._tracker = Tracker(radars, **options)
         self._start: datetime | None = None
         self._detections: list[Any] = []
@@ -213,17 +213,17 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
 
     @property
     def tracks(self) -> set[Any]:
-        """The tracks of now."""
+        """The current tracks."""
         numbers, _ = self._tracker.extrapolate(0.0)
         return {self._tracks[number] for number in numbers.tolist() if number in self._tracks}
 
     def __iter__(self) -> Iterator[tuple[datetime, set[Any]]]:
-        """Begin to take detections."""
+        """Start to read detections."""
         self._steps = iter(self.detector)
         return self
 
     def __next__(self) -> tuple[datetime, set[Any]]:
-        """Take the detections of the next step."""
+        """Process the detections of the next step."""
         time, detections = next(self._steps)
         if self._start is None:
             self._start = time
@@ -252,17 +252,17 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
 
 
 class SingerMotion(LinearGaussianTransitionModel, TimeVariantModel):  # type: ignore[misc]
-    """An axis of a target with a `tertia.kalman.SingerModel`: position, velocity, acceleration.
+    """Motion along one axis by a `tertia.kalman.SingerModel`: position, velocity, acceleration.
 
-    In closed form, as printed or exact, and right to the last digits for any interval.
+    In closed form, as printed or exact, and accurate to the last digits for any interval.
 
     Parameters
     ----------
     model : SingerModel
-        How the acceleration fades.
+        The correlation of the acceleration.
     """
 
-    model: Any = Property(doc="How the acceleration fades.")
+    model: Any = Property(doc="The correlation of the acceleration.")
 
     @property
     def ndim_state(self) -> int:
@@ -279,12 +279,12 @@ class SingerMotion(LinearGaussianTransitionModel, TimeVariantModel):  # type: ig
 
 
 def predictor(model: SingerModel, axes: int = 2) -> Any:
-    """Return Stone Soup's predictor of a target with this model in each of its axes.
+    """Return Stone Soup's predictor of a target with the same motion model in each axis.
 
     Parameters
     ----------
     model : SingerModel
-        How the acceleration fades.
+        The correlation of the acceleration.
     axes : int
         Number of axes; the state is position, velocity and acceleration of the first, then of the
         next.
@@ -296,7 +296,7 @@ def predictor(model: SingerModel, axes: int = 2) -> Any:
     Raises
     ------
     TypeError
-        A model of another kind.
+        Another kind of model.
 
     Examples
     --------
@@ -314,13 +314,13 @@ def predictor(model: SingerModel, axes: int = 2) -> Any:
 class Updater(ExtendedKalmanUpdater):  # type: ignore[misc]
     """Stone Soup's updater, with `tertia.fusion.fuse_scalar` for its arithmetic.
 
-    The components of a measurement are made independent and added one by one, each as information
-    of rank one, in Joseph's form: covariances stay positive and symmetric. Measurements may be
-    linear, or are linearised as by the `ExtendedKalmanUpdater`.
+    The components of a measurement are decorrelated and added one by one, each as information of
+    rank one, in Joseph's form, so covariances stay positive and symmetric. Nonlinear measurements
+    are linearised as by the `ExtendedKalmanUpdater`.
     """
 
     def update(self, hypothesis: Any, **kwargs: Any) -> Any:
-        """Return the state with the measurement of a hypothesis."""
+        """Return the state updated with the measurement of a hypothesis."""
         prediction, measurement = hypothesis.prediction, hypothesis.measurement
         model = self._check_measurement_model(measurement.measurement_model)
         if hypothesis.measurement_prediction is None:

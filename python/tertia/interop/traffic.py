@@ -1,8 +1,8 @@
-"""Flights of traffic, smoothed with what their errors are.
+"""Flights of traffic, smoothed, with standard deviations.
 
-`smooth` replaces the positions and altitudes of a `traffic.core.Flight` by those that all of them
-together make likely, and ground speed, track and vertical rate by those of the smoothed path. Needs
-the extra `traffic` (traffic, pyproj).
+`smooth` replaces the positions and altitudes of a `traffic.core.Flight` by smoothed ones, and
+ground speed, track and vertical rate by those of the smoothed path. Needs the extra `traffic`
+(traffic, pyproj).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ __all__ = ["smooth"]
 _RADIUS = 6_371_000.0
 # metres per second: vertical rates are in feet per minute
 _FOOT_PER_MINUTE = FOOT / 60.0
-# sum of squared residuals in units of their variances: no flight has one by noise alone
+# sum of squared normalised residuals, which noise alone does not reach in a flight
 _GATE = 36.0
 _MOST_PASSES = 10
 _FEWEST = 10
-# these tell the noise to a few percent
+# these give the noise to a few percent
 _STRETCH, _STRETCHES = 500, 4
 
 
@@ -38,28 +38,28 @@ def smooth(
     position_sigma: float | None = None,
     altitude_sigma: float | None = None,
 ) -> Flight:
-    """Smooth the path of a flight, without its outliers and over its gaps.
+    """Smooth the path of a flight, without its outliers and across its gaps.
 
     Parameters
     ----------
     flight : traffic.core.Flight
-        With `timestamp`, `latitude` and `longitude` and, if known, `altitude`, in the units of
-        traffic: degrees, feet, knots, feet per minute. Missing values may be anywhere.
+        With `timetamp`, `latitude` and `longitude` and, if known, `altitude`, in the units of
+        traffic: degrees, feet, knots, feet per minute. Values may be missing anywhere.
     position_sigma : float, optional
-        Standard deviation of the positions in metres, east and north alike. By default fitted.
+        Standard deviation of the positions in metres, the same east and north. By default fitted.
     altitude_sigma : float, optional
         That of the altitudes in feet, likewise.
 
     Returns
     -------
     traffic.core.Flight
-        The same rows, by time, with `latitude`, `longitude`, `groundspeed`, `track` and, with
-        altitudes, `altitude` and `vertical_rate` of the smoothed path, where something was missing
-        too; nan where nothing tells them. Besides `groundspeed_sigma`, `track_sigma`,
+        The same rows, sorted by time, with `latitude`, `longitude`, `groundspeed`, `track` and,
+        given altitudes, `altitude` and `vertical_rate` of the smoothed path, also where values were
+        missing; nan where they are not determined. In addition `groundspeed_sigma`, `track_sigma`,
         `altitude_sigma` and `vertical_rate_sigma` in the same units; `position_sigma_m`,
-        `velocity_sigma_m_s` and `position_velocity_covariance_m2_s` of each horizontal axis (east
-        and north have the same errors, and independent ones), `altitude_vertical_rate_covariance`
-        in feet squared per minute; `position_outlier` and `altitude_outlier`: what was left out.
+        `velocity_sigma_m_s` and `position_velocity_covariance_m2_s` of each horizontal axis (errors
+        east and north are equal and independent), `altitude_vertical_rate_covariance` in feet
+        squared per minute; and the rows left out, `position_outlier` and `altitude_outlier`.
 
     Raises
     ------
@@ -70,35 +70,36 @@ def smooth(
 
     Notes
     -----
-    Positions are smoothed as `tertia.smoothing.smooth` does it, in space, on the ellipsoid, so that
-    flights may be long; altitudes by themselves. What is far from the path that the others make
-    (6 sigma) is left out, and looked at again until nothing changes. Speeds that were reported are
-    not used: they are a check.
+    Positions are smoothed by `tertia.smoothing.smooth` in space, on the ellipsoid, so flights may
+    be long; altitudes are smoothed separately. Rows farther than 6 sigma from the path of the
+    others are left out, which is repeated until nothing changes. Reported speeds are not used; they
+    can serve as a check.
 
-    The jerk is that of the whole flight. It comes at the ends of turns, so there errors are larger
-    than told, and smaller in straight flight: in a flight of seven minutes with one turn, sampled
-    every second, rms errors were 0.9 sigma of position, 0.7 of ground speed and 1.6 of track.
+    One value of jerk stands for the whole flight. Jerk occurs at the ends of turns, so errors are
+    larger there than the sigmas say, and smaller in straight flight: in a flight of seven minutes
+    with one turn, sampled every second, rms errors were 0.9 sigma of position, 0.7 of ground speed
+    and 1.6 of track.
 
     Examples
     --------
     >>> import pandas as pd
     >>> from tertia.interop.traffic import smooth
     >>> time = pd.date_range("2024-01-01", periods=60, freq="s", tz="UTC")
-    >>> data = {"timestamp": time, "latitude": 52.0, "longitude": [4 + 2e-3 * k for k in range(60)]}
+    >>> data = {"timetamp": time, "latitude": 52.0, "longitude": [4 + 2e-3 * k for k in range(60)]}
     >>> data |= {"callsign": "TEST", "icao24": "abcdef"}
     >>> path = smooth(Flight(pd.DataFrame(data)), position_sigma=10.0)
     >>> round(float(path.data["groundspeed"].iloc[30]))
     267
     """
-    data = flight.data.sort_values("timestamp", kind="stable").reset_index(drop=True)
-    moments = data["timestamp"]
-    times = (moments - moments.iloc[0]).dt.total_seconds().to_numpy(dtype=np.float64)
+    data = flight.data.sort_values("timetamp", kind="stable").reset_index(drop=True)
+    moments = data["timetamp"]
+    time = (moments - moments.iloc[0]).dt.total_seconds().to_numpy(dtype=np.float64)
     columns: dict[str, FloatArray | BoolArray] = {}
     height = np.zeros(len(data))
     if "altitude" in data.columns:
-        columns, height = _vertical(times, _numbers(data, "altitude"), altitude_sigma)
+        columns, height = _vertical(time, _numbers(data, "altitude"), altitude_sigma)
     columns |= _horizontal(
-        times, _numbers(data, "latitude"), _numbers(data, "longitude"), height, position_sigma
+        time, _numbers(data, "latitude"), _numbers(data, "longitude"), height, position_sigma
     )
     return Flight(data.assign(**columns))
 
@@ -109,12 +110,12 @@ def _numbers(data: pd.DataFrame, name: str) -> FloatArray:
 
 
 def _vertical(
-    times: FloatArray, altitude: FloatArray, sigma: float | None
+    time: FloatArray, altitude: FloatArray, sigma: float | None
 ) -> tuple[dict[str, FloatArray | BoolArray], FloatArray]:
     """Return the columns of the vertical motion, and the heights in metres."""
     y = altitude[:, np.newaxis] * FOOT
     known = None if sigma is None else _positive(sigma, "altitude_sigma") * FOOT
-    found, outlier = _robust(times, y, y, known, "altitude")
+    found, outlier = _robust(time, y, y, known, "altitude")
     value, deviation = found.mean / FOOT, found.sigma / FOOT
     covariance = found.covariance[:, 0, 1] / (FOOT * _FOOT_PER_MINUTE)
     columns: dict[str, FloatArray | BoolArray] = {
@@ -131,7 +132,7 @@ def _vertical(
 
 
 def _horizontal(
-    times: FloatArray,
+    time: FloatArray,
     latitude: FloatArray,
     longitude: FloatArray,
     height: FloatArray,
@@ -144,8 +145,8 @@ def _horizontal(
     frame = LocalFrame(latitude[middle], longitude[middle])
     places = frame.to_local(latitude, longitude)
     known = None if sigma is None else _positive(sigma, "position_sigma")
-    # the vertical has no noise, so it tells nothing about noise and motion
-    found, outlier = _robust(times, places, places[:, :2], known, "position")
+    # the vertical has no noise here, so it says nothing about noise and motion
+    found, outlier = _robust(time, places, places[:, :2], known, "position")
     north, east, _ = (np.asarray(value) for value in frame.to_geodetic(found.position))
     velocity = np.einsum("nij,nj->ni", frame.axes(north, east), found.velocity)[:, :2]
     # along the surface; at height the path is longer
@@ -171,16 +172,16 @@ def _horizontal(
 
 
 def _robust(
-    times: FloatArray, y: FloatArray, telling: FloatArray, sigma: float | None, name: str
+    time: FloatArray, y: FloatArray, fitted: FloatArray, sigma: float | None, name: str
 ) -> tuple[smoothing.SmoothedPositions, BoolArray]:
-    """Smooth all axes of y without outliers; the axes `telling` tell the noise and the jerk."""
-    far = _coarse(times, y)
-    variance = _variance(times, np.where(far[:, np.newaxis], np.nan, telling), sigma, name)
+    """Smooth all axes of y without outliers; noise and jerk are those of the axes `fitted`."""
+    far = _coarse(time, y)
+    variance = _variance(time, np.where(far[:, np.newaxis], np.nan, fitted), sigma, name)
     missing = np.isnan(y).any(axis=1)
     for _ in range(_MOST_PASSES):
         left = (far | missing)[:, np.newaxis]
-        jerk = smoothing.smooth(np.where(left, np.nan, telling), variance, time=times).jerk
-        found = smoothing.smooth(np.where(left, np.nan, y), variance, time=times, jerk=jerk)
+        jerk = smoothing.smooth(np.where(left, np.nan, fitted), variance, time=time).jerk
+        found = smoothing.smooth(np.where(left, np.nan, y), variance, time=time, jerk=jerk)
         again = _far(y, found, variance, far)
         if np.array_equal(again, far):
             break
@@ -188,8 +189,8 @@ def _robust(
     return found, far
 
 
-def _coarse(times: FloatArray, y: FloatArray) -> BoolArray:
-    """Return what is far off the line between its neighbours' medians, as wrong decodings are."""
+def _coarse(time: FloatArray, y: FloatArray) -> BoolArray:
+    """Return which rows are far from the median of their neighbours, like wrong decodings."""
     far = np.zeros(len(y), dtype=bool)
     there = np.flatnonzero(~np.isnan(y).any(axis=1))
     if len(there) < _FEWEST:
@@ -201,18 +202,18 @@ def _coarse(times: FloatArray, y: FloatArray) -> BoolArray:
     off = y[there] - np.median(y[there][near], axis=1)
     distance = np.sqrt(np.sum(off**2, axis=1))
     typical = np.median(distance[near], axis=1)
-    # a factor that no turn and no gap of a few rows reaches
+    # neither a turn nor a gap of a few rows reaches this
     far[there] = distance > 30.0 * typical + 1000.0
     return far
 
 
-def _variance(times: FloatArray, y: FloatArray, sigma: float | None, name: str) -> float:
+def _variance(time: FloatArray, y: FloatArray, sigma: float | None, name: str) -> float:
     if sigma is not None:
         return sigma**2
     fits = []
     starts = np.unique(np.linspace(0, max(0, len(y) - _STRETCH), _STRETCHES).astype(np.int64))
     for axis in y.T:
-        series = [(times[k : k + _STRETCH], axis[k : k + _STRETCH]) for k in starts]
+        series = [(time[k : k + _STRETCH], axis[k : k + _STRETCH]) for k in starts]
         try:
             fits.append(fit_sensor(name, series, None).noise.measurement_sigma)
         except ValueError as error:
@@ -223,10 +224,10 @@ def _variance(times: FloatArray, y: FloatArray, sigma: float | None, name: str) 
 def _far(
     y: FloatArray, found: smoothing.SmoothedPositions, variance: float, left_out: BoolArray
 ) -> BoolArray:
-    """Return which rows are far from the path that all the others make."""
+    """Return which rows are far from the path of all the others."""
     off = y - found.position
     uncertain = np.diagonal(found.position_covariance, axis1=-2, axis2=-1)
-    # what was left out has an error of its own, what was used shares its own with the path
+    # the error of a row that was left out is independent of the path, that of a used one is not
     spread = np.where(left_out[:, np.newaxis], variance + uncertain, variance - uncertain)
     with np.errstate(invalid="ignore"):
         squares = np.sum(off**2 / np.maximum(spread, 1e-6 * variance), axis=1)

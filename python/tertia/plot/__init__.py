@@ -1,25 +1,25 @@
-"""Pictures: what was measured, what was flagged, and what came of it.
+"""Pictures: what was measured, what was flagged, and the result.
 
-Needs the extra `plot` (Matplotlib). Nothing is shown or saved: the functions return the axes.
-Flagged measurements differ in shape as well as in colour; the colours are those of Okabe and Ito,
-which remain distinct for colour-blind readers.
+Needs the extra `plot` (Matplotlib), and raises ImportError without it. Nothing is shown or saved:
+the functions return the axes. Outliers differ in shape as well as in colour; the colours are those
+of Okabe and Ito, which colour-blind readers can distinguish.
 """
 
 from tertia.plot._axes import rounded as rounded
-from tertia.plot._combination import combination
-from tertia.plot._locations import accuracy_map, location
+from tertia.plot._fused import fused
+from tertia.plot._fused_series import fused_series
+from tertia.plot._location import accuracy_map, location
 from tertia.plot._samples import bearing, screening
-from tertia.plot._smoothing import smoothing
-from tertia.plot._tracker import tracks, update_probability
-from tertia.plot._tracks import consistency, fusion
+from tertia.plot._series import consistency, smoothing
+from tertia.plot._tracks import tracks, update_probability
 from tertia.plot._trajectory import trajectory
 
 __all__ = [
     "accuracy_map",
     "bearing",
-    "combination",
     "consistency",
-    "fusion",
+    "fused",
+    "fused_series",
     "location",
     "screening",
     "smoothing",

@@ -16,7 +16,7 @@ from tertia.plot._axes import (
     angle_unit,
     near,
     new_axes,
-    rounded,
+    with_sigmas,
     wrapped_label,
 )
 from tertia.screening import Screening
@@ -38,40 +38,38 @@ def bearing(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw a record of bearings, the anomalous ones, the blocks, the estimate and its 2-sigma band.
+    """Draw a record of bearings, its outliers and blocks, the estimate and its 2-sigma band.
 
-    The record is drawn continuously about the estimate, across north too; the labels of the axis
-    are wrapped back to [0, period).
+    The record is continuous about the estimate, also across north; the labels of the axis are
+    wrapped to [0, period).
 
     Parameters
     ----------
     theta : array_like of shape (N,)
         The measurements, as given to `tertia.estimate_bearing`; nan is not drawn.
     estimate : BearingEstimate
-        What came of them.
+        The bearing.
     period : float or None
         As given to `tertia.estimate_bearing`, in the unit of `theta`.
     block_size : int
-        As given to `tertia.estimate_bearing`; the estimate does not remember it.
-    legend : bool
-        Whether to draw one.
+        As given to `tertia.estimate_bearing`; it is not part of the estimate.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default on a new figure.
+    legend : bool
+        Whether to name measurements, outliers and bearing.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Bearings over the number of the measurement, from 0; in the unit of `theta`. The blocks are
-        darker the more weight they have.
+        Bearings over the number of the measurement, from 0, in the unit of `theta`. A block is
+        darker the more weight it has.
 
     Raises
     ------
-    ValueError
-        `theta` is not one sample, or not what `estimate` was made of, or `block_size` is not.
     TypeError
         An argument of the wrong type.
-    ImportError
-        Matplotlib is missing.
+    ValueError
+        `theta` is not one sample, or `theta` or `block_size` do not fit `estimate`.
 
     Examples
     --------
@@ -95,7 +93,7 @@ def bearing(
         means = near(estimate.block_means, value, period)
         _draw_blocks(ax, means, estimate.block_weights, extents)
     ax.axhline(value, color=RESULT, linewidth=1.5, label="bearing")
-    ax.set(title=" ± ".join(rounded(value, sigma)), ylabel="bearing" + angle_unit(period))
+    ax.set(title=with_sigmas([value], [sigma]), ylabel="bearing" + angle_unit(period))
     if period is not None:
         ax.yaxis.set_major_formatter(lambda angle, _: wrapped_label(angle, period))
     return _finish(ax, legend)
@@ -104,34 +102,31 @@ def bearing(
 def screening(
     y: npt.ArrayLike, screening: Screening, *, legend: bool = True, ax: "Axes | None" = None
 ) -> "Axes":
-    """Draw a sample, what a screening flagged and replaced, and the band of what passes.
+    """Draw a sample, its outliers and their replacements, and the band of what passes.
 
     Parameters
     ----------
     y : array_like of shape (N,)
         The measurements, as given to the screening; nan is not drawn.
     screening : Screening
-        What was found in them.
-    legend : bool
-        Whether to draw one.
+        Its screening.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default on a new figure.
+    legend : bool
+        Whether to name measurements, outliers and band.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Measurements over their number, from 0; in the unit of `y`. The band is mean ± threshold; in
-        a sequential screening it is the final one, so an earlier measurement outside may have
-        passed.
+        Measurements over their number, from 0, in the unit of `y`. The band is mean ± threshold,
+        the final one of a sequential screening, so an earlier measurement outside may have passed.
 
     Raises
     ------
-    ValueError
-        `y` is not one sample, or not what `screening` was made of.
     TypeError
         `y` does not hold real numbers.
-    ImportError
-        Matplotlib is missing.
+    ValueError
+        `y` is not one sample, or does not fit `screening`.
 
     Examples
     --------
@@ -140,7 +135,7 @@ def screening(
     >>> from tertia.screening import leave_one_out
     >>> y = [12.4, 11.8, 40.0, 12.1, 12.9, 11.5, 20.0, 12.2, 12.0, 11.9]
     >>> plot.screening(y, leave_one_out(y), ax=Figure().subplots()).get_title()
-    '2 of 10 anomalous'
+    '2 of 10 outliers'
     """
     values = _sample(y, "y", screening.outlier, "screening")
     mean = real(screening.mean, "screening.mean")
@@ -161,7 +156,7 @@ def screening(
         )
     ax.axhline(mean, color=RESULT, linewidth=1.5, label="mean")
     found, present = np.count_nonzero(screening.outlier), np.count_nonzero(~np.isnan(values))
-    ax.set(title=f"{found} of {present} anomalous", ylabel="value")
+    ax.set(title=f"{found} of {present} outliers", ylabel="value")
     return _finish(ax, legend)
 
 
@@ -177,7 +172,7 @@ def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) ->
 
 
 def _extents(theta: FloatArray, estimate: BearingEstimate, block_size: int) -> FloatArray:
-    """First and last measurement of each block, shape (blocks, 2): blocks of what is there."""
+    """Return first and last measurement of each block, (blocks, 2); missing ones do not count."""
     if estimate.block_means is None:
         return np.empty((0, 2))
     present = np.flatnonzero(~np.isnan(theta))
@@ -202,11 +197,11 @@ def _draw_measurements(ax: "Axes", values: FloatArray, outlier: BoolArray) -> No
     kept, flagged = np.flatnonzero(~outlier), np.flatnonzero(outlier)
     ax.plot(kept, values[kept], ".", color=KEPT, markersize=5, label="measurement")
     if flagged.size:
-        ax.plot(flagged, values[flagged], "x", color=FLAGGED, markersize=6, label="anomalous")
+        ax.plot(flagged, values[flagged], "x", color=FLAGGED, markersize=6, label="outlier")
 
 
 def _draw_blocks(ax: "Axes", means: FloatArray, weights: FloatArray, extents: FloatArray) -> None:
-    # no mean where all of a block is anomalous, no extent where gaps leave fewer blocks
+    # no mean where a whole block is outliers, no extent where gaps leave fewer blocks
     means, weights = means[: len(extents)], weights[: len(extents)]
     drawn = ~np.isnan(means)
     first, last = extents[drawn].T

@@ -1,6 +1,5 @@
-"""Pictures of positions along time: from above, their height, what contradicts them."""
+"""Pictures of one target over time: from above, its height, and the residuals."""
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,28 +8,38 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, flag
 from tertia.location import Location
-from tertia.plot._axes import BAND, FLAGGED, KEPT, RESULT, new_figure
-from tertia.plot._combination import _ellipse, _share
-from tertia.plot._locations import _name
-from tertia.plot._tracks import (
-    _MARGIN,
+from tertia.plot._axes import (
+    BAND,
+    FLAGGED,
+    KEPT,
+    MARGIN,
+    RESULT,
     Times,
-    _counted,
-    _draw_deviations,
-    _instants,
-    _largest,
-    _shorten_dates,
+    add_names,
+    add_shared_legend,
+    bounds,
+    counted,
+    draw_band,
+    draw_deviations,
+    draw_sites,
+    ellipse_radius,
+    ellipses,
+    label_time,
+    largest,
+    names_of,
+    new_figure,
+    time_axis,
+    view_from_above,
 )
 from tertia.sensors import KINDS, ByKind, Kind, Station, stack_stations
 from tertia.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import FigureBase
 
 _ELLIPSES = 10
-# share of the single positions at either end that need not be seen
+# share of the single positions at either end that may lie outside
 _TAIL = 0.01
 # standard deviations within which residuals are drawn at least
 _LEAST_EDGE = 3.0
@@ -40,24 +49,25 @@ def trajectory(
     stations: Sequence[Station] | npt.ArrayLike,
     result: Trajectory | Location,
     *,
-    times: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
     probability: float = 0.95,
     legend: bool = True,
     figure: "FigureBase | None" = None,
 ) -> "dict[str, Axes]":
-    """Draw positions along time from above, their heights, and the residuals of the stations.
+    """Draw positions over time from above, their heights, and the residuals of the stations.
 
     Parameters
     ----------
     stations : sequence of K Station, or array_like of shape (..., K, D)
         The stations, as given to `tertia.trajectory.reconstruct` or `tertia.location.locate`.
     result : Trajectory or Location
-        What came of them; of `locate` a batch of shape (N,).
-    times : array_like of shape (N,), optional
-        Times of the instants, numbers or datetime64; by default those of a trajectory, or numbers
-        from 0.
+        The positions; of `locate` a batch of shape (N,).
+    time : array_like of shape (N,), optional
+        Times of the rows, numbers or datetime64; by default those of a trajectory, or numbers from
+        0.
     probability : float
-        With which normal errors put the true position inside an ellipse. About ten are drawn.
+        Probability with which an ellipse holds the true position, for normal errors. About ten are
+        drawn.
     legend : bool
         Whether to draw one, below the panels.
     figure : matplotlib.figure.Figure or SubFigure, optional
@@ -66,27 +76,25 @@ def trajectory(
     Returns
     -------
     dict of str to matplotlib.axes.Axes
-        "plan", north over east in metres, with the positions that have a faulty measurement
-        crossed; in space "height" with its 2-sigma band; and for each kind that was measured, as
-        "range", the residuals in standard deviations. Faults are crossed there, and those far
-        outside drawn at the edge.
+        "plan", north over east in metres, where positions with an outlier are crossed; in space
+        "height" with its 2-sigma band; and for each kind of measurement, such as "range", the
+        residuals in standard deviations. Outliers are crossed there, and those far away are drawn
+        at the edge.
 
     Raises
     ------
-    ValueError
-        Not one batch of instants, arguments that do not fit `result`, or a probability that is not
-        between 0 and 1.
     TypeError
         An argument of the wrong type.
-    ImportError
-        Matplotlib is missing.
+    ValueError
+        Not one batch of positions, arguments that do not fit `result`, or a probability that is not
+        between 0 and 1.
 
     Examples
     --------
     >>> import numpy as np
     >>> from matplotlib.figure import Figure
     >>> from tertia import plot, simulate
-    >>> from tertia.location import Station
+    >>> from tertia.sensors import Station
     >>> from tertia.trajectory import reconstruct
     >>> places = [[0, 0], [2000, 300], [400, 2600]]
     >>> radars = [Station(place, range_sigma=10.0, azimuth_sigma=0.005) for place in places]
@@ -97,7 +105,7 @@ def trajectory(
     >>> list(panels)
     ['plan', 'range', 'azimuth']
     >>> panels["plan"].get_title()
-    '40 of 40 instants located, 0 faults'
+    '40 of 40 instants located, 0 outliers'
     """
     if not isinstance(result, (Trajectory, Location)):
         raise TypeError(f"result is {result!r}; it must be a Trajectory or a Location")
@@ -109,9 +117,9 @@ def trajectory(
     places, _, _ = stack_stations(stations)
     if places.shape[-1] != d or places.ndim > 3 or (places.ndim == 3 and len(places) != n):
         raise ValueError(f"stations has shape {places.shape} and result {result.position.shape}")
-    given = result.time if times is None and isinstance(result, Trajectory) else times
-    instants = _instants(given, n)
-    radius = math.sqrt(-2 * math.log1p(-_share(probability)))
+    given = result.time if time is None and isinstance(result, Trajectory) else time
+    times = time_axis(given, n)
+    radius = ellipse_radius(probability)
     legend = flag(legend, "legend")
     residuals = _by_station(result.residual, result.outlier, places.shape[-2])
     rows = [*(["height"] if d == 3 else []), *residuals]
@@ -119,25 +127,25 @@ def trajectory(
     panels = figure.subplot_mosaic([["plan", name] for name in rows], width_ratios=(5, 4))
 
     plan = panels["plan"]
-    label = f"{100 * probability:.10g} % ellipse"
-    _draw_plan(plan, places, result, radius, label)
-    _name(plan, stations, places if places.ndim == 2 else places[-1])
-    fixes = result.fixes if isinstance(result, Trajectory) else result
-    faults = sum(int(np.sum(mark)) for _, mark in residuals.values())
-    plan.set(
-        title=f"{np.count_nonzero(fixes.success)} of {_counted(n, 'instant')} located, "
-        f"{_counted(faults, 'fault')}",
-        xlabel="east (m)",
-        ylabel="north (m)",
+    _draw_plan(plan, places, result, radius, f"{100 * probability:.10g} % ellipse")
+    add_names(
+        plan, names_of(stations, places.shape[-2]), places if places.ndim == 2 else places[-1]
     )
+    fixes = result.fixes if isinstance(result, Trajectory) else result
+    outliers = sum(int(np.sum(mark)) for _, mark in residuals.values())
+    plan.set_title(
+        f"{np.count_nonzero(fixes.success)} of {counted(n, 'instant')} located, "
+        f"{counted(outliers, 'outlier')}"
+    )
+    view_from_above(plan)
     if d == 3:
-        _draw_height(panels["height"], instants, result)
+        _draw_height(panels["height"], times, result)
     for kind, (values, outlier) in residuals.items():
-        _draw_residuals(panels[kind], instants, values, outlier, _called(stations, len(values)))
+        _draw_residuals(panels[kind], times, values, outlier, _called(stations, len(values)))
         panels[kind].set_ylabel(f"{kind.replace('_', ' ')} / sigma")
-    _join_times([panels[name] for name in rows], instants, "instant" if given is None else "time")
+    _join_times([panels[name] for name in rows], times, "instant" if given is None else "time")
     if legend:
-        _draw_legend(figure, list(panels.values()))
+        add_shared_legend(figure, panels.values(), 6)
     return panels
 
 
@@ -165,29 +173,21 @@ def _by_station(
 
 def _called(stations: Sequence[Station] | npt.ArrayLike, k: int) -> list[str]:
     """Return the names of the stations, numbers of those that have none."""
-    named = stations if isinstance(stations, Sequence) else [None] * k
-    names = [getattr(one, "name", None) for one in named]
+    names = names_of(stations, k)
     return [f"station {at}" if name is None else str(name) for at, name in enumerate(names)]
 
 
 def _draw_plan(
     ax: "Axes", places: FloatArray, result: Trajectory | Location, radius: float, label: str
 ) -> None:
-    for k in range(places.shape[-2]):
-        # the way of a station that moves
-        way = places[..., k, :2].reshape(-1, 2)
-        ax.plot(
-            *way.T,
-            color=RESULT,
-            linewidth=0.5,
-            marker="^",
-            markerfacecolor="none",
-            markevery=[-1],
-            label="_station" if k else "station",
-        )
+    # the paths of stations that move
+    draw_sites(ax, [places[..., k, :2].reshape(-1, 2) for k in range(places.shape[-2])], "station")
     position = result.position[:, :2]
-    ellipses = _ellipses(position, result.covariance[:, :2, :2], radius)
-    ax.plot(*ellipses.T, color=BAND, linewidth=1.5, zorder=2.5, label=label)
+    whole = np.isfinite(result.covariance[:, :2, :2]).all(axis=(1, 2))
+    there = np.flatnonzero(whole & np.isfinite(position).all(axis=1))
+    some = np.linspace(0, there.size - 1, min(there.size, _ELLIPSES)).round().astype(int)
+    drawn = ellipses(position, result.covariance, radius, there[some], "result.covariance")
+    ax.plot(*drawn.T, color=BAND, linewidth=1.5, zorder=2.5, label=label)
     if isinstance(result, Trajectory):
         ax.plot(*position.T, color=RESULT, linewidth=1, label="trajectory")
         fixes = result.fixes.position[:, :2]
@@ -200,24 +200,9 @@ def _draw_plan(
     ax.dataLim.set(limits)
     faulty = position[np.asarray(result.outlier.count) > 0]
     if len(faulty):
-        ax.plot(*faulty.T, "x", color=FLAGGED, markersize=6, zorder=3, label="with a fault")
+        ax.plot(*faulty.T, "x", color=FLAGGED, markersize=6, zorder=3, label="with an outlier")
     # room for the names of the stations
     ax.margins(0.12)
-    ax.set_aspect("equal", adjustable="datalim")
-
-
-def _ellipses(position: FloatArray, covariance: FloatArray, radius: float) -> FloatArray:
-    """Return some of the error ellipses, from the first to the last, with gaps between them."""
-    whole = np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(position).all(axis=1)
-    there = np.flatnonzero(whole)
-    some = np.linspace(0, there.size - 1, min(there.size, _ELLIPSES)).round().astype(int)
-    gap = np.full((1, 2), np.nan)
-    lines = [gap]
-    for i in there[some]:
-        ellipse = _ellipse(position[i], covariance[i], radius, f"result.covariance[{i}]")
-        # without its centre
-        lines += [ellipse[2:], gap]
-    return np.vstack(lines)
 
 
 def _most(points: FloatArray) -> FloatArray:
@@ -227,50 +212,36 @@ def _most(points: FloatArray) -> FloatArray:
     return bounds
 
 
-def _draw_height(ax: "Axes", instants: Times, result: Trajectory | Location) -> None:
-    height, half = result.position[:, 2], 2 * np.sqrt(result.covariance[:, 2, 2])
-    known = np.isfinite(half) & np.isfinite(height)
-    low, high = (np.where(known, height + s * np.where(known, half, 0), np.nan) for s in (-1, 1))
-    ax.fill_between(
-        instants, low, high, facecolor=BAND, edgecolor="none", alpha=0.3, label="± 2 sigma"
-    )
+def _draw_height(ax: "Axes", times: Times, result: Trajectory | Location) -> None:
+    height = result.position[:, 2]
+    low, high = bounds(height, 2 * np.sqrt(result.covariance[:, 2, 2]))
+    draw_band(ax, times, low, high, "± 2 sigma")
     fixes = height
     if isinstance(result, Trajectory):
-        ax.plot(instants, height, color=RESULT, linewidth=1)
+        ax.plot(times, height, color=RESULT, linewidth=1)
         fixes = result.fixes.position[:, 2]
-    ax.plot(instants, fixes, ".", color=KEPT, markersize=4, zorder=1)
+    ax.plot(times, fixes, ".", color=KEPT, markersize=4, zorder=1)
+    known = np.isfinite(low)
     seen = np.concatenate([low[known], high[known], _most(fixes)])
     if seen.size:
-        middle, reach = (seen.max() + seen.min()) / 2, _MARGIN * np.ptp(seen) / 2
+        middle, reach = (seen.max() + seen.min()) / 2, MARGIN * np.ptp(seen) / 2
         ax.set_ylim(middle - reach, middle + reach)
     ax.set_ylabel("up (m)")
 
 
 def _draw_residuals(
-    ax: "Axes", instants: Times, values: FloatArray, outlier: BoolArray, names: list[str]
+    ax: "Axes", times: Times, values: FloatArray, outlier: BoolArray, names: list[str]
 ) -> None:
-    inner = max(_largest(np.where(outlier, np.nan, values)), _LEAST_EDGE)
-    ax.set_ylim(-_MARGIN * inner, _MARGIN * inner)
+    inner = max(largest(np.where(outlier, np.nan, values)), _LEAST_EDGE)
+    ax.set_ylim(-MARGIN * inner, MARGIN * inner)
     ax.axhline(0.0, color=RESULT, linewidth=1)
-    _draw_deviations(ax, instants, values, outlier, names, inner=inner)
+    draw_deviations(ax, times, values, outlier, names, inner=inner)
 
 
-def _join_times(panels: "list[Axes]", instants: Times, label: str) -> None:
+def _join_times(panels: "list[Axes]", times: Times, label: str) -> None:
     """Let panels above each other have the same times."""
     *above, last = panels
     for ax in above:
         ax.sharex(last)
         ax.tick_params(labelbottom=False)
-    last.set_xlabel(label)
-    _shorten_dates(last, instants)
-
-
-def _draw_legend(figure: "FigureBase", panels: "list[Axes]") -> None:
-    """Name everything once."""
-    named: dict[str, Artist] = {}
-    for ax in panels:
-        handles, labels = ax.get_legend_handles_labels()
-        named |= dict(zip(labels, handles, strict=True))
-    figure.legend(
-        list(named.values()), list(named), loc="outside lower center", ncols=6, fontsize="small"
-    )
+    label_time(last, times, label)

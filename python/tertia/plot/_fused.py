@@ -1,6 +1,5 @@
-"""Pictures of estimates with their error ellipses."""
+"""Pictures of fused estimates: error ellipses."""
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,12 +8,12 @@ import numpy.typing as npt
 
 from tertia._arrays import FloatArray, finite, flag, integer, real
 from tertia.fusion import FusedEstimate
-from tertia.plot._axes import RESULT, new_axes, rounded
+from tertia.plot._axes import RESULT, ellipse, ellipse_radius, new_axes, with_sigmas
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# one for each estimate; black and thick is what they are fused into
+# one for each estimate; the fused one is black and thick
 _ESTIMATES = (
     ("#56B4E9", "o", "-"),
     ("#D55E00", "s", "--"),
@@ -23,12 +22,9 @@ _ESTIMATES = (
     ("#E69F00", "v", "-"),
     ("#0072B2", "P", "--"),
 )
-_ELLIPSE_POINTS = 181
-# by so much rounding may leave a correlation above 1
-_ROUNDING = 1e-12
 
 
-def combination(
+def fused(
     estimates: npt.ArrayLike,
     covariances: npt.ArrayLike,
     result: FusedEstimate,
@@ -39,45 +35,43 @@ def combination(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw estimates of a vector and what they were fused into, with their error ellipses.
+    """Draw estimates of a vector and the fused estimate, with their error ellipses.
 
-    Of more than two components the ellipses are those of the two drawn, whatever the others are.
+    Ellipses of two out of more components are those of these two, whatever the others are.
 
     Parameters
     ----------
     estimates : array_like of shape (K, m)
-        The estimates, as given to `tertia.fusion.fuse`; for `tertia.fusion.fuse_scalar` a single
-        row.
+        The estimates, as given to `tertia.fusion.fuse`; a single row for
+        `tertia.fusion.fuse_scalar`.
     covariances : array_like of shape (K, m, m)
         Their covariances.
     result : FusedEstimate
-        What came of them.
+        The fused estimate.
     components : (int, int)
         The components along the two axes, from 0.
     probability : float
-        With which normal errors put the true vector inside an ellipse.
+        Probability with which an ellipse holds the true vector, for normal errors.
     equal : bool
-        Whether a unit is of the same length on both axes.
-    legend : bool
-        Whether to draw one.
+        Whether both axes have the same scale.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default on a new figure.
+    legend : bool
+        Whether to name the estimates.
 
     Returns
     -------
     matplotlib.axes.Axes
         One component over the other. Up to six estimates differ in colour, marker and line; more
-        are drawn alike.
+        look alike.
 
     Raises
     ------
-    ValueError
-        A batch, `estimates` or `covariances` that are not what `result` was made of, components
-        that are the same or not there, or a probability that is not between 0 and 1.
     TypeError
         An argument of the wrong type.
-    ImportError
-        Matplotlib is missing.
+    ValueError
+        A batch, `estimates` or `covariances` that do not fit `result`, components that are the same
+        or do not exist, or a probability that is not between 0 and 1.
 
     Examples
     --------
@@ -85,18 +79,18 @@ def combination(
     >>> from tertia import fusion, plot
     >>> x = [[10, 20], [13, 21]]
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
-    >>> plot.combination(x, S, fusion.fuse(x, S), ax=Figure().subplots()).get_title()
+    >>> plot.fused(x, S, fusion.fuse(x, S), ax=Figure().subplots()).get_title()
     '12.48 ± 0.85, 20.9 ± 1.0; p-value 0.39'
     """
     if result.mean.ndim != 1:
         raise ValueError(
-            f"result has a batch of shape {result.mean.shape[:-1]}; one combination can be drawn"
+            f"result has a batch of shape {result.mean.shape[:-1]}; one estimate can be drawn"
         )
     centres, shapes = _estimates(estimates, covariances, result.mean.size)
     pair = _pair(components, result.mean.size)
-    radius = math.sqrt(-2 * math.log1p(-_share(probability)))
+    radius = ellipse_radius(probability)
     ellipses = [
-        _ellipse(centre[pair], covariance[np.ix_(pair, pair)], radius, name)
+        ellipse(centre[pair], covariance[np.ix_(pair, pair)], radius, name)
         for centre, covariance, name in [
             *((x, shapes[k], f"covariances[{k}]") for k, x in enumerate(centres)),
             (result.mean, result.covariance, "result.covariance"),
@@ -106,11 +100,11 @@ def combination(
     ax = new_axes() if ax is None else ax
 
     _draw_ellipses(ax, ellipses)
-    texts = (" ± ".join(rounded(result.mean[i], result.sigma[i])) for i in pair)
+    first, second = pair
     ax.set(
-        title=f"{', '.join(texts)}; p-value {pvalue:.2g}",
-        xlabel=f"component {pair[0]}",
-        ylabel=f"component {pair[1]}",
+        title=f"{with_sigmas(result.mean[pair], result.sigma[pair])}; p-value {pvalue:.2g}",
+        xlabel=f"component {first}",
+        ylabel=f"component {second}",
     )
     if equal:
         ax.set_aspect("equal", adjustable="datalim")
@@ -149,32 +143,8 @@ def _pair(components: Sequence[int], m: int) -> list[int]:
     return pair
 
 
-def _share(probability: float) -> float:
-    share = real(probability, "probability")
-    if not 0 < share < 1:
-        raise ValueError(f"probability is {share}; it must be between 0 and 1")
-    return share
-
-
-def _ellipse(centre: FloatArray, covariance: FloatArray, radius: float, name: str) -> FloatArray:
-    """Return the centre, a gap and the ellipse, shape (n, 2)."""
-    variances = np.diagonal(covariance)
-    if not np.all(variances > 0):
-        raise ValueError(f"{name} has a variance that is not positive in the components drawn")
-    sigma = np.sqrt(variances)
-    correlation = covariance[0, 1] / sigma[0] / sigma[1]
-    if abs(correlation) > 1 + _ROUNDING:
-        raise ValueError(f"{name} is indefinite in the components drawn")
-    # not by eigenvectors: the components may be of very different size
-    other = math.sqrt(max(0.0, 1 - correlation**2))
-    angle = np.linspace(0, 2 * np.pi, _ELLIPSE_POINTS)
-    first, second = np.cos(angle), np.sin(angle)
-    unit = np.column_stack([first, correlation * first + other * second])
-    return np.vstack([centre, np.full(2, np.nan), centre + radius * sigma * unit])
-
-
 def _draw_ellipses(ax: "Axes", ellipses: list[FloatArray]) -> None:
-    """Draw the estimates and, last, what they were fused into."""
+    """Draw the estimates and, last, the fused one."""
     *estimates, fused = ellipses
     alike = len(estimates) > len(_ESTIMATES)
     for k, points in enumerate(estimates):

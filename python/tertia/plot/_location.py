@@ -1,6 +1,5 @@
-"""Pictures of positions: stations, their bearings and ranges, error ellipses, maps of accuracy."""
+"""Pictures of positions: stations, what they measured, error ellipses, maps of accuracy."""
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,8 +8,19 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, flag
 from tertia.location import Accuracy, Location, checked
-from tertia.plot._axes import FLAGGED, KEPT, RESULT, new_axes, rounded
-from tertia.plot._combination import _ellipse, _share
+from tertia.plot._axes import (
+    FLAGGED,
+    KEPT,
+    RESULT,
+    add_names,
+    draw_sites,
+    ellipse,
+    ellipse_radius,
+    names_of,
+    new_axes,
+    view_from_above,
+    with_sigmas,
+)
 from tertia.sensors import Station, stack_stations
 
 if TYPE_CHECKING:
@@ -37,31 +47,30 @@ def location(
     stations : sequence of K Station, or array_like of shape (K, D)
         The stations, as given to `tertia.location.locate`.
     result : Location
-        What came of them, one instant.
+        The position, of one instant.
     azimuth : array_like of shape (K,), optional
-        The azimuths, drawn as rays.
+        The azimuths in radians, drawn as rays.
     range : array_like of shape (K,), optional
-        The ranges, drawn as arcs about the stations; in space those on the ground below the target.
+        The ranges in metres, drawn as arcs about the stations; in space, those on the ground below
+        the target.
     probability : float
-        With which normal errors put the true position inside the ellipse.
-    legend : bool
-        Whether to draw one.
+        Probability with which the ellipse holds the true position, for normal errors.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default on a new figure.
+    legend : bool
+        Whether to name stations, measurements and position.
 
     Returns
     -------
     matplotlib.axes.Axes
-        North over east in metres. Faults are dashed and of another colour.
+        North over east in metres. Outliers are dashed, in another colour.
 
     Raises
     ------
-    ValueError
-        A batch, shapes that do not fit, or a probability that is not between 0 and 1.
     TypeError
         An argument of the wrong type.
-    ImportError
-        Matplotlib is missing.
+    ValueError
+        A batch, shapes that do not fit, or a probability that is not between 0 and 1.
 
     Examples
     --------
@@ -80,7 +89,7 @@ def location(
         raise ValueError(
             f"stations has shape {places.shape} and result {result.position.size} coordinates"
         )
-    radius = math.sqrt(-2 * math.log1p(-_share(probability)))
+    radius = ellipse_radius(probability)
     rays = None if azimuth is None else _row(azimuth, "azimuth", len(places))
     ranges = None if range is None else _row(range, "range", len(places))
     covariance = result.covariance[:2, :2]
@@ -93,16 +102,15 @@ def location(
         _draw_rays(ax, places, toward, _marks(result.outlier.azimuth, rays), result.position)
     if ranges is not None:
         _draw_ranges(ax, places, ranges, _marks(result.outlier.range, ranges), result.position)
-    ax.plot(*places[:, :2].T, "^", color=RESULT, markerfacecolor="none", label="station")
-    _name(ax, stations, places)
+    draw_sites(ax, places[:, np.newaxis, :2], "station")
+    add_names(ax, names_of(stations, len(places)), places)
     points = result.position[np.newaxis, :2]
     if known:
-        points = _ellipse(result.position[:2], covariance, radius, "result.covariance")
+        points = ellipse(result.position[:2], covariance, radius, "result.covariance")
     label = f"position, {100 * probability:.10g} %" if known else "position"
     ax.plot(*points.T, color=RESULT, marker="*", markevery=[0], markersize=10, label=label)
-    texts = (" ± ".join(rounded(x, s)) for x, s in zip(result.position, result.sigma, strict=True))
-    ax.set(title=", ".join(texts), xlabel="east (m)", ylabel="north (m)")
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_title(with_sigmas(result.position, result.sigma))
+    view_from_above(ax)
     if legend:
         ax.legend(fontsize="small")
     return ax
@@ -124,7 +132,7 @@ def accuracy_map(
     grid : array_like of shape (rows, columns, D)
         The positions, rows to the north and columns to the east.
     result : Accuracy
-        What came of them.
+        Their accuracy.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default on a new figure.
 
@@ -135,12 +143,10 @@ def accuracy_map(
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit, or a position that is nowhere determined.
     TypeError
         An argument of the wrong type.
-    ImportError
-        Matplotlib is missing.
+    ValueError
+        Shapes that do not fit, or no position that is determined.
 
     Examples
     --------
@@ -171,9 +177,8 @@ def accuracy_map(
     bar = ax.get_figure(root=True).colorbar(filled, ax=ax, label="position error (m)")  # type: ignore[union-attr]
     bar.set_ticks(list(levels[::2]), labels=[f"{level:.3g}" for level in levels[::2]])
     ax.plot(*places[:, :2].T, "^", color="white", markeredgecolor=RESULT)
-    _name(ax, stations, places)
-    ax.set(xlabel="east (m)", ylabel="north (m)")
-    ax.set_aspect("equal")
+    add_names(ax, names_of(stations, len(places)), places)
+    view_from_above(ax, adjustable="box")
     return ax
 
 
@@ -235,11 +240,3 @@ def _draw_ranges(
     ground = np.sqrt(np.maximum(ranges**2 - np.sum(height**2, axis=-1), 0.0))
     lines = [place + r * circle for place, r in zip(places[:, :2], ground, strict=True)]
     _draw_lines(ax, lines, fault, "range")
-
-
-def _name(ax: "Axes", stations: Sequence[Station] | npt.ArrayLike, places: FloatArray) -> None:
-    if not isinstance(stations, Sequence):
-        return
-    for station, place in zip(stations, places, strict=True):
-        if isinstance(station, Station) and station.name is not None:
-            ax.annotate(station.name, place[:2], xytext=(5, 5), textcoords="offset points")
