@@ -4,7 +4,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::num::NonZero;
-use tertia::tracker::{Motion, Noise, Plot, Radar, Settings, Tracker};
+use tertia::tracker::{ImmModel, Motion, Plot, Radar, Settings, Tracker};
 
 const PERIOD: f64 = 4.0;
 const SCANS: usize = 8;
@@ -35,26 +35,6 @@ fn radars(extent: f64) -> Vec<Radar> {
         detection_probability: 0.9,
     };
     vec![at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]
-}
-
-fn settings(motion: Motion, extent: f64) -> Settings {
-    Settings {
-        radars: radars(extent),
-        motion,
-        guard: 12.43,
-        guard_acceleration: [5.0; 2],
-        confirmation: (3, 4),
-        coasting: 5,
-        max_speed: 350.0,
-        clutter_density: f64::NAN,
-        identity_error_probability: 1e-3,
-        patience: 0.25,
-        plans: Vec::new(),
-        flown_probability: 0.0,
-        wind: [0.0; 2],
-        wind_sigma: 20.0,
-        emergency_codes: Vec::new(),
-    }
 }
 
 /// The plots of each scan, by time.
@@ -97,18 +77,10 @@ fn scans(aircraft: usize, extent: f64, radars: &[Radar]) -> Vec<Vec<Plot>> {
 fn tracker(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("tracker");
     group.sample_size(10);
-    let noise = Noise {
-        straight: 0.1,
-        turn: 0.8,
-        turn_rate_walk: 5e-4,
-        turn_rate: 0.021,
-        straight_time: 400.0,
-        turn_time: 35.0,
-    };
-    for (name, motion) in [("cv", Motion::Straight(0.1)), ("imm", Motion::Multiple(noise))] {
+    for (name, motion) in [("cv", Motion::Cv(0.1)), ("imm", Motion::Imm(ImmModel::default()))] {
         for aircraft in [100, 1000, 20_000] {
             let extent = SPACING * (aircraft as f64).sqrt();
-            let settings = settings(motion, extent);
+            let settings = Settings::new(radars(extent), motion);
             let scans = scans(aircraft, extent, &settings.radars);
             let (mut statuses, mut rows) = (Vec::new(), Vec::new());
             let mut ready = Tracker::try_new(settings).expect("they are right");

@@ -43,7 +43,9 @@ mod core_module {
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]
-    use super::tracker::{PlotTracker, plots_to_cartesian};
+    use super::tracker::{
+        Motion, PlotTracker, Radar, TrackerSettings, plots_to_cartesian, track_columns,
+    };
     #[pymodule_export]
     use super::weights::{
         covariance_of_covariance, first_order_excess, fused_covariance, jacobian, jacobian_factors,

@@ -1,57 +1,26 @@
 //! Bindings of `tertia::tracker`.
 
-use crate::arrays::{Output, Samples, array, release, room_for, value_error};
+mod settings;
+mod table;
+
+pub use settings::{Motion, Radar, TrackerSettings};
+pub use table::track_columns;
+
+use crate::arrays::{Samples, array, release, room_for, value_error};
 use crate::flightplan::Route;
 use numpy::{PyArrayDyn, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::num::NonZero;
-use tertia::kalman::Singer;
-use tertia::tracker::{
-    self, Motion, Noise, Plane, Plot, PlotStatus, Radar, Row, Rows, Settings, WindowRule,
-};
+use table::{Table, table};
+use tertia::tracker::{self, Plane, Plot, Row, Rows};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
-/// Widths of the columns of numbers, integers and flags.
-const NUMBERS: [usize; 9] = [1, 2, 2, 16, 2, 4, 1, 1, 1];
-const INTEGERS: [usize; 5] = [1; 5];
-const FLAGS: [usize; 2] = [1; 2];
-
-/// Numbers of a radar: east, north, up, range_sigma, azimuth_sigma, scan_period, max_range,
-/// detection_probability.
-type RadarNumbers = [f64; 8];
-
-/// Motion by name, with its parameters.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct Options<'py> {
-    motion: String,
-    parameters: Vec<f64>,
-    guard: f64,
-    guard_acceleration: [f64; 2],
-    confirmation: (usize, usize),
-    coasting: usize,
-    max_speed: f64,
-    clutter_density: f64,
-    identity_error_probability: f64,
-    emergency_codes: Vec<i64>,
-    patience: f64,
-    flown_probability: f64,
-    wind: [f64; 2],
-    wind_sigma: f64,
-    plans: Vec<PyRef<'py, Route>>,
-}
 
 type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
 type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
-
-/// Columns of a table of N rows, one after the other. Numbers: time, position (2), velocity (2),
-/// covariance (16), innovation (2), its covariance (4), turning, height, vertical_rate. Integers: track,
-/// radar, plot, identity, plan. Flags: confirmed, conforms. Then the statuses of the plots.
-type Table<'py> = (Numbers<'py>, Integers<'py>, Flags<'py>, Integers<'py>);
 
 /// The rows of a scan or of a recording.
 struct Found {
@@ -77,10 +46,14 @@ pub struct PlotTracker(tracker::Tracker);
 #[pymethods]
 impl PlotTracker {
     #[new]
-    fn new(radars: Vec<RadarNumbers>, options: Options<'_>) -> PyResult<Self> {
-        let radars = radars.into_iter().map(radar).collect();
-        let settings = options.settings(radars)?;
-        tracker::Tracker::try_new(settings).map(Self).map_err(value_error)
+    fn new(
+        settings: &TrackerSettings,
+        radars: Vec<PyRef<'_, Radar>>,
+        plans: Vec<PyRef<'_, Route>>,
+    ) -> PyResult<Self> {
+        let radars = radars.iter().map(|radar| radar.0).collect();
+        let plans = plans.iter().map(|route| route.plan().clone()).collect();
+        tracker::Tracker::try_new(settings.with(radars, plans)).map(Self).map_err(value_error)
     }
 
     /// Until when everything is done.
@@ -163,7 +136,7 @@ impl PlotTracker {
 #[allow(clippy::too_many_arguments)]
 pub fn plots_to_cartesian<'py>(
     py: Python<'py>,
-    radars: Vec<RadarNumbers>,
+    radars: Vec<PyRef<'py, Radar>>,
     time: Bound<'py, PyAny>,
     range: Bound<'py, PyAny>,
     azimuth: Bound<'py, PyAny>,
@@ -171,12 +144,11 @@ pub fn plots_to_cartesian<'py>(
     sensor: PyReadonlyArray1<'py, i64>,
     identity: PyReadonlyArray1<'py, i64>,
 ) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
-    let radars: Vec<Radar> = radars.into_iter().map(radar).collect();
     let plots = plots([time, range, azimuth, height], &sensor, &identity, radars.len())?;
     let (mut position, mut covariance) = (room_for(2 * plots.len())?, room_for(4 * plots.len())?);
     for plot in &plots {
         let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
-        let (z, Plane { xx, xy, yy }) = plot.to_cartesian(&radars[plot.radar]).unwrap_or(none);
+        let (z, Plane { xx, xy, yy }) = plot.to_cartesian(&radars[plot.radar].0).unwrap_or(none);
         position.extend(z);
         covariance.extend([xx, xy, xy, yy]);
     }
@@ -224,69 +196,6 @@ fn plots<'py>(
     Ok(plots)
 }
 
-fn radar(numbers: RadarNumbers) -> Radar {
-    let [east, north, up, range_sigma, azimuth_sigma, scan_period, max_range, detection] = numbers;
-    Radar {
-        position: [east, north, up],
-        range_sigma,
-        azimuth_sigma,
-        scan_period,
-        max_range,
-        detection_probability: detection,
-    }
-}
-
-impl Options<'_> {
-    fn settings(self, radars: Vec<Radar>) -> PyResult<Settings> {
-        Ok(Settings {
-            radars,
-            motion: motion(&self.motion, &self.parameters)?,
-            guard: self.guard,
-            guard_acceleration: self.guard_acceleration,
-            confirmation: self.confirmation,
-            coasting: self.coasting,
-            max_speed: self.max_speed,
-            clutter_density: self.clutter_density,
-            identity_error_probability: self.identity_error_probability,
-            emergency_codes: self.emergency_codes,
-            patience: self.patience,
-            plans: self.plans.iter().map(|route| route.plan().clone()).collect(),
-            flown_probability: self.flown_probability,
-            wind: self.wind,
-            wind_sigma: self.wind_sigma,
-        })
-    }
-}
-
-fn motion(name: &str, parameters: &[f64]) -> PyResult<Motion> {
-    Ok(match (name, parameters) {
-        ("cv", &[sigma]) => Motion::Straight(sigma),
-        ("singer", &[alpha, sigma]) => {
-            Motion::Singer(Singer::try_new(alpha, sigma, true).map_err(value_error)?)
-        }
-        ("imm", &[straight, turn, turn_rate_walk, turn_rate, straight_time, turn_time]) => {
-            Motion::Multiple(Noise {
-                straight,
-                turn,
-                turn_rate_walk,
-                turn_rate,
-                straight_time,
-                turn_time,
-            })
-        }
-        ("window", &[long, short, turn, inner, outer, guard, sum]) => Motion::Window(WindowRule {
-            long: long as usize,
-            short: short as usize,
-            turn: turn as usize,
-            inner,
-            outer,
-            guard,
-            sum,
-        }),
-        _ => return Err(PyValueError::new_err(format!("motion {name:?} is not known"))),
-    })
-}
-
 /// Leaves out the rows of tracks that were never confirmed.
 fn keep_confirmed(rows: &mut Vec<Row>) {
     let mut confirmed = Vec::new();
@@ -298,68 +207,4 @@ fn keep_confirmed(rows: &mut Vec<Row>) {
         confirmed[track] = true;
     }
     rows.retain(|row| confirmed.get(row.track as usize).is_some_and(|&is| is));
-}
-
-fn table<'py>(py: Python<'py>, rows: &[Row], statuses: &[PlotStatus]) -> PyResult<Table<'py>> {
-    let n = rows.len();
-    let mut numbers = Output::<f64>::new(py, &[NUMBERS.iter().sum::<usize>() * n])?;
-    let mut integers = Output::<i64>::new(py, &[INTEGERS.len() * n])?;
-    let mut flags = Output::<bool>::new(py, &[FLAGS.len() * n])?;
-    let mut track_of_plot = Output::<i64>::new(py, &[statuses.len()])?;
-    let [time, position, velocity, covariance, innovation, spread, turning, height, vertical_rate] =
-        columns(numbers.values()?, NUMBERS, n);
-    let [track, radar, plot, identity, plan] = columns(integers.values()?, INTEGERS, n);
-    let [confirmed, conforms] = columns(flags.values()?, FLAGS, n);
-    for (i, row) in rows.iter().enumerate() {
-        let [x, y, vx, vy] = row.estimate.mean.into();
-        let Plane { xx, xy, yy } = row.innovation_covariance;
-        time[i] = row.time;
-        write(position, i, &[x, y]);
-        write(velocity, i, &[vx, vy]);
-        write(covariance, i, row.estimate.covariance.as_slice());
-        write(innovation, i, &row.innovation);
-        write(spread, i, &[xx, xy, xy, yy]);
-        turning[i] = row.turn_probability;
-        height[i] = row.height;
-        vertical_rate[i] = row.vertical_rate;
-        track[i] = row.track as i64;
-        radar[i] = row.radar as i64;
-        plot[i] = row.plot.map_or(-1, |plot| plot as i64);
-        identity[i] = row.identity;
-        plan[i] = row.plan.map_or(-1, |plan| plan as i64);
-        confirmed[i] = row.confirmed;
-        conforms[i] = row.conforms;
-    }
-    for (number, status) in track_of_plot.values()?.iter_mut().zip(statuses) {
-        *number = match *status {
-            PlotStatus::Track(number) => number as i64,
-            PlotStatus::Invalid => -1,
-            PlotStatus::Late => -2,
-            PlotStatus::AtSensor => -3,
-            PlotStatus::OutOfRange => -4,
-            PlotStatus::ClockError => -5,
-            PlotStatus::Duplicate => -6,
-        };
-    }
-    Ok((
-        numbers.into_array(),
-        integers.into_array(),
-        flags.into_array(),
-        track_of_plot.into_array(),
-    ))
-}
-
-/// Columns of these widths, one after the other in a block.
-fn columns<T, const M: usize>(block: &mut [T], widths: [usize; M], rows: usize) -> [&mut [T]; M] {
-    let mut rest = block;
-    widths.map(|width| {
-        let (column, others) = std::mem::take(&mut rest).split_at_mut(width * rows);
-        rest = others;
-        column
-    })
-}
-
-/// Writes the numbers of one row of a column.
-fn write(column: &mut [f64], row: usize, values: &[f64]) {
-    column[row * values.len()..(row + 1) * values.len()].copy_from_slice(values);
 }

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 use tertia::Result;
-use tertia::tracker::{Motion, Noise, Plot, PlotStatus, Radar, Settings, Tracker};
+use tertia::tracker::{ImmModel, Motion, Plot, PlotStatus, Radar, Settings, Tracker};
 
 const PERIOD: f64 = 4.0;
 /// East, north (m) and their rates (m/s) at the beginning.
@@ -18,31 +18,7 @@ fn settings() -> Settings {
         max_range: 80e3,
         detection_probability: 0.95,
     };
-    let noise = Noise {
-        straight: 0.1,
-        turn: 0.8,
-        turn_rate_walk: 5e-4,
-        turn_rate: 0.021,
-        straight_time: 400.0,
-        turn_time: 35.0,
-    };
-    Settings {
-        radars: vec![radar],
-        motion: Motion::Multiple(noise),
-        guard: 12.43,
-        guard_acceleration: [5.0; 2],
-        confirmation: (3, 4),
-        coasting: 5,
-        max_speed: 350.0,
-        clutter_density: f64::NAN,
-        identity_error_probability: 1e-3,
-        patience: 0.25,
-        plans: Vec::new(),
-        flown_probability: 0.0,
-        wind: [0.0; 2],
-        wind_sigma: 20.0,
-        emergency_codes: Vec::new(),
-    }
+    Settings::new(vec![radar], Motion::Imm(ImmModel::default()))
 }
 
 /// What the radar sees in a turn of its antenna: the aircraft, and three false plots.

@@ -2,6 +2,8 @@
 //! models; Blom, Bar-Shalom 1988).
 
 use super::estimate::{Estimate, Moments, Plane};
+use super::kinematics;
+use super::motion::ImmModel;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
@@ -126,6 +128,18 @@ impl Bank {
         }
     }
 
+    /// Lets time pass for straight flight and turn.
+    #[inline]
+    pub fn predict(&mut self, model: &ImmModel, t: f64, period: f64) {
+        kinematics::straight(&mut self.straight, t, model.straight_sigma.powi(2) * period);
+        kinematics::turn(
+            &mut self.turn,
+            t,
+            model.turn_sigma.powi(2) * period,
+            model.turn_rate_walk,
+        );
+    }
+
     /// Corrects all models by a plot; the probabilities are multiplied by its densities.
     #[inline]
     pub fn correct(&mut self, z: [f64; 2], r: Plane) {
@@ -175,6 +189,16 @@ impl Bank {
         let mut block = self.turn.covariance.fixed_view_mut::<4, 4>(0, 0);
         block += extra;
     }
+}
+
+/// Probabilities of the changes between straight flight and turns in the time `t`.
+pub(super) fn changes(model: &ImmModel, t: f64) -> Transition {
+    let mut transition = [[0.0; 3]; 3];
+    let begins = -(-t / model.straight_time).exp_m1();
+    let ends = -(-t / model.turn_time).exp_m1();
+    transition[STRAIGHT] = [1.0 - begins, begins, 0.0];
+    transition[TURN] = [ends, 1.0 - ends, 0.0];
+    transition
 }
 
 /// A turn that begins from straight flight.

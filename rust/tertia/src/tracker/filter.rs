@@ -1,27 +1,15 @@
 //! The filter of a track, by the model of its motion.
 
-use super::bank::{Bank, Component, PLAN, STRAIGHT, TURN, Transition};
+use super::bank::{Bank, Component, PLAN, TURN, changes};
 use super::estimate::{Estimate, Moments, Plane};
-use super::motion::{self, Noise};
+use super::kinematics;
+use super::motion::{ImmModel, Motion};
 use super::plan::Guide;
 use super::settings::Settings;
-use super::window::{Window, WindowRule};
+use super::window::Window;
 use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
-
-/// How targets are thought to move.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Motion {
-    /// Straight and uniform, with white acceleration of this standard deviation.
-    Straight(f64),
-    /// Acceleration that fades.
-    Singer(Singer),
-    /// Straight flight and turns, by how likely they are.
-    Multiple(Noise),
-    /// Least squares over the last plots.
-    Window(WindowRule),
-}
 
 /// Straight flight and turns, and what a flight plan says of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,11 +31,11 @@ impl Filter {
     /// A filter from a first position and velocity.
     pub fn new(motion: &Motion, start: Estimate<4>) -> Self {
         match motion {
-            Motion::Straight(_) => Self::Straight(start),
+            Motion::Cv(_) => Self::Straight(start),
             Motion::Singer(model) => Self::Singer(Box::new(with_acceleration(&start, model))),
-            Motion::Multiple(noise) => {
+            Motion::Imm(noise) => {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
-                let bank = Bank::new(start, turning, noise.turn_rate.powi(2));
+                let bank = Bank::new(start, turning, noise.turn_rate_sigma.powi(2));
                 Self::Multiple(Box::new(Multiple { bank, guide: None }))
             }
             Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
@@ -57,11 +45,11 @@ impl Filter {
     /// Lets so much time pass; `period` is that of the radar's scans.
     pub fn predict(&mut self, settings: &Settings, motion: &Motion, t: f64, period: f64) {
         match (self, motion) {
-            (Self::Straight(estimate), Motion::Straight(sigma)) => {
-                motion::straight(estimate, t, sigma * sigma * period);
+            (Self::Straight(estimate), Motion::Cv(sigma)) => {
+                kinematics::straight(estimate, t, sigma * sigma * period);
             }
             (Self::Singer(estimate), Motion::Singer(model)) => singer(estimate, model, t),
-            (Self::Multiple(multiple), Motion::Multiple(noise)) => {
+            (Self::Multiple(multiple), Motion::Imm(noise)) => {
                 multiple.predict(settings, noise, t, period);
             }
             (Self::Window(window), Motion::Window(_)) => window.predict(settings, t, period),
@@ -96,7 +84,7 @@ impl Filter {
                 estimate.correct(z, r);
             }
             (Self::Multiple(multiple), _) => multiple.correct(z, r),
-            (Self::Window(window), Motion::Window(rule)) => window.correct(rule, z, r),
+            (Self::Window(window), Motion::Window(model)) => window.correct(model, z, r),
             _ => unreachable!("a filter is made by its motion"),
         }
     }
@@ -116,9 +104,9 @@ impl Filter {
     }
 
     /// Probability that the target turns.
-    pub fn turning(&self) -> f64 {
+    pub fn turn_probability(&self) -> f64 {
         match self {
-            Self::Multiple(multiple) => multiple.turning(),
+            Self::Multiple(multiple) => multiple.turn_probability(),
             Self::Window(window) => f64::from(u8::from(window.turns())),
             Self::Straight(_) | Self::Singer(_) => 0.0,
         }
@@ -190,7 +178,7 @@ impl Filter {
     /// Widens the estimate, as if the target had accelerated unnoticed by `sigma` for `gap` seconds,
     /// with this probability. A turn becomes as likely as straight flight, if that is.
     pub fn widen(&mut self, sigma: f64, gap: f64, probability: f64) {
-        let extra = motion::unnoticed(sigma, gap) * probability;
+        let extra = kinematics::unnoticed(sigma, gap) * probability;
         match self {
             Self::Straight(estimate) => estimate.covariance += extra,
             Self::Singer(estimate) => {
@@ -219,15 +207,15 @@ impl Multiple {
         std::iter::once(&mut self.bank).chain(second)
     }
 
-    fn predict(&mut self, settings: &Settings, noise: &Noise, t: f64, period: f64) {
+    fn predict(&mut self, settings: &Settings, noise: &ImmModel, t: f64, period: f64) {
         if self.guide.is_some() {
             let estimate = self.estimate();
             let Self { bank, guide } = self;
             let guide = guide.as_mut().expect("it is there");
             guide.predict(bank, &estimate, settings, noise, t, period);
         } else {
-            self.bank.mix(&changes(noise, t), noise.turn_rate.powi(2));
-            predict_bank(&mut self.bank, noise, t, period);
+            self.bank.mix(&changes(noise, t), noise.turn_rate_sigma.powi(2));
+            self.bank.predict(noise, t, period);
         }
     }
 
@@ -258,28 +246,11 @@ impl Multiple {
     }
 
     /// Probability of turns, planned ones included.
-    fn turning(&self) -> f64 {
+    fn turn_probability(&self) -> f64 {
         let free: f64 = self.banks().map(|bank| bank.probability[TURN]).sum();
         let planned = self.guide.as_ref().and_then(Guide::turning);
         free + planned.map_or(0.0, |bank| bank.probability[PLAN])
     }
-}
-
-/// Probabilities of the changes between straight flight and turns in the time `t`.
-pub(super) fn changes(noise: &Noise, t: f64) -> Transition {
-    let mut transition = [[0.0; 3]; 3];
-    let begins = -(-t / noise.straight_time).exp_m1();
-    let ends = -(-t / noise.turn_time).exp_m1();
-    transition[STRAIGHT] = [1.0 - begins, begins, 0.0];
-    transition[TURN] = [ends, 1.0 - ends, 0.0];
-    transition
-}
-
-/// Lets time pass for straight flight and turn.
-#[inline]
-pub(super) fn predict_bank(bank: &mut Bank, noise: &Noise, t: f64, period: f64) {
-    motion::straight(&mut bank.straight, t, noise.straight.powi(2) * period);
-    motion::turn(&mut bank.turn, t, noise.turn.powi(2) * period, noise.turn_rate_walk);
 }
 
 /// Acceleration of zero, with its variance.

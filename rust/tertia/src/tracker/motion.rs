@@ -1,198 +1,132 @@
-//! How targets move between two plots: straight on, or in a turn.
+//! Models of how targets move, and their parameters.
 
-use super::estimate::{Estimate, Plane, mirror};
-use nalgebra::SMatrix;
+use crate::association::gate::{self, GUARD, INNER, OUTER};
+use crate::base::error::{Result, require};
+use crate::kalman::Singer;
 use serde::{Deserialize, Serialize};
 
-/// Below this angle the functions of a turn are computed by their series.
-const SMALL_ANGLE: f64 = 1e-3;
+/// Distances squared whose sum tells a manoeuvre from noise.
+pub(super) const SUMMED: usize = 3;
 
-/// What is not known of the motion.
+/// How confirmed targets move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Noise {
+pub enum Motion {
+    /// Straight and uniform, with white acceleration of this standard deviation, m/s².
+    Cv(f64),
+    /// Acceleration that fades.
+    Singer(Singer),
+    /// Straight flight and turns, weighted by their probabilities (interacting multiple models).
+    Imm(ImmModel),
+    /// Least squares over a sliding window of plots.
+    Window(WindowModel),
+}
+
+impl Motion {
+    /// Acceleration that a target may have unnoticed, m/s², where scans take 4 s and where they take
+    /// 10 s. The window needs more, as it learns of a turn last.
+    pub fn guard_acceleration(&self) -> [f64; 2] {
+        match self {
+            Self::Window(_) => [12.0, 7.0],
+            _ => [5.0; 2],
+        }
+    }
+
+    /// Whether it can follow flight plans.
+    pub fn takes_plans(&self) -> bool {
+        matches!(self, Self::Imm(_) | Self::Window(_))
+    }
+
+    /// # Errors
+    /// A number outside its domain.
+    pub(super) fn check(&self) -> Result<()> {
+        let positive = |name, value: f64| {
+            require(name, value, value > 0.0 && value.is_finite(), "a positive number")
+        };
+        match self {
+            Self::Cv(sigma) => positive("straight_sigma", *sigma),
+            Self::Imm(model) => [
+                ("straight_sigma", model.straight_sigma),
+                ("turn_sigma", model.turn_sigma),
+                ("turn_rate_walk", model.turn_rate_walk),
+                ("turn_rate_sigma", model.turn_rate_sigma),
+                ("straight_time", model.straight_time),
+                ("turn_time", model.turn_time),
+            ]
+            .into_iter()
+            .try_for_each(|(name, value)| positive(name, value)),
+            Self::Singer(_) | Self::Window(_) => Ok(()),
+        }
+    }
+}
+
+/// Straight flight and turns at a rate that is not known.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImmModel {
     /// Standard deviation of the acceleration of straight flight, constant for a scan, m/s².
-    pub straight: f64,
-    /// That in turns.
-    pub turn: f64,
+    pub straight_sigma: f64,
+    /// The same in turns.
+    pub turn_sigma: f64,
     /// Random walk of the rate of turn, rad/s per root of a second.
     pub turn_rate_walk: f64,
     /// Standard deviation of the rate at which a turn begins, rad/s.
-    pub turn_rate: f64,
-    /// Mean seconds of straight flight.
+    pub turn_rate_sigma: f64,
+    /// Mean duration of straight flight, s.
     pub straight_time: f64,
-    /// Mean seconds of a turn.
+    /// Mean duration of a turn, s.
     pub turn_time: f64,
 }
 
-/// Straight and uniform, with white acceleration of the density `q`, m²/s³.
-#[inline]
-pub fn straight(estimate: &mut Estimate<4>, t: f64, q: f64) {
-    coast(estimate, t);
-    estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
-}
-
-/// Straight and uniform, without noise.
-#[inline]
-pub fn coast(estimate: &mut Estimate<4>, t: f64) {
-    let x = &mut estimate.mean.data.0[0];
-    x[0] += t * x[2];
-    x[1] += t * x[3];
-    // by columns: p[j][i] is row i, column j
-    let p = &mut estimate.covariance.data.0;
-    for i in 0..2 {
-        for j in i..2 {
-            let velocity = p[j + 2][i + 2];
-            p[j][i] += t * (p[j + 2][i] + p[i + 2][j] + t * velocity);
-            p[i][j] = p[j][i];
-        }
-    }
-    for i in 0..2 {
-        for j in 0..2 {
-            p[j + 2][i] += t * p[j + 2][i + 2];
-            p[i][j + 2] = p[j + 2][i];
-        }
-    }
-}
-
-/// A turn at the rate of the fifth state, linearised; the rate walks.
-#[inline]
-pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
-    let [vx, vy, w] = [estimate.mean[2], estimate.mean[3], estimate.mean[4]];
-    let arc = Arc::new(w, t);
-    let Arc { sine, cosine, along, across, along_rate, across_rate } = arc;
-    let velocity = [cosine * vx - sine * vy, sine * vx + cosine * vy];
-    estimate.mean[0] += along * vx - across * vy;
-    estimate.mean[1] += across * vx + along * vy;
-    estimate.mean[2] = velocity[0];
-    estimate.mean[3] = velocity[1];
-    let by_rate = [
-        along_rate * vx - across_rate * vy,
-        across_rate * vx + along_rate * vy,
-        -t * velocity[1],
-        t * velocity[0],
-    ];
-    // G = F P by rows, which are P's columns as well, then G F' above the diagonal
-    let p = &mut estimate.covariance.data.0;
-    let [a, b, c, d, e] = *p;
-    let mut g = [[0.0; 5]; 4];
-    for j in 0..5 {
-        g[0][j] = a[j] + along * c[j] - across * d[j] + by_rate[0] * e[j];
-        g[1][j] = b[j] + across * c[j] + along * d[j] + by_rate[1] * e[j];
-        g[2][j] = cosine * c[j] - sine * d[j] + by_rate[2] * e[j];
-        g[3][j] = sine * c[j] + cosine * d[j] + by_rate[3] * e[j];
-    }
-    for (i, [a, b, c, d, e]) in g.into_iter().enumerate() {
-        p[0][i] = a + along * c - across * d + by_rate[0] * e;
-        p[1][i] = b + across * c + along * d + by_rate[1] * e;
-        p[2][i] = cosine * c - sine * d + by_rate[2] * e;
-        p[3][i] = sine * c + cosine * d + by_rate[3] * e;
-        p[4][i] = e;
-    }
-    mirror(p);
-    p[4][4] += walk * walk * t;
-    estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
-}
-
-/// Covariance of an acceleration that nobody noticed for `gap` seconds: Γ σ² Γ', Γ = (gap²/2, gap).
-pub fn unnoticed(sigma: f64, gap: f64) -> SMatrix<f64, 4, 4> {
-    let mut covariance = SMatrix::zeros();
-    let square = (sigma * gap).powi(2);
-    for i in 0..2 {
-        covariance[(i, i)] = square * gap * gap / 4.0;
-        covariance[(i, i + 2)] = square * gap / 2.0;
-        covariance[(i + 2, i)] = square * gap / 2.0;
-        covariance[(i + 2, i + 2)] = square;
-    }
-    covariance
-}
-
-/// `sin(wt)`, `cos(wt)`, their integrals along and across, and those's derivatives by w.
-pub struct Arc {
-    pub sine: f64,
-    pub cosine: f64,
-    pub along: f64,
-    pub across: f64,
-    along_rate: f64,
-    across_rate: f64,
-}
-
-impl Arc {
-    #[inline]
-    pub fn new(w: f64, t: f64) -> Self {
-        let a = w * t;
-        let (sine, cosine) = a.sin_cos();
-        if a.abs() < SMALL_ANGLE {
-            let s = a * a;
-            return Self {
-                sine,
-                cosine,
-                along: t * (1.0 - s / 6.0),
-                across: t * a * (0.5 - s / 24.0),
-                along_rate: -t * t * a * (1.0 / 3.0 - s / 30.0),
-                across_rate: t * t * (0.5 - s / 8.0),
-            };
-        }
-        let (along, across) = (sine / w, (1.0 - cosine) / w);
+impl Default for ImmModel {
+    fn default() -> Self {
         Self {
-            sine,
-            cosine,
-            along,
-            across,
-            along_rate: (t * cosine - along) / w,
-            across_rate: (t * sine - across) / w,
+            straight_sigma: 0.1,
+            turn_sigma: 0.8,
+            turn_rate_walk: 0.03_f64.to_radians(),
+            turn_rate_sigma: 1.2_f64.to_radians(),
+            straight_time: 400.0,
+            turn_time: 35.0,
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::{SMatrix, SVector};
+/// Lengths of the window, and the gates by which a manoeuvre is detected.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WindowModel {
+    /// Plots in straight flight.
+    pub straight: usize,
+    /// Plots that are kept when a manoeuvre is detected.
+    pub after_turn: usize,
+    /// Plots near a turn of the flight plan.
+    pub planned_turn: usize,
+    /// Distance squared of the inner gate.
+    pub(super) inner: f64,
+    /// The same of the outer gate.
+    pub(super) outer: f64,
+    /// The same of the guard gate.
+    pub(super) guard: f64,
+    /// Sum of three distances squared that is a manoeuvre.
+    pub(super) sum: f64,
+}
 
-    fn moved(mean: [f64; 5], t: f64) -> SVector<f64, 5> {
-        let mut estimate = Estimate { mean: SVector::from(mean), covariance: SMatrix::zeros() };
-        turn(&mut estimate, t, 0.0, 0.0);
-        estimate.mean
-    }
-
-    #[test]
-    fn the_covariance_of_a_turn_is_that_of_its_derivatives() {
-        for w in [0.0, 1e-5, 2.4e-4, 2.6e-4, 0.05, -0.3] {
-            let mean = [10.0, -20.0, 150.0, 80.0, w];
-            let mut jacobian = SMatrix::<f64, 5, 5>::zeros();
-            for j in 0..5 {
-                let step = if j == 4 { 1e-6 } else { 1e-3 };
-                let (mut up, mut down) = (mean, mean);
-                up[j] += step;
-                down[j] -= step;
-                let column = (moved(up, 4.0) - moved(down, 4.0)) / (2.0 * step);
-                jacobian.set_column(j, &column);
-            }
-            let root =
-                SMatrix::<f64, 5, 5>::from_fn(|i, j| 1.0 / (1.0 + i as f64 + 2.0 * j as f64));
-            let covariance = root * root.transpose();
-            let mut estimate = Estimate { mean: SVector::from(mean), covariance };
-            turn(&mut estimate, 4.0, 0.0, 0.0);
-            let expected = jacobian * covariance * jacobian.transpose();
-            assert!((estimate.covariance - expected).amax() < 1e-6 * expected.amax(), "{w}");
-            assert_eq!(estimate.covariance, estimate.covariance.transpose());
+impl WindowModel {
+    /// Windows of so many plots, with the gates of the source.
+    ///
+    /// # Errors
+    /// A window that no line can be fitted to.
+    pub fn try_new(straight: usize, after_turn: usize, planned_turn: usize) -> Result<Self> {
+        let windows =
+            [("straight", straight), ("after_turn", after_turn), ("planned_turn", planned_turn)];
+        for (name, plots) in windows {
+            require(name, plots as f64, plots >= 2, "2 plots or more")?;
         }
-    }
-
-    #[test]
-    fn two_steps_are_one() {
-        let whole = moved([0.0, 0.0, 200.0, 0.0, 0.03], 8.0);
-        let half = moved([0.0, 0.0, 200.0, 0.0, 0.03], 4.0);
-        let twice = moved(half.into(), 4.0);
-        assert!((whole - twice).amax() < 1e-9);
-        let mut estimate = Estimate {
-            mean: SVector::from([0.0, 0.0, 200.0, 10.0]),
-            covariance: SMatrix::identity(),
-        };
-        let mut other = estimate;
-        straight(&mut estimate, 8.0, 0.3);
-        straight(&mut other, 3.0, 0.3);
-        straight(&mut other, 5.0, 0.3);
-        assert!((estimate.covariance - other.covariance).amax() < 1e-12 * 100.0);
+        Ok(Self {
+            straight,
+            after_turn,
+            planned_turn,
+            inner: gate::threshold(INNER, 2)?,
+            outer: gate::threshold(OUTER, 2)?,
+            guard: gate::threshold(GUARD, 2)?,
+            sum: gate::threshold(GUARD, 2 * SUMMED)?,
+        })
     }
 }

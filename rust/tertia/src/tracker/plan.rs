@@ -5,10 +5,10 @@
 //! is not. Their probabilities follow from the plots alone. On straight legs there is a model that
 //! keeps to the leg.
 
-use super::bank::{Bank, PLAN, STRAIGHT, TURN};
+use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, entered, without_rate};
 use super::estimate::{Estimate, Moments, Plane};
-use super::filter::changes;
-use super::motion::{self, Noise};
+use super::kinematics;
+use super::motion::ImmModel;
 use super::settings::Settings;
 use crate::flightplan::{
     Monitor, Plan, Sighting, SpeedHistory, Turn, Verdict, capture_in_wind, hazard, lead_in_wind,
@@ -143,7 +143,7 @@ impl Guide {
         bank: &mut Bank,
         estimate: &Estimate<4>,
         settings: &Settings,
-        noise: &Noise,
+        noise: &ImmModel,
         t: f64,
         period: f64,
     ) {
@@ -151,7 +151,7 @@ impl Guide {
         if self.is_believed(settings) && self.in_zone && self.turning.is_none() {
             self.enter(bank);
         }
-        let variance = noise.turn_rate.powi(2);
+        let variance = noise.turn_rate_sigma.powi(2);
         let mut transition = changes(noise, t);
         let keeps = self.is_believed(settings) && !self.in_zone;
         if keeps {
@@ -165,10 +165,10 @@ impl Guide {
             fold_plan(bank);
         }
         bank.mix(&transition, variance);
-        super::filter::predict_bank(bank, noise, t, period);
+        bank.predict(noise, t, period);
         if keeps {
             let course = plan.route.turn(self.monitor.leg()).inbound;
-            let sigma = noise.straight.hypot(self.speed_change());
+            let sigma = noise.straight_sigma.hypot(self.speed_change());
             keep_to_leg(&mut bank.plan, course, t, sigma * sigma * period);
         }
         let (speed, change) = (self.speed(estimate), self.speed_change());
@@ -336,7 +336,7 @@ impl Flown {
 fn predict_turning(
     bank: &mut Bank,
     flown: &Flown,
-    noise: &Noise,
+    noise: &ImmModel,
     before: f64,
     t: f64,
     period: f64,
@@ -363,8 +363,8 @@ fn predict_turning(
     let due = left * turn.full_radius / flown.speed(velocity).max(1.0) <= t;
     let ends = if due { ENDS } else { ENDS_EARLY };
     transition[PLAN] = [ends, FROM_PLAN, 1.0 - ends - FROM_PLAN];
-    bank.mix(&transition, noise.turn_rate.powi(2));
-    super::filter::predict_bank(bank, noise, t, period);
+    bank.mix(&transition, noise.turn_rate_sigma.powi(2));
+    bank.predict(noise, t, period);
     accelerate_along(&mut bank.straight, turn.inbound, flown.change.powi(2) * period, t);
     fly_turn(&mut bank.plan, flown, t, period);
     ratio
@@ -381,18 +381,18 @@ fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
     let (position, velocity) = parts(estimate);
     let arc = capture_in_wind(turn, position, velocity, *wind, t);
     let rate = arc.turn_rate;
-    let mut rated = super::bank::entered(estimate, 0.0);
+    let mut rated = entered(estimate, 0.0);
     rated.mean[2] -= wind[0];
     rated.mean[3] -= wind[1];
     let mut turned = Estimate { mean: rated.mean, covariance: rated.covariance };
     turned.mean[4] = rate;
-    motion::turn(&mut turned, arc.time, 0.0, 0.0);
-    *estimate = super::bank::without_rate(&turned);
+    kinematics::turn(&mut turned, arc.time, 0.0, 0.0);
+    *estimate = without_rate(&turned);
     for (i, w) in wind.iter().enumerate() {
         estimate.mean[i] += arc.time * w;
         estimate.mean[i + 2] += w;
     }
-    motion::coast(estimate, t - arc.time);
+    kinematics::coast(estimate, t - arc.time);
     let speed = velocity[0].hypot(velocity[1]);
     let wind_change = wind_sigma * rate;
     let along = (ROUGHNESS.powi(2) + wind_change.powi(2) + change * change) * period;

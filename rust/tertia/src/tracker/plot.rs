@@ -150,6 +150,21 @@ pub enum PlotStatus {
     ClockError,
 }
 
+impl PlotStatus {
+    /// The number of the track, or a negative number: why the plot was not used.
+    pub fn code(self) -> i64 {
+        match self {
+            Self::Track(number) => number as i64,
+            Self::Invalid => -1,
+            Self::Late => -2,
+            Self::AtSensor => -3,
+            Self::OutOfRange => -4,
+            Self::ClockError => -5,
+            Self::Duplicate => -6,
+        }
+    }
+}
+
 /// A plot in the plane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Measured {

@@ -1,16 +1,24 @@
-//! What a tracker is told.
+//! Settings of a tracker.
 
-use super::filter::Motion;
+use super::motion::Motion;
 use super::plot::Radar;
+use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require};
 use crate::flightplan::Plan;
 use serde::{Deserialize, Serialize};
 
-/// What a tracker is told.
+/// Scans for which the guard acceleration is given, s; between, it is linear.
+const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
+/// Share of a scan by which a plot may be late.
+pub(super) const MAX_DELAY: f64 = 0.25;
+
+/// Settings of a tracker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// The radars, which plots name by their index.
+    /// The radars, to which plots refer by their index.
     pub radars: Vec<Radar>,
+    /// Flight plans.
+    pub plans: Vec<Plan>,
     /// How confirmed targets move.
     pub motion: Motion,
     /// Distance squared of the guard gate.
@@ -26,15 +34,11 @@ pub struct Settings {
     pub max_speed: f64,
     /// False plots per square metre and scan; nan: estimated.
     pub clutter_density: f64,
-    /// How often an identity is read wrongly.
+    /// Probability that an identity is read wrongly.
     pub identity_error_probability: f64,
-    /// Identities that tell of an emergency.
+    /// Identities that signal an emergency.
     pub emergency_codes: Vec<i64>,
-    /// Share of a scan for which a plot may be late.
-    pub patience: f64,
-    /// Flight plans.
-    pub plans: Vec<Plan>,
-    /// Probability that a planned turn is flown, before any; 0: plans are not used.
+    /// Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
     pub flown_probability: f64,
     /// Velocity of the air, east and north, m/s.
     pub wind: [f64; 2],
@@ -42,10 +46,30 @@ pub struct Settings {
     pub wind_sigma: f64,
 }
 
-/// Scans for which the guard acceleration is told, s; between, it is linear.
-const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
-
 impl Settings {
+    /// The usual settings, without flight plans.
+    ///
+    /// # Panics
+    /// Never: the guard gate has a threshold.
+    pub fn new(radars: Vec<Radar>, motion: Motion) -> Self {
+        Self {
+            radars,
+            plans: Vec::new(),
+            motion,
+            guard: gate::threshold(GUARD, 2).expect("a probability"),
+            guard_acceleration: motion.guard_acceleration(),
+            confirmation: (3, 4),
+            coasting: 5,
+            max_speed: 350.0,
+            clutter_density: f64::NAN,
+            identity_error_probability: 1e-3,
+            emergency_codes: Vec::new(),
+            flown_probability: 0.8,
+            wind: [0.0; 2],
+            wind_sigma: 20.0,
+        }
+    }
+
     /// Acceleration that a target may have unnoticed where scans take so long, m/s².
     pub(super) fn unnoticed(&self, period: f64) -> f64 {
         let [short, long] = GUARD_PERIODS;
@@ -53,11 +77,12 @@ impl Settings {
         first + (last - first) * ((period - short) / (long - short)).clamp(0.0, 1.0)
     }
 
+    /// Checks everything but the radars and the plans.
+    ///
     /// # Errors
     /// A number outside its domain.
-    pub fn check(&self) -> Result<()> {
-        require("radars", 0.0, !self.radars.is_empty(), "at least one radar")?;
-        self.radars.iter().try_for_each(Radar::check)?;
+    pub fn check_options(&self) -> Result<()> {
+        self.motion.check()?;
         let positive = |name, value: f64| {
             require(name, value, value > 0.0 && value.is_finite(), "a positive number")
         };
@@ -67,17 +92,29 @@ impl Settings {
             require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
         }
         let (m, n) = self.confirmation;
-        require("confirmation", m as f64, m >= 2 && m <= n, "2 plots or more, of no fewer scans")?;
+        let holds = m >= 2 && m <= n;
+        require("confirmation", m as f64, holds, "2 plots or more, in at least as many scans")?;
+        require("coasting", self.coasting as f64, self.coasting > 0, "1 scan or more")?;
         let p = self.flown_probability;
-        require("flown_probability", p, (0.0..1.0).contains(&p), "0 or more, less than 1")?;
+        let holds = (0.0..1.0).contains(&p);
+        require("flown_probability", p, holds, "0 or more and less than 1")?;
         let w = self.wind_sigma;
         require("wind_sigma", w, w >= 0.0 && w.is_finite(), "0 or a positive number")?;
         for v in self.wind {
             require("wind", v, v.is_finite(), "a finite number")?;
         }
         let b = self.clutter_density;
-        require("clutter_density", b, b.is_nan() || b > 0.0, "a positive number")?;
+        let holds = b.is_nan() || b > 0.0 && b.is_finite();
+        require("clutter_density", b, holds, "a positive number")?;
         let p = self.identity_error_probability;
         require("identity_error_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
+    }
+
+    /// # Errors
+    /// A number outside its domain, or no radar.
+    pub fn check(&self) -> Result<()> {
+        require("sensors", 0.0, !self.radars.is_empty(), "at least one radar")?;
+        self.radars.iter().try_for_each(Radar::check)?;
+        self.check_options()
     }
 }

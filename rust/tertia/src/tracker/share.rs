@@ -1,9 +1,9 @@
 //! Tracks and groups of a scan that one thread looks after, and what it finds.
 
-use super::Row;
+use super::claim::{Claim, reach};
 use super::clutter::Clutter;
 use super::plot::Measured;
-use super::scan::{Claim, reach};
+use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Grid, Pair};

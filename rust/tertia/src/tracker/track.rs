@@ -1,19 +1,20 @@
 //! One track: its filter, its life, and what it answers.
 
+use super::beams::{Beams, Expected};
 use super::estimate::{Estimate, Plane};
-use super::filter::{Filter, Motion};
+use super::filter::Filter;
 use super::height::Vertical;
+use super::identity::Identity;
+use super::motion::Motion;
 use super::plan::Guide;
 use super::plot::{Measured, Radar};
-use super::settings::Settings;
+use super::settings::{MAX_DELAY, Settings};
 use crate::flightplan::{self, Link, Plan, Sighting, decide};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation of the acceleration of a track that is not confirmed yet, m/s².
 const FIRST_ACCELERATION: f64 = 1.0;
-/// Answers in a row after which a track has another identity.
-const CHANGED_AFTER: u8 = 3;
 /// Emergencies in a row that are believed.
 const EMERGENCY_AFTER: u8 = 2;
 /// A plot of the same radar comes no sooner than this share of a scan after the last.
@@ -42,59 +43,6 @@ pub(super) enum Stage {
         evidence: f64,
     },
     Confirmed,
-}
-
-/// When a radar should see a target next.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Expected {
-    pub radar: usize,
-    pub time: f64,
-    /// Of the last plot.
-    pub seen: f64,
-}
-
-/// So many radars find room in a track itself.
-const FEW: usize = 4;
-
-/// When each radar should see a target next.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Beams {
-    few: [Expected; FEW],
-    count: usize,
-    /// All of them, where they are more than a few.
-    many: Vec<Expected>,
-}
-
-impl Beams {
-    #[inline]
-    fn all(&self) -> &[Expected] {
-        if self.count <= FEW { &self.few[..self.count] } else { &self.many }
-    }
-
-    #[inline]
-    fn all_mut(&mut self) -> &mut [Expected] {
-        if self.count <= FEW { &mut self.few[..self.count] } else { &mut self.many }
-    }
-
-    fn push(&mut self, expected: Expected) {
-        if self.count < FEW {
-            self.few[self.count] = expected;
-        } else {
-            if self.count == FEW {
-                self.many.extend_from_slice(&self.few);
-            }
-            self.many.push(expected);
-        }
-        self.count += 1;
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Identity {
-    code: i64,
-    /// Another one, and how often in a row it was answered.
-    other: i64,
-    times: u8,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -188,7 +136,7 @@ impl Track {
     }
 
     fn motion(&self, settings: &Settings) -> Motion {
-        if self.is_confirmed() { settings.motion } else { Motion::Straight(FIRST_ACCELERATION) }
+        if self.is_confirmed() { settings.motion } else { Motion::Cv(FIRST_ACCELERATION) }
     }
 
     /// Position, and its covariance, at a time not far off.
@@ -437,7 +385,7 @@ impl Track {
             }
         } else if plot.identity >= 0 {
             self.emergencies = 0;
-            self.answer(plot.identity);
+            self.identity.get_or_insert(Identity::new(plot.identity)).answer(plot.identity);
         }
         let next = plot.time + settings.radars[plot.radar].scan_period;
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
@@ -464,20 +412,6 @@ impl Track {
         self.filter.suspend_plan(suspended);
     }
 
-    fn answer(&mut self, code: i64) {
-        let new = Identity { code, other: code, times: 0 };
-        let own = self.identity.get_or_insert(new);
-        if code == own.code {
-            own.times = 0;
-            return;
-        }
-        own.times = if code == own.other { own.times + 1 } else { 1 };
-        own.other = code;
-        if own.times >= CHANGED_AFTER {
-            *own = new;
-        }
-    }
-
     /// Acceleration that the target may have unnoticed, m/s², and how long without a plot at most, s.
     pub fn unseen(&self, settings: &Settings) -> (f64, f64) {
         let period = self.period(settings);
@@ -498,8 +432,7 @@ impl Track {
             loop {
                 let Expected { radar, time, .. } = self.beams.all()[i];
                 let station = &settings.radars[radar];
-                if time + settings.patience * station.scan_period >= end || !self.is_alive(settings)
-                {
+                if time + MAX_DELAY * station.scan_period >= end || !self.is_alive(settings) {
                     break;
                 }
                 self.beams.all_mut()[i].time += station.scan_period;

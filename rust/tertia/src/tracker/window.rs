@@ -3,7 +3,8 @@
 
 use super::bank::{entered, without_rate};
 use super::estimate::{Estimate, Plane};
-use super::motion::{self, Arc};
+use super::kinematics::{self, Arc};
+use super::motion::{SUMMED, WindowModel};
 use super::plan::Guide;
 use super::settings::Settings;
 use crate::flightplan::{Turn, capture};
@@ -11,33 +12,12 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Distances squared that are summed, and hits that are counted.
-const REMEMBERED: usize = 3;
 /// So many hits in a row on the same side are a manoeuvre.
 const SIDE_HITS: i32 = 4;
 /// The gate grows for no longer a time without plots, scans.
 const LONGEST_GAP: f64 = 5.0;
 /// Variance of what a planned turn is not, in that of the guard gate: half its acceleration.
 const LATITUDE: f64 = 0.25;
-
-/// Lengths of the history, and what is a manoeuvre.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct WindowRule {
-    /// Plots in straight flight.
-    pub long: usize,
-    /// Plots after a manoeuvre was detected.
-    pub short: usize,
-    /// Plots near a turn of the flight plan.
-    pub turn: usize,
-    /// Distance squared of the inner gate.
-    pub inner: f64,
-    /// That of the outer gate.
-    pub outer: f64,
-    /// That of the guard gate.
-    pub guard: f64,
-    /// Sum of three distances squared that is a manoeuvre.
-    pub sum: f64,
-}
 
 /// A plot of the history.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,7 +105,7 @@ impl Window {
         }
         if turn.is_some() {
             let gap = self.gap.min(LONGEST_GAP * period);
-            self.extra = motion::unnoticed(settings.unnoticed(period), gap);
+            self.extra = kinematics::unnoticed(settings.unnoticed(period), gap);
         }
     }
 
@@ -153,11 +133,11 @@ impl Window {
             plot.back = (plot.back - moved) * turned.transpose();
         }
         if rate == 0.0 {
-            motion::coast(&mut self.line, t);
+            kinematics::coast(&mut self.line, t);
         } else {
             let mut with_rate = entered(&self.line, 0.0);
             with_rate.mean[4] = rate;
-            motion::turn(&mut with_rate, t, 0.0, 0.0);
+            kinematics::turn(&mut with_rate, t, 0.0, 0.0);
             self.line = without_rate(&with_rate);
         }
     }
@@ -169,8 +149,8 @@ impl Window {
     }
 
     /// Adds a plot and draws the line anew.
-    pub fn correct(&mut self, rule: &WindowRule, position: [f64; 2], noise: Plane) {
-        let manoeuvre = self.detects(rule, position, noise);
+    pub fn correct(&mut self, model: &WindowModel, position: [f64; 2], noise: Plane) {
+        let manoeuvre = self.detects(model, position, noise);
         if manoeuvre {
             self.deviates = self.near_turn;
             if self.near_turn {
@@ -178,21 +158,21 @@ impl Window {
             }
             self.distances.clear();
             self.side = 0;
-            self.length = rule.short;
+            self.length = model.after_turn;
             self.manoeuvre = true;
             self.whole = false;
         } else if self.near_turn {
-            self.length = rule.turn;
+            self.length = model.planned_turn;
             self.manoeuvre = false;
-            self.whole &= self.plots.len() < rule.short;
+            self.whole &= self.plots.len() < model.after_turn;
         } else {
-            self.length = (self.length + 1).min(rule.long);
-            self.manoeuvre &= self.length <= 2 * rule.short;
+            self.length = (self.length + 1).min(model.straight);
+            self.manoeuvre &= self.length <= 2 * model.after_turn;
             self.deviates &= self.manoeuvre;
         }
         let (back, near_turn) = (Matrix2::zeros(), self.near_turn);
         self.plots.push_back(Past { age: 0.0, position, noise, back, near_turn });
-        self.forget(rule);
+        self.forget(model);
         let line = if self.whole { None } else { self.fitted() };
         self.line = line.unwrap_or_else(|| {
             let mut line = self.estimate();
@@ -205,10 +185,10 @@ impl Window {
     }
 
     /// Drops the oldest plots: those beyond the length, and those of a turn that is over.
-    fn forget(&mut self, rule: &WindowRule) {
+    fn forget(&mut self, model: &WindowModel) {
         let is_over = |first: &Past| first.near_turn && !self.near_turn;
         while self.plots.len() > self.length
-            || self.plots.len() > rule.short && self.plots.front().is_some_and(is_over)
+            || self.plots.len() > model.after_turn && self.plots.front().is_some_and(is_over)
         {
             self.plots.pop_front();
             self.whole = false;
@@ -216,7 +196,7 @@ impl Window {
     }
 
     /// Whether this plot, with those before it, says that the target manoeuvres.
-    fn detects(&mut self, rule: &WindowRule, z: [f64; 2], r: Plane) -> bool {
+    fn detects(&mut self, model: &WindowModel, z: [f64; 2], r: Plane) -> bool {
         let mut expected = self.line;
         if self.near_turn {
             expected.covariance += self.extra * LATITUDE;
@@ -225,22 +205,22 @@ impl Window {
         let y = [z[0] - self.line.mean[0], z[1] - self.line.mean[1]];
         let distance = s.inverse().form(y);
         self.distances.push_back(distance);
-        while self.distances.len() > REMEMBERED {
+        while self.distances.len() > SUMMED {
             self.distances.pop_front();
         }
         let [vx, vy] = [self.line.mean[2], self.line.mean[3]];
         let (ahead, left) = (vx * y[0] + vy * y[1], vx * y[1] - vy * y[0]);
-        self.side = match (distance > rule.inner && left.abs() > ahead.abs(), left > 0.0) {
+        self.side = match (distance > model.inner && left.abs() > ahead.abs(), left > 0.0) {
             (true, true) => self.side.max(0) + 1,
             (true, false) => self.side.min(0) - 1,
             (false, _) => 0,
         };
-        let beyond = self.distances.iter().filter(|&&d| d > rule.outer).count();
-        let full = self.distances.len() == REMEMBERED;
+        let beyond = self.distances.iter().filter(|&&d| d > model.outer).count();
+        let full = self.distances.len() == SUMMED;
         self.guarded
-            || distance > rule.guard
+            || distance > model.guard
             || beyond >= 2
-            || full && self.distances.iter().sum::<f64>() > rule.sum
+            || full && self.distances.iter().sum::<f64>() > model.sum
             || self.side.abs() >= SIDE_HITS
     }
 

@@ -1,0 +1,145 @@
+//! Radars, motions and settings, as typed objects.
+
+use crate::arrays::value_error;
+use crate::kalman;
+use pyo3::prelude::*;
+use tertia::association::gate;
+use tertia::tracker::{self, ImmModel, WindowModel};
+
+/// A radar, checked.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct Radar(pub tracker::Radar);
+
+#[pymethods]
+impl Radar {
+    #[new]
+    #[pyo3(signature = (*, position, range_sigma, azimuth_sigma, scan_period, max_range, detection_probability))]
+    fn new(
+        position: [f64; 3],
+        range_sigma: f64,
+        azimuth_sigma: f64,
+        scan_period: f64,
+        max_range: f64,
+        detection_probability: f64,
+    ) -> PyResult<Self> {
+        let radar = tracker::Radar {
+            position,
+            range_sigma,
+            azimuth_sigma,
+            scan_period,
+            max_range,
+            detection_probability,
+        };
+        radar.check().map_err(value_error)?;
+        Ok(Self(radar))
+    }
+}
+
+/// A model of how targets move, by the name of the constructor.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct Motion(tracker::Motion);
+
+#[pymethods]
+impl Motion {
+    #[staticmethod]
+    #[pyo3(signature = (*, straight_sigma))]
+    fn cv(straight_sigma: f64) -> Self {
+        Self(tracker::Motion::Cv(straight_sigma))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (*, straight_sigma, turn_sigma, turn_rate_walk, turn_rate_sigma, straight_time, turn_time))]
+    fn imm(
+        straight_sigma: f64,
+        turn_sigma: f64,
+        turn_rate_walk: f64,
+        turn_rate_sigma: f64,
+        straight_time: f64,
+        turn_time: f64,
+    ) -> Self {
+        Self(tracker::Motion::Imm(ImmModel {
+            straight_sigma,
+            turn_sigma,
+            turn_rate_walk,
+            turn_rate_sigma,
+            straight_time,
+            turn_time,
+        }))
+    }
+
+    #[staticmethod]
+    fn singer(model: kalman::Model) -> PyResult<Self> {
+        Ok(Self(tracker::Motion::Singer(kalman::singer(model)?)))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (*, straight, after_turn, planned_turn))]
+    fn window(straight: usize, after_turn: usize, planned_turn: usize) -> PyResult<Self> {
+        let model = WindowModel::try_new(straight, after_turn, planned_turn);
+        Ok(Self(tracker::Motion::Window(model.map_err(value_error)?)))
+    }
+
+    /// Whether it can follow flight plans.
+    #[getter]
+    fn takes_plans(&self) -> bool {
+        self.0.takes_plans()
+    }
+}
+
+/// Settings of a tracker, checked; radars and flight plans come with the tracker.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct TrackerSettings(tracker::Settings);
+
+#[pymethods]
+impl TrackerSettings {
+    /// None: the guard acceleration of the motion, and a clutter density that is estimated.
+    #[new]
+    #[pyo3(signature = (
+        *, motion, flown_probability, wind, wind_sigma, confirmation, coasting, clutter_density,
+        max_speed, gate_probability, guard_acceleration, identity_error_probability,
+        emergency_codes
+    ))]
+    #[allow(clippy::too_many_arguments)] // the settings, by name
+    fn new(
+        motion: &Motion,
+        flown_probability: f64,
+        wind: [f64; 2],
+        wind_sigma: f64,
+        confirmation: (usize, usize),
+        coasting: usize,
+        clutter_density: Option<f64>,
+        max_speed: f64,
+        gate_probability: f64,
+        guard_acceleration: Option<f64>,
+        identity_error_probability: f64,
+        emergency_codes: Vec<i64>,
+    ) -> PyResult<Self> {
+        let usual = motion.0.guard_acceleration();
+        let settings = tracker::Settings {
+            flown_probability,
+            wind,
+            wind_sigma,
+            confirmation,
+            coasting,
+            clutter_density: clutter_density.unwrap_or(f64::NAN),
+            max_speed,
+            guard: gate::threshold(gate_probability, 2).map_err(value_error)?,
+            guard_acceleration: guard_acceleration.map_or(usual, |a| [a; 2]),
+            identity_error_probability,
+            emergency_codes,
+            ..tracker::Settings::new(Vec::new(), motion.0)
+        };
+        settings.check_options().map_err(value_error)?;
+        Ok(Self(settings))
+    }
+}
+
+impl TrackerSettings {
+    pub fn with(
+        &self,
+        radars: Vec<tracker::Radar>,
+        plans: Vec<tertia::flightplan::Plan>,
+    ) -> tracker::Settings {
+        tracker::Settings { radars, plans, ..self.0.clone() }
+    }
+}

@@ -1,0 +1,72 @@
+//! Which plots a track may claim: where it may be when a radar comes by.
+
+use super::settings::{MAX_DELAY, Settings};
+use super::track::Track;
+use std::f64::consts::PI;
+
+/// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
+const BEAM: f64 = 0.1;
+/// A track that may have been seen by a radar, and the plots that may be of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Claim {
+    /// Index of the track: among all, then among those of its share.
+    pub track: u32,
+    /// Place of the claim in the order of groups.
+    pub rank: u32,
+    /// The first of its plots, by which it is joined to others.
+    pub root: u32,
+    /// By what tracks and plots of all radars are joined.
+    pub component: u32,
+    pub start: u32,
+    pub end: u32,
+}
+
+impl Claim {
+    /// Of a track, among all, for plots from `start` to `end`.
+    pub fn new(track: usize, start: usize, end: usize) -> Self {
+        let [track, start, end] = [track, start, end].map(|i| i as u32);
+        Self { track, rank: 0, root: 0, component: 0, start, end }
+    }
+}
+
+/// Where plots of the track may be, from `begin` to `end`; none where the radar does not come.
+#[inline]
+pub(super) fn reach(
+    track: &Track,
+    radar: usize,
+    (begin, end): (f64, f64),
+    unseen: (f64, f64),
+    settings: &Settings,
+) -> Option<([f64; 2], [f64; 2])> {
+    let station = &settings.radars[radar];
+    let (time, slack) = match track.expected_by(radar) {
+        Some(expected) => {
+            // near the radar the beam comes earlier or later
+            let moved = settings.max_speed * (begin - expected.seen).max(station.scan_period);
+            let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
+            let late = (MAX_DELAY + swing) * station.scan_period;
+            // the scan in which the radar comes between begin and end
+            let scans = ((begin - late - expected.time) / station.scan_period).ceil().max(0.0);
+            let time = expected.time + scans * station.scan_period;
+            if time > end + late {
+                return None;
+            }
+            (time.clamp(begin, end), (BEAM + swing) * station.scan_period)
+        }
+        None => (0.5 * (begin + end), 0.5 * (end - begin)),
+    };
+    let (centre, covariance) = track.position_at(time);
+    let noise = station.noise_at(centre, track.height() - station.position[2]);
+    let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
+    let (wide, margin) = track.reach(time, unseen);
+    let more = margin + speed * slack;
+    // no target is farther than it can have flown
+    let flown = 2.0 * settings.max_speed * (time - track.seen).abs().max(station.scan_period);
+    let half = |variance: f64, noise: f64| {
+        let most = flown + (settings.guard * noise).sqrt();
+        ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
+    };
+    let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
+    let nearest = station.about(centre) - half[0] - half[1];
+    (nearest <= station.max_range).then_some((centre, half))
+}

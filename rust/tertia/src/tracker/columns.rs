@@ -1,0 +1,154 @@
+//! The columns of a table of tracks, in one place: bindings, files and pages follow it.
+
+use super::estimate::Plane;
+use super::row::Row;
+
+/// A column of a table of tracks.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit; empty where it has none.
+    pub unit: &'static str,
+    /// Shape of its value in a row; empty for a single number.
+    pub shape: &'static [usize],
+    /// How it is read from a row.
+    pub values: Values,
+    /// What it is, as a phrase.
+    pub doc: &'static str,
+}
+
+/// How the values of a column are read from a row, by their type.
+#[derive(Clone, Copy, Debug)]
+pub enum Values {
+    /// Writes as many numbers as the column is wide.
+    Numbers(fn(&Row, &mut [f64])),
+    /// An integer; negative where there is none.
+    Integers(fn(&Row) -> i64),
+    /// Yes or no.
+    Flags(fn(&Row) -> bool),
+}
+use Values::{Flags, Integers, Numbers};
+
+impl Column {
+    const fn new(
+        name: &'static str,
+        unit: &'static str,
+        shape: &'static [usize],
+        values: Values,
+        doc: &'static str,
+    ) -> Self {
+        Self { name, unit, shape, values, doc }
+    }
+
+    /// Numbers in a row.
+    pub fn width(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// All columns.
+pub const COLUMNS: [Column; 16] = [
+    Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
+    Column::new("track", "", &[], Integers(|row| row.track as i64), "number of the track, from 1"),
+    Column::new("sensor", "", &[], Integers(|row| row.radar as i64), "index of the sensor"),
+    Column::new(
+        "plot",
+        "",
+        &[],
+        Integers(|row| index(row.plot)),
+        "index of the plot among all that the tracker was given; -1 for a missed detection",
+    ),
+    Column::new(
+        "position",
+        "m",
+        &[2],
+        Numbers(|row, out| out.copy_from_slice(&row.estimate.mean.as_slice()[..2])),
+        "east and north",
+    ),
+    Column::new(
+        "velocity",
+        "m/s",
+        &[2],
+        Numbers(|row, out| out.copy_from_slice(&row.estimate.mean.as_slice()[2..])),
+        "east and north",
+    ),
+    Column::new(
+        "covariance",
+        "m², m²/s, m²/s²",
+        &[4, 4],
+        Numbers(|row, out| out.copy_from_slice(row.estimate.covariance.as_slice())),
+        "of position and velocity",
+    ),
+    Column::new(
+        "innovation",
+        "m",
+        &[2],
+        Numbers(|row, out| out.copy_from_slice(&row.innovation)),
+        "plot less prediction; nan for a missed detection",
+    ),
+    Column::new(
+        "innovation_covariance",
+        "m²",
+        &[2, 2],
+        Numbers(|row, out| {
+            let Plane { xx, xy, yy } = row.innovation_covariance;
+            out.copy_from_slice(&[xx, xy, xy, yy]);
+        }),
+        "covariance of the innovation",
+    ),
+    Column::new(
+        "turn_probability",
+        "",
+        &[],
+        Numbers(|row, out| out[0] = row.turn_probability),
+        "probability that the target turns",
+    ),
+    Column::new(
+        "height",
+        "m",
+        &[],
+        Numbers(|row, out| out[0] = row.height),
+        "height; nan where none was reported",
+    ),
+    Column::new(
+        "vertical_rate",
+        "m/s",
+        &[],
+        Numbers(|row, out| out[0] = row.vertical_rate),
+        "rate of the height, positive upward; nan where no height was reported",
+    ),
+    Column::new(
+        "identity",
+        "",
+        &[],
+        Integers(|row| row.identity),
+        "reply of the transponder; -1 where there is none",
+    ),
+    Column::new(
+        "plan",
+        "",
+        &[],
+        Integers(|row| index(row.plan)),
+        "index of the flight plan; -1 where the track has none",
+    ),
+    Column::new(
+        "confirmed",
+        "",
+        &[],
+        Flags(|row| row.confirmed),
+        "whether the track was confirmed by then",
+    ),
+    Column::new(
+        "conforms",
+        "",
+        &[],
+        Flags(|row| row.conforms),
+        "whether the target follows its plan; false where the plan is blocked",
+    ),
+];
+
+/// An index, or −1.
+fn index(index: Option<usize>) -> i64 {
+    index.map_or(-1, |index| index as i64)
+}

@@ -1,0 +1,34 @@
+//! What the transponder of a target answers, of which single answers may be wrong.
+
+use serde::{Deserialize, Serialize};
+
+/// Answers in a row after which a track has another identity.
+const CHANGED_AFTER: u8 = 3;
+
+/// The identity of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Identity {
+    pub code: i64,
+    /// Another one, and how often in a row it was answered.
+    other: i64,
+    times: u8,
+}
+
+impl Identity {
+    pub fn new(code: i64) -> Self {
+        Self { code, other: code, times: 0 }
+    }
+
+    /// Takes one more answer; the code changes only after several that are alike.
+    pub fn answer(&mut self, code: i64) {
+        if code == self.code {
+            self.times = 0;
+            return;
+        }
+        self.times = if code == self.other { self.times + 1 } else { 1 };
+        self.other = code;
+        if self.times >= CHANGED_AFTER {
+            *self = Self::new(code);
+        }
+    }
+}
