@@ -584,7 +584,7 @@ def test_mistakes_in_plans(
         (("--confirmation", "3"), "--confirmation is '3'; it must be two numbers"),
         (("--confirmation", "5,4"), "confirmation"),
         (("--coasting", 0), "coasting is 0"),
-        (("--gate-probability", 1), "gate_probability is 1.0"),
+        (("--gate-probability", 1), "gate_probability is 1"),
         (("--clutter-density", -1), "clutter_density"),
         (("--column", "range=r"), "--column is 'range=r'; it must be NAME=COLUMN"),
         (("--column", "time_s=t", "--column", "time_s=u"), "--column gives time_s twice"),

@@ -837,7 +837,7 @@ def test_extrapolation_follows_the_plan():
         ({"confirmation": (4, 3)}, "confirmation"),
         ({"coasting": 0}, "coasting is 0"),
         ({"max_speed": -1.0}, "max_speed"),
-        ({"gate_probability": 1.0}, "gate_probability is 1.0"),
+        ({"gate_probability": 1.0}, "gate_probability is 1"),
         ({"clutter_density": 0.0}, "clutter_density"),
         ({"identity_error_probability": 0.0}, "identity_error_probability"),
         ({"guard_acceleration": -1.0}, "guard_acceleration"),

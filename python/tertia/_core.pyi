@@ -7,8 +7,11 @@ __all__ = [
     "VERSION",
     "AngleFilter",
     "AngleFusion",
+    "Motion",
     "PlotTracker",
+    "Radar",
     "Route",
+    "TrackerSettings",
     "assign_pairs",
     "bursts",
     "cochran",
@@ -51,6 +54,7 @@ __all__ = [
     "t_test",
     "thompson_tau",
     "times_over",
+    "track_columns",
     "unwrap_about_median",
     "weight_bias",
     "weight_covariance",
@@ -226,7 +230,9 @@ class AngleFusion:
 @final
 class PlotTracker:
     time: float
-    def __new__(cls, radars: list[list[float]], options: dict[str, Any]) -> PlotTracker: ...
+    def __new__(
+        cls, settings: TrackerSettings, radars: list[Radar], plans: list[Route]
+    ) -> PlotTracker: ...
     def track(
         self,
         time: FloatArray,
@@ -246,8 +252,61 @@ class PlotTracker:
     @staticmethod
     def from_state(state: bytes) -> PlotTracker: ...
 
+@final
+class Radar:
+    def __new__(
+        cls,
+        *,
+        position: list[float],
+        range_sigma: float,
+        azimuth_sigma: float,
+        scan_period: float,
+        max_range: float,
+        detection_probability: float,
+    ) -> Radar: ...
+
+@final
+class Motion:
+    takes_plans: bool
+    @staticmethod
+    def cv(*, straight_sigma: float) -> Motion: ...
+    @staticmethod
+    def imm(
+        *,
+        straight_sigma: float,
+        turn_sigma: float,
+        turn_rate_walk: float,
+        turn_rate_sigma: float,
+        straight_time: float,
+        turn_time: float,
+    ) -> Motion: ...
+    @staticmethod
+    def singer(model: tuple[float, float, bool]) -> Motion: ...
+    @staticmethod
+    def window(*, straight: int, after_turn: int, planned_turn: int) -> Motion: ...
+
+@final
+class TrackerSettings:
+    def __new__(
+        cls,
+        *,
+        motion: Motion,
+        flown_probability: float,
+        wind: list[float],
+        wind_sigma: float,
+        confirmation: tuple[int, int],
+        coasting: int,
+        clutter_density: float | None,
+        max_speed: float,
+        gate_probability: float,
+        guard_acceleration: float | None,
+        identity_error_probability: float,
+        emergency_codes: list[int],
+    ) -> TrackerSettings: ...
+
+def track_columns() -> list[tuple[str, str, str, list[int], str]]: ...
 def plots_to_cartesian(
-    radars: list[list[float]],
+    radars: list[Radar],
     time: FloatArray,
     range: FloatArray,  # noqa: A002  # that is what it is
     azimuth: FloatArray,

@@ -1,0 +1,32 @@
+"""Tracker: radar plots in, tracks out, scan by scan or for a whole recording.
+
+Plots are polar, of one radar or of several that turn at their own pace. Targets fly straight or
+turn; interacting multiple models estimate which. Azimuths are radians, clockwise from north;
+positions are local east and north in metres.
+"""
+
+from tertia.kalman import SingerModel
+from tertia.sensors import Radar
+from tertia.tracker._models import CvModel, ImmModel, Motion, MotionName, PlanModel, WindowModel
+from tertia.tracker._plots import NO_IDENTITY, Plots, PlotStatus
+from tertia.tracker._table import COLUMNS, Column, TrackTable
+from tertia.tracker._tracker import Tracker, track
+
+__all__ = [
+    "COLUMNS",
+    "NO_IDENTITY",
+    "Column",
+    "CvModel",
+    "ImmModel",
+    "Motion",
+    "MotionName",
+    "PlanModel",
+    "PlotStatus",
+    "Plots",
+    "Radar",
+    "SingerModel",
+    "TrackTable",
+    "Tracker",
+    "WindowModel",
+    "track",
+]

@@ -1,0 +1,178 @@
+"""How targets move, follow their flight plans, and are measured: parameters of the tracker."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import finite, integer, positive, real
+from tertia.kalman import SingerModel
+from tertia.sensors import Radar
+
+MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
+Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
+
+
+@dataclass(frozen=True, slots=True)
+class ImmModel:
+    """Straight flight and turns, mixed by their probabilities: interacting multiple models.
+
+    Attributes
+    ----------
+    straight_sigma, turn_sigma : float
+        Standard deviation of the acceleration during a scan, in straight flight and in turns, in
+        metres per second squared. Simulated legs are straighter (0.05) than recorded ones (0.2).
+    turn_rate_walk : float
+        Random walk of the turn rate, in radians per second and root of a second.
+    turn_rate_sigma : float
+        Standard deviation of the rate at which a turn begins, in radians per second.
+    straight_time, turn_time : float
+        Mean duration of straight flight and of a turn, in seconds.
+    """
+
+    straight_sigma: float = 0.1
+    turn_sigma: float = 0.8
+    turn_rate_walk: float = float(np.radians(0.03))
+    turn_rate_sigma: float = float(np.radians(1.2))
+    straight_time: float = 400.0
+    turn_time: float = 35.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _require_positive(self)
+
+
+@dataclass(frozen=True, slots=True)
+class CvModel:
+    """Nearly constant velocity: straight flight, disturbed by small accelerations.
+
+    Attributes
+    ----------
+    straight_sigma : float
+        Standard deviation of the acceleration during a scan, in metres per second squared.
+    """
+
+    straight_sigma: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check the parameter."""
+        _require_positive(self)
+
+
+@dataclass(frozen=True, slots=True)
+class WindowModel:
+    """Least squares over a sliding window of plots, as in the source.
+
+    Attributes
+    ----------
+    straight : int
+        Plots in the window in straight flight.
+    after_turn : int
+        Plots that are kept when a manoeuvre is detected.
+    planned_turn : int
+        Plots in the window near a turn of the flight plan.
+    """
+
+    straight: int = 20
+    after_turn: int = 3
+    planned_turn: int = 5
+
+    def __post_init__(self) -> None:
+        """Check the windows."""
+        for name in self.__slots__:
+            object.__setattr__(self, name, integer(getattr(self, name), name, 2))
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class PlanModel:
+    """How closely targets follow their flight plans, and the wind.
+
+    Attributes
+    ----------
+    flown_probability : float
+        Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
+        The motion "window" only distinguishes 0 from the rest.
+    wind : (float, float)
+        East and north velocity of the air, in metres per second: planned turns are flown in it.
+    wind_sigma : float
+        Standard deviation of the wind in metres per second: 20 where it is not known, about 6
+        where it is.
+    """
+
+    flown_probability: float
+    wind: tuple[float, float]
+    wind_sigma: float
+
+    def __init__(
+        self,
+        flown_probability: float = 0.8,
+        wind: npt.ArrayLike = (0.0, 0.0),
+        wind_sigma: float = 20.0,
+    ) -> None:
+        probability = real(flown_probability, "flown_probability")
+        if not 0.0 <= probability < 1.0:
+            raise ValueError(
+                f"flown_probability is {probability}; it must be 0 or more and less than 1"
+            )
+        air = finite(wind, "wind")
+        if air.shape != (2,):
+            raise ValueError(f"wind has shape {air.shape}; it must be (2,): east and north")
+        sigma = float(finite(real(wind_sigma, "wind_sigma"), "wind_sigma"))
+        if sigma < 0.0:
+            raise ValueError(f"wind_sigma is {sigma}; it must be 0 or positive")
+        object.__setattr__(self, "flown_probability", probability)
+        object.__setattr__(self, "wind", (float(air[0]), float(air[1])))
+        object.__setattr__(self, "wind_sigma", sigma)
+
+
+def core_motion(motion: Motion) -> _core.Motion:
+    """Return a motion as the core takes it."""
+    names = get_args(MotionName)
+    if isinstance(motion, str):
+        if motion not in names:
+            raise ValueError(f"motion is {motion!r}; it must be one of {', '.join(names)}")
+        motion = _MODELS[motion]
+    match motion:
+        case ImmModel():
+            return _core.Motion.imm(**asdict(motion))
+        case CvModel():
+            return _core.Motion.cv(**asdict(motion))
+        case SingerModel():
+            if not motion.exact:
+                raise ValueError("motion is a SingerModel with exact=False; it must be exact")
+            return _core.Motion.singer((motion.alpha, motion.acceleration_sigma, True))
+        case WindowModel():
+            return _core.Motion.window(**asdict(motion))
+    raise TypeError(f"motion is {motion!r}; it must be a model, or one of {', '.join(names)}")
+
+
+def core_radar(radar: Radar) -> _core.Radar:
+    """Return a radar as the core takes it."""
+    east, north, *up = radar.position.tolist()
+    return _core.Radar(
+        position=[east, north, *(up or [0.0])],
+        range_sigma=radar.range_sigma,
+        azimuth_sigma=radar.azimuth_sigma,
+        scan_period=radar.scan_period,
+        max_range=radar.max_range,
+        detection_probability=radar.detection_probability,
+    )
+
+
+def _require_positive(model: Any) -> None:
+    for name in model.__slots__:
+        number = positive(real(getattr(model, name), name), name)
+        object.__setattr__(model, name, float(number))
+
+
+_MODELS: dict[str, ImmModel | CvModel | SingerModel | WindowModel] = {
+    "imm": ImmModel(),
+    "cv": CvModel(),
+    # 3 m/s2 that fades within a minute; the tracker has the times of the plots in place of dt
+    "singer": SingerModel(1.0, 1 / 60, 3.0, exact=True),
+    "window": WindowModel(),
+}

@@ -1,0 +1,213 @@
+"""Plots, and why some cannot be used."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray, radians, samples
+from tertia.sensors import Radar
+from tertia.tracker._models import core_radar
+
+_T = TypeVar("_T")
+
+# identity of a plot that has none
+NO_IDENTITY = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Plots:
+    """Polar plots of one or several sensors, in any order.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether `azimuth` is given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Seconds.
+    range : ndarray of shape (N,)
+        Metres from the sensor: slant range where there is a height, horizontal otherwise.
+    azimuth : ndarray of shape (N,)
+        Radians, clockwise from north.
+    sensor : ndarray of int, shape (N,)
+        Index of the sensor.
+    height : ndarray of shape (N,)
+        Metres; nan where it is not known.
+    identity : ndarray of int, shape (N,)
+        Reply of the transponder, for example a code or an address; -1 where there is none.
+
+    Raises
+    ------
+    ValueError
+        Columns of different shapes, or an azimuth of more than two turns.
+    TypeError
+        A column of the wrong type.
+    """
+
+    time: FloatArray
+    range: FloatArray
+    azimuth: FloatArray
+    sensor: IntArray
+    height: FloatArray
+    identity: IntArray
+
+    def __init__(
+        self,
+        time: npt.ArrayLike,
+        range: npt.ArrayLike,  # noqa: A002  # that is what it is
+        azimuth: npt.ArrayLike,
+        *,
+        sensor: npt.ArrayLike = 0,
+        height: npt.ArrayLike = np.nan,
+        identity: npt.ArrayLike = NO_IDENTITY,
+        degrees: bool = False,
+    ) -> None:
+        instants = samples(time, "time")
+        if instants.ndim != 1:
+            raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
+        columns = {
+            "time": instants,
+            "range": samples(range, "range"),
+            "azimuth": radians(azimuth, "azimuth", degrees=degrees),
+            "sensor": _whole(sensor, "sensor"),
+            "height": samples(height, "height"),
+            "identity": _whole(identity, "identity"),
+        }
+        for key, values in columns.items():
+            try:
+                same = values.shape == instants.shape
+                column = values if same else np.broadcast_to(values, instants.shape)
+                column = np.ascontiguousarray(column)
+            except ValueError:
+                raise ValueError(
+                    f"{key} has shape {values.shape}; it must be {instants.shape}, as time"
+                ) from None
+            object.__setattr__(self, key, column)
+
+    def __len__(self) -> int:
+        """Return the number of plots."""
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        """Return the number of plots, as text."""
+        return f"Plots({len(self)})"
+
+    def __getitem__(self, index: Any) -> Plots:
+        """Return some of the plots."""
+        some = Plots.__new__(Plots)
+        for name in self.__slots__:
+            column = getattr(self, name)[index]
+            if column.ndim != 1:
+                raise ValueError(f"time has shape {column.shape}; it must be (N,)")
+            object.__setattr__(some, name, np.ascontiguousarray(column))
+        return some
+
+    def to_cartesian(self, sensors: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
+        """Return the plots as positions in the plane, as the tracker takes them.
+
+        Parameters
+        ----------
+        sensors : sequence of Radar
+            The radars that measured the plots.
+
+        Returns
+        -------
+        position : ndarray of shape (N, 2)
+            East and north in metres; nan where the plot is invalid or straight above the radar. The
+            mean of sine and cosine of a noisy azimuth is smaller by exp(-sigma^2 / 2), which is
+            corrected.
+        covariance : ndarray of shape (N, 2, 2)
+            `J diag(range_sigma^2, azimuth_sigma^2) J'`; where there is a height, with the share
+            that the slant range and the error of the height add.
+
+        Raises
+        ------
+        ValueError
+            A plot of a sensor that does not exist.
+        TypeError
+            A sensor that is no radar.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from tertia.tracker import Plots, Radar
+        >>> radar = Radar(range_sigma=75.0, azimuth_sigma=np.radians(0.1), scan_period=10.0)
+        >>> position, covariance = Plots([0.0], [150e3], 30.0, degrees=True).to_cartesian([radar])
+        >>> position.round(1)
+        array([[ 75000.1, 129904. ]])
+        """
+        return _core.plots_to_cartesian(
+            [core_radar(radar) for radar in require_each(sensors, Radar, "sensors")],
+            self.time,
+            self.range,
+            self.azimuth,
+            self.height,
+            self.sensor,
+            self.identity,
+        )
+
+
+class PlotStatus(enum.IntEnum):
+    """Why a plot was not used: takes the place of the track in `TrackTable.track_of_plot`."""
+
+    INVALID = -1
+    LATE = -2
+    AT_SENSOR = -3
+    OUT_OF_RANGE = -4
+    CLOCK_ERROR = -5
+    DUPLICATE = -6
+
+    @property
+    def message(self) -> str:
+        """What is wrong, as a sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    PlotStatus.INVALID: (
+        "time, range or azimuth is not finite or too large (over 1e11 s or 1e9 m), or the range is "
+        "not positive"
+    ),
+    PlotStatus.LATE: "the plot is more than a scan older than plots that were processed before",
+    PlotStatus.AT_SENSOR: "the target is straight above the radar",
+    PlotStatus.OUT_OF_RANGE: "the plot is beyond the range of the radar",
+    PlotStatus.CLOCK_ERROR: "the plot comes alone and long after the others, as with a wrong clock",
+    PlotStatus.DUPLICATE: "the plot repeats the one before it",
+}
+
+
+def require_each(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
+    """Return a sequence of objects of a kind as a tuple."""
+    if not isinstance(values, Sequence):
+        raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
+    for i, value in enumerate(values):
+        if not isinstance(value, kind):
+            raise TypeError(f"{name}[{i}] is {value!r}; it must be a {kind.__name__}")
+    return tuple(values)
+
+
+def _whole(value: npt.ArrayLike, name: str) -> IntArray:
+    """Return `value` as int64 numbers."""
+    array = np.asarray(value)
+    if array.dtype == np.int64:
+        return array
+    if array.dtype.kind == "O":
+        # nullable columns of older pandas
+        array = np.asarray(array.tolist())
+    if array.dtype.kind not in "iu" and array.size:
+        raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
+    large = np.flatnonzero(array > np.iinfo(np.int64).max)
+    if len(large):
+        raise ValueError(
+            f"{name}[{large[0]}] is {array.flat[large[0]]}; it must be less than 2**63"
+        )
+    return array.astype(np.int64)

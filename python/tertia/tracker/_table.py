@@ -1,0 +1,164 @@
+"""Tables of tracks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a `TrackTable`.
+
+    Attributes
+    ----------
+    name : str
+        The attribute of the table.
+    unit : str
+        Its unit; empty where it has none.
+    type : {"float", "int", "bool"}
+        The type of its values.
+    shape : tuple of int
+        Shape of the value of a row; empty for a single number.
+    doc : str
+        What it is.
+    """
+
+    name: str
+    unit: str
+    type: str
+    shape: tuple[int, ...]
+    doc: str
+
+
+# all columns, as the core writes them: files and pages follow this table
+COLUMNS = tuple(
+    Column(name, unit, kind, tuple(shape), doc)
+    for name, unit, kind, shape, doc in _core.track_columns()
+)
+
+
+def _places() -> dict[str, tuple[Column, int]]:
+    """Return each column, and how many values of its type are before it in a row."""
+    before, places = {"float": 0, "int": 0, "bool": 0}, {}
+    for column in COLUMNS:
+        places[column.name] = column, before[column.type]
+        before[column.type] += math.prod(column.shape)
+    return places
+
+
+_PLACES = _places()
+
+
+class _Columns:
+    """Columns that lie one after the other in arrays, and are cut out when they are asked for."""
+
+    __slots__ = ("_blocks", "_count")
+
+    _blocks: dict[str, npt.NDArray[Any]]
+    _count: int
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a column; called where it has not been cut out yet."""
+        try:
+            column, first = _PLACES[name]
+        except KeyError:
+            raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}") from None
+        block, count = self._blocks[column.type], self._count
+        end = first + math.prod(column.shape)
+        values = block[first * count : end * count].reshape(count, *column.shape)
+        object.__setattr__(self, name, values)
+        return values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackTable(_Columns):
+    """Tracks: one row for every plot of a track and for every scan that missed its target.
+
+    `COLUMNS` has the columns with their units. `table[index]` has the rows of a slice, a mask or
+    indices.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Seconds.
+    track : ndarray of int, shape (N,)
+        Number of the track, from 1.
+    sensor : ndarray of int, shape (N,)
+        Index of the sensor.
+    plot : ndarray of int, shape (N,)
+        Index of the plot among all that the tracker was given; -1 for a missed detection.
+    position, velocity : ndarray of shape (N, 2)
+        East and north, in metres and metres per second.
+    covariance : ndarray of shape (N, 4, 4)
+        Of position and velocity.
+    innovation : ndarray of shape (N, 2)
+        Plot less prediction, in metres; nan for a missed detection.
+    innovation_covariance : ndarray of shape (N, 2, 2)
+        Covariance of the innovation.
+    turn_probability : ndarray of shape (N,)
+        Probability that the target turns.
+    height, vertical_rate : ndarray of shape (N,)
+        Metres, and metres per second upward; nan where no height was reported.
+    identity : ndarray of int, shape (N,)
+        Reply of the transponder; -1 where there is none.
+    plan : ndarray of int, shape (N,)
+        Index of the flight plan; -1 where the track has none.
+    confirmed : ndarray of bool, shape (N,)
+        Whether the track was confirmed by then.
+    conforms : ndarray of bool, shape (N,)
+        Whether the target follows its plan; False where the plan is blocked.
+    track_of_plot : ndarray of int, shape (P,)
+        The track of each plot; a negative `PlotStatus` where it was not used.
+    """
+
+    time: FloatArray
+    track: IntArray
+    sensor: IntArray
+    plot: IntArray
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    innovation: FloatArray
+    innovation_covariance: FloatArray
+    turn_probability: FloatArray
+    height: FloatArray
+    vertical_rate: FloatArray
+    identity: IntArray
+    plan: IntArray
+    confirmed: BoolArray
+    conforms: BoolArray
+    track_of_plot: IntArray
+
+    @classmethod
+    def _of(
+        cls, numbers: FloatArray, integers: IntArray, flags: BoolArray, track_of_plot: IntArray
+    ) -> TrackTable:
+        """Return the table of the core's blocks."""
+        table = cls.__new__(cls)
+        flags_of_row = sum(column.type == "bool" for column in COLUMNS)
+        blocks = {"float": numbers, "int": integers, "bool": flags}
+        object.__setattr__(table, "_blocks", blocks)
+        object.__setattr__(table, "_count", len(flags) // flags_of_row)
+        object.__setattr__(table, "track_of_plot", track_of_plot)
+        return table
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        """Return the numbers of tracks and rows, as text."""
+        return f"TrackTable({len(np.unique(self.track))} tracks, {len(self)} rows)"
+
+    def __getitem__(self, index: Any) -> TrackTable:
+        """Return the rows of a slice, a mask or indices, with the tracks of all plots."""
+        kept = {column.name: getattr(self, column.name)[index] for column in COLUMNS}
+        return TrackTable(**kept, track_of_plot=self.track_of_plot)

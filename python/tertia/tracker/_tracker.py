@@ -1,0 +1,376 @@
+"""The tracker, scan by scan and for whole recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray, finite, integer, positive, real, threads
+from tertia.association import GUARD
+from tertia.flightplan import FlightPlan
+from tertia.sensors import Radar
+from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
+from tertia.tracker._plots import Plots, require_each
+from tertia.tracker._table import TrackTable
+
+_State: TypeAlias = (
+    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, bytes]"
+)
+
+
+def core_settings(
+    *,
+    motion: Motion = "imm",
+    plan_model: PlanModel | None = None,
+    confirmation: tuple[int, int] = (3, 4),
+    coasting: int = 5,
+    clutter_density: float | None = None,
+    max_speed: float = 350.0,
+    gate_probability: float = GUARD,
+    guard_acceleration: float | None = None,
+    identity_error_probability: float = 1e-3,
+    emergency_codes: Sequence[int] = (),
+    with_plans: bool = False,
+) -> _core.TrackerSettings:
+    """Check the options of `Tracker` that need neither sensors nor plots.
+
+    Commands call it to refuse wrong options before they read files.
+    """
+    model = PlanModel() if plan_model is None else plan_model
+    if not isinstance(model, PlanModel):
+        raise TypeError(f"plan_model is {plan_model!r}; it must be a PlanModel")
+    if not isinstance(confirmation, Sequence) or len(confirmation) != 2:
+        raise TypeError(f"confirmation is {confirmation!r}; it must be a pair: plots, scans")
+    plots, scans = (integer(count, "confirmation", 2) for count in confirmation)
+    if clutter_density is not None:
+        clutter_density = float(
+            positive(real(clutter_density, "clutter_density"), "clutter_density")
+        )
+    if guard_acceleration is not None:
+        guard_acceleration = real(guard_acceleration, "guard_acceleration")
+    moves = core_motion(motion)
+    if with_plans and not moves.takes_plans:
+        raise ValueError(f"motion {motion!r} takes no plans; 'imm' and 'window' do")
+    return _core.TrackerSettings(
+        motion=moves,
+        flown_probability=model.flown_probability,
+        wind=list(model.wind),
+        wind_sigma=model.wind_sigma,
+        confirmation=(plots, scans),
+        coasting=integer(coasting, "coasting", 1),
+        clutter_density=clutter_density,
+        max_speed=real(max_speed, "max_speed"),
+        gate_probability=real(gate_probability, "gate_probability"),
+        guard_acceleration=guard_acceleration,
+        identity_error_probability=real(identity_error_probability, "identity_error_probability"),
+        emergency_codes=[integer(code, "emergency_codes", 0) for code in emergency_codes],
+    )
+
+
+class Tracker:
+    """Tracks of the plots of one or more radars, scan by scan.
+
+    It can be pickled and copied; the copy continues to the last bit as the original does.
+
+    Parameters
+    ----------
+    sensors : sequence of Radar
+        The radars; plots refer to them by their index.
+    motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
+        How confirmed targets move: interacting multiple models of straight flight, turns and what
+        their flight plans say (default); straight flight; acceleration that fades; or least squares
+        over a sliding window of plots, as in the source. A name stands for the model with its usual
+        parameters; a `SingerModel` must be exact, and its `dt` is not used.
+    plans : sequence of FlightPlan
+        Where targets have filed to fly, for "imm" and "window". A track finds its plan by its
+        identity, or by where and when it flies.
+    plan_model : PlanModel, optional
+        How closely plans are followed, and the wind.
+    confirmation : (int, int)
+        Plots that confirm a track, and scans in which they must come. In clutter more are required,
+        so that at most one false track is confirmed in a thousand scans.
+    coasting : int
+        Scans without a plot after which a track ends.
+    clutter_density : float, optional
+        False plots per square metre and scan; by default estimated from the plots.
+    max_speed : float
+        Largest speed of a target, in metres per second.
+    gate_probability : float
+        Probability that a target's plot is within its gate.
+    guard_acceleration : float, optional
+        Acceleration that a target may have unnoticed where its gate is empty, in metres per second
+        squared; by default 5, and for windows 12 where scans take 4 s to 7 where they take 10 s.
+    identity_error_probability : float
+        Probability that an identity is read wrongly: noticeable for codes of four digits, tiny for
+        addresses of 24 bits (1e-9).
+    emergency_codes : sequence of int
+        Identities that signal an emergency, such as 0o7500, 0o7600, 0o7700 where identities are
+        codes of mode 3/A. After two of them in a row the plan of a track is suspended, see
+        `suspend_plan`; they do not count as identities.
+    clock_period : float, optional
+        Seconds after which the clock of the plots starts again, for example 86400 for the time of
+        day.
+    n_threads : int, optional
+        Threads to use for scans of more than a thousand plots per thread; by default all cores. The
+        tracks are the same to the last bit.
+
+    Raises
+    ------
+    ValueError
+        A number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Confirmed tracks take their plots first, by the assignment with the largest likelihood ratio
+    against false plots; then tentative ones; each plot that is left begins a tentative track. A
+    plot outside all gates is taken within the guard gate, which an acceleration since the last plot
+    widens. A scan of P plots costs O(P log P) with O(1) plots in a gate.
+
+    Source: Glagovskii, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
+    Kirubarajan 2001, section 11.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tracker import Plots, Radar, Tracker
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+    >>> tracker = Tracker([radar])
+    >>> for time in range(0, 40, 4):
+    ...     found = tracker.update(Plots([time], [50e3 + 200 * time], [0.5]))
+    >>> found
+    TrackTable(1 tracks, 1 rows)
+    >>> bool(190 < np.hypot(*found.velocity[0]) < 210)
+    True
+    """
+
+    __slots__ = ("_core", "clock_period", "n_threads", "plans", "sensors")
+
+    def __init__(
+        self,
+        sensors: Sequence[Radar],
+        *,
+        motion: Motion = "imm",
+        plans: Sequence[FlightPlan] = (),
+        plan_model: PlanModel | None = None,
+        confirmation: tuple[int, int] = (3, 4),
+        coasting: int = 5,
+        clutter_density: float | None = None,
+        max_speed: float = 350.0,
+        gate_probability: float = GUARD,
+        guard_acceleration: float | None = None,
+        identity_error_probability: float = 1e-3,
+        emergency_codes: Sequence[int] = (),
+        clock_period: float | None = None,
+        n_threads: int | None = None,
+    ) -> None:
+        self.n_threads = threads(n_threads)
+        self.sensors = require_each(sensors, Radar, "sensors")
+        self.plans = require_each(plans, FlightPlan, "plans")
+        self.clock_period = None
+        if clock_period is not None:
+            self.clock_period = float(positive(real(clock_period, "clock_period"), "clock_period"))
+        if not self.sensors:
+            raise ValueError("sensors is empty; there must be at least one")
+        settings = core_settings(
+            motion=motion,
+            plan_model=plan_model,
+            confirmation=confirmation,
+            coasting=coasting,
+            clutter_density=clutter_density,
+            max_speed=max_speed,
+            gate_probability=gate_probability,
+            guard_acceleration=guard_acceleration,
+            identity_error_probability=identity_error_probability,
+            emergency_codes=emergency_codes,
+            with_plans=bool(self.plans),
+        )
+        self._core = _core.PlotTracker(
+            settings,
+            [core_radar(radar) for radar in self.sensors],
+            [plan._route for plan in self.plans],
+        )
+
+    def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
+        """Process the plots of a scan, or of any stretch of time.
+
+        Parameters
+        ----------
+        plots : Plots
+            In any order among themselves, at most a scan older than those before.
+        time : float, optional
+            Time in seconds by which all plots have arrived; by default the time of the last plot.
+            With it, a scan without plots counts as missed.
+
+        Returns
+        -------
+        TrackTable
+            New rows of the confirmed tracks.
+
+        Raises
+        ------
+        ValueError
+            A plot of a sensor that does not exist, or a time that is not finite.
+        TypeError
+            An argument of the wrong type.
+        """
+        return self._track(plots, time, False)
+
+    def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
+        """Return rows of confirmed tracks; of a recording also those from before they were."""
+        if not isinstance(plots, Plots):
+            raise TypeError(f"plots is {plots!r}; it must be Plots")
+        instants, end = plots.time, None if time is None else real(time, "time")
+        if self.clock_period is not None:
+            instants = self._continuous(instants, self.clock_period)
+            if end is not None:
+                end = float(self._continuous(np.array([end]), self.clock_period)[0])
+        found = self._core.track(
+            instants,
+            plots.range,
+            plots.azimuth,
+            plots.height,
+            plots.sensor,
+            plots.identity,
+            end,
+            recording,
+            self.n_threads,
+        )
+        return TrackTable._of(*found)
+
+    def _continuous(self, time: FloatArray, period: float) -> FloatArray:
+        """Return the times of a clock that does not start again, next to those before."""
+        known = np.flatnonzero(np.isfinite(time))
+        if not len(known):
+            return time
+        continuous: FloatArray = time.copy()
+        continuous[known] = np.unwrap(time[known], period=period)
+        if np.isfinite(self._core.time):
+            days = np.round((self._core.time - continuous[known[0]]) / period)
+            continuous[known] += days * period
+        return continuous
+
+    def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
+        """Predict where the confirmed tracks will be, without changing them.
+
+        Parameters
+        ----------
+        seconds : float
+            Seconds after the last update.
+
+        Returns
+        -------
+        track : ndarray of int, shape (T,)
+            Numbers of the tracks.
+        position : ndarray of shape (T, 2)
+            East and north in metres: along the plan where it is believed, straight on otherwise.
+
+        Raises
+        ------
+        ValueError
+            Seconds that are not finite.
+        TypeError
+            Seconds that are not a number.
+        """
+        return self._core.extrapolate(float(finite(real(seconds, "seconds"), "seconds")))
+
+    def suspend_plan(self, track: int) -> None:
+        """Ignore the flight plan of a track until `resume_plan`: it is wrong, or an emergency.
+
+        A plan that the track finds later is suspended, too. Suspensions are pickled with the
+        tracker.
+
+        Parameters
+        ----------
+        track : int
+            Number of a confirmed track.
+
+        Raises
+        ------
+        ValueError
+            There is no such track.
+        TypeError
+            A number that is no integer.
+        """
+        self._suspend(track, suspended=True)
+
+    def resume_plan(self, track: int) -> None:
+        """Let a suspended flight plan count again once the track is back on it.
+
+        That is after five scans in succession on one of its legs.
+
+        Parameters
+        ----------
+        track : int
+            Number of a confirmed track.
+
+        Raises
+        ------
+        ValueError
+            There is no such track.
+        TypeError
+            A number that is no integer.
+        """
+        self._suspend(track, suspended=False)
+
+    def _suspend(self, track: int, *, suspended: bool) -> None:
+        number = integer(track, "track", 1)
+        if not self._core.suspend_plan(number, suspended):
+            raise ValueError(f"track is {number}; there is no confirmed track of this number")
+
+    @property
+    def suspended_plans(self) -> IntArray:
+        """Numbers of the confirmed tracks whose plans are suspended, by hand or an emergency."""
+        return self._core.suspended_plans()
+
+    def __getstate__(self) -> _State:
+        """Return all that the tracker knows."""
+        saved = self._core.__getstate__()
+        return self.sensors, self.plans, self.clock_period, self.n_threads, saved
+
+    def __setstate__(self, state: _State) -> None:
+        """Continue from there."""
+        self.sensors, self.plans, self.clock_period, self.n_threads, saved = state
+        self._core = _core.PlotTracker.from_state(saved)
+
+    def __repr__(self) -> str:
+        """Return the number of sensors and the time, as text."""
+        return f"Tracker({len(self.sensors)} sensors, time {self._core.time:.6g} s)"
+
+
+def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
+    """Track a whole recording.
+
+    Parameters
+    ----------
+    plots : Plots
+        In any order.
+    sensors : sequence of Radar
+        The radars.
+    **options
+        As of `Tracker`.
+
+    Returns
+    -------
+    TrackTable
+        All tracks that were confirmed, from their first plot on.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `Tracker`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tracker import Plots, Radar, track
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+    >>> time = np.arange(0.0, 100.0, 4.0)
+    >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
+    TrackTable(1 tracks, 25 rows)
+    """
+    return Tracker(sensors, **options)._track(plots, None, True)
