@@ -1,11 +1,13 @@
 """Put the pages of the site into build/pages, for `mkdocs build`: `make docs`.
 
-The README is the start page. The pages of the folder are taken as they are; links to files beside
-it are led to copies. A new page appears under 'Concepts' by itself, a new module in the reference.
+The README is the start page. The pages of the folder are copied, and so are files that they link
+to. A new page appears under 'Concepts' by itself, a new module in the reference, and a new decision
+below 'Decisions'.
 """
 
 import ast
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -20,10 +22,12 @@ START = {
     "index.md": "Start",
     "guide.md": "Guide by task",
     "coming_from.md": "Coming from other libraries",
+    "vocabulary.md": "Vocabulary",
     "gallery.md": "Gallery",
 }
 MORE = {
     "performance.md": "Performance",
+    "accuracy.md": "Accuracy",
     "papers.md": "What the papers got right",
     "complaints.md": "Complaints",
     "architecture.md": "Architecture",
@@ -41,33 +45,34 @@ LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
 def sources() -> dict[str, Path]:
     """Find the pages: their names on the site, and where they are written."""
     pages = {page: ROOT / name for name, page in FROM_ROOT.items()}
-    return pages | {path.name: path for path in sorted(DOCS.glob("*.md"))}
+    written = sorted([*DOCS.glob("*.md"), *DOCS.glob("decisions/*.md")])
+    return pages | {path.relative_to(DOCS).as_posix(): path for path in written}
 
 
 def on_site(target: Path) -> str:
-    """Tell where on the site a file of the repository is."""
+    """Return where on the site a file of the repository is."""
     name = target.relative_to(ROOT).as_posix()
     return FROM_ROOT.get(name, name.removeprefix("docs/"))
 
 
 def page(path: Path) -> str:
-    """Take a page over, with links that lead to the site; files that are linked are copied."""
+    """Return the text of a page with links for the site, and copy the files that it links to."""
 
     def link(match: re.Match[str]) -> str:
         target = (path.parent / match[0]).resolve()
         if not target.is_file():
-            return match[0]  # mkdocs tells it
+            return match[0]  # mkdocs reports it
         if target.suffix != ".md":
             copy = PAGES / on_site(target)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(target, copy)
-        return on_site(target)
+        return os.path.relpath(on_site(target), Path(on_site(path)).parent).replace(os.sep, "/")
 
     return LINK.sub(link, path.read_text("utf-8"))
 
 
 def figures() -> dict[str, tuple[str, str]]:
-    """Read from `figures.py` which function of which study makes each picture."""
+    """Return which function of which study makes each picture, as `figures.py` says."""
     tree = ast.parse((DOCS / "figures.py").read_text("utf-8"))
     (table,) = (
         node.value
@@ -84,7 +89,7 @@ def figures() -> dict[str, tuple[str, str]]:
 
 
 def code(study: str, called: str) -> tuple[str, str]:
-    """Take a function out of a study: the first line of what it says of itself, and its text."""
+    """Return the first line of the docstring of a function of a study, and its code."""
     text = (DOCS / "studies" / f"{study}.py").read_text("utf-8")
     (found,) = (
         node
@@ -125,7 +130,7 @@ def modules() -> list[str]:
 
 
 def compiled(name: str) -> list[str]:
-    """List what a module takes from the compiled core as it is: the reference looks there."""
+    """List the names that a module takes from the compiled core unchanged."""
     files = [PACKAGE / f"{name}.py", *sorted((PACKAGE / name).glob("*.py"))]
     text = "".join(path.read_text("utf-8") for path in files if path.is_file())
     return re.findall(r"^(\w+) = _core\.\1$", text, re.M)
@@ -135,12 +140,16 @@ def reference(name: str) -> str:
     """Write the page of a module."""
     text = f"# `tertia.{name}`\n\n::: tertia.{name}\n"
     # signatures of compiled classes are in the stub, not where the texts are parsed
-    options = "show_root_heading: true, show_root_toc_entry: true, docstring_options: {warnings: false}"
-    return text + "".join(f"\n::: tertia._core.{thing}\n    options: {{{options}}}\n" for thing in compiled(name))
+    options = (
+        "show_root_heading: true, show_root_toc_entry: true, docstring_options: {warnings: false}"
+    )
+    return text + "".join(
+        f"\n::: tertia._core.{thing}\n    options: {{{options}}}\n" for thing in compiled(name)
+    )
 
 
 def heading(text: str) -> str:
-    """Tell what a page is called: its first line, up to a colon."""
+    """Return the title of a page: its first line, up to a colon."""
     return text.splitlines()[0].removeprefix("# ").partition(":")[0]
 
 
@@ -152,7 +161,7 @@ def write(name: str, text: str) -> None:
 
 
 def main() -> None:
-    """Make the pages, and the configuration with the order of the pages."""
+    """Write the pages, and the configuration with their order."""
     shutil.rmtree(PAGES, ignore_errors=True)
     pages = sources()
     for name, path in pages.items():
@@ -162,12 +171,14 @@ def main() -> None:
     shutil.copy(DOCS / "site.css", PAGES)
     for name in modules():
         write(f"reference/{name}.md", reference(name))
-    concepts = [name for name in sorted(pages) if name not in START | MORE]
+    concepts = [name for name in sorted(pages) if name not in START | MORE and "/" not in name]
+    decisions = [name for name in sorted(pages) if name.startswith("decisions/0")]
     nav = [
         *({title: name} for name, title in START.items()),
         {"Concepts": [{heading(pages[name].read_text("utf-8")): name} for name in concepts]},
         {"Reference": [f"reference/{name}.md" for name in modules()]},
         {"More": [{title: name} for name, title in MORE.items()]},
+        {"Decisions": ["decisions/index.md", *decisions]},
     ]
     base = (DOCS / "mkdocs.yml").read_text("utf-8")
     (BUILD / "mkdocs.yml").write_text(f"{base}nav: {json.dumps(nav)}\n", "utf-8")
