@@ -4,6 +4,17 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# the same examples in every run, and no deadline, which a busy machine would miss
+settings.register_profile(
+    "tertia",
+    deadline=None,
+    derandomize=True,
+    max_examples=150,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("tertia")
 
 
 @pytest.fixture

@@ -1,8 +1,18 @@
 import numpy as np
 import polars as pl
 import pytest
+from checks import (
+    assert_batch_is_loop,
+    assert_refused,
+    assert_result,
+    assert_same,
+    assert_threads,
+    close,
+    fields,
+    rng,
+)
 from reference import screening as reference
-from tolerances import DISTRIBUTION, PARITY, PARITY_WITH_OFFSET, VECTOR
+from tolerances import DISTRIBUTION, PARITY, PARITY_WITH_OFFSET
 
 from tertia import screening
 
@@ -16,14 +26,6 @@ RULES = [
     for replace in (True, False)
     for passes in (1, 3)
 ]
-
-
-def close(expected, relative=VECTOR):
-    return pytest.approx(expected, rel=relative, abs=0, nan_ok=True)
-
-
-def rng(seed=0):
-    return np.random.default_rng(seed)
 
 
 def with_anomalies(n, seed=0):
@@ -303,7 +305,7 @@ class TestSingleValues:
         assert most.pvalue == pytest.approx(pvalue, rel=1e-8)
         assert most.outlier == (most.pvalue < 0.05)
 
-    def test_enormous_outlier_has_a_p_value(self):
+    def test_an_enormous_outlier_has_a_p_value(self):
         y = KINDS["outlier"]
         assert screening.grubbs(y).index == 40
         assert 0 < screening.grubbs(y).pvalue < 1e-100
@@ -466,17 +468,17 @@ class TestBursts:
         np.testing.assert_array_equal(screening.bursts(y).outlier, reference.bursts(y)[0])
 
     def test_false_alarms_of_clean_records(self):
-        """At N = 100: the rate that is told in the documentation."""
+        """At N = 100: the rate of the documentation."""
         flagged = screening.bursts(rng(7).normal(size=(5000, 100))).outlier.mean()
         assert flagged < 0.008
 
-    def test_correlated_noise_is_not_a_burst_when_its_correlation_is_told(self):
+    def test_correlated_noise_is_not_a_burst_if_its_correlation_is_given(self):
         y = rng(8).normal(size=(400, 200))
         for t in range(1, 200):
             y[:, t] += 0.6 * y[:, t - 1]
         blind = screening.bursts(y).outlier.mean()
-        told = screening.bursts(y, correlation=0.6).outlier.mean()
-        assert told < blind / 4
+        aware = screening.bursts(y, correlation=0.6).outlier.mean()
+        assert aware < blind / 4
 
 
 class TestUnwrap:
@@ -520,25 +522,12 @@ FUNCTIONS = {
 THREADED = list(FUNCTIONS)[:8]
 
 
-def fields(result):
-    """The arrays of a result, whatever its kind."""
-    if isinstance(result, np.ndarray):
-        return [result]
-    if isinstance(result, tuple):
-        return list(result)
-    values = [getattr(result, name) for name in result.__slots__ if name != "critical_value"]
-    return [np.asarray(value) for value in values]
-
-
 @pytest.mark.parametrize("name", FUNCTIONS)
 class TestEveryFunction:
     def test_a_batch_is_its_rows(self, name):
-        function = FUNCTIONS[name]
         y = rng(1).normal(size=(2, 3, 40)) * 3
-        whole = fields(function(y))
-        for place in np.ndindex(2, 3):
-            for array, row in zip(whole, fields(function(y[place])), strict=True):
-                np.testing.assert_array_equal(array[place], row)
+        assert_batch_is_loop(FUNCTIONS[name], y)
+        assert_batch_is_loop(FUNCTIONS[name], y[0])
 
     @pytest.mark.parametrize(
         "lay_out",
@@ -557,32 +546,26 @@ class TestEveryFunction:
     def test_layout_does_not_matter(self, name, lay_out):
         function = FUNCTIONS[name]
         y = rng(2).normal(size=(6, 30)) * 3
-        for expected, found in zip(fields(function(y)), fields(function(lay_out(y))), strict=True):
-            np.testing.assert_array_equal(found, expected)
+        assert_same(function(lay_out(y)), function(y))
 
     @pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint64, ">f8"])
     def test_other_numbers_are_taken_as_float64(self, name, dtype):
         function = FUNCTIONS[name]
         y = np.round(rng(3).normal(size=30) * 9 + 100).astype(dtype)
-        expected = fields(function(y.astype(np.float64)))
-        for found, value in zip(fields(function(y)), expected, strict=True):
-            np.testing.assert_array_equal(found, value)
+        assert_same(function(y), function(y.astype(np.float64)))
 
     def test_a_column_of_a_table(self, name):
-        function = FUNCTIONS[name]
         y = rng(4).normal(size=30)
-        column = pl.Series("y", y)
-        for found, value in zip(fields(function(column)), fields(function(y)), strict=True):
-            np.testing.assert_array_equal(found, value)
+        assert_same(FUNCTIONS[name](pl.Series("y", y)), FUNCTIONS[name](y))
 
     def test_no_rows(self, name):
-        for array in fields(FUNCTIONS[name](np.empty((0, 10)))):
-            assert array.shape[0] == 0
+        for field, array in fields(FUNCTIONS[name](np.empty((0, 10)))).items():
+            assert field == "critical_value" or array.shape[0] == 0
 
     def test_results_do_not_share_memory_with_the_argument(self, name):
         y = rng(5).normal(size=30)
         before = y.copy()
-        for array in fields(FUNCTIONS[name](y)):
+        for array in fields(FUNCTIONS[name](y)).values():
             assert not np.shares_memory(array, y)
         np.testing.assert_array_equal(y, before)
 
@@ -613,10 +596,7 @@ CALLS = {"cochran": lambda y: screening.cochran(y, 5.0)}
 @pytest.mark.parametrize("name", THREADED)
 def test_threads_do_not_change_a_bit(name):
     y = rng(6).normal(size=(300, 200)) * 3
-    alone = fields(FUNCTIONS[name](y, n_threads=1))
-    for n_threads in (2, 5, None):
-        for one, many in zip(alone, fields(FUNCTIONS[name](y, n_threads=n_threads)), strict=True):
-            np.testing.assert_array_equal(one, many)
+    assert_threads(lambda **options: FUNCTIONS[name](y, **options))
 
 
 @pytest.mark.parametrize("name", THREADED)
@@ -689,15 +669,15 @@ def test_masked_measurements_are_missing():
         (lambda: screening.bursts(SAMPLE, point_penalty=0), ValueError, "point_penalty is 0"),
         (lambda: screening.z_test(1, SAMPLE, 0), ValueError, "sigma is 0"),
         (lambda: screening.z_test(np.nan, SAMPLE, 1), ValueError, "x is nan; it must be a"),
-        (lambda: screening.z_test([1, np.nan], SAMPLE, 1), ValueError, r"x\[1\] is nan"),
-        (lambda: screening.leave_one_out({1: 2}), TypeError, r"y is \{1: 2\}"),
+        (lambda: screening.z_test([1, np.nan], SAMPLE, 1), ValueError, "x[1] is nan"),
+        (lambda: screening.leave_one_out({1: 2}), TypeError, "y is {1: 2}"),
         (lambda: screening.k_sigma(SAMPLE, nan_policy=["omit"]), ValueError, "nan_policy is"),
-        (lambda: screening.unwrap_about_median([1, 2], 1e308), ValueError, r"period is 1e\+?308"),
+        (lambda: screening.unwrap_about_median([1, 2], 1e308), ValueError, "period is 1e308"),
         (lambda: screening.z_test([1, 2], [SAMPLE] * 3, 1), ValueError, "do not broadcast"),
         (lambda: screening.grubbs(SAMPLE, 0), ValueError, "significance is 0"),
         (lambda: screening.grubbs(SAMPLE, 1e-300), ValueError, "significance is 1e-300"),
         (lambda: screening.grubbs(np.empty((0, 2))), ValueError, "y has 2 measurements"),
-        (lambda: screening.cochran([1, -2], 3), ValueError, r"variances\[1\] is -2"),
+        (lambda: screening.cochran([1, -2], 3), ValueError, "variances[1] is -2"),
         (lambda: screening.cochran([0, 0], 3), ValueError, "largest of variances is 0; it must be"),
         (lambda: screening.cochran([1, 2], 0.5), ValueError, "degrees_of_freedom is 0.5"),
         (lambda: screening.critical_value(2, 0.05), ValueError, "n is 2; it must be at least 3"),
@@ -715,15 +695,14 @@ def test_masked_measurements_are_missing():
         (
             lambda: screening.unwrap_about_median([1e300, 2]),
             ValueError,
-            r"theta\[0\] is 1e300; every angle",
+            "theta[0] is 1e300; every angle",
         ),
         (lambda: screening.leave_one_out([[1, 2, 3], [1, 2]]), ValueError, "y is ragged"),
         (lambda: screening.k_sigma([1e200, -1e200, 0]), ValueError, "change the unit"),
     ],
 )
 def test_bad_parameters(call, error, message):
-    with pytest.raises(error, match=message):
-        call()
+    assert_refused(call, error, message)
 
 
 @pytest.mark.parametrize(
@@ -755,3 +734,10 @@ def test_results_are_printed_usefully():
     assert repr(screening.leave_one_out([SAMPLE] * 3)) == (
         "Screening(outliers 6 of 30, batch (3,))"
     )
+
+
+@pytest.mark.parametrize("y", [SAMPLE, [SAMPLE] * 3], ids=["one", "batch"])
+def test_results_are_frozen(y):
+    assert_result(screening.leave_one_out(y))
+    assert_result(screening.thompson_tau(y))
+    assert_result(screening.grubbs(y))

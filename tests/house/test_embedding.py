@@ -1,11 +1,11 @@
 """The blocks of the page on embedding run, and print what it says."""
 
 import re
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-PAGE = Path(__file__).parents[1] / "docs" / "embedding.md"
+PAGE = ROOT / "docs" / "embedding.md"
 BLOCK = re.compile(r"(<!-- not run: [^\n]*-->\n)?```python\n(.*?)```", re.DOTALL)
 BLOCKS = [code for note, code in BLOCK.findall(PAGE.read_text(encoding="utf-8")) if not note]
 

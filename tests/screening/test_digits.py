@@ -1,11 +1,9 @@
 """Digits: against 50-digit arithmetic and certified values."""
 
-from fractions import Fraction
-
 import mpmath
 import numpy as np
 import pytest
-from nist import SETS
+from screening.nist import SETS
 from tolerances import VECTOR
 
 from tertia import estimate_bearing, screening
@@ -114,19 +112,6 @@ class TestCleanedSamples:
             assert relative_error(result.variance, variance) < 1e-12
         else:
             assert result.variance == 0
-
-
-class TestWeightedMeans:
-    """A group that hardly weighs must not leave its rounding in the bearing."""
-
-    @pytest.mark.parametrize("outlier", [1e9, 1e12, 1e16])
-    def test_bearing_against_fractions(self, outlier):
-        """Of five values nothing is flagged; the first group of two has a weight below 1e-17."""
-        y = [outlier, 1.0, 2.0, -1.0, 0.5]
-        estimate = estimate_bearing(y, period=None, block_size=2)
-        pairs = zip(estimate.block_weights, estimate.block_means, strict=True)
-        exact = sum(Fraction(float(w)) * Fraction(float(m)) for w, m in pairs)
-        assert estimate.value == pytest.approx(float(exact), rel=VECTOR, abs=0)
 
 
 class TestCertifiedValues:
