@@ -2,7 +2,7 @@
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
-use tertia::weights::weighing;
+use tertia::weights::{Quantity, weighing};
 
 /// Covariances of so many sensors: diagonal, with a few correlations.
 fn covariances(sensors: usize, m: usize) -> Vec<f64> {
@@ -21,20 +21,16 @@ fn benches(c: &mut Criterion) {
         let factors = vec![1.0 / 29.0; sensors];
         let mut solver = weighing(sensors, m);
         let name = format!("{sensors} sensors, m = {m}");
-        let mut weights = vec![0.0; s.len()];
-        group.bench_function(BenchmarkId::new("weights", &name), |b| {
-            b.iter(|| solver.weights(black_box(&s), &mut weights).unwrap());
-        });
-        let mut jacobian = vec![0.0; sensors * m.pow(4)];
-        group.bench_function(BenchmarkId::new("jacobian", &name), |b| {
-            b.iter(|| solver.jacobian(black_box(&s), 1, &mut jacobian).unwrap());
-        });
-        let mut covariance = vec![0.0; m.pow(4)];
-        group.bench_function(BenchmarkId::new("covariance", &name), |b| {
-            b.iter(|| {
-                solver.weight_covariance(black_box(&s), &factors, 1, &mut covariance).unwrap()
+        for (quantity, what) in [
+            ("weights", Quantity::Weights),
+            ("jacobian", Quantity::Jacobian { sensor: 1 }),
+            ("covariance", Quantity::WeightCovariance { sensor: 1, c: &factors }),
+        ] {
+            let mut out = vec![0.0; what.shape(sensors, m).iter().product()];
+            group.bench_function(BenchmarkId::new(quantity, &name), |b| {
+                b.iter(|| solver.compute(&what, black_box(&s), &mut out).unwrap());
             });
-        });
+        }
     }
     group.finish();
 }

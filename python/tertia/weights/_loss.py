@@ -30,8 +30,8 @@ LossMethod: TypeAlias = Literal["auto", "first-order", "monte-carlo"]
 # twentieth of itself: docs/weights.md
 _FIRST_ORDER_FROM = 100
 _TRIALS = 10_000
-# measured losses must stay below the bound with this many of their standard errors
-_STANDARD_ERRORS = 2.0
+# simulated losses must stay below the bound with so many of their sigmas
+_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,19 +138,18 @@ def fusion_loss(
         enough = min(law[0] for law in laws) >= _FIRST_ORDER_FROM * (m + 1)
         method = "first-order" if enough else "monte-carlo"
     if method == "first-order":
-        fused, excess, error = first[..., 0, :, :], first[..., 1, :, :], None
-        loss = _trace(excess) / _trace(fused)
+        matrices, sigma = first, None
+        loss = _trace(first[..., 1, :, :]) / _trace(first[..., 0, :, :])
     else:
         draws = _draws(laws, m, trials, generator(rng))
-        both, loss, error = _core.simulated_excess(s, draws, threads(n_threads))
-        fused, excess = both[..., 0, :, :], both[..., 1, :, :]
-        error = scalar_or_array(error)
+        matrices, loss, sigma = _simulated(s, draws, n_threads)
+    fused, excess = (matrices[..., i, :, :].copy() for i in (0, 1))
     return FusionLoss(
         scalar_or_array(loss),
         _diagonal(excess) / _diagonal(fused),
         fused + excess,
         fused,
-        error,
+        None if sigma is None else scalar_or_array(sigma),
         method,
     )
 
@@ -227,8 +226,8 @@ def required_samples(
     def simulated(problem: IntArray, n: int) -> npt.NDArray[np.bool_]:
         laws = _core.wishart_law(n, convention, sensors)
         draws = _draws(laws, m, trials, np.random.default_rng([seed, n]))
-        _, mean, error = _core.simulated_excess(problems[problem], draws, threads(n_threads))
-        return mean + _STANDARD_ERRORS * error <= bound
+        _, mean, sigma = _simulated(problems[problem], draws, n_threads)
+        return mean + _SIGMAS * sigma <= bound
 
     least = _core.least_count(convention, sensors, m)
     found = _smallest(first_order, len(problems), least)
@@ -262,6 +261,16 @@ def _smallest(
         doubled = open_ended & (low == high)
         high[doubled] *= 2
     return high
+
+
+def _simulated(
+    s: FloatArray, draws: FloatArray, n_threads: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return fused covariance and excess (..., 2, m, m), the loss and its sigma."""
+    found = _core.simulated_excess(s, draws, threads(n_threads))
+    m = s.shape[-1]
+    matrices = found[..., :-2].reshape(*found.shape[:-1], 2, m, m)
+    return matrices, found[..., -2].copy(), found[..., -1].copy()
 
 
 def _relative_factor(n: int, convention: Convention) -> float:

@@ -1,8 +1,6 @@
 //! Bindings of `tertia::weights`.
 
-use crate::arrays::{
-    Output, Rows, Samples, array, chunks, release, repeated, room_for, value_error,
-};
+use crate::arrays::{Output, Samples, chunks, release, room_for, value_error};
 use crate::screening::unknown;
 use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
@@ -11,7 +9,7 @@ use std::cell::Cell;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::weights::{
-    self, Convention, Simulated, Weighing, require_degrees_of_freedom, weighing,
+    self, Convention, Law, Quantity, Weighing, require_degrees_of_freedom, weighing,
 };
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
@@ -68,8 +66,7 @@ fn convention(name: &str) -> PyResult<Convention> {
 }
 
 impl Counts {
-    /// Degrees of freedom and means of the sensors' Wishart laws.
-    fn wishart(&self, name: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
+    fn wishart(&self, name: &str, sensors: usize) -> PyResult<Vec<Law>> {
         let convention = convention(name)?;
         let of = |&n: &f64| convention.wishart(n).map_err(value_error);
         match self {
@@ -83,21 +80,23 @@ impl Counts {
     }
 
     /// The laws, with which the fused estimate must have a finite variance.
-    fn laws(&self, convention: &str, (sensors, m): (usize, usize)) -> PyResult<Vec<(f64, f64)>> {
-        let laws = self.wishart(convention, sensors)?;
+    fn laws(&self, convention: &str, group: &Group<'_>) -> PyResult<Vec<Law>> {
+        let laws = self.wishart(convention, group.sensors)?;
         let least = match self {
             Self::All(n) => *n,
             Self::Each(counts) => counts.iter().copied().fold(f64::INFINITY, f64::min),
         };
-        require_degrees_of_freedom(laws.iter().map(|law| law.0), least, m).map_err(value_error)?;
+        let each = laws.iter().map(|law| law.degrees_of_freedom);
+        require_degrees_of_freedom(each, least, group.m).map_err(value_error)?;
         Ok(laws)
     }
 }
 
-/// Degrees of freedom and mean of a sensor's Wishart law, each sensor its own.
+/// Degrees of freedom and mean of each sensor's Wishart law.
 #[pyfunction]
 pub fn wishart_law(n: Counts, convention: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
-    n.wishart(convention, sensors)
+    let laws = n.wishart(convention, sensors)?;
+    Ok(laws.iter().map(|law| (law.degrees_of_freedom, law.mean)).collect())
 }
 
 /// The least n, the same for all sensors, with which the loss is finite.
@@ -110,71 +109,101 @@ pub fn least_count(name: &str, sensors: usize, dimension: usize) -> PyResult<u64
 /// Matrices that a solver keeps for every sensor, and besides.
 const MATRICES: (usize, usize) = (14, 30);
 
-/// Sensors and dimension of covariances (..., K, m, m), for which there must be memory.
-fn size(covariances: &Samples<'_>) -> PyResult<(usize, usize)> {
-    match covariances.shape() {
-        [.., sensors, rows, columns] if *sensors >= 2 && rows == columns && *rows > 0 => {
-            require_room((*sensors, *rows))?;
-            Ok((*sensors, *rows))
+/// Covariances (..., K, m, m) of a group of sensors, or (..., m, m) of one.
+struct Group<'py> {
+    covariances: Samples<'py>,
+    axes: usize,
+    sensors: usize,
+    m: usize,
+}
+
+impl<'py> Group<'py> {
+    /// Those of K >= 2 sensors.
+    fn extract(covariances: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let covariances = Samples::extract(covariances, "covariances")?;
+        match *covariances.shape() {
+            [.., sensors, m, columns] if sensors >= 2 && m == columns && m > 0 => {
+                Self { covariances, axes: 3, sensors, m }.with_room()
+            }
+            ref shape => Err(PyValueError::new_err(format!(
+                "covariances has shape {shape:?}; it must be (..., K, m, m): an m by m covariance \
+                 matrix for each of K >= 2 sensors"
+            ))),
         }
-        shape => Err(PyValueError::new_err(format!(
-            "covariances has shape {shape:?}; it must be (..., K, m, m): an m by m covariance \
-             matrix for each of K >= 2 sensors"
-        ))),
     }
-}
 
-fn require_room((sensors, m): (usize, usize)) -> PyResult<()> {
-    if m > MAX_DIMENSION_KEPT {
-        let matrices = sensors.saturating_mul(MATRICES.0).saturating_add(MATRICES.1);
-        room_for::<f64>(matrices.saturating_mul(m).saturating_mul(m))?;
+    fn extract_one(covariance: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let covariances = Samples::extract(covariance, "covariance")?;
+        match *covariances.shape() {
+            [.., m, columns] if m == columns && m > 0 => {
+                Self { covariances, axes: 2, sensors: 1, m }.with_room()
+            }
+            ref shape => Err(PyValueError::new_err(format!(
+                "covariance has shape {shape:?}; it must be (..., m, m)"
+            ))),
+        }
     }
-    Ok(())
-}
 
-/// The sensor's index, counted from the end where it is negative.
-fn index(sensor: isize, sensors: usize) -> PyResult<usize> {
-    let k = if sensor < 0 { sensor + sensors as isize } else { sensor };
-    usize::try_from(k).ok().filter(|&k| k < sensors).ok_or_else(|| {
-        let last = sensors - 1;
-        PyValueError::new_err(format!(
-            "sensor is {sensor}; it must be between -{sensors} and {last}"
-        ))
-    })
-}
+    /// Makes sure that there is memory for a solver.
+    fn with_room(self) -> PyResult<Self> {
+        if self.m > MAX_DIMENSION_KEPT {
+            let matrices = self.sensors.saturating_mul(MATRICES.0).saturating_add(MATRICES.1);
+            room_for::<f64>(matrices.saturating_mul(self.m).saturating_mul(self.m))?;
+        }
+        Ok(self)
+    }
 
-/// Cost of weighing K sensors, measured.
-fn weigh_ns((sensors, m): (usize, usize)) -> f64 {
-    sensors as f64 * (20.0 + 2.0 * (m as f64).powi(3))
-}
-
-/// Cost of a result with m⁴ numbers for each of K sensors, measured.
-fn propagate_ns((sensors, m): (usize, usize)) -> f64 {
-    weigh_ns((sensors, m)) + sensors as f64 * (m as f64).powi(4)
-}
-
-/// One result of the shape `tail` for every element of the batch.
-fn fill<'py>(
-    py: Python<'py>,
-    rows: &Rows<'_>,
-    size: (usize, usize),
-    tail: &[usize],
-    nanoseconds: f64,
-    n_threads: Threads,
-    work: impl Fn(&mut dyn Weighing, &[f64], &mut [f64]) -> tertia::Result<()> + Sync,
-) -> PyResult<Array<'py>> {
-    let mut out = Output::new(py, &[rows.batch(), tail].concat())?;
-    let values = out.values()?;
-    let (count, length) = (rows.count(), tail.iter().product());
-    release(py, nanoseconds * count as f64, || {
-        let items = rows.iter().zip(chunks(values, length, count));
-        let new = || Solver::new(size);
-        for_each_row(items, nanoseconds * count as f64, n_threads, new, |solver, (s, out)| {
-            work(solver.get(), s, out)
+    /// The sensor's index, counted from the end where it is negative.
+    fn index(&self, sensor: isize) -> PyResult<usize> {
+        let sensors = self.sensors;
+        let k = if sensor < 0 { sensor + sensors as isize } else { sensor };
+        usize::try_from(k).ok().filter(|&k| k < sensors).ok_or_else(|| {
+            let last = sensors - 1;
+            PyValueError::new_err(format!(
+                "sensor is {sensor}; it must be between -{sensors} and {last}"
+            ))
         })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    Ok(out.into_array())
+    }
+
+    /// Cost of a result, measured.
+    fn cost_ns(&self, quantity: &Quantity<'_>) -> f64 {
+        let (k, m) = (self.sensors as f64, self.m as f64);
+        let weigh = k * (20.0 + 2.0 * m.powi(3));
+        match quantity {
+            Quantity::Jacobian { .. }
+            | Quantity::WeightCovariance { .. }
+            | Quantity::CovarianceOfCovariance { .. } => weigh + k * m.powi(4),
+            Quantity::SimulatedExcess { draws } => 3.0 * weigh * draws.len() as f64 / (k * m * m),
+            _ => weigh,
+        }
+    }
+
+    /// The quantity for every element of the batch.
+    fn compute(
+        &self,
+        py: Python<'py>,
+        quantity: &Quantity<'_>,
+        n_threads: Threads,
+    ) -> PyResult<Array<'py>> {
+        let size = (self.sensors, self.m);
+        let rows = self.covariances.blocks(self.axes)?;
+        let tail = quantity.shape(self.sensors, self.m);
+        let mut out = Output::new(py, &[rows.batch(), &tail].concat())?;
+        let (count, length) = (rows.count(), tail.iter().product());
+        let cost = self.cost_ns(quantity) * count as f64;
+        let items = rows.iter().zip(chunks(out.values()?, length, count));
+        release(py, cost, || {
+            for_each_row(
+                items,
+                cost,
+                n_threads,
+                || Solver::new(size),
+                |solver, (s, out)| solver.get().compute(quantity, s, out),
+            )
+        })
+        .map_err(|failure| rows.error(failure))?;
+        Ok(out.into_array())
+    }
 }
 
 /// The weight matrix of every sensor.
@@ -184,12 +213,7 @@ pub fn weight_matrices<'py>(
     covariances: &Bound<'py, PyAny>,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let (rows, tail) = (samples.blocks(3)?, [sensors, m, m]);
-    fill(py, &rows, (sensors, m), &tail, weigh_ns((sensors, m)), n_threads, |solver, s, out| {
-        solver.weights(s, out)
-    })
+    Group::extract(covariances)?.compute(py, &Quantity::Weights, n_threads)
 }
 
 /// The covariance of the fused estimate.
@@ -199,12 +223,7 @@ pub fn fused_covariance<'py>(
     covariances: &Bound<'py, PyAny>,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
-    fill(py, &rows, (sensors, m), &[m, m], cost, n_threads, |solver, s, out| {
-        solver.fused_covariance(s, out)
-    })
+    Group::extract(covariances)?.compute(py, &Quantity::FusedCovariance, n_threads)
 }
 
 /// The Jacobian's blocks of every sensor.
@@ -215,14 +234,9 @@ pub fn jacobian<'py>(
     sensor: isize,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let k = index(sensor, sensors)?;
-    let (rows, tail, cost) =
-        (samples.blocks(3)?, [sensors, m * m, m * m], propagate_ns((sensors, m)));
-    fill(py, &rows, (sensors, m), &tail, cost, n_threads, |solver, s, out| {
-        solver.jacobian(s, k, out)
-    })
+    let group = Group::extract(covariances)?;
+    let sensor = group.index(sensor)?;
+    group.compute(py, &Quantity::Jacobian { sensor }, n_threads)
 }
 
 /// The Jacobian's factors, left ones (K, m, m) and then right ones (K, m, m).
@@ -233,14 +247,9 @@ pub fn jacobian_factors<'py>(
     sensor: isize,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let k = index(sensor, sensors)?;
-    let (rows, tail, cost) = (samples.blocks(3)?, [2, sensors, m, m], weigh_ns((sensors, m)));
-    fill(py, &rows, (sensors, m), &tail, cost, n_threads, |solver, s, out| {
-        let (left, right) = out.split_at_mut(s.len());
-        solver.jacobian_factors(s, k, left, right)
-    })
+    let group = Group::extract(covariances)?;
+    let sensor = group.index(sensor)?;
+    group.compute(py, &Quantity::JacobianFactors { sensor }, n_threads)
 }
 
 /// The covariance of an estimated weight matrix.
@@ -253,15 +262,10 @@ pub fn weight_covariance<'py>(
     convention: &str,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let k = index(sensor, sensors)?;
-    let laws = n.laws(convention, (sensors, m))?;
-    let c: Vec<_> = laws.iter().map(|(nu, mean)| mean * mean / nu).collect();
-    let (rows, cost) = (samples.blocks(3)?, propagate_ns((sensors, m)));
-    fill(py, &rows, (sensors, m), &[m * m, m * m], cost, n_threads, |solver, s, out| {
-        solver.weight_covariance(s, &c, k, out)
-    })
+    let group = Group::extract(covariances)?;
+    let (sensor, laws) = (group.index(sensor)?, n.laws(convention, &group)?);
+    let c: Vec<_> = laws.iter().map(Law::factor).collect();
+    group.compute(py, &Quantity::WeightCovariance { sensor, c: &c }, n_threads)
 }
 
 /// The bias of an estimated weight matrix.
@@ -274,16 +278,11 @@ pub fn weight_bias<'py>(
     convention: &str,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let k = index(sensor, sensors)?;
-    let laws = n.laws(convention, (sensors, m))?;
-    // relative to the mean
-    let (c, mean): (Vec<_>, Vec<_>) = laws.iter().map(|(nu, mean)| (1.0 / nu, mean)).unzip();
-    let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
-    fill(py, &rows, (sensors, m), &[m, m], cost, n_threads, |solver, s, out| {
-        solver.weight_bias(s, &c, &mean, k, out)
-    })
+    let group = Group::extract(covariances)?;
+    let (sensor, laws) = (group.index(sensor)?, n.laws(convention, &group)?);
+    let c: Vec<_> = laws.iter().map(Law::relative_factor).collect();
+    let mean: Vec<_> = laws.iter().map(|law| law.mean).collect();
+    group.compute(py, &Quantity::WeightBias { sensor, c: &c, mean: &mean }, n_threads)
 }
 
 /// The fused covariance and the first-order excess of the mean squared error over it (2, m, m).
@@ -295,47 +294,24 @@ pub fn first_order_excess<'py>(
     convention: &str,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariances, "covariances")?;
-    let (sensors, m) = size(&samples)?;
-    let laws = n.laws(convention, (sensors, m))?;
-    // relative to the mean
-    let c: Vec<_> = laws.iter().map(|law| 1.0 / law.0).collect();
-    let (rows, cost) = (samples.blocks(3)?, weigh_ns((sensors, m)));
-    fill(py, &rows, (sensors, m), &[2, m, m], cost, n_threads, |solver, s, out| {
-        let (fused, excess) = out.split_at_mut(m * m);
-        solver.excess(s, &c, fused, excess)
-    })
+    let group = Group::extract(covariances)?;
+    let laws = n.laws(convention, &group)?;
+    let c: Vec<_> = laws.iter().map(Law::relative_factor).collect();
+    group.compute(py, &Quantity::Excess { c: &c }, n_threads)
 }
 
-/// The same from draws of Wishart matrices (T, K, m, m), and the loss with its standard error.
+/// The same from draws of Wishart matrices (T, K, m, m), then the loss and its sigma (2 m² + 2).
 #[pyfunction]
 pub fn simulated_excess<'py>(
     py: Python<'py>,
     covariances: &Bound<'py, PyAny>,
     draws: &Bound<'py, PyAny>,
     n_threads: Threads,
-) -> PyResult<(Array<'py>, Array<'py>, Array<'py>)> {
-    let samples = Samples::extract(covariances, "covariances")?;
+) -> PyResult<Array<'py>> {
     let draws = Samples::extract(draws, "draws")?;
-    let (sensors, m) = size(&samples)?;
-    let (rows, draws) = (samples.blocks(3)?, draws.blocks(3)?);
-    let count = rows.count();
-    let mut out = Output::new(py, &[rows.batch(), &[2, m, m]].concat())?;
-    let values = out.values()?;
-    let mut losses = repeated(Simulated { loss: 0.0, standard_error: 0.0 }, count)?;
-    let cost = 3.0 * weigh_ns((sensors, m)) * draws.count() as f64 * count as f64;
-    release(py, cost, || {
-        let items = rows.iter().zip(chunks(values, 2 * m * m, count)).zip(&mut losses);
-        let new = || Solver::new((sensors, m));
-        for_each_row(items, cost, n_threads, new, |solver, ((s, out), loss)| {
-            let (fused, excess) = out.split_at_mut(m * m);
-            *loss = solver.get().simulated_excess(s, &draws.values, fused, excess)?;
-            Ok(())
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let column = |f: fn(&Simulated) -> f64| array(py, rows.batch(), losses.iter().map(f).collect());
-    Ok((out.into_array(), column(|l| l.loss)?, column(|l| l.standard_error)?))
+    let draws = draws.blocks(3)?;
+    let quantity = Quantity::SimulatedExcess { draws: &draws.values };
+    Group::extract(covariances)?.compute(py, &quantity, n_threads)
 }
 
 /// The covariance of the vec of a sample covariance.
@@ -346,18 +322,6 @@ pub fn covariance_of_covariance<'py>(
     factor: f64,
     n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let samples = Samples::extract(covariance, "covariance")?;
-    let m = match samples.shape() {
-        [.., rows, columns] if rows == columns && *rows > 0 => *rows,
-        shape => {
-            return Err(PyValueError::new_err(format!(
-                "covariance has shape {shape:?}; it must be (..., m, m)"
-            )));
-        }
-    };
-    require_room((2, m))?;
-    let rows = samples.blocks(2)?;
-    fill(py, &rows, (2, m), &[m * m, m * m], propagate_ns((1, m)), n_threads, |solver, s, out| {
-        solver.covariance_of_covariance(s, factor, out)
-    })
+    let quantity = Quantity::CovarianceOfCovariance { c: factor };
+    Group::extract_one(covariance)?.compute(py, &quantity, n_threads)
 }

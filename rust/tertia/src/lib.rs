@@ -49,9 +49,8 @@
 //!
 //! | kernel for K sensors in m dimensions | cost | buffers |
 //! |---|---|---|
-//! | [`weights::Weighing::weights`], `combine`, `weight_bias`, `excess` | O(K m³) | O(K m²) |
-//! | [`weights::Weighing::jacobian`], `weight_covariance` | O(K m⁴) | O(K m²) |
-//! | [`weights::Weighing::simulated_excess`], T draws | O(T K m³) | O(K m²) |
+//! | [`weights::Quantity`] | O(K m³), of derivatives and covariances of weights O(K m⁴) | O(K m²) |
+//! | the same, simulated by T draws | O(T K m³) | O(K m²) |
 //! | [`fusion::Fusing`] | O(K m³); with cross covariances O(K³ m³) | O(K m²); O(K² m²) |
 //!
 //! | kernel | cost | extra memory |

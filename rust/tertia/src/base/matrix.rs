@@ -21,6 +21,27 @@ const SEMIDEFINITE: f64 = 1e-13;
 /// Share of a variance that the other components must leave unexplained in a regular matrix.
 const REGULAR: f64 = 1e-13;
 
+/// Evaluates an expression with the order as a constant where it is small: on the stack, and
+/// several times as fast.
+macro_rules! with_order {
+    ($dimension:expr, |$order:ident| $body:expr) => {
+        $crate::base::matrix::with_order!($dimension, |$order| $body, 1 2 3 4 5 6 7 8 9)
+    };
+    ($dimension:expr, |$order:ident| $body:expr, $($small:literal)*) => {
+        match $dimension {
+            $($small => {
+                let $order = nalgebra::Const::<$small>;
+                $body
+            })*
+            large => {
+                let $order = nalgebra::Dyn(large);
+                $body
+            }
+        }
+    };
+}
+pub(crate) use with_order;
+
 pub(crate) fn zeros<D: Dim>(order: D) -> Square<D>
 where
     DefaultAllocator: Allocator<D, D>,

@@ -9,11 +9,11 @@ use crate::base::angle::{nearest, principal};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::{Error, Result};
 use crate::base::matrix::{
-    Square, assembled, is_large_semidefinite, read_covariance, symmetrise, write, zeros,
+    Square, assembled, is_large_semidefinite, read_covariance, symmetrise, with_order, write, zeros,
 };
 use crate::weights::COVARIANCES;
 use nalgebra::allocator::Allocator;
-use nalgebra::{Const, DefaultAllocator, Dim, Dyn, OVector, U1};
+use nalgebra::{DefaultAllocator, Dim, OVector, U1};
 
 const CROSS: &str = "cross_covariances";
 /// Beyond this size squares of differences overflow.
@@ -108,18 +108,7 @@ pub fn fusing(
     period: Option<f64>,
 ) -> Box<dyn Fusing> {
     assert!(sensors >= 1 && dimension >= 1, "{sensors} sensors, {dimension} dimensions");
-    match dimension {
-        1 => Solver::boxed(sensors, Const::<1>, weighting, period),
-        2 => Solver::boxed(sensors, Const::<2>, weighting, period),
-        3 => Solver::boxed(sensors, Const::<3>, weighting, period),
-        4 => Solver::boxed(sensors, Const::<4>, weighting, period),
-        5 => Solver::boxed(sensors, Const::<5>, weighting, period),
-        6 => Solver::boxed(sensors, Const::<6>, weighting, period),
-        7 => Solver::boxed(sensors, Const::<7>, weighting, period),
-        8 => Solver::boxed(sensors, Const::<8>, weighting, period),
-        9 => Solver::boxed(sensors, Const::<9>, weighting, period),
-        m => Solver::boxed(sensors, Dyn(m), weighting, period),
-    }
+    with_order!(dimension, |order| Box::new(Solver::new(sensors, order, weighting, period)))
 }
 
 struct Solver<D: Dim>
@@ -150,37 +139,6 @@ where
 impl Agreement {
     /// Without a statistic.
     const UNKNOWN: Self = Self { statistic: f64::NAN, degrees_of_freedom: 0, pvalue: f64::NAN };
-}
-
-impl<D: Dim> Solver<D>
-where
-    DefaultAllocator: Allocator<D, D> + Allocator<D>,
-    Self: Fusing + 'static,
-{
-    fn boxed(
-        sensors: usize,
-        order: D,
-        weighting: Weighting,
-        period: Option<f64>,
-    ) -> Box<dyn Fusing> {
-        Box::new(Self {
-            order,
-            sensors,
-            weighting,
-            period,
-            present: Vec::with_capacity(sensors),
-            covariances: Vec::with_capacity(sensors),
-            blocks: Vec::new(),
-            relative: Vec::new(),
-            origin: vector(order),
-            weight: vec![zeros(order); sensors],
-            fused: zeros(order),
-            independent: None,
-            joint: None,
-            intersection: None,
-            addition: None,
-        })
-    }
 }
 
 impl<D: Dim> Fusing for Solver<D>
@@ -236,6 +194,26 @@ impl<D: Dim> Solver<D>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
+    fn new(sensors: usize, order: D, weighting: Weighting, period: Option<f64>) -> Self {
+        Self {
+            order,
+            sensors,
+            weighting,
+            period,
+            present: Vec::with_capacity(sensors),
+            covariances: Vec::with_capacity(sensors),
+            blocks: Vec::new(),
+            relative: Vec::new(),
+            origin: vector(order),
+            weight: vec![zeros(order); sensors],
+            fused: zeros(order),
+            independent: None,
+            joint: None,
+            intersection: None,
+            addition: None,
+        }
+    }
+
     /// Finds out who is present, and reads the covariances.
     fn read(&mut self, estimates: &Estimates<'_>) -> Result<()> {
         let m = self.order.value();

@@ -15,33 +15,44 @@ pub enum Convention {
     Differences,
 }
 
+/// The Wishart law of a sample covariance, in units of the true one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    /// ν.
+    pub degrees_of_freedom: f64,
+    /// 1 for an unbiased estimate.
+    pub mean: f64,
+}
+
+impl Law {
+    /// The c of `cov(ŝ_ij, ŝ_ql) = c (s_iq s_jl + s_il s_jq)`, (4).
+    pub fn factor(&self) -> f64 {
+        self.mean * self.mean / self.degrees_of_freedom
+    }
+
+    /// The same of the estimate over its own mean.
+    pub fn relative_factor(&self) -> f64 {
+        1.0 / self.degrees_of_freedom
+    }
+}
+
 impl Convention {
-    /// Degrees of freedom ν and mean of the Wishart law, in units of the true covariance. For
-    /// differences it is the Wishart law with the same covariance; the others are exact.
+    /// The law of n measurements. For differences it is the Wishart law with the same covariance;
+    /// the others are exact.
     ///
     /// # Errors
     /// n is not a whole number of at least 2, or infinite for a covariance that is known.
-    pub fn wishart(self, n: f64) -> Result<(f64, f64)> {
+    pub fn wishart(self, n: f64) -> Result<Law> {
         let holds = n >= 2.0 && (n.fract() == 0.0 || n == f64::INFINITY);
         require("n", n, holds, "a whole number of at least 2, or inf where it is known exactly")?;
-        if n == f64::INFINITY {
-            return Ok((n, 1.0));
-        }
-        Ok(match self {
+        let (degrees_of_freedom, mean) = match self {
+            _ if n == f64::INFINITY => (n, 1.0),
             Self::SampleMean => (n - 1.0, 1.0),
             Self::KnownMean => (n, 1.0),
             Self::Paper => (n, n / (n - 1.0)),
             Self::Differences => ((n - 1.0) * (n - 1.0) / (1.5 * n - 2.0), 1.0),
-        })
-    }
-
-    /// The c of `cov(ŝ_ij, ŝ_ql) = c (s_iq s_jl + s_il s_jq)`, (4).
-    ///
-    /// # Errors
-    /// See [`Convention::wishart`].
-    pub fn factor(self, n: f64) -> Result<f64> {
-        let (degrees_of_freedom, mean) = self.wishart(n)?;
-        Ok(mean * mean / degrees_of_freedom)
+        };
+        Ok(Law { degrees_of_freedom, mean })
     }
 }
 
@@ -82,7 +93,7 @@ pub fn require_degrees_of_freedom(
 pub fn least_count(convention: Convention, sensors: usize, dimension: usize) -> Result<f64> {
     let mut n = 2.0;
     loop {
-        let (nu, _) = convention.wishart(n)?;
+        let nu = convention.wishart(n)?.degrees_of_freedom;
         let drawable = nu.fract() == 0.0 || nu > dimension as f64 - 1.0;
         let each = std::iter::repeat_n(nu, sensors);
         if drawable && require_degrees_of_freedom(each, n, dimension).is_ok() {

@@ -7,17 +7,16 @@ use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
-/// The excess found by simulation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Simulated {
+/// The loss found by simulation.
+pub(super) struct Simulated {
     /// Trace of the mean excess over the trace of the fused covariance.
     pub loss: f64,
     /// Standard error of `loss`; infinite for a single draw.
-    pub standard_error: f64,
+    pub loss_sigma: f64,
 }
 
 /// Buffers.
-pub(crate) struct Loss<D: Dim>
+pub(super) struct Loss<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
 {
@@ -118,8 +117,8 @@ where
         symmetrise(&mut self.out);
         let mean = sum / n;
         let variance = (squares / n - mean * mean).max(0.0) / (n - 1.0);
-        let standard_error = if n > 1.0 { variance.sqrt() } else { f64::INFINITY };
-        Ok((&self.out, Simulated { loss: mean, standard_error }))
+        let loss_sigma = if n > 1.0 { variance.sqrt() } else { f64::INFINITY };
+        Ok((&self.out, Simulated { loss: mean, loss_sigma }))
     }
 
     fn add_excess(&mut self, weight: &Square<D>, j: usize, s: &Square<D>) {
