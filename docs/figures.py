@@ -107,6 +107,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "blocking": flightplan.blocking,
     },
     "tracker.md": {
+        "columns": tracker.columns,
         "conforming": tracker.conforming,
         "associations": tracker.associations,
         "plans": tracker.plans,
@@ -115,7 +116,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "flags": tracker.flags,
         "priors": tracker.priors,
         "wind": tracker.wind,
-        "ahead": tracker.ahead,
+        "extrapolation": tracker.extrapolation,
     },
     "trajectory.md": {
         "faults": trajectory.faults,

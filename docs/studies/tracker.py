@@ -14,6 +14,7 @@ from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.flightplan import FlightPlan
 from tertia.tracker import (
+    COLUMNS,
     CvModel,
     ImmModel,
     Motion,
@@ -305,6 +306,17 @@ def two_minutes(set_up: simulate.SetUpName, flights: int = 60) -> tuple[float, f
     return rms(one, everything), rms(other, everything)
 
 
+def columns() -> str:
+    """Tabulate the columns of a table of tracks."""
+    rows = []
+    for column in COLUMNS:
+        shape = "".join(f", {n}" for n in column.shape)
+        rows.append(
+            [f"`{column.name}`", column.type, f"(N{shape or ','})", column.unit, column.doc]
+        )
+    return markdown(["column", "type", "shape", "unit", "meaning"], rows)
+
+
 def conforming() -> str:
     """Tabulate trackers of flights that follow their plans."""
     rows = []
@@ -336,13 +348,15 @@ def conforming() -> str:
     return markdown([*head, "false flags", "NEES per axis", "lost"], rows)
 
 
-def ahead() -> str:
+def extrapolation() -> str:
     """Tabulate predictions over two minutes."""
     rows = []
     for set_up in SET_UPS:
         along, straight = two_minutes(set_up)
         rows.append([set_up, f"{straight:.0f}", f"{along:.0f}", f"{along / straight:.2f}"])
-    return markdown(["120 s ahead, RMSE in m", "straight on", "along the plan", "ratio"], rows)
+    return markdown(
+        ["prediction over 120 s, RMSE in m", "straight on", "along the plan", "ratio"], rows
+    )
 
 
 def plans() -> str:
@@ -538,7 +552,7 @@ def associations() -> str:
             lost = np.mean([np.count_nonzero(held == k) != 1 for k in range(CROWD)])
             cells.append(f"{np.mean(target != own):.2%}, {lost:.1%}, {len(owner) - len(held)}")
         rows.append([motion, *cells])
-    return markdown(["plots astray, flights lost, false tracks", *SET_UPS], rows)
+    return markdown(["wrong plots, flights lost, false tracks", *SET_UPS], rows)
 
 
 def priors() -> str:
@@ -553,4 +567,4 @@ def priors() -> str:
             told = (flown["turn"], not_flown["after"], not_flown["soon"])
             cells.append(" / ".join(f"{value:.2f}" for value in told))
         rows.append([f"{prior:.1f}", *cells])
-    return markdown(["prior", *SET_UPS], rows)
+    return markdown(["flown_probability", *SET_UPS], rows)
