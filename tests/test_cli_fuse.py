@@ -534,7 +534,7 @@ def test_figure(write: Callable[..., Path], tmp_path: Path) -> None:
         (
             ["p.csv", "--sensor-column", "sensor"],
             1,
-            "azimuth_deg of A has 4 plots; at least 10 are needed: give --sigma A=VALUE",
+            "azimuth_deg of A has 4 measurements; at least 10 are needed: give --sigma A=VALUE",
         ),
         (
             ["p.csv", "--sigma", "1"],
@@ -544,7 +544,7 @@ def test_figure(write: Callable[..., Path], tmp_path: Path) -> None:
         (
             ["p.csv", "--sensor-column", "sensor", "--sigma", "1"],
             1,
-            "azimuth_deg of A has 4 plots; "
+            "azimuth_deg of A has 4 measurements; "
             "at least 10 are needed: give --alpha and --acceleration-sigma",
         ),
         (

@@ -1579,8 +1579,12 @@ class TestFit:
         [
             (fit_noise, ValueError, "either dt or time"),
             (lambda z: fit_noise(z, dt=5.0, time=np.arange(30)), ValueError, "either dt or time"),
-            (lambda z: fit_noise(z[:9], dt=5.0), ValueError, "z has 9 plots; at least 10"),
-            (lambda z: fit_noise(z[:15].reshape(3, 5) * NAN, dt=5.0), ValueError, "z has 0 plots"),
+            (lambda z: fit_noise(z[:9], dt=5.0), ValueError, "z has 9 measurements; at least 10"),
+            (
+                lambda z: fit_noise(z[:15].reshape(3, 5) * NAN, dt=5.0),
+                ValueError,
+                "z has 0 measurements",
+            ),
             (lambda z: fit_noise(z.reshape(15, 2), dt=5.0), ValueError, r"\bz\b"),
             (lambda z: fit_noise(z, dt=-5.0), ValueError, "dt is -5"),
             (lambda z: fit_noise(z, dt=0.0), ValueError, r"\bdt\b"),

@@ -24,6 +24,7 @@ __all__ = [
     "false_alarm_probability",
     "filter_series",
     "first_order_excess",
+    "fit_noise",
     "fuse",
     "fuse_scalar",
     "fuse_series",
@@ -160,6 +161,13 @@ def consistency_bounds(probability: float, count: int, dimension: int) -> list[f
 def filter_series(
     batch: dict[str, Any], store: str, filled: list[FloatArray], n_threads: int | None
 ) -> tuple[list[FloatArray], IntArray]: ...
+def fit_noise(
+    z: FloatArray,
+    dt: FloatArray,
+    period: float | None,
+    outlier_gate: float | None,
+    n_threads: int | None,
+) -> tuple[Any, BoolArray]: ...
 def smooth_series(
     batch: dict[str, Any], n_threads: int | None
 ) -> tuple[FloatArray, FloatArray]: ...
@@ -333,8 +341,8 @@ def location_accuracy(
 ) -> tuple[FloatArray, FloatArray]: ...
 def local_polynomial(
     y: FloatArray,
-    times: FloatArray | None,
-    variances: FloatArray | None,
+    time: FloatArray | None,
+    variance: FloatArray | None,
     window: int,
     degree: int,
     adaptive: bool,

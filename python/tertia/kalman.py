@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import (
+    BoolArray,
     FloatArray,
     IntArray,
     finite,
@@ -28,7 +29,6 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
-from tertia._singer_fit import Limit, fit_singer
 
 __all__ = [
     "AngleFilter",
@@ -44,7 +44,9 @@ __all__ = [
 ]
 
 Store: TypeAlias = Literal["all", "mean", "final"]
-_FEWEST_TO_FIT = 10
+Limit: TypeAlias = Literal[
+    "white acceleration", "constant acceleration", "constant rate", "no noise"
+]
 # the place of every element of a covariance in its upper triangle
 _FULL = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 
@@ -227,6 +229,8 @@ class NoiseFit:
         Standard uncertainty of `density`, likewise.
     limits : tuple of str
         Names as above; empty if no parameter is 0 or infinite.
+    outlier : ndarray of bool, of the shape of the plots
+        Which plots were left out.
     """
 
     alpha: float
@@ -237,6 +241,7 @@ class NoiseFit:
     count: int
     density_sigma: float
     limits: tuple[Limit, ...]
+    outlier: BoolArray
 
     @property
     def density(self) -> float:
@@ -470,6 +475,7 @@ def fit_noise(
     dt: float | None = None,
     time: npt.ArrayLike | None = None,
     period: float | None = None,
+    outlier_gate: float | None = None,
     n_threads: int | None = None,
 ) -> NoiseFit:
     """Estimate the noise of plots and the restlessness of the target from a recording.
@@ -485,6 +491,9 @@ def fit_noise(
         Times of the steps, instead of `dt`.
     period : float, optional
         360.0 for degrees, 2*pi for radians; None for data that do not wrap.
+    outlier_gate : float, optional
+        Plots that are more than so many standard deviations off the track made by all the others
+        are left out, and the rest is fitted again. By default all plots count.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -524,10 +533,14 @@ def fit_noise(
         raise ValueError("give either dt or time")
     unit = SingerModel(1.0 if dt is None else dt, 0.0, 0.0, exact=True)
     batch, _ = _batch(z, 1.0, unit, None, time=time, period=period)
-    plots = int(np.count_nonzero(~np.isnan(batch["z"])))
-    if plots < _FEWEST_TO_FIT:
-        raise ValueError(f"z has {plots} plots; at least {_FEWEST_TO_FIT} are needed")
-    return NoiseFit(*fit_singer(batch, threads(n_threads)))
+    (estimates, sigma, density_sigma, *told, limits), outlier = _core.fit_noise(
+        batch["z"],
+        batch["dt"],
+        batch["period"],
+        None if outlier_gate is None else real(outlier_gate, "outlier_gate"),
+        threads(n_threads),
+    )
+    return NoiseFit(*estimates, np.array(sigma), *told, density_sigma, tuple(limits), outlier)
 
 
 def _full(upper: FloatArray) -> FloatArray:

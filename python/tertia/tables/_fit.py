@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tertia._arrays import BoolArray, FloatArray
-from tertia.kalman import NoiseFit, fit_noise, smooth_series
+from tertia._arrays import FloatArray
+from tertia.kalman import NoiseFit, fit_noise
 
 # times and plots of one sensor and one target, nan where there is no plot
 Series: TypeAlias = tuple[FloatArray, FloatArray]
@@ -16,10 +16,6 @@ Series: TypeAlias = tuple[FloatArray, FloatArray]
 _MOST_PLOTS = 50_000
 # a plot so many sigmas off the others' track is none of the noise that is sought
 _GATE = 4.0
-_MOST_PASSES = 10
-_FEWEST_PLOTS = 10
-# a plot that alone makes the track says nothing about itself
-_LEAST_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +41,8 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
     too little to fit.
     """
     times, z = _stacked(series)
-    everything = np.count_nonzero(~np.isnan(z))
-    for _ in range(_MOST_PASSES):
-        noise = fit_noise(z, time=times, period=period)
-        far = _far(z, times, period, noise)
-        rest = np.where(far, np.nan, z)
-        if not far.any() or np.count_nonzero(~np.isnan(rest)) < _FEWEST_PLOTS:
-            break
-        z = rest
-    return SensorFit(sensor, noise, int(everything - np.count_nonzero(~np.isnan(z))))
+    noise = fit_noise(z, time=times, period=period, outlier_gate=_GATE)
+    return SensorFit(sensor, noise, int(noise.outlier.sum()))
 
 
 def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
@@ -77,16 +66,3 @@ def _stacked(series: Sequence[Series]) -> Series:
         # no time passes after the last plot
         times[row, :count], times[row, count:] = t[:count], t[count - 1] if count else 0.0
     return times, plots
-
-
-def _far(z: FloatArray, times: FloatArray, period: float | None, noise: NoiseFit) -> BoolArray:
-    """Return which plots are far from the track that all the others make."""
-    variance = noise.measurement_sigma**2
-    smooth = smooth_series(z, variance, noise.model(1.0), time=times, period=period)
-    off = z - smooth.mean[..., 0]
-    if period is not None:
-        off -= period * np.round(off / period)
-    # z less the smoothed angle has the variance R - P; both shrink alike if z itself is left out
-    spread = np.maximum(variance - smooth.upper[..., 0], _LEAST_VARIANCE * variance)
-    far: BoolArray = off**2 > _GATE**2 * spread
-    return far

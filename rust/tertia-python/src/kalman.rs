@@ -9,10 +9,10 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::num::NonZero;
-use tertia::batch::{RowError, for_each_row};
+use tertia::batch::RowError;
 use tertia::kalman::{
-    self, Filter, Gains, Innovation, LANES, PerStep, Series, Singer, State, Steps, Summary,
-    Transition, Workspace, run_block,
+    self, End, Filter, Innovation, NoiseFit, Recording, Row, Singer, State, Steps, Table,
+    Transition,
 };
 
 /// Cost of a step of the filter, for the choice of threads.
@@ -86,14 +86,41 @@ impl<'py> Batch<'py> {
     }
 }
 
-/// The same, contiguous.
+impl Samplings<'_> {
+    /// The same, contiguous.
+    fn rows(&self) -> PyResult<Inputs<'_>> {
+        Ok(Inputs {
+            z: self.z.rows(1)?,
+            variance: self.variance.rows(1)?,
+            dt: self.dt.rows(0)?,
+            initial: self.initial.as_ref().map(|samples| samples.rows(12)).transpose()?,
+        })
+    }
+}
+
 struct Inputs<'a> {
     z: Rows<'a>,
     variance: Rows<'a>,
     dt: Rows<'a>,
     initial: Option<Rows<'a>>,
-    model: Singer,
-    period: Option<f64>,
+}
+
+impl Inputs<'_> {
+    fn batch(&self, model: Model, period: Option<f64>) -> PyResult<kalman::Batch<'_>> {
+        let z = (&*self.z.values, self.z.len(), self.z.count());
+        let initial = self.initial.as_ref().map(table);
+        let (variance, dt, model) = (table(&self.variance), table(&self.dt), singer(model)?);
+        kalman::Batch::try_new(z, variance, dt, initial, model, period).map_err(value_error)
+    }
+
+    /// Plots in all.
+    fn size(&self) -> f64 {
+        self.z.values.len() as f64
+    }
+}
+
+fn table<'a>(rows: &'a Rows<'_>) -> Table<'a> {
+    Table::new(&rows.values, rows.len())
 }
 
 /// Row `row`, or the only one.
@@ -101,190 +128,6 @@ pub fn shared<'a>(rows: &'a Rows<'_>, row: usize) -> &'a [f64] {
     let n = rows.len();
     let start = if rows.count() == 1 { 0 } else { row * n };
     &rows.values[start..start + n]
-}
-
-/// Whether all rows are the same; long ones are not compared.
-fn is_one_row(rows: &Rows<'_>) -> bool {
-    const LONGEST: usize = 12;
-    rows.count() == 1 || (rows.len() <= LONGEST && rows.iter().all(|row| row == shared(rows, 0)))
-}
-
-impl<'a> Inputs<'a> {
-    fn new(batch: &Batch<'_>, samplings: &'a Samplings<'_>) -> PyResult<Self> {
-        let initial = samplings.initial.as_ref();
-        if let Some(period) = batch.period {
-            kalman::require_period(period).map_err(value_error)?;
-        }
-        Ok(Self {
-            z: samplings.z.rows(1)?,
-            variance: samplings.variance.rows(1)?,
-            dt: samplings.dt.rows(0)?,
-            initial: initial.map(|samples| samples.rows(12)).transpose()?,
-            model: singer(batch.model)?,
-            period: batch.period,
-        })
-    }
-
-    fn filter(&self, row: usize) -> tertia::Result<Filter> {
-        let Some(initial) = &self.initial else {
-            return Ok(Filter::new(self.model.acceleration_variance(), self.period));
-        };
-        let (rows, _) = shared(initial, row).as_chunks::<3>();
-        let state = State::try_new(rows[0], &[rows[1], rows[2], rows[3]])?;
-        Ok(Filter::from_state(state, self.period))
-    }
-
-    fn series<'b>(
-        &'b self,
-        row: usize,
-        z: &'b [f64],
-        transition: PerStep<'b, Transition>,
-    ) -> tertia::Result<Series<'b>> {
-        let variance = match shared(&self.variance, row) {
-            [single] => PerStep::Constant(*single),
-            each => PerStep::Each(each),
-        };
-        Series::try_new(z, variance, transition)
-    }
-
-    /// The steps of row `row`.
-    fn steps<'b>(
-        &self,
-        row: usize,
-        buffer: &'b mut Vec<Transition>,
-    ) -> tertia::Result<PerStep<'b, Transition>> {
-        self.model.over_all(shared(&self.dt, row), buffer)
-    }
-
-    /// The gains of rows that miss no plot, if all have the same.
-    fn gains(&self, steps: Option<PerStep<'_, Transition>>, filter: Filter) -> Option<Gains> {
-        if self.z.count() < FEWEST_LANES || !is_one_row(&self.variance) {
-            return None;
-        }
-        let plots = vec![0.0; self.z.len()];
-        // what is wrong with them is told of the first row
-        let series = self.series(0, &plots, steps?).ok()?;
-        Some(Gains::new(&series, filter))
-    }
-
-    /// The steps, if all rows have the same.
-    fn shared_steps<'b>(
-        &self,
-        buffer: &'b mut Vec<Transition>,
-    ) -> PyResult<Option<PerStep<'b, Transition>>> {
-        if self.dt.count() > 1 {
-            return Ok(None);
-        }
-        self.steps(0, buffer).map(Some).map_err(value_error)
-    }
-}
-
-/// What is left of a series.
-#[derive(Clone, Copy)]
-struct End {
-    mean: [f64; 3],
-    covariance: [f64; 6],
-    log_likelihood: f64,
-    count: usize,
-}
-
-impl End {
-    const NONE: Self = Self { mean: [0.0; 3], covariance: [0.0; 6], log_likelihood: 0.0, count: 0 };
-
-    fn new(summary: &Summary, period: Option<f64>) -> Self {
-        let State { mut mean, covariance } = summary.filter.state();
-        if let Some(period) = period {
-            mean[0] = kalman::wrapped(mean[0], period);
-        }
-        let Summary { log_likelihood, count, .. } = *summary;
-        Self { mean, covariance, log_likelihood, count }
-    }
-}
-
-/// A series and where its results go.
-struct Row<'a> {
-    index: usize,
-    z: &'a [f64],
-    steps: Steps<'a>,
-    end: End,
-    failed: bool,
-}
-
-struct Task<'a> {
-    inputs: &'a Inputs<'a>,
-    shared_steps: Option<PerStep<'a, Transition>>,
-    /// Of all rows, if it is the same.
-    filter: Option<Filter>,
-    gains: Option<Gains>,
-}
-
-/// Fewer rows are not worth lanes.
-const FEWEST_LANES: usize = 4;
-
-impl<'a> Task<'a> {
-    fn new(inputs: &'a Inputs<'a>, shared_steps: Option<PerStep<'a, Transition>>) -> Self {
-        let one_start = inputs.initial.as_ref().is_none_or(is_one_row);
-        let filter = inputs.filter(0).ok().filter(|_| one_start);
-        let gains = filter.and_then(|filter| inputs.gains(shared_steps, filter));
-        Self { inputs, shared_steps, filter, gains }
-    }
-
-    fn filter(&self, row: usize) -> tertia::Result<Filter> {
-        self.filter.map_or_else(|| self.inputs.filter(row), Ok)
-    }
-
-    /// Filters rows, side by side if there are several.
-    fn run(&self, rows: &mut [Row<'_>], buffer: &mut Vec<Transition>) -> tertia::Result<()> {
-        if let Some(steps) = self.shared_steps
-            && rows.len() >= FEWEST_LANES
-            && self.run_block(rows, steps)?
-        {
-            return Ok(());
-        }
-        for row in rows {
-            self.run_one(row, buffer).inspect_err(|_| row.failed = true)?;
-        }
-        Ok(())
-    }
-
-    fn run_one(&self, row: &mut Row<'_>, buffer: &mut Vec<Transition>) -> tertia::Result<()> {
-        let (inputs, period) = (self.inputs, self.inputs.period);
-        let transition = match self.shared_steps {
-            Some(steps) => steps,
-            None => inputs.steps(row.index, buffer)?,
-        };
-        let series = inputs.series(row.index, row.z, transition)?;
-        let (filter, steps) = (self.filter(row.index)?, &mut row.steps);
-        let summary = series.fill(filter, steps);
-        row.end = End::new(&summary, period);
-        Ok(())
-    }
-
-    /// False where the rows must be filtered one by one.
-    fn run_block(
-        &self,
-        rows: &mut [Row<'_>],
-        steps: PerStep<'_, Transition>,
-    ) -> tertia::Result<bool> {
-        let (inputs, period) = (self.inputs, self.inputs.period);
-        let mut series = Vec::with_capacity(LANES);
-        let mut filters = Vec::with_capacity(LANES);
-        for row in &mut *rows {
-            let both = inputs
-                .series(row.index, row.z, steps)
-                .and_then(|series| Ok((series, self.filter(row.index)?)));
-            let both = both.inspect_err(|_| row.failed = true)?;
-            series.push(both.0);
-            filters.push(both.1);
-        }
-        let mut out: Vec<_> = rows.iter_mut().map(|row| &mut row.steps).collect();
-        let summaries = run_block(&series, &filters, self.gains.as_ref(), &mut out);
-        let Some(summaries) = summaries else { return Ok(false) };
-        for (row, summary) in rows.iter_mut().zip(&summaries) {
-            row.end = End::new(summary, period);
-        }
-        Ok(true)
-    }
 }
 
 /// What the kernel fills: means, upper triangles of covariances, innovations and their variances of
@@ -302,7 +145,8 @@ pub fn filter_series<'py>(
     n_threads: Threads,
 ) -> PyResult<([Array<'py>; 3], Bound<'py, PyArrayDyn<i64>>)> {
     let samplings = batch.extract()?;
-    let inputs = Inputs::new(&batch, &samplings)?;
+    let inputs = samplings.rows()?;
+    let series = inputs.batch(batch.model, batch.period)?;
     let (n, count) = (inputs.z.len(), inputs.z.count());
     let (many, every) = match store {
         "all" => (n, n),
@@ -317,25 +161,13 @@ pub fn filter_series<'py>(
         .zip(chunks(writable(&mut innovation, &shape(&[every]), "innovation")?, every, count))
         .zip(chunks(writable(&mut variance, &shape(&[every]), "variance")?, every, count));
     let mut rows = room_for(count)?;
-    for ((index, z), (((mean, covariance), innovation), variance)) in
-        inputs.z.iter().enumerate().zip(steps)
-    {
+    rows.extend(steps.map(|(((mean, covariance), innovation), variance)| {
         let steps = Steps { mean, covariance, innovation, variance };
-        rows.push(Row { index, z, steps, end: End::NONE, failed: false });
-    }
-    let mut buffer = Vec::new();
-    let task = Task::new(&inputs, inputs.shared_steps(&mut buffer)?);
-    let cost = FILTER_NS * (n * count) as f64;
-    let done = release(py, cost, || {
-        for_each_row(rows.chunks_mut(LANES), cost, n_threads, Vec::new, |buffer, rows| {
-            task.run(rows, buffer)
-        })
-    });
-    done.map_err(|failure| {
-        let first = failure.row * LANES;
-        let row = rows[first..].iter().position(|row| row.failed).unwrap_or(0) + first;
-        inputs.z.error(RowError { row, ..failure })
-    })?;
+        Row { steps, end: End::NONE }
+    }));
+    let cost = FILTER_NS * inputs.size();
+    release(py, cost, || series.filter(&mut rows, cost, n_threads))
+        .map_err(|failure| inputs.z.error(failure))?;
     let ends: Vec<End> = rows.into_iter().map(|row| row.end).collect();
     let last = |tail: usize, of: fn(&End) -> &[f64]| {
         array(py, &shape(&[tail]), ends.iter().flat_map(of).copied().collect())
@@ -358,37 +190,46 @@ pub fn smooth_series<'py>(
     n_threads: Threads,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let samplings = batch.extract()?;
-    let inputs = Inputs::new(&batch, &samplings)?;
-    let (n, count, period) = (inputs.z.len(), inputs.z.count(), inputs.period);
+    let inputs = samplings.rows()?;
+    let series = inputs.batch(batch.model, batch.period)?;
+    let (n, count) = (inputs.z.len(), inputs.z.count());
     let mut mean = Output::new(py, &[inputs.z.shape, &[3]].concat())?;
     let mut covariance = Output::new(py, &[inputs.z.shape, &[6]].concat())?;
-    let outputs =
-        chunks(mean.values()?, 3 * n, count).zip(chunks(covariance.values()?, 6 * n, count));
-    let cost = SMOOTH_NS * (n * count) as f64;
-    let mut buffer = Vec::new();
-    let shared_steps = inputs.shared_steps(&mut buffer)?;
-    release(py, cost, || {
-        let items = inputs.z.iter().enumerate().zip(outputs);
-        let new = || (Vec::new(), Workspace::default());
-        for_each_row(items, cost, n_threads, new, |(buffer, workspace), ((row, z), out)| {
-            let transition = match shared_steps {
-                Some(steps) => steps,
-                None => inputs.steps(row, buffer)?,
-            };
-            let series = inputs.series(row, z, transition)?;
-            let (mean, covariance) = out;
-            kalman::smooth(&series, inputs.filter(row)?, workspace, |step, state| {
-                mean[3 * step..][..3].copy_from_slice(&state.mean);
-                if let Some(period) = period {
-                    mean[3 * step] = kalman::wrapped(state.mean[0], period);
-                }
-                covariance[6 * step..][..6].copy_from_slice(&state.covariance);
-            });
-            Ok(())
-        })
-    })
-    .map_err(|failure| inputs.z.error(failure))?;
+    let rows = chunks(mean.values()?, 3 * n, count).zip(chunks(covariance.values()?, 6 * n, count));
+    let cost = SMOOTH_NS * inputs.size();
+    release(py, cost, || series.smooth(rows, cost, n_threads))
+        .map_err(|failure| inputs.z.error(failure))?;
     Ok((mean.into_array(), covariance.into_array()))
+}
+
+/// Alpha, acceleration sigma, sigma of the plots; their sigmas; that of the density; log L, number
+/// of innovations, and names of limits.
+type Fit = ([f64; 3], [f64; 3], f64, f64, usize, Vec<&'static str>);
+
+/// The noise and the motion of a recording, and which of its plots were left out. `dt` may be one
+/// number, or one row for all.
+#[pyfunction]
+pub fn fit_noise<'py>(
+    py: Python<'py>,
+    z: &Bound<'py, PyAny>,
+    dt: &Bound<'py, PyAny>,
+    period: Option<f64>,
+    outlier_gate: Option<f64>,
+    n_threads: Threads,
+) -> PyResult<(Fit, Bound<'py, PyArrayDyn<bool>>)> {
+    let (z, dt) = (Samples::extract(z, "z")?, Samples::extract(dt, "time")?);
+    let (z, dt) = (z.rows(1)?, dt.rows(0)?);
+    for (row, plots) in z.iter().enumerate() {
+        kalman::require_plots(plots).map_err(|error| z.error(RowError { row, error }))?;
+    }
+    let recording = Recording { z: &z.values, steps: z.len(), dt: table(&dt), period };
+    let (fit, outlier) = py
+        .detach(|| kalman::fit_noise(&recording, outlier_gate, n_threads))
+        .map_err(value_error)?;
+    let limits = fit.limits.iter().map(|limit| limit.name()).collect();
+    let NoiseFit { estimates, sigma, density_sigma, log_likelihood, count, .. } = fit;
+    let found = (estimates, sigma, density_sigma, log_likelihood, count, limits);
+    Ok((found, array(py, z.shape, outlier)?))
 }
 
 /// What is taken from a `SingerModel`.

@@ -29,8 +29,8 @@ mod core_module {
     use super::fusion::{AngleFusion, fuse, fuse_scalar, fuse_series};
     #[pymodule_export]
     use super::kalman::{
-        AngleFilter, consistency_bounds, filter_series, singer_transition, smooth_series,
-        steady_state,
+        AngleFilter, consistency_bounds, filter_series, fit_noise, singer_transition,
+        smooth_series, steady_state,
     };
     #[pymodule_export]
     use super::location::{locate, location_accuracy};

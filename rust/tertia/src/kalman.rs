@@ -3,10 +3,17 @@
 //! Source: Panasyuk, Pudovkin, Rogachev 2018, (14) to (20), misprints mended. `x = [φ, ω, a]`,
 //! acceleration with an exponential correlation (Singer 1970), plots of the angle alone. Units are
 //! the caller's: an angle, its rate per unit of time, and so on.
+//!
+//! Order: `model <- state <- factored <- backward <- filter <- steps, series <- shared, block <-
+//! batch, smoother <- fit`; `steady` and `consistency` stand alone.
 
+mod backward;
+mod batch;
 mod block;
+mod consistency;
 mod factored;
 mod filter;
+mod fit;
 mod model;
 mod series;
 mod shared;
@@ -15,85 +22,18 @@ mod state;
 mod steady;
 mod steps;
 
-use crate::base::angle::principal;
 pub use crate::base::angle::require_period;
-use crate::base::distribution::chi_square_upper_quantile;
-use crate::base::error::{Result, require};
-use factored::Factored;
-
-pub use block::{LANES, run_block};
+pub use batch::{Batch, End, Row, Table};
+pub use consistency::consistency_bounds;
 pub use filter::Filter;
+pub use fit::{Limit, NoiseFit, Recording, fit_noise};
 pub use model::{Singer, Transition};
-pub use series::{PerStep, Series, Summary, require_plot};
-pub use shared::Gains;
+pub use series::{PerStep, Series, Summary, require_plot, require_plots};
+pub use smoother::{Workspace, smooth};
 pub(crate) use state::residual;
-pub use state::{Innovation, State};
+pub use state::{Innovation, State, wrapped};
 pub use steady::steady_state;
 pub use steps::Steps;
-
-/// An angle in [0, period).
-#[inline(always)]
-pub fn wrapped(angle: f64, period: f64) -> f64 {
-    if angle.is_nan() || (0.0..period).contains(&angle) { angle } else { principal(angle, period) }
-}
-
-/// Tails of more degrees of freedom take seconds.
-const MAX_DEGREES_OF_FREEDOM: usize = 100_000_000;
-
-/// The bounds within which the mean of `count` normalised squared errors of `dimension` components
-/// lies with this probability, if their covariances are right.
-///
-/// # Errors
-/// A probability that is none, or no errors.
-pub fn consistency_bounds(probability: f64, count: usize, dimension: usize) -> Result<[f64; 2]> {
-    let holds = probability > 0.0 && probability < 1.0;
-    require("probability", probability, holds, "between 0 and 1 (exclusive)")?;
-    let nu = count.saturating_mul(dimension);
-    let requirement = "such that count times dimension is between 1 and 1e8";
-    require("count", count as f64, (1..=MAX_DEGREES_OF_FREEDOM).contains(&nu), requirement)?;
-    let outside = 0.5 * (1.0 - probability);
-    let bound = |p: f64| chi_square_upper_quantile(p, nu) / count as f64;
-    Ok([bound(1.0 - outside), bound(outside)])
-}
-
-/// Buffers of the smoother.
-#[derive(Clone, Debug, Default)]
-pub struct Workspace {
-    filtered: Vec<(State, Option<smoother::Filtered>)>,
-}
-
-/// The state at every step from all plots; those before the first plot are unknown, as in the
-/// filter. Cost O(steps).
-pub fn smooth(
-    series: &Series<'_>,
-    filter: Filter,
-    workspace: &mut Workspace,
-    mut sink: impl FnMut(usize, &State),
-) {
-    let mut filter = filter.factored();
-    let filtered = &mut workspace.filtered;
-    filtered.clear();
-    for (step, &z) in series.z.iter().enumerate() {
-        if step > 0 {
-            filter.predict(&series.transition.at(step - 1));
-        }
-        if !z.is_nan() {
-            filter.update(z, series.variance.at(step));
-        }
-        filtered.push((filter.state(), filter.filtered()));
-    }
-    let mut later: Option<Factored> = None;
-    for (step, (shown, filtered)) in filtered.iter().enumerate().rev() {
-        later = match (filtered, later) {
-            (Some(filtered), Some(next)) => {
-                Some(filtered.smoothed(&series.transition.at(step), &next))
-            }
-            (Some(filtered), None) if filtered.unknown.is_none() => Some(filtered.factored),
-            _ => None,
-        };
-        sink(step, &later.map_or(*shown, |later| later.state()));
-    }
-}
 
 #[cfg(test)]
 mod tests {

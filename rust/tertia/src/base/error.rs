@@ -136,6 +136,14 @@ pub enum Error {
         /// Name of the argument.
         argument: &'static str,
     },
+    /// The measurements do not determine what is to be estimated.
+    #[error("{argument} {reason}")]
+    Undetermined {
+        /// Name of the argument.
+        argument: &'static str,
+        /// What it lacks, as the rest of a sentence.
+        reason: &'static str,
+    },
     /// A parameter is outside its domain.
     #[error("{argument} is {}; it must be {requirement}", text(*.value))]
     InvalidParameter {

@@ -4,14 +4,13 @@ use super::filter::Filter;
 use super::model::Transition;
 use super::series::{PRODUCTS, PerStep, Series, Summary, log_likelihood};
 use super::shared::Gains;
-use super::state::{FACTORS_ABOVE, State, residual};
+use super::state::{FACTORS_ABOVE, State, residual, wrapped};
 use super::steps::Steps;
 use crate::base::vector::Vector;
-use crate::kalman::wrapped;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Series that are filtered together: vectors enough to hide that each waits for its last step.
-pub const LANES: usize = 16;
+pub(super) const LANES: usize = 16;
 /// Steps whose plots are gathered and whose states are shown at once, from the L1 cache.
 const TILE: usize = 16;
 
@@ -21,7 +20,7 @@ pub(super) type Lane = [f64; LANES];
 /// `gains` if they are those of all of them and no plot is missing, and keeps what `out` has room
 /// for. `None` where they must be filtered one by one: a prior that is kept as factors, or a start
 /// that takes all steps.
-pub fn run_block(
+pub(super) fn run_block(
     series: &[Series<'_>],
     filters: &[Filter],
     gains: Option<&Gains>,
@@ -221,19 +220,23 @@ impl Tile {
                 *value = lane[l];
             }
         }
-        let (covariance, variance) =
-            (out.covariance.get_mut(6 * from..6 * to), out.variance.get_mut(from..to));
-        let (Some(covariance), Some(variance)) = (covariance, variance) else { return };
+        if let Some(variance) = out.variance.get_mut(from..to) {
+            match gains {
+                Some(gains) => variance.copy_from_slice(&gains.variance[from..to]),
+                None => {
+                    for (value, lane) in variance.iter_mut().zip(&self.variance) {
+                        *value = lane[l];
+                    }
+                }
+            }
+        }
+        let Some(covariance) = out.covariance.get_mut(6 * from..6 * to) else { return };
         if let Some(gains) = gains {
             covariance.copy_from_slice(gains.covariance[from..to].as_flattened());
-            variance.copy_from_slice(&gains.variance[from..to]);
             return;
         }
         for (row, p) in covariance.as_chunks_mut::<6>().0.iter_mut().zip(&self.covariance[1..]) {
             *row = [p[0][l], p[1][l], p[2][l], p[3][l], p[4][l], p[5][l]];
-        }
-        for (value, lane) in variance.iter_mut().zip(&self.variance) {
-            *value = lane[l];
         }
     }
 

@@ -3,9 +3,15 @@
 
 use super::model::Transition;
 use super::state::{Innovation, State, residual};
+use crate::base::error::{Error, Result};
 
 /// Below this share of a variance its factors are kept.
 const SMALLEST_SHARE: f64 = 1e-4;
+
+/// Rounding that a covariance may show.
+const ROUNDING: f64 = 1e-10;
+/// Larger numbers overflow when squared.
+const LARGEST: f64 = 1e100;
 
 /// x and the factors of P.
 #[derive(Clone, Copy, Debug)]
@@ -115,7 +121,7 @@ impl Factored {
     /// The rows of `[F U | V]` with the weights of both, `Q = V E V^T`.
     pub fn predict(&mut self, transition: &Transition) {
         let [f01, f02, f12, f22] = transition.f;
-        let ([u01, u02, u12], [x0, x1, x2]) = (self.u, self.mean);
+        let [u01, u02, u12] = self.u;
         let noise = Self::of_noise(transition);
         let ([v01, v02, v12], [e0, e1, e2]) = (noise.u, noise.d);
         let weight = [self.d[0], self.d[1], self.d[2], e0, e1, e2];
@@ -124,8 +130,7 @@ impl Factored {
             [0.0, 1.0, u12 + f12, 0.0, 1.0, v12],
             [0.0, 0.0, f22, 0.0, 0.0, 1.0],
         ];
-        let mean = [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2];
-        *self = Self::orthogonalised(mean, rows, &weight);
+        *self = Self::orthogonalised(transition.mean(self.mean), rows, &weight);
     }
 
     /// Bierman's update: no variance is subtracted from another.
@@ -145,5 +150,52 @@ impl Factored {
         self.mean[1] += step * (v[1] + v[2] * u12);
         self.mean[2] += step * v[2];
         Innovation { value, variance: a2 }
+    }
+}
+
+impl State {
+    /// A state with this covariance, which may be singular.
+    ///
+    /// # Errors
+    /// A number that is not finite, or a matrix that is not a covariance.
+    pub fn try_new(mean: [f64; 3], covariance: &[[f64; 3]; 3]) -> Result<Self> {
+        let refuse = |argument, index: &[usize], value: f64, requirement| {
+            Err(Error::InvalidElement { argument, index: index.to_vec(), value, requirement })
+        };
+        let finite = "it must be a number of at most 1e100 in size";
+        for (i, (&x, row)) in mean.iter().zip(covariance).enumerate() {
+            if x.is_nan() || x.abs() > LARGEST {
+                return refuse("mean", &[i], x, finite);
+            }
+            for (j, &p) in row.iter().enumerate() {
+                if p.is_nan() || p.abs() > LARGEST {
+                    return refuse("covariance", &[i, j], p, finite);
+                }
+            }
+            if row[i] < 0.0 {
+                return refuse("covariance", &[i, i], row[i], "a variance must not be negative");
+            }
+        }
+        let p = covariance;
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            let scale = p[i][i].sqrt() * p[j][j].sqrt();
+            let (upper, lower, index) = (p[i][j], p[j][i], vec![i, j]);
+            if (upper - lower).abs() > ROUNDING * scale {
+                return Err(Error::NotSymmetric { argument: "covariance", index, upper, lower });
+            }
+            if upper.abs() > (1.0 + ROUNDING) * scale {
+                return Err(Error::Indefinite { argument: "covariance", index: Vec::new() });
+            }
+        }
+        let packed = [p[0][0], p[0][1], p[0][2], p[1][1], p[1][2], p[2][2]];
+        let state = Self { mean, covariance: packed };
+        let back = Factored::new(&state).state();
+        let kept =
+            |k: usize, scale: f64| (back.covariance[k] - packed[k]).abs() <= ROUNDING * scale;
+        if kept(0, p[0][0]) && kept(3, p[1][1]) && kept(1, (p[0][0] * p[1][1]).sqrt()) {
+            Ok(state)
+        } else {
+            Err(Error::Indefinite { argument: "covariance", index: Vec::new() })
+        }
     }
 }

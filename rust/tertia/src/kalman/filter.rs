@@ -1,8 +1,8 @@
 //! The filter of one target: from no plot at all, or from a given state.
 
+use super::backward::Filtered;
 use super::factored::Factored;
 use super::model::Transition;
-use super::smoother::Filtered;
 use super::state::{Innovation, State, residual};
 
 /// A covariance is kept as factors until its ratio to the noise is below this.

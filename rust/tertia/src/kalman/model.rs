@@ -1,6 +1,5 @@
 //! The motion model: acceleration that fades (Singer 1970), and its discretisations.
 
-use super::state::State;
 use crate::base::error::{Result, require};
 use serde::{Deserialize, Serialize};
 
@@ -11,8 +10,10 @@ const SHORTEST: f64 = 1e-60;
 /// Larger parameters overflow in Q.
 const LARGEST: f64 = 1e30;
 const REQUIREMENT: &str = "a number from 0 to 1e30";
-/// Terms that such a series needs.
+/// Terms that such a series needs at most.
 const TERMS: usize = 28;
+/// A term that is smaller, relative to the sum, does not change a bit of it.
+const NEGLIGIBLE: f64 = 1e-17;
 
 /// `x' = F x + w` over one interval: F is upper triangular with ones on the diagonal but for its
 /// last element, w has the covariance Q.
@@ -31,11 +32,38 @@ impl Transition {
     /// This one and then the next.
     pub fn then(&self, next: &Self) -> Self {
         let ([a01, a02, a12, a22], [b01, b02, b12, b22]) = (self.f, next.f);
-        let noise = State { mean: [0.0; 3], covariance: self.q };
         Self {
             f: [a01 + b01, a02 + b01 * a12 + b02 * a22, a12 + b12 * a22, b22 * a22],
-            q: noise.predicted(next).covariance,
+            q: next.covariance(&self.q),
         }
+    }
+
+    /// `F x`.
+    #[inline(always)]
+    pub(super) fn mean(&self, [x0, x1, x2]: [f64; 3]) -> [f64; 3] {
+        let [f01, f02, f12, f22] = self.f;
+        [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2]
+    }
+
+    /// `F P F^T + Q`, upper triangles.
+    #[inline(always)]
+    pub(super) fn covariance(&self, p: &[f64; 6]) -> [f64; 6] {
+        let ([f01, f02, f12, f22], q) = (self.f, &self.q);
+        let [p00, p01, p02, p11, p12, p22] = *p;
+        // A = F P
+        let a00 = p00 + f01 * p01 + f02 * p02;
+        let a01 = p01 + f01 * p11 + f02 * p12;
+        let a02 = p02 + f01 * p12 + f02 * p22;
+        let a11 = p11 + f12 * p12;
+        let a12 = p12 + f12 * p22;
+        [
+            a00 + f01 * a01 + f02 * a02 + q[0],
+            a01 + f12 * a02 + q[1],
+            f22 * a02 + q[2],
+            a11 + f12 * a12 + q[3],
+            f22 * a12 + q[4],
+            f22 * f22 * p22 + q[5],
+        ]
     }
 }
 
@@ -127,13 +155,18 @@ impl Singer {
     }
 }
 
-/// `Σ_{k ≥ from} c(k) x^(k − less) / k!`.
+/// `Σ_{k ≥ from} c(k) x^(k − less) / k!`, |c(k)| at most 2^k from k = 5 on.
+#[inline(always)]
 fn series(x: f64, from: i32, less: i32, c: impl Fn(i32) -> f64) -> f64 {
     let mut term = x.powi(from - less) / (1..=from).map(f64::from).product::<f64>();
     let mut sum = 0.0;
     for k in (from..).take(TERMS) {
         sum += c(k) * term;
         term *= x / f64::from(k + 1);
+        // with 2^k terms fall from then on, too
+        if k >= 5 && term * 2.0_f64.powi(k + 1) < NEGLIGIBLE * sum.abs() {
+            break;
+        }
     }
     sum
 }

@@ -85,12 +85,7 @@ impl<'a> Series<'a> {
         variance: PerStep<'a, f64>,
         transition: PerStep<'a, Transition>,
     ) -> Result<Self> {
-        let requirement = "a plot must be a finite number, or nan for none";
-        let refused = |z: f64| z.abs() > LARGEST;
-        // to the end, because a loop that may leave earlier is not made of vectors
-        if z.iter().fold(false, |any, &z| any | refused(z)) {
-            require_each("z", z, |z| !refused(z), requirement)?;
-        }
+        require_plots(z)?;
         match variance {
             PerStep::Constant(r) if VARIANCES.contains(&r) => {}
             PerStep::Constant(_) if z.iter().all(|z| z.is_nan()) => {}
@@ -107,6 +102,20 @@ impl<'a> Series<'a> {
         }
         Ok(Self { z, variance, transition })
     }
+}
+
+/// Fails unless all plots are finite, or nan for none.
+///
+/// # Errors
+/// See above.
+pub fn require_plots(z: &[f64]) -> Result<()> {
+    let refused = |z: f64| z.abs() > LARGEST;
+    // to the end, because a loop that may leave earlier is not made of vectors
+    if z.iter().fold(false, |any, &z| any | refused(z)) {
+        let requirement = "a plot must be a finite number, or nan for none";
+        require_each("z", z, |z| !refused(z), requirement)?;
+    }
+    Ok(())
 }
 
 /// Fails unless a plot and the variance of its noise can be used.

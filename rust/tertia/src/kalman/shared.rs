@@ -6,7 +6,7 @@ use super::series::Series;
 /// Gain, innovation variance and covariance after each step of series that miss no plot and have
 /// the same noise, steps and start.
 #[derive(Clone, Debug)]
-pub struct Gains {
+pub(super) struct Gains {
     pub(super) gain: Vec<[f64; 3]>,
     pub(super) variance: Vec<f64>,
     pub(super) covariance: Vec<[f64; 6]>,

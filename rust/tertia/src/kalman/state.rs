@@ -1,8 +1,7 @@
 //! One step: (14) to (20) of the source, misprints mended.
 
-use super::factored::Factored;
 use super::model::Transition;
-use crate::base::error::{Error, Result};
+use crate::base::angle::principal;
 
 /// Angle, rate and acceleration, with the elements (0, 0), (0, 1), (0, 2), (1, 1), (1, 2) and
 /// (2, 2) of their covariance.
@@ -31,6 +30,12 @@ impl Innovation {
 /// Above this ratio of prior variance to noise the covariance is kept as factors.
 pub(super) const FACTORS_ABOVE: f64 = 1e4;
 
+/// An angle in [0, period).
+#[inline(always)]
+pub fn wrapped(angle: f64, period: f64) -> f64 {
+    if angle.is_nan() || (0.0..period).contains(&angle) { angle } else { principal(angle, period) }
+}
+
 /// `z − x`, turned by whole periods to within half of one.
 #[inline(always)]
 pub(crate) fn residual(z: f64, x: f64, period: Option<f64>) -> f64 {
@@ -43,57 +48,7 @@ pub(crate) fn residual(z: f64, x: f64, period: Option<f64>) -> f64 {
     }
 }
 
-/// Rounding that a covariance may show.
-const ROUNDING: f64 = 1e-10;
-/// Larger numbers overflow when squared.
-const LARGEST: f64 = 1e100;
-
 impl State {
-    /// A state with this covariance, which may be singular.
-    ///
-    /// # Errors
-    /// A number that is not finite, or a matrix that is not a covariance.
-    pub fn try_new(mean: [f64; 3], covariance: &[[f64; 3]; 3]) -> Result<Self> {
-        let refuse = |argument, index: &[usize], value: f64, requirement| {
-            Err(Error::InvalidElement { argument, index: index.to_vec(), value, requirement })
-        };
-        let finite = "it must be a number of at most 1e100 in size";
-        for (i, (&x, row)) in mean.iter().zip(covariance).enumerate() {
-            if x.is_nan() || x.abs() > LARGEST {
-                return refuse("mean", &[i], x, finite);
-            }
-            for (j, &p) in row.iter().enumerate() {
-                if p.is_nan() || p.abs() > LARGEST {
-                    return refuse("covariance", &[i, j], p, finite);
-                }
-            }
-            if row[i] < 0.0 {
-                return refuse("covariance", &[i, i], row[i], "a variance must not be negative");
-            }
-        }
-        let p = covariance;
-        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
-            let scale = p[i][i].sqrt() * p[j][j].sqrt();
-            let (upper, lower, index) = (p[i][j], p[j][i], vec![i, j]);
-            if (upper - lower).abs() > ROUNDING * scale {
-                return Err(Error::NotSymmetric { argument: "covariance", index, upper, lower });
-            }
-            if upper.abs() > (1.0 + ROUNDING) * scale {
-                return Err(Error::Indefinite { argument: "covariance", index: Vec::new() });
-            }
-        }
-        let packed = [p[0][0], p[0][1], p[0][2], p[1][1], p[1][2], p[2][2]];
-        let state = Self { mean, covariance: packed };
-        let back = Factored::new(&state).state();
-        let kept =
-            |k: usize, scale: f64| (back.covariance[k] - packed[k]).abs() <= ROUNDING * scale;
-        if kept(0, p[0][0]) && kept(3, p[1][1]) && kept(1, (p[0][0] * p[1][1]).sqrt()) {
-            Ok(state)
-        } else {
-            Err(Error::Indefinite { argument: "covariance", index: Vec::new() })
-        }
-    }
-
     /// Nothing is known.
     pub const UNKNOWN: Self = Self {
         mean: [f64::NAN; 3],
@@ -103,26 +58,9 @@ impl State {
     /// `x⁻ = F x`, `P⁻ = F P F^T + Q`.
     #[inline(always)]
     pub fn predicted(&self, transition: &Transition) -> Self {
-        let [f01, f02, f12, f22] = transition.f;
-        let [x0, x1, x2] = self.mean;
-        let [p00, p01, p02, p11, p12, p22] = self.covariance;
-        let q = &transition.q;
-        // A = F P
-        let a00 = p00 + f01 * p01 + f02 * p02;
-        let a01 = p01 + f01 * p11 + f02 * p12;
-        let a02 = p02 + f01 * p12 + f02 * p22;
-        let a11 = p11 + f12 * p12;
-        let a12 = p12 + f12 * p22;
         Self {
-            mean: [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2],
-            covariance: [
-                a00 + f01 * a01 + f02 * a02 + q[0],
-                a01 + f12 * a02 + q[1],
-                f22 * a02 + q[2],
-                a11 + f12 * a12 + q[3],
-                f22 * a12 + q[4],
-                f22 * f22 * p22 + q[5],
-            ],
+            mean: transition.mean(self.mean),
+            covariance: transition.covariance(&self.covariance),
         }
     }
 

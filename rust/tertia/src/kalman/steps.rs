@@ -1,7 +1,6 @@
 //! Where the states of a series go.
 
-use super::state::{Innovation, State};
-use crate::kalman::wrapped;
+use super::state::{Innovation, State, wrapped};
 
 /// The caller's room for the states of all steps. What is not wanted is empty.
 #[derive(Debug)]

@@ -1,0 +1,182 @@
+//! Maximum likelihood for the parameters of the Singer model and the noise of the plots.
+//!
+//! A point is `x = ln α` and `y = ln p`, where p is what the motion adds within some time, in units
+//! of the noise; the scale of both follows in closed form. The likelihood has a finite limit at
+//! either end of both coordinates. It is climbed by Newton's method from the peaks of a coarse grid
+//! and then compared with its limits. The unit of time is a usual interval.
+
+mod climb;
+mod likelihood;
+mod outliers;
+
+use super::batch::Table;
+use crate::base::error::{Error, Result};
+use climb::{Peak, differences, highest_peak};
+use likelihood::{DIFFERENCE, Likelihood};
+use nalgebra::{Matrix4x2, Vector4};
+use std::num::NonZero;
+
+pub use outliers::fit_noise;
+
+/// Intervals of this share of the mean are between plots of different radars, and not usual.
+const BRIEF: f64 = 1e-4;
+/// Of so short a time between its first two plots, a filter knows no more than rounding.
+const TOGETHER: f64 = 1e-10;
+/// A curvature below this determines nothing.
+const FLAT: f64 = 1e-3;
+
+/// Series of plots that share the noise and the motion: `count` rows of `steps`, nan where there is
+/// none, and the intervals before each plot but the first, or one number for all.
+#[derive(Clone, Copy, Debug)]
+pub struct Recording<'a> {
+    /// The plots.
+    pub z: &'a [f64],
+    /// Of each series.
+    pub steps: usize,
+    /// The intervals.
+    pub dt: Table<'a>,
+    /// Wrap of the plots.
+    pub period: Option<f64>,
+}
+
+/// Where the likelihood is largest at an end of the parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Limit {
+    /// α is infinite: only the density counts.
+    WhiteAcceleration,
+    /// α is 0.
+    ConstantAcceleration,
+    /// There is no acceleration.
+    ConstantRate,
+    /// Beside the motion the noise is nothing.
+    NoNoise,
+}
+
+impl Limit {
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::WhiteAcceleration => "white acceleration",
+            Self::ConstantAcceleration => "constant acceleration",
+            Self::ConstantRate => "constant rate",
+            Self::NoNoise => "no noise",
+        }
+    }
+}
+
+/// The parameters that make a recording most likely.
+#[derive(Clone, Debug)]
+pub struct NoiseFit {
+    /// α, σ_a and σ of the plots.
+    pub estimates: [f64; 3],
+    /// Their standard uncertainties, to first order; ∞ where the recording does not determine them.
+    pub sigma: [f64; 3],
+    /// That of the density `2 σ_a² / α`.
+    pub density_sigma: f64,
+    /// At the maximum.
+    pub log_likelihood: f64,
+    /// Plots that have a prior.
+    pub count: usize,
+    /// The limits that the maximum is at.
+    pub limits: Vec<Limit>,
+}
+
+impl NoiseFit {
+    /// Fits a recording. Cost: some 150 filters.
+    ///
+    /// # Errors
+    /// Plots that a line or a parabola fits exactly, or that are too few in every series.
+    fn of(recording: &Recording<'_>, n_threads: Option<NonZero<usize>>) -> Result<Self> {
+        let interval = usual_interval(recording.dt.values())?;
+        let scaled = |dt: &f64| Some(dt / interval).filter(|&dt| dt >= TOGETHER).unwrap_or(0.0);
+        let dt: Vec<f64> = recording.dt.values().iter().map(scaled).collect();
+        let in_intervals = Recording { dt: recording.dt.with(&dt), ..*recording };
+        let mut likelihood = Likelihood::try_new(&in_intervals, n_threads)?;
+        let peak = highest_peak(&mut likelihood)?;
+        let (value, logs) = likelihood.at(peak.at)?;
+        likelihood.spread(value, "lies on parabolas; there is no noise to be fitted")?;
+        let [alpha, acceleration, noise] = logs.map(f64::exp);
+        let [alpha, acceleration] = [alpha / interval, acceleration / interval.powi(2)];
+        let density = 2.0 * acceleration * acceleration / alpha;
+        let errors = relative_errors(&mut likelihood, &peak)?;
+        let sigma = |i: usize, estimate: f64| {
+            if errors[i].is_finite() { errors[i] * estimate } else { f64::INFINITY }
+        };
+        Ok(Self {
+            estimates: [alpha, acceleration, noise],
+            sigma: [sigma(0, alpha), sigma(1, acceleration), sigma(2, noise)],
+            density_sigma: sigma(3, density),
+            log_likelihood: value,
+            count: likelihood.count(),
+            limits: likelihood.limits(peak.at),
+        })
+    }
+}
+
+/// The median of the intervals that are not very short.
+fn usual_interval(intervals: &[f64]) -> Result<f64> {
+    let mut positive: Vec<f64> = intervals.iter().copied().filter(|&dt| dt > 0.0).collect();
+    let mean = positive.iter().sum::<f64>() / positive.len() as f64;
+    positive.retain(|&dt| dt > BRIEF * mean);
+    positive.sort_by(f64::total_cmp);
+    let n = positive.len();
+    let [below, above] = [n.saturating_sub(1) / 2, n / 2].map(|i| positive.get(i));
+    let reason = "no time passes between them; dt must be positive, or time increase";
+    let (below, above) =
+        below.zip(above).ok_or(Error::Undetermined { argument: "z has plots, but", reason })?;
+    Ok(0.5 * (below + above))
+}
+
+/// Standard errors of the logarithms of α, both sigmas, and the density.
+fn relative_errors(likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<[f64; 4]> {
+    let ([x, y], free) = (peak.at, peak.free);
+    let (_, second) = differences(likelihood, peak.at, free)?;
+    let information = -second;
+    let bounds = likelihood.bounds();
+    let inside = [0, 1].map(|i| free[i] && bounds[i][0] < peak.at[i] && peak.at[i] < bounds[i][1]);
+    let unknown = Ok([f64::INFINITY; 4]);
+    let (covariance, told) = match inside {
+        [true, true] if information.symmetric_eigenvalues().min() > FLAT => {
+            let Some(covariance) = information.try_inverse() else { return unknown };
+            (covariance, inside)
+        }
+        [_, true] if information[(1, 1)].is_nan() || information[(1, 1)] <= FLAT => return unknown,
+        [true, false] if information[(0, 0)] > FLAT => {
+            (nalgebra::Matrix2::new(1.0 / information[(0, 0)], 0.0, 0.0, 0.0), inside)
+        }
+        [_, second] => {
+            let variance = if second { 1.0 / information[(1, 1)] } else { 0.0 };
+            (nalgebra::Matrix2::new(0.0, 0.0, 0.0, variance), [false, second])
+        }
+    };
+    let slopes = slopes(likelihood, peak.at, told)?;
+    let mut variances = (slopes * covariance * slopes.transpose()).diagonal();
+    // the scale has an error of its own, that of the standard deviation of so many values
+    let of_scale = 1.0 / (2 * likelihood.count()) as f64;
+    variances += Vector4::new(0.0, 1.0, 1.0, 4.0) * of_scale;
+    let alpha = told[0];
+    let known =
+        [alpha, alpha, y < likelihood.infinite_motion(), alpha || x == likelihood::INFINITE_ALPHA];
+    Ok([0, 1, 2, 3].map(|i| if known[i] { variances[i].sqrt() } else { f64::INFINITY }))
+}
+
+/// Derivatives of the logarithms of α, both sigmas, and the density.
+fn slopes(
+    likelihood: &mut Likelihood<'_>,
+    at: [f64; 2],
+    free: [bool; 2],
+) -> Result<Matrix4x2<f64>> {
+    let mut logs = |at: [f64; 2]| -> Result<Vector4<f64>> {
+        let finite = |log: f64| if log == f64::NEG_INFINITY { 0.0 } else { log };
+        let [alpha, acceleration, noise] = likelihood.at(at)?.1.map(finite);
+        Ok(Vector4::new(alpha, acceleration, noise, 2.0 * acceleration - alpha))
+    };
+    let mut slopes = Matrix4x2::zeros();
+    for i in (0..2).filter(|&i| free[i]) {
+        let (mut up, mut down) = (at, at);
+        up[i] += DIFFERENCE;
+        down[i] -= DIFFERENCE;
+        slopes.set_column(i, &((logs(up)? - logs(down)?) / (2.0 * DIFFERENCE)));
+    }
+    Ok(slopes)
+}

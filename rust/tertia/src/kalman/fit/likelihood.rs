@@ -1,0 +1,229 @@
+//! The likelihood of a recording, with the scale of noise and motion that is best.
+
+use super::{Limit, Recording};
+use crate::base::error::{Error, Result};
+use crate::kalman::batch::{Batch, End, Row, Table};
+use crate::kalman::model::Singer;
+use crate::kalman::steps::Steps;
+use std::collections::HashMap;
+use std::f64::consts::{E, PI};
+use std::num::NonZero;
+
+/// The grid: α from this over the length to that over an interval, and the factor between.
+const ALPHA: [f64; 3] = [0.3, 10.0, 8.0];
+/// Likewise p.
+const MOTION: [f64; 3] = [0.1, 30.0, 20.0];
+/// How far beyond the grid is climbed: α is tiny where the acceleration grows all the time.
+const BEYOND: [f64; 2] = [1e4, 10.0];
+/// ln of an α that counts as infinite: there the likelihood is that of the limit to about 1e-6.
+pub(super) const INFINITE_ALPHA: f64 = 13.815_510_557_964_274;
+/// Likewise p.
+const INFINITE_MOTION: f64 = 16.118_095_650_958_32;
+/// Steps for differences: the likelihood is computed to about 1e-12.
+pub(super) const DIFFERENCE: f64 = 2e-3;
+/// Innovations of this share of the plots are their rounding.
+const ROUNDING: f64 = 1e-13;
+/// Cost of a step of the filter, for the choice of threads.
+const STEP_NS: f64 = 20.0;
+/// A product of variances is turned into a logarithm when it leaves this range.
+const PRODUCTS: std::ops::Range<f64> = 1e-150..1e150;
+
+/// Sums over the innovations of a series.
+#[derive(Clone, Copy, Debug)]
+struct Sums {
+    /// Of ν²/S, and the rounding that it has lost.
+    squares: f64,
+    lost: f64,
+    /// Of ln S, but for those in the product.
+    logarithms: f64,
+    product: f64,
+    count: usize,
+}
+
+impl Sums {
+    const NONE: Self = Self { squares: 0.0, lost: 0.0, logarithms: 0.0, product: 1.0, count: 0 };
+
+    fn of(innovation: &[f64], variance: &[f64]) -> Self {
+        let mut sums = Self::NONE;
+        for (&value, &variance) in innovation.iter().zip(variance) {
+            if value.is_nan() {
+                continue;
+            }
+            // Kahan: derivatives are differences of this sum
+            let term = value * value / variance - sums.lost;
+            let squares = sums.squares + term;
+            sums.lost = (squares - sums.squares) - term;
+            sums.squares = squares;
+            sums.product *= variance;
+            sums.count += 1;
+            if !PRODUCTS.contains(&sums.product) {
+                sums.logarithms += sums.product.ln();
+                sums.product = 1.0;
+            }
+        }
+        sums
+    }
+}
+
+/// The likelihood as a function of `[x, y]`; each value is computed once.
+pub(super) struct Likelihood<'a> {
+    recording: Recording<'a>,
+    rows: Vec<Sums>,
+    /// Buffers of the filter.
+    innovation: Vec<f64>,
+    variance: Vec<f64>,
+    n_threads: Option<NonZero<usize>>,
+    /// Of the longest series, in intervals.
+    length: f64,
+    /// What noise and motion together are.
+    unit: f64,
+    /// The time within which p is what the motion adds.
+    memory: f64,
+    found: HashMap<[u64; 2], (f64, [f64; 3])>,
+}
+
+impl<'a> Likelihood<'a> {
+    pub fn try_new(recording: &Recording<'a>, n_threads: Option<NonZero<usize>>) -> Result<Self> {
+        let Recording { z, steps, dt, .. } = *recording;
+        let count = z.len() / steps;
+        let own = |row: usize| match dt.row(row) {
+            [single] => single * (steps - 1) as f64,
+            each => each.iter().sum(),
+        };
+        let mut likelihood = Self {
+            recording: *recording,
+            rows: vec![Sums::NONE; count],
+            innovation: vec![0.0; z.len()],
+            variance: vec![0.0; z.len()],
+            n_threads,
+            length: (0..count).map(own).fold(0.0, f64::max),
+            unit: 1.0,
+            memory: 1.0,
+            found: HashMap::new(),
+        };
+        let (value, _) = likelihood.at([0.1_f64.ln(); 2])?;
+        // in the recording's own unit, sums of squares are of the order of the number of plots
+        likelihood.unit =
+            likelihood.spread(value, "lies on straight lines; there is no noise to be fitted")?;
+        likelihood.remember(1.0);
+        Ok(likelihood)
+    }
+
+    /// The standard deviation that innovations of this likelihood have in the mean; it must not be
+    /// rounding.
+    pub fn spread(&self, value: f64, reason: &'static str) -> Result<f64> {
+        let spread = (-value / self.count() as f64 - 0.5 * (2.0 * PI * E).ln()).exp();
+        let known = self.recording.z.iter().filter(|z| !z.is_nan());
+        let largest = known.fold(0.0_f64, |largest, z| largest.max(z.abs()));
+        let holds = spread > ROUNDING * largest;
+        holds.then_some(spread).ok_or(Error::Undetermined { argument: "z", reason })
+    }
+
+    /// Innovations in all.
+    pub fn count(&self) -> usize {
+        self.rows.iter().map(|row| row.count).sum()
+    }
+
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// ln L, and the logarithms of α, σ_a and σ.
+    pub fn at(&mut self, [x, y]: [f64; 2]) -> Result<(f64, [f64; 3])> {
+        let key = [x.to_bits(), y.to_bits()];
+        if let Some(&known) = self.found.get(&key) {
+            return Ok(known);
+        }
+        // noise and motion together are one unit
+        let noise = self.unit.ln() - (y.max(0.0) + (-y.abs()).exp().ln_1p());
+        let mut logs = [x, y + self.acceleration(x) + noise, noise];
+        let (value, scale) = self.run(logs.map(f64::exp))?;
+        logs[1] += 0.5 * scale;
+        logs[2] += 0.5 * scale;
+        self.found.insert(key, (value, logs));
+        Ok((value, logs))
+    }
+
+    /// ln L for the best scale of the variances, and the logarithm of that scale.
+    fn run(&mut self, [alpha, acceleration_sigma, sigma]: [f64; 3]) -> Result<(f64, f64)> {
+        let model = Singer::try_new(alpha, acceleration_sigma, true)?;
+        let Recording { z, steps, dt, period } = self.recording;
+        let (variance, count) = ([sigma * sigma], self.rows.len());
+        let plots = (z, steps, count);
+        let batch = Batch::try_new(plots, Table::new(&variance, 1), dt, None, model, period)?;
+        let innovations = self.innovation.chunks_exact_mut(steps);
+        let mut rows: Vec<_> = innovations
+            .zip(self.variance.chunks_exact_mut(steps))
+            .map(|(innovation, variance)| {
+                let (mean, covariance) = (&mut [][..], &mut [][..]);
+                Row { steps: Steps { mean, covariance, innovation, variance }, end: End::NONE }
+            })
+            .collect();
+        batch
+            .filter(&mut rows, STEP_NS * z.len() as f64, self.n_threads)
+            .map_err(|failure| failure.error)?;
+        for (sums, row) in self.rows.iter_mut().zip(&rows) {
+            *sums = Sums::of(row.steps.innovation, row.steps.variance);
+        }
+        let count = self.count() as f64;
+        if count == 0.0 {
+            let reason = "has no series of three plots; two of each are needed to start";
+            return Err(Error::Undetermined { argument: "z", reason });
+        }
+        let squares: f64 = self.rows.iter().map(|row| row.squares).sum();
+        let logarithms: f64 = self.rows.iter().map(|row| row.logarithms + row.product.ln()).sum();
+        let scale = (squares / count).ln();
+        Ok((-0.5 * (logarithms + count * ((2.0 * PI * E).ln() + scale)), scale))
+    }
+
+    /// Lets p be what the motion adds within this time.
+    pub fn remember(&mut self, memory: f64) {
+        self.memory = memory;
+        self.found.clear();
+    }
+
+    /// ln (σ_a / (p σ)).
+    pub fn acceleration(&self, x: f64) -> f64 {
+        // p² is σ_a² τ⁴ / σ² times ατ for a slow manoeuvre, 1 / ατ for a fast one; of one slower
+        // than the recording is long, σ_a itself is known
+        let (reach, once) = (x.exp() * self.memory, self.memory / self.length);
+        reach.ln_1p() - 0.5 * (reach + once).ln() - 2.0 * self.memory.ln()
+    }
+
+    /// ln p that counts as infinite.
+    pub fn infinite_motion(&self) -> f64 {
+        INFINITE_MOTION + self.beyond()
+    }
+
+    fn beyond(&self) -> f64 {
+        2.5 * self.memory.ln()
+    }
+
+    /// The ends of the grid, of x and of y, with the factor between points.
+    pub fn grid(&self) -> [[f64; 3]; 2] {
+        let [[low, high, factor], [least, most, ratio]] = [ALPHA, MOTION];
+        let lowest = least.ln() - 2.5 * (self.length / self.memory).ln();
+        [
+            [(low / self.length).ln(), high.ln(), factor.ln()],
+            [lowest, most.ln() + self.beyond(), ratio.ln()],
+        ]
+    }
+
+    /// The least and the largest coordinates to which is climbed.
+    pub fn bounds(&self) -> [[f64; 2]; 2] {
+        let ([[alpha, most, _], [motion, ..]], [below, above]) = (self.grid(), BEYOND.map(f64::ln));
+        [[alpha - below, most + above], [motion - below, self.infinite_motion()]]
+    }
+
+    /// The limits at which a point is.
+    pub fn limits(&self, [x, y]: [f64; 2]) -> Vec<Limit> {
+        let none = f64::NEG_INFINITY;
+        let there = [
+            (Limit::WhiteAcceleration, x == INFINITE_ALPHA),
+            (Limit::ConstantAcceleration, x == none && y > none),
+            (Limit::ConstantRate, y == none),
+            (Limit::NoNoise, y == self.infinite_motion()),
+        ];
+        there.into_iter().filter(|&(_, holds)| holds).map(|(limit, _)| limit).collect()
+    }
+}
