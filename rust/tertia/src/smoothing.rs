@@ -7,11 +7,14 @@ mod basis;
 mod information;
 mod jerk;
 mod polynomial;
+mod record;
 mod rows;
 mod smoother;
+mod stencil;
 mod track;
 
 pub use jerk::{JerkFit, fit_jerk};
-pub use polynomial::{Degree, Fit, Output, Polynomial, Record};
+pub use polynomial::{Degree, Fit, Output, Polynomial};
+pub use record::Record;
 pub use smoother::{Smoothed, Summary, Workspace, smooth};
 pub use track::{Noise, Prior, Track};

@@ -2,19 +2,11 @@
 //! degree may be chosen by a test.
 
 use super::basis::Basis;
+use super::record::{Record, complete_runs, regular_step, require_record};
+use super::stencil::{Adaptive, Choice, Convolution, HIGHEST, Stencil};
 use crate::base::distribution::{fisher_upper_quantile, normal_two_sided_quantile};
-use crate::base::error::{Error, Result, require, require_each, require_significance};
-use pulp::{Simd, WithSimd};
+use crate::base::error::{Result, require, require_significance};
 use std::ops::Range;
-
-/// Highest degree: polynomials of higher ones are not what a window is for.
-pub const HIGHEST: usize = 9;
-const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
-const LARGEST: f64 = 1e140;
-/// Windows that are fitted side by side.
-const LANES: usize = 16;
-/// Equal steps: the instants differ from them by no more than so many roundings.
-const ROUNDINGS: f64 = 4.0;
 
 /// Which polynomial.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,17 +15,6 @@ pub enum Degree {
     Fixed(usize),
     /// Of the highest degree up to this one whose coefficient is significant.
     Adaptive(usize),
-}
-
-/// A series along time.
-#[derive(Clone, Copy, Debug)]
-pub struct Record<'a> {
-    /// The measurements; nan where there is none.
-    pub y: &'a [f64],
-    /// Their times; without them 0, 1, 2, …
-    pub time: Option<&'a [f64]>,
-    /// Their variances: one for each, or one for all.
-    pub variance: Option<&'a [f64]>,
 }
 
 /// Where the results go: one element per instant.
@@ -131,6 +112,10 @@ impl Polynomial {
         }
     }
 
+    fn stencil(&self, step: f64) -> Stencil {
+        Stencil::new(self.window, self.top(), self.derivative, step)
+    }
+
     /// Smooths a record. Cost O(N window degree), less with equal steps and without variances.
     ///
     /// # Errors
@@ -144,7 +129,7 @@ impl Polynomial {
         let regular = if record.variance.is_none() { regular_step(record) } else { None };
         let mut done = 0;
         if let Some(step) = regular.filter(|_| self.window <= n) {
-            let stencil = Stencil::new(self, step);
+            let stencil = self.stencil(step);
             let half = self.window / 2;
             for run in complete_runs(record.y, self.window) {
                 for i in done..run.start + half {
@@ -174,14 +159,13 @@ impl Polynomial {
         let y = &y[run.start..run.end + self.window - 1];
         let (value, sigma) = (&mut out.value[to.clone()], &mut out.sigma[to.clone()]);
         let degree = &mut out.degree[to];
+        residuals.expected += count as f64 * (1.0 - stencil.leverage);
         if let Degree::Fixed(p) = self.degree {
-            residuals.expected += count as f64 * (1.0 - stencil.leverage);
             sigma.fill(stencil.error[p]);
             degree.fill(p as i64);
             residuals.squares += pulp::Arch::new().dispatch(Convolution { stencil, y, value });
             return;
         }
-        residuals.expected += count as f64 * (1.0 - stencil.leverage);
         let critical = self.table(self.window);
         let choice = Choice { stencil, critical: &critical, lowest: self.derivative };
         residuals.squares +=
@@ -337,329 +321,7 @@ impl Polynomial {
         let root = variance.sqrt();
         out.sigma.iter_mut().for_each(|sigma| *sigma *= root);
         let most = count - self.top() as f64 - 1.0;
-        let nu = (count * Stencil::new(self, 1.0).freedom).min(most);
+        let nu = (count * self.stencil(1.0).freedom).min(most);
         Fit { residual_variance: variance, degrees_of_freedom: nu }
-    }
-}
-
-impl Record<'_> {
-    fn time(&self, i: usize) -> f64 {
-        self.time.map_or(i as f64, |times| times[i])
-    }
-
-    fn variance(&self, i: usize) -> f64 {
-        match self.variance {
-            None => 1.0,
-            Some([single]) => *single,
-            Some(each) => each[i],
-        }
-    }
-}
-
-fn require_record(record: &Record<'_>) -> Result<()> {
-    let requirement = "a measurement must be a finite number, or nan for none";
-    require_each("y", record.y, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
-    if let Some(times) = record.time {
-        let requirement = "every time must be a finite number";
-        require_each("time", times, |t| t.abs() <= LARGEST, requirement)?;
-        if let Some(before) = times.windows(2).position(|pair| pair[1] < pair[0]) {
-            let (argument, requirement) = ("time", "time must not decrease");
-            let (index, value) = (before + 1, times[before + 1]);
-            return Err(Error::InvalidMeasurement { argument, index, value, requirement });
-        }
-    }
-    let requirement = "it must be positive, between 1e-140 and 1e140, where there is a measurement";
-    for index in 0..record.y.len() {
-        let value = record.variance(index);
-        if !record.y[index].is_nan() && !VARIANCES.contains(&value) {
-            let argument = "variance";
-            return Err(Error::InvalidMeasurement { argument, index, value, requirement });
-        }
-    }
-    Ok(())
-}
-
-/// The step of times that are equally spaced, but for rounding.
-fn regular_step(record: &Record<'_>) -> Option<f64> {
-    let Some(times) = record.time else { return Some(1.0) };
-    let (&first, &last) = (times.first()?, times.last()?);
-    let step = (last - first) / (times.len() - 1).max(1) as f64;
-    let rounding = ROUNDINGS * f64::EPSILON * first.abs().max(last.abs());
-    let fits = |(i, t): (usize, &f64)| (t - first - i as f64 * step).abs() <= rounding;
-    (step > 0.0 && times.iter().enumerate().all(fits)).then_some(step)
-}
-
-/// The starts of windows without a gap.
-fn complete_runs(y: &[f64], window: usize) -> Vec<Range<usize>> {
-    let mut runs = Vec::new();
-    let mut start = 0;
-    let gaps = y.iter().enumerate().filter(|(_, y)| y.is_nan()).map(|(i, _)| i);
-    for gap in gaps.chain([y.len()]) {
-        if gap >= start + window {
-            runs.push(start..gap - window + 1);
-        }
-        start = gap + 1;
-    }
-    runs
-}
-
-/// The fit in the middle of a window of equal steps.
-#[derive(Clone, Debug)]
-struct Stencil {
-    basis: Basis,
-    window: usize,
-    degree: usize,
-    derivative: usize,
-    /// What the measurements after the middle count in the derivative, and in the value.
-    taps: Vec<f64>,
-    value_taps: Vec<f64>,
-    /// Derivatives, and values, of the polynomials in the middle.
-    at: Vec<f64>,
-    values: Vec<f64>,
-    /// Standard error of every degree, for unit variance.
-    error: Vec<f64>,
-    /// What the middle measurement counts in its own value.
-    leverage: f64,
-    /// Degrees of freedom per measurement.
-    freedom: f64,
-}
-
-impl Stencil {
-    fn new(polynomial: &Polynomial, step: f64) -> Self {
-        let (window, degree) = (polynomial.window, polynomial.top());
-        let half = window / 2;
-        // whole numbers: the polynomials are those of Gram, even and odd exactly
-        let scale = half.max(1) as f64;
-        let x: Vec<f64> = (0..window).map(|k| (k as f64 - half as f64) / scale).collect();
-        let mut basis = Basis::default();
-        basis.build(degree, &x, &vec![1.0; window]);
-        let (mut at, mut values) = (Vec::new(), Vec::new());
-        basis.derivatives(polynomial.derivative, 0.0, &mut at);
-        basis.derivatives(0, 0.0, &mut values);
-        let unit = (scale * step).powi(-(polynomial.derivative as i32));
-        at.iter_mut().for_each(|p| *p *= unit);
-        let tap =
-            |p: &[f64], k: usize| -> f64 { (0..=degree).map(|j| p[j] * basis.row(j)[k]).sum() };
-        let taps = (half + 1..window).map(|k| tap(&at, k)).collect();
-        let value_taps = (half + 1..window).map(|k| tap(&values, k)).collect();
-        let all: Vec<f64> = (0..window).map(|k| tap(&values, k)).collect();
-        let error =
-            (0..=degree).map(|p| at[..=p].iter().map(|p| p * p).sum::<f64>().sqrt()).collect();
-        let (leverage, freedom) = (all[half], freedom(&all));
-        let derivative = polynomial.derivative;
-        Self {
-            basis,
-            window,
-            degree,
-            derivative,
-            taps,
-            value_taps,
-            at,
-            values,
-            error,
-            leverage,
-            freedom,
-        }
-    }
-}
-
-/// Degrees of freedom per measurement of the mean square of `y − Σ taps y`, by its first two moments.
-fn freedom(taps: &[f64]) -> f64 {
-    let half = taps.len() / 2;
-    let filter: Vec<f64> =
-        taps.iter().enumerate().map(|(k, tap)| f64::from(u8::from(k == half)) - tap).collect();
-    let lagged =
-        |lag: usize| -> f64 { filter.iter().zip(&filter[lag..]).map(|(a, b)| a * b).sum() };
-    let zero = lagged(0).powi(2);
-    let others: f64 = (1..taps.len()).map(|lag| lagged(lag).powi(2)).sum();
-    if zero > 0.0 { zero / (zero + 2.0 * others) } else { 0.0 }
-}
-
-/// The polynomial of one degree in the middle of all windows; returns the sum of squares of what is
-/// left there.
-struct Convolution<'a> {
-    stencil: &'a Stencil,
-    y: &'a [f64],
-    value: &'a mut [f64],
-}
-
-impl WithSimd for Convolution<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Self { stencil, y, value } = self;
-        let half = stencil.window / 2;
-        let mut squares = [0.0; LANES];
-        let mut start = 0;
-        while start < value.len() {
-            let count = LANES.min(value.len() - start);
-            let block = &y[start..start + count + 2 * half];
-            let mut padded;
-            let block = if count == LANES {
-                block
-            } else {
-                padded = vec![0.0; LANES + 2 * half];
-                padded[..block.len()].copy_from_slice(block);
-                &padded[..]
-            };
-            let middle = lanes(block, half);
-            let left = weigh(&stencil.value_taps, true, block, half, middle);
-            let result = if stencil.derivative == 0 {
-                let mut result = middle;
-                for l in 0..LANES {
-                    result[l] += left[l];
-                }
-                result
-            } else {
-                weigh(&stencil.taps, stencil.derivative % 2 == 0, block, half, middle)
-            };
-            for l in 0..LANES {
-                if l < count {
-                    squares[l] += left[l] * left[l];
-                }
-            }
-            value[start..start + count].copy_from_slice(&result[..count]);
-            start += count;
-        }
-        squares.iter().sum()
-    }
-}
-
-#[inline(always)]
-fn lanes(y: &[f64], at: usize) -> [f64; LANES] {
-    let mut lanes = [0.0; LANES];
-    lanes.copy_from_slice(&y[at..at + LANES]);
-    lanes
-}
-
-/// `Σ c_k (y_k − y_0 ± (y_−k − y_0))` for all lanes: a common offset costs nothing.
-#[inline(always)]
-fn weigh(taps: &[f64], even: bool, y: &[f64], half: usize, middle: [f64; LANES]) -> [f64; LANES] {
-    let mut sums = [0.0; LANES];
-    for (k, &tap) in taps.iter().enumerate() {
-        let (after, before) = (lanes(y, half + k + 1), lanes(y, half - k - 1));
-        if even {
-            for l in 0..LANES {
-                sums[l] += tap * ((after[l] - middle[l]) + (before[l] - middle[l]));
-            }
-        } else {
-            for l in 0..LANES {
-                sums[l] += tap * (after[l] - before[l]);
-            }
-        }
-    }
-    sums
-}
-
-/// How a degree is chosen.
-#[derive(Clone, Copy)]
-struct Choice<'a> {
-    stencil: &'a Stencil,
-    /// Of F(1, ν) for every degree.
-    critical: &'a [f64; HIGHEST + 1],
-    lowest: usize,
-}
-
-/// The polynomial whose degree is chosen, in the middle of all windows. One pass over a window gives
-/// the coefficients of all degrees, another one what the highest degree leaves.
-struct Adaptive<'a> {
-    choice: Choice<'a>,
-    y: &'a [f64],
-    value: &'a mut [f64],
-    sigma: &'a mut [f64],
-    degree: &'a mut [i64],
-}
-
-impl WithSimd for Adaptive<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Self { choice, y, value, sigma, degree } = self;
-        let stencil = choice.stencil;
-        let (window, half, top) = (stencil.window, stencil.window / 2, stencil.degree);
-        let mut total = 0.0;
-        let mut start = 0;
-        while start < value.len() {
-            let count = LANES.min(value.len() - start);
-            let block = &y[start..start + count + 2 * half];
-            let mut padded;
-            let block = if count == LANES {
-                block
-            } else {
-                padded = vec![0.0; LANES + 2 * half];
-                padded[..block.len()].copy_from_slice(block);
-                &padded[..]
-            };
-            let middle = lanes(block, half);
-            let mut coefficients = [[0.0; LANES]; HIGHEST + 1];
-            let (mut squares, mut largest) = ([0.0; LANES], [0.0_f64; LANES]);
-            for k in 0..window {
-                let own = lanes(block, k);
-                for (j, sums) in coefficients[..=top].iter_mut().enumerate() {
-                    let p = stencil.basis.row(j)[k];
-                    for l in 0..LANES {
-                        sums[l] += p * (own[l] - middle[l]);
-                    }
-                }
-            }
-            for k in 0..window {
-                let own = lanes(block, k);
-                let mut left = own;
-                for l in 0..LANES {
-                    left[l] -= middle[l];
-                    largest[l] = if own[l].abs() > largest[l] { own[l].abs() } else { largest[l] };
-                }
-                for (j, c) in coefficients[..=top].iter().enumerate() {
-                    let p = stencil.basis.row(j)[k];
-                    for l in 0..LANES {
-                        left[l] -= p * c[l];
-                    }
-                }
-                for l in 0..LANES {
-                    squares[l] += left[l] * left[l];
-                }
-            }
-            for l in 0..count {
-                let mut c = [0.0; HIGHEST + 1];
-                for (c, lanes) in c.iter_mut().zip(&coefficients) {
-                    *c = lanes[l];
-                }
-                let rounding = window as f64 * (f64::EPSILON * largest[l]).powi(2);
-                let p = choice.degree(&c, squares[l].max(rounding));
-                let offset = if stencil.derivative == 0 { middle[l] } else { 0.0 };
-                let mut sum = 0.0;
-                for (c, at) in c[..=p].iter().zip(&stencil.at) {
-                    sum += c * at;
-                }
-                let mut left = 0.0;
-                for (c, value) in c.iter().zip(&stencil.values) {
-                    left += c * value;
-                }
-                value[start + l] = offset + sum;
-                sigma[start + l] = stencil.error[p];
-                degree[start + l] = p as i64;
-                total += left * left;
-            }
-            start += count;
-        }
-        total
-    }
-}
-
-impl Choice<'_> {
-    #[inline(always)]
-    fn degree(&self, c: &[f64; HIGHEST + 1], mut squares: f64) -> usize {
-        let (mut p, window) = (self.stencil.degree, self.stencil.window);
-        while p > self.lowest {
-            let square = c[p] * c[p];
-            if square * (window - p - 1) as f64 > self.critical[p] * squares {
-                return p;
-            }
-            squares += square;
-            p -= 1;
-        }
-        p
     }
 }
