@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import INF, NAN, rng
 from hypothesis import given
 from hypothesis import strategies as st
 from reference import association as reference
@@ -23,7 +24,6 @@ from tertia.association import (
     paper_score,
 )
 
-NAN, INF = float("nan"), float("inf")
 VECTORS = {
     1: (0.873457142989, 3.841458820694, 9.549535706083),
     2: (2.099644248997, 5.991464547108, 12.429216196844),
@@ -31,10 +31,6 @@ VECTORS = {
 }
 NAMES = ("inner", "outer", "guard")
 CLUTTER = {"clutter_density": 1e-9}
-
-
-def rng(*seed):
-    return np.random.default_rng(seed)
 
 
 def covariances(generator, *shape, m=2, size=100.0):

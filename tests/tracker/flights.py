@@ -1,0 +1,62 @@
+"""Flights and their plots, for the tests of the tracker."""
+
+import numpy as np
+
+from tertia import simulate
+from tertia.tracker import Plots, Radar
+
+RADAR = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, max_range=120e3)
+
+
+def polar(position):
+    """Range and azimuth of positions."""
+    return np.hypot(*position.T), np.arctan2(*position.T)
+
+
+def turning_flight(steps=60, period=4.0, speed=150.0, rate=0.035):
+    """A flight that turns in the middle third: times, positions, velocities."""
+    fine = 100
+    dt = period / fine
+    w = np.zeros(steps * fine)
+    w[steps * fine // 3 : 2 * steps * fine // 3] = rate
+    course = np.cumsum(w) * dt
+    velocity = speed * np.stack([np.cos(course), np.sin(course)], axis=-1)
+    position = np.array([-20e3, 40e3]) + np.cumsum(velocity, axis=0) * dt
+    return np.arange(steps) * period, position[::fine], velocity[::fine]
+
+
+def noisy(position, radar, rng):
+    """Plots of positions."""
+    distance, azimuth = polar(position)
+    n = len(position)
+    return (
+        distance + radar.range_sigma * rng.standard_normal(n),
+        azimuth + radar.azimuth_sigma * rng.standard_normal(n),
+    )
+
+
+def line(n=20, period=4.0, start=0.0, seed=0):
+    """Plots of one target that flies straight."""
+    time = start + period * np.arange(n)
+    position = np.array([10e3, 30e3]) + np.outer(time - start, [120.0, -80.0])
+    rng = np.random.default_rng(seed)
+    return Plots(time, *noisy(position, RADAR, rng))
+
+
+def scene(seed, n=40, clutter=50.0):
+    """Traffic of the middle set-up, and its plots."""
+    set_up = simulate.set_up("middle")
+    plans = simulate.routes("middle", n, rng=seed)
+    traffic = simulate.flights(plans, wind=15.0, rng=seed + 1)
+    seen = simulate.radar_plots(traffic, [set_up.radar], clutter=clutter, rng=seed + 2)
+    return set_up.radar, traffic, seen
+
+
+def squared_errors(found, traffic, flight):
+    """Squared errors of position of all rows, and whether the target turns there."""
+    count = traffic.count[flight]
+    span = traffic.start[flight] + traffic.step * np.arange(count)
+    turning = np.interp(found.time, span, traffic.turning[flight, :count]) > 0.5
+    columns = [traffic.position[flight, :count, axis] for axis in (0, 1)]
+    true = np.stack([np.interp(found.time, span, column) for column in columns], axis=-1)
+    return np.sum((found.position - true) ** 2, axis=1), turning
