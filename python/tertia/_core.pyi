@@ -7,17 +7,21 @@ __all__ = [
     "VERSION",
     "AngleFilter",
     "AngleFusion",
+    "Flights",
     "Motion",
     "PlotTracker",
     "Radar",
     "Route",
     "TrackerSettings",
     "assign_pairs",
+    "beam_meetings",
     "bursts",
     "cochran",
+    "common_states",
     "conformance",
     "consistency_bounds",
     "correlate",
+    "correct_states",
     "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
@@ -46,6 +50,8 @@ __all__ = [
     "location_accuracy",
     "paper_score",
     "plan_speeds",
+    "register_biases",
+    "register_noise",
     "plots_to_cartesian",
     "simulated_excess",
     "singer_transition",
@@ -56,6 +62,7 @@ __all__ = [
     "thompson_tau",
     "times_over",
     "track_columns",
+    "traffic_states",
     "unwrap_about_median",
     "weight_bias",
     "weight_covariance",
@@ -415,3 +422,29 @@ def conformance(
 def times_over(
     route: Route, track: dict[str, Any], update_interval: float, speed_change_sigma: float
 ) -> list[FloatArray]: ...
+def register_noise(
+    updates: dict[str, Any], azimuth_sigma: float, scan_period: float, edges: FloatArray
+) -> list[list[FloatArray]]: ...
+def common_states(
+    joint: dict[str, Any], single: list[dict[str, Any]], scan_periods: list[float]
+) -> tuple[FloatArray, IntArray, list[FloatArray]]: ...
+def register_biases(
+    states: dict[str, Any], positions: FloatArray, sigmas: FloatArray
+) -> list[FloatArray]: ...
+def correct_states(
+    states: dict[str, Any], positions: FloatArray, biases: FloatArray, factors: FloatArray
+) -> list[FloatArray]: ...
+@final
+class Flights:
+    def __init__(
+        self, columns: dict[str, Any], offset: Any, variation: Any, step: float
+    ) -> None: ...
+    def advance(self, noise: FloatArray, n_threads: int | None) -> int: ...
+    @property
+    def is_flying(self) -> bool: ...
+    def samples(self) -> tuple[IntArray, list[FloatArray], BoolArray, list[FloatArray]]: ...
+
+def traffic_states(traffic: Any, flight: IntArray, time: FloatArray) -> list[FloatArray]: ...
+def beam_meetings(
+    traffic: Any, position: list[float], scan_period: float, phase: float
+) -> tuple[IntArray, FloatArray]: ...

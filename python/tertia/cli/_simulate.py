@@ -235,7 +235,7 @@ def _plot_rows(seen: pl.DataFrame, radars: Sequence[Radar]) -> pl.DataFrame:
     return pl.DataFrame(
         {
             "time_s": seen["time"].round(3),
-            "radar": [str(radars[k].name) for k in seen["radar"]],
+            "radar": [str(radars[k].name) for k in seen["sensor"]],
             "range_m": seen["range"].round(1),
             "azimuth_deg": pl.Series(np.degrees(seen["azimuth"].to_numpy())).round(4),
             "flight_level": level.cast(pl.Int64),
@@ -253,7 +253,7 @@ def _azimuth_rows(
     )
     parts = []
     for k, radar in enumerate(radars):
-        own = known.filter(pl.col("radar") == k)
+        own = known.filter(pl.col("sensor") == k)
         # along the ground
         rise = own["height"].to_numpy() - radar.position[2]
         distance = np.sqrt(np.maximum(own["range"].to_numpy() ** 2 - rise**2, 1.0))

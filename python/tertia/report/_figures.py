@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tertia import metrics
 from tertia._arrays import FloatArray
 from tertia.metrics._evaluation import PARTS
+from tertia.registration._register import in_stretches
 from tertia.report._analysis import (
     INTERSECTION,
     OPTIMAL_FOUND,
@@ -34,7 +35,7 @@ _ELLIPSE = 5.991465
 _DIGITS = 5
 # tracks in the picture of plans that have a colour of their own
 _COLOURED = 8
-# points of an ellipse; of a line along time
+# points of an ellipse; of a line over time
 _CORNERS, _POINTS = 41, 2000
 
 Figure = dict[str, Any]
@@ -42,7 +43,7 @@ Figure = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A figure with its name and what it says."""
+    """A figure with its name, title and caption."""
 
     name: str
     title: str
@@ -100,29 +101,29 @@ def _axis(i: int) -> str:
     return "y" if i == 0 else f"y{i + 1}"
 
 
-def radar_panels(told: Analysis, time: str) -> list[Panel]:
-    """Return noise, updates and faults along time."""
-    return [_noise(told, time), _update_probability(told, time), _faults(told, time)]
+def radar_panels(analysis: Analysis, time: str) -> list[Panel]:
+    """Return noise, updates and outliers over time."""
+    return [_noise(analysis, time), _update_probability(analysis, time), _outliers(analysis, time)]
 
 
-def _noise(told: Analysis, time: str) -> Panel:
+def _noise(analysis: Analysis, time: str) -> Panel:
     data = []
-    units = (("range", 1.0), ("azimuth", 180.0 / np.pi))
-    for i, (_, unit) in enumerate(units):
-        for k, (name, found) in enumerate(zip(told.names, told.noise, strict=True)):
-            middle = (found.edges[:-1] + found.edges[1:]) / 2
-            stated = (told.radars[k].range_sigma, told.radars[k].azimuth_sigma)[i] * unit
+    history = analysis.registration.history
+    for i, (kind, unit) in enumerate((("range", 1.0), ("azimuth", 180.0 / np.pi))):
+        for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
+            stated = getattr(radar, f"{kind}_sigma") * unit
+            factor, sigma = (getattr(one, kind)[k] for one in (history.factor, history.sigma))
             data.append(
                 line(
                     name,
-                    middle,
-                    found.sigma_along[:, i] * unit,
+                    analysis.middle,
+                    factor * stated,
                     k,
                     mode="lines+markers",
                     marker={"symbol": MARKS[k % len(MARKS)], "size": 7},
                     error_y={
                         "type": "data",
-                        "array": numbers(found.error_along[:, i] * unit * _SIDES, 3),
+                        "array": numbers(sigma * stated * _SIDES, 3),
                         "thickness": 1,
                         "width": 2,
                     },
@@ -135,7 +136,7 @@ def _noise(told: Analysis, time: str) -> Panel:
             data.append(
                 line(
                     f"{name}, stated",
-                    told.edges[[0, -1]],
+                    analysis.edges[[0, -1]],
                     [stated, stated],
                     k,
                     line={"dash": "dot", "width": 1.5},
@@ -147,15 +148,15 @@ def _noise(told: Analysis, time: str) -> Panel:
             )
     layout = rows_of(2, time, ["sigma of range (m)", "sigma of azimuth (°)"])
     caption = (
-        "Scatter of plots about short straight lines in the radar's own tracks, with 95 % bars; "
-        "dotted: what the radar states."
+        "Scatter of plots about short straight lines in the radar's own tracks, with 95 % error "
+        "bars; dotted: as stated by the radar."
     )
-    return Panel("noise", "Noise along time", caption, {"data": data, "layout": layout})
+    return Panel("noise", "Noise over time", caption, {"data": data, "layout": layout})
 
 
-def _update_probability(told: Analysis, time: str) -> Panel:
+def _update_probability(analysis: Analysis, time: str) -> Panel:
     data = []
-    for k, (name, one) in enumerate(zip(told.names, told.updates, strict=True)):
+    for k, (name, one) in enumerate(zip(analysis.names, analysis.updates, strict=True)):
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.where(one.expected > 0, one.hit / one.expected, np.nan)
         data.append(
@@ -170,19 +171,14 @@ def _update_probability(told: Analysis, time: str) -> Panel:
         )
     layout = rows_of(1, time, ["probability of update"])
     layout["yaxis"]["range"] = [0.0, 1.02]
-    caption = "Share of the scans in which a confirmed track within the radar's range has its plot."
-    return Panel("updates", "Updates along time", caption, {"data": data, "layout": layout})
+    caption = "Share of scans in which a confirmed track within the radar's range was updated."
+    return Panel("updates", "Updates over time", caption, {"data": data, "layout": layout})
 
 
-def _faults(told: Analysis, time: str) -> Panel:
-    kinds = (
-        ("faulty", "far off the track"),
-        ("astray", "known identity, no track"),
-        ("refused", "refused"),
-    )
+def _outliers(analysis: Analysis, time: str) -> Panel:
     data = []
-    for i, (kind, _) in enumerate(kinds):
-        for k, (name, one) in enumerate(zip(told.names, told.updates, strict=True)):
+    for i, kind in enumerate(("outlier", "unassociated", "refused")):
+        for k, (name, one) in enumerate(zip(analysis.names, analysis.updates, strict=True)):
             with np.errstate(invalid="ignore", divide="ignore"):
                 share = np.where(one.plots > 0, 100.0 * getattr(one, kind) / one.plots, np.nan)
             data.append(
@@ -198,37 +194,33 @@ def _faults(told: Analysis, time: str) -> Panel:
                     yaxis=_axis(i),
                 )
             )
-    layout = rows_of(3, time, ["far off (%)", "astray (%)", "refused (%)"])
+    layout = rows_of(3, time, ["outliers (%)", "unassociated (%)", "refused (%)"])
     caption = (
-        "Shares of a radar's plots. Far off: taken by a track, but with an innovation that noise "
-        "as stated has once in 10,000. Astray: with the identity of a track that does not take the "
-        "plot, as outliers and double plots have. Refused: without a range, or too old."
+        "Shares of a radar's plots. Outliers update a track with an innovation that the stated "
+        "noise exceeds once in 10,000. Unassociated plots have the identity of a track that does "
+        "not use them, as extreme outliers and duplicates do. Refused plots have no range, or came "
+        "too late."
     )
-    return Panel("faults", "Faults along time", caption, {"data": data, "layout": layout})
+    return Panel("outliers", "Outliers over time", caption, {"data": data, "layout": layout})
 
 
-def fusion_panels(told: Analysis, time: str) -> list[Panel]:
-    """Return the weights of the radars' tracks along time."""
-    if told.fusion is None:
+def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
+    """Return the weights of the radars' tracks over time."""
+    if analysis.fusion is None:
         return []
     data, titles = [], []
-    for i, one in enumerate(told.fusion.ways.values()):
+    for i, one in enumerate(analysis.fusion.ways.values()):
         titles.append(("as stated", "as found", "intersection")[i])
-        middle = (told.edges[:-1] + told.edges[1:]) / 2
-        which = np.clip(
-            np.searchsorted(told.edges, told.fusion.told.time, side="right") - 1,
-            0,
-            len(told.edges) - 2,
-        )
-        for k, name in enumerate(told.names):
+        which = in_stretches(analysis.fusion.stated.time, analysis.edges)
+        for k, name in enumerate(analysis.names):
             known = np.isfinite(one.weight[:, k])
-            count = np.bincount(which[known], minlength=len(middle))
-            total = np.bincount(which[known], one.weight[known, k], minlength=len(middle))
+            count = np.bincount(which[known], minlength=len(analysis.middle))
+            total = np.bincount(which[known], one.weight[known, k], minlength=len(analysis.middle))
             mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
             data.append(
                 line(
                     name,
-                    middle,
+                    analysis.middle,
                     mean,
                     k,
                     mode="lines+markers",
@@ -242,36 +234,36 @@ def fusion_panels(told: Analysis, time: str) -> list[Panel]:
     for i in range(3):
         layout["yaxis" if i == 0 else f"yaxis{i + 1}"]["range"] = [0.0, 1.0]
     caption = (
-        "Mean weight of a radar's track in the fused position where it has one. Above: the best "
-        "weights for the noise as stated; middle: for the noise as found in each stretch of time; "
-        "below: covariance intersection for that, which holds however the errors are correlated."
+        "Mean weight of a radar's track in the fused position, where the radar has a track. Top: "
+        "optimal weights for the noise as stated; middle: for the noise found in each stretch of "
+        "time; bottom: covariance intersection of the latter, valid for any correlation of errors."
     )
-    return [Panel("weights", "Weights along time", caption, {"data": data, "layout": layout})]
+    return [Panel("weights", "Weights over time", caption, {"data": data, "layout": layout})]
 
 
-def truth_panels(told: Analysis, time: str) -> list[Panel]:
-    """Return GOSPA and normalised errors along time."""
-    if TOGETHER not in told.judged:
+def truth_panels(analysis: Analysis, time: str) -> list[Panel]:
+    """Return GOSPA and normalised errors over time."""
+    if TOGETHER not in analysis.judged:
         return []
-    judged = told.judged[TOGETHER]
+    judged = analysis.judged[TOGETHER]
     step = max(1, len(judged.instants) // _POINTS)
     data = [
         line(name, judged.instants[::step], values[::step], k)
         for k, (name, values) in enumerate(zip(PARTS, judged.gospa.T, strict=True))
     ]
     layout = rows_of(1, time, ["GOSPA (m)"])
-    caption = "All radars together: GOSPA once a period, and the roots of its parts."
-    panels = [Panel("gospa", "GOSPA along time", caption, {"data": data, "layout": layout})]
+    caption = "All radars together: GOSPA once per update interval, and the roots of its parts."
+    panels = [Panel("gospa", "GOSPA over time", caption, {"data": data, "layout": layout})]
     if judged.nees is not None:
-        panels.append(_nees(told, time))
+        panels.append(_nees(analysis, time))
     return panels
 
 
-def _nees(told: Analysis, time: str) -> Panel:
-    judged = told.judged[TOGETHER]
+def _nees(analysis: Analysis, time: str) -> Panel:
+    judged = analysis.judged[TOGETHER]
     assert judged.nees is not None
-    middle = (told.edges[:-1] + told.edges[1:]) / 2
-    mean, count = mean_nees(judged.time, judged.nees, told.edges)
+    middle = analysis.middle
+    mean, count = mean_nees(judged.time, judged.nees, analysis.edges)
     bounds = np.array([_bounds(int(n)) for n in count])
     data = [
         line(
@@ -293,17 +285,19 @@ def _nees(told: Analysis, time: str) -> Panel:
         ),
         _along(TOGETHER, middle, mean, 0),
     ]
-    if told.fusion is not None:
+    if analysis.fusion is not None:
         for k, name in enumerate((OPTIMAL_FOUND, INTERSECTION), start=1):
-            mean, _ = mean_nees(told.fusion.told.time, told.fusion.nees[name], told.edges)
+            mean, _ = mean_nees(
+                analysis.fusion.stated.time, analysis.fusion.nees[name], analysis.edges
+            )
             data.append(_along(name, middle, mean, k))
     layout = rows_of(1, time, ["NEES per axis"])
     caption = (
-        "Mean normalised squared errors of positions: 1 where covariances are right, more where "
-        "they are too small. The bounds are those of as many independent errors as all radars "
-        "together have in the stretch; errors of one track are not independent."
+        "Mean normalised squared error of position: 1 where covariances are right, more where they "
+        "are too small. The bounds assume that all errors in a stretch of time are independent; "
+        "those of one track are not."
     )
-    return Panel("nees", "NEES along time", caption, {"data": data, "layout": layout})
+    return Panel("nees", "NEES over time", caption, {"data": data, "layout": layout})
 
 
 def _along(name: str, x: FloatArray, y: FloatArray, k: int) -> dict[str, Any]:
@@ -318,38 +312,45 @@ def _bounds(count: int) -> tuple[float, float]:
     return low / 2, high / 2
 
 
-def plan_panels(told: Analysis, time: str) -> list[Panel]:
-    """Return how far tracks are off their plans."""
-    if not told.followed:
+def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
+    """Return the cross-track distances of tracks from their plans."""
+    if not analysis.followed:
         return []
-    leaving = [one for one in told.followed if np.isfinite(one.left)]
+    leaving = [one for one in analysis.followed if np.isfinite(one.left)]
     coloured = leaving[:_COLOURED]
-    on = [one for one in told.followed if one not in coloured]
+    on = [one for one in analysis.followed if one not in coloured]
     step = max(1, sum(len(one.time) for one in on) // (10 * _POINTS))
     data = []
     if on:
-        rows = [np.column_stack([one.time, one.offset / 1e3])[::step] for one in on]
+        rows = [np.column_stack([one.time, one.cross_track / 1e3])[::step] for one in on]
         look = {"color": GREY, "width": 1, "dash": "solid"}
         data.append(line("others", *joined(rows).T, line=look))
     for k, one in enumerate(coloured):
-        data.append(line(f"{one.name}, track {one.track}", one.time, one.offset / 1e3, k))
-    layout = rows_of(1, time, ["to the right of the plan (km)"])
+        data.append(line(f"{one.name}, track {one.track}", one.time, one.cross_track / 1e3, k))
+    layout = rows_of(1, time, ["cross-track distance, right positive (km)"])
     layout["yaxis"]["rangemode"] = "normal"
-    caption = "Distance of tracks to the path of their plans; in colour those that left them."
-    return [Panel("offsets", "Distance to the plan", caption, {"data": data, "layout": layout})]
+    caption = (
+        "Distance of tracks from the path of their plans; in colour the tracks that left them."
+    )
+    return [
+        Panel("cross-track", "Distance from the plan", caption, {"data": data, "layout": layout})
+    ]
 
 
-def finder_panels(told: Analysis, time: str) -> list[Panel]:
-    """Return a map of bearings and positions for each emitter, and the bearings along time."""
+def finder_panels(analysis: Analysis, time: str) -> list[Panel]:
+    """Return a map of bearings and positions for each emitter, and the bearings over time."""
     panels = []
-    for number, heard in enumerate(told.heard):
-        panels += [_finder_map(told, heard, number), _finder_bearings(told, heard, number, time)]
+    for number, heard in enumerate(analysis.heard):
+        panels += [
+            _finder_map(analysis, heard, number),
+            _finder_bearings(analysis, heard, number, time),
+        ]
     return panels
 
 
-def _finder_map(told: Analysis, heard: Heard, number: int) -> Panel:
-    places = np.array([station.position[:2] for station in told.stations])
-    names = [str(s.name or k + 1) for k, s in enumerate(told.stations)]
+def _finder_map(analysis: Analysis, heard: Heard, number: int) -> Panel:
+    places = np.array([station.position[:2] for station in analysis.stations])
+    names = [str(s.name or k + 1) for k, s in enumerate(analysis.stations)]
     data: list[dict[str, Any]] = []
     centre = places.mean(axis=0)
     if heard.instants is not None:
@@ -412,8 +413,8 @@ def _finder_map(told: Analysis, heard: Heard, number: int) -> Panel:
         )
     layout = plane()
     caption = (
-        "The bearings of the two halves of the record differ: the emitter moves, and only the "
-        "positions at single instants are shown."
+        "The bearings of the two halves of the record differ, so the emitter moves: only positions "
+        "at single instants are shown."
         if heard.moves
         else "Bearing of each finder with its 95 % band (dotted), and where they meet."
     )
@@ -421,9 +422,9 @@ def _finder_map(told: Analysis, heard: Heard, number: int) -> Panel:
     return Panel(f"emitter-{number}", title, caption, {"data": data, "layout": layout})
 
 
-def _finder_bearings(told: Analysis, heard: Heard, number: int, time: str) -> Panel:
+def _finder_bearings(analysis: Analysis, heard: Heard, number: int, time: str) -> Panel:
     data = []
-    names = [str(s.name or k + 1) for k, s in enumerate(told.stations)]
+    names = [str(s.name or k + 1) for k, s in enumerate(analysis.stations)]
     step = max(1, len(heard.emitter.time) // _POINTS)
     for k, name in enumerate(names):
         values = np.degrees(heard.emitter.azimuth[:, k])
@@ -436,7 +437,7 @@ def _finder_bearings(told: Analysis, heard: Heard, number: int, time: str) -> Pa
             data.append(
                 {
                     **line(
-                        f"{name}, anomalous" if wrong else name,
+                        f"{name}, outliers" if wrong else name,
                         heard.emitter.time[own][::step],
                         off[own][::step],
                         k,
@@ -452,7 +453,9 @@ def _finder_bearings(told: Analysis, heard: Heard, number: int, time: str) -> Pa
             )
     layout = rows_of(1, time, ["off the estimate (°)"])
     layout["yaxis"]["rangemode"] = "normal"
-    caption = "Bearings less the estimate of their finder; crosses are anomalous and left out."
+    caption = (
+        "Bearings less the estimate of their direction finder; crosses are outliers, left out."
+    )
     title = f"Bearings of {heard.emitter.name}"
     return Panel(f"bearings-{number}", title, caption, {"data": data, "layout": layout})
 

@@ -22,30 +22,30 @@ _ELLIPSE = 5.991465
 _ROOM = 0.06
 
 
-def map_of(told: Analysis) -> dict[str, Any]:
+def map_of(analysis: Analysis) -> dict[str, Any]:
     """Return data and layout of the map, and what the player needs."""
-    joint, own = told.joint, told.joint[told.joint.confirmed]
+    joint, own = analysis.joint, analysis.joint[analysis.joint.confirmed]
     rows = _thinned(own)
-    data: list[dict[str, Any]] = [_plots(told)]
-    if told.plans:
-        data.append(_plans(told))
-    if told.truth is not None:
-        data.append(_truth(told))
-    if len(told.radars) > 1:
-        for k, (name, table) in enumerate(zip(told.names, told.single, strict=True)):
+    data: list[dict[str, Any]] = [_plots(analysis)]
+    if analysis.plans:
+        data.append(_plans(analysis))
+    if analysis.truth is not None:
+        data.append(_truth(analysis))
+    if len(analysis.radars) > 1:
+        for k, (name, table) in enumerate(zip(analysis.names, analysis.single, strict=True)):
             data.append(_lines(f"{name} alone", table, k + 1))
-    data += [_lines("tracks", joint, 0, visible=True), _radars(told)]
+    data += [_lines("tracks", joint, 0, visible=True), _radars(analysis)]
     span = max(np.ptp(own.position, axis=0).max() if len(own) else 1.0, 1.0)
     axes = _axes(own.covariance[:, :2, :2])
     size = float(np.median(axes[:, 0])) if len(own) else 1.0
     wanted = _SHARE * span / max(size, 1e-9)
     factor = _FACTORS[int(np.argmin(np.abs(np.log(np.array(_FACTORS) / max(wanted, 1e-9)))))]
-    away = {one.track: (one.left, one.back) for one in told.followed if np.isfinite(one.left)}
-    tracks = [_track(told, own, index, axes, away) for index in rows]
-    known = told.plots.time[np.isfinite(told.plots.time)]
+    away = {one.track: (one.left, one.back) for one in analysis.followed if np.isfinite(one.left)}
+    tracks = [_track(analysis, own, index, axes, away) for index in rows]
+    known = analysis.plots.time[np.isfinite(analysis.plots.time)]
     first, last = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     layout = plane()
-    places = np.array([radar.position[:2] for radar in told.radars])
+    places = np.array([radar.position[:2] for radar in analysis.radars])
     # false plots may be farther away
     seen = np.concatenate([own.position, places]) / 1e3
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -57,11 +57,11 @@ def map_of(told: Analysis) -> dict[str, Any]:
         "layout": layout,
         "player": {
             "tracks": tracks,
-            "truth": _truth_tracks(told),
-            "plots": _moving_plots(told),
+            "truth": _truth_tracks(analysis),
+            "plots": _moving_plots(analysis),
             "first": first,
             "last": last,
-            "period": max(radar.scan_period for radar in told.radars),
+            "period": max(radar.scan_period for radar in analysis.radars),
             "factors": list(_FACTORS),
             "factor": factor,
         },
@@ -89,7 +89,7 @@ def _axes(covariance: FloatArray) -> FloatArray:
 
 
 def _track(
-    told: Analysis,
+    analysis: Analysis,
     table: TrackTable,
     index: IntArray,
     axes: FloatArray,
@@ -100,7 +100,7 @@ def _track(
     followed = rows.plan[rows.plan >= 0]
     name = f"track {rows.track[0]}"
     if len(followed):
-        plan = told.plans[int(followed[-1])]
+        plan = analysis.plans[int(followed[-1])]
         name = str(plan.name or f"plan {followed[-1] + 1}")
     return {
         "name": name,
@@ -123,18 +123,18 @@ def _lines(name: str, table: TrackTable, k: int, *, visible: bool = False) -> di
     return trace if visible else trace | {"visible": "legendonly"}
 
 
-def _chosen_plots(told: Analysis) -> tuple[FloatArray, FloatArray]:
+def _chosen_plots(analysis: Analysis) -> tuple[FloatArray, FloatArray]:
     """Return times and places of plots, every n-th where there are too many."""
-    plots = told.plots
+    plots = analysis.plots
     valid = np.isfinite(plots.time) & np.isfinite(plots.range) & np.isfinite(plots.azimuth)
     own = plots[np.flatnonzero(valid)]
     own = own[np.argsort(own.time, kind="stable")]
     own = own[:: max(1, int(np.ceil(len(own) / PLOTS)))]
-    return own.time, own.to_cartesian(told.radars)[0] / 1e3
+    return own.time, own.to_cartesian(analysis.radars)[0] / 1e3
 
 
-def _plots(told: Analysis) -> dict[str, Any]:
-    _, place = _chosen_plots(told)
+def _plots(analysis: Analysis) -> dict[str, Any]:
+    _, place = _chosen_plots(analysis)
     return {
         **line("plots", place[:, 0], place[:, 1]),
         "mode": "markers",
@@ -144,8 +144,8 @@ def _plots(told: Analysis) -> dict[str, Any]:
     }
 
 
-def _moving_plots(told: Analysis) -> dict[str, Any]:
-    time, place = _chosen_plots(told)
+def _moving_plots(analysis: Analysis) -> dict[str, Any]:
+    time, place = _chosen_plots(analysis)
     return {
         "t": numbers(time, 8),
         "x": numbers(place[:, 0]),
@@ -153,29 +153,29 @@ def _moving_plots(told: Analysis) -> dict[str, Any]:
     }
 
 
-def _plans(told: Analysis) -> dict[str, Any]:
-    ways = [plan.path(np.linspace(0.0, plan.length, _PATH))[0] / 1e3 for plan in told.plans]
+def _plans(analysis: Analysis) -> dict[str, Any]:
+    ways = [plan.path(np.linspace(0.0, plan.length, _PATH))[0] / 1e3 for plan in analysis.plans]
     look = {"color": COLOURS[2], "dash": "dash", "width": 1.2}
     return line("plans", *joined(ways).T, line=look, hoverinfo="skip")
 
 
-def _truth_step(told: Analysis) -> int:
-    assert told.truth is not None
-    return max(1, int(np.ceil(len(told.truth.time) / TRUTH)))
+def _truth_step(analysis: Analysis) -> int:
+    assert analysis.truth is not None
+    return max(1, int(np.ceil(len(analysis.truth.time) / TRUTH)))
 
 
-def _truth(told: Analysis) -> dict[str, Any]:
-    assert told.truth is not None
-    step = _truth_step(told)
-    ways = [place[::step] / 1e3 for _, _, place in told.truth]
+def _truth(analysis: Analysis) -> dict[str, Any]:
+    assert analysis.truth is not None
+    step = _truth_step(analysis)
+    ways = [place[::step] / 1e3 for _, _, place in analysis.truth]
     look = {"color": GREY, "width": 5}
     return line("truth", *joined(ways).T, line=look, hoverinfo="skip", opacity=0.45)
 
 
-def _truth_tracks(told: Analysis) -> list[dict[str, Any]]:
-    if told.truth is None:
+def _truth_tracks(analysis: Analysis) -> list[dict[str, Any]]:
+    if analysis.truth is None:
         return []
-    step = _truth_step(told)
+    step = _truth_step(analysis)
     return [
         {
             "name": str(name),
@@ -183,12 +183,12 @@ def _truth_tracks(told: Analysis) -> list[dict[str, Any]]:
             "x": numbers(place[::step, 0] / 1e3, 6),
             "y": numbers(place[::step, 1] / 1e3, 6),
         }
-        for name, time, place in told.truth
+        for name, time, place in analysis.truth
     ]
 
 
-def _radars(told: Analysis) -> dict[str, Any]:
-    places = np.array([radar.position[:2] for radar in told.radars]) / 1e3
+def _radars(analysis: Analysis) -> dict[str, Any]:
+    places = np.array([radar.position[:2] for radar in analysis.radars]) / 1e3
     count = len(places)
     return {
         "type": "scatter",
@@ -196,7 +196,7 @@ def _radars(told: Analysis) -> dict[str, Any]:
         "name": "radars",
         "x": numbers(places[:, 0]),
         "y": numbers(places[:, 1]),
-        "text": list(told.names),
+        "text": list(analysis.names),
         "textposition": "bottom center",
         "cliponaxis": False,
         "hoverinfo": "text",

@@ -29,17 +29,17 @@ class Section:
     tables: list[Table] = field(default_factory=list)
 
 
-def page(told: Analysis, numbers: dict[str, Any], title: str, since: str | None) -> str:
+def page(analysis: Analysis, numbers: dict[str, Any], title: str, since: str | None) -> str:
     """Return the page as HTML."""
     time = "time (s)" if since is None else f"time (s since {since})"
-    rows = tables(told)
+    rows = tables(analysis)
     sections = [
-        Section("radars", "Radars", _figures.radar_panels(told, time), rows["radars"]),
-        Section("fusion", "Fusion", _figures.fusion_panels(told, time), rows["fusion"]),
-        Section("truth", "Beside the truth", _figures.truth_panels(told, time), rows["truth"]),
-        Section("plans", "Flight plans", _figures.plan_panels(told, time), rows["plans"]),
+        Section("radars", "Radars", _figures.radar_panels(analysis, time), rows["radars"]),
+        Section("fusion", "Fusion", _figures.fusion_panels(analysis, time), rows["fusion"]),
+        Section("truth", "Versus truth", _figures.truth_panels(analysis, time), rows["truth"]),
+        Section("plans", "Flight plans", _figures.plan_panels(analysis, time), rows["plans"]),
         Section(
-            "finders", "Direction finders", _figures.finder_panels(told, time), rows["finders"]
+            "finders", "Direction finders", _figures.finder_panels(analysis, time), rows["finders"]
         ),
         Section("tracks", "Tracks", [], rows["tracks"]),
     ]
@@ -62,12 +62,12 @@ def page(told: Analysis, numbers: dict[str, Any], title: str, since: str | None)
         # the library itself
         plotly=Markup(get_plotlyjs()),
         charts=_script(charts),
-        map=_script(_map.map_of(told)),
+        map=_script(_map.map_of(analysis)),
     )
 
 
 def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return what the page begins with: numbers and their names."""
+    """Return the key figures at the top of the page, with their names."""
     return [
         (text(float(numbers["duration_s"])) + " s", "duration"),
         (f"{numbers['plots']:,}", "plots"),
@@ -79,6 +79,6 @@ def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _script(value: Any) -> Markup:
-    """Return JSON that can stand in a script: no text of a recording ends it."""
-    told = json.dumps(value, allow_nan=False, separators=(",", ":"))
-    return Markup(told.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+    """Return JSON for a script element, which no text of the recording can close."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

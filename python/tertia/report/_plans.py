@@ -11,38 +11,38 @@ from tertia._arrays import BoolArray, FloatArray
 from tertia.flightplan import FlightPlan
 from tertia.tracker import TrackTable
 
-# plots in a row off the plan, and scans of the slowest radar, from which on it counts as left
+# successive plots off the plan, and scans of the slowest radar, after which it counts as left
 _ROW, _SCANS = 5, 3
-# metres before the end of a plan from which on nothing is asked
+# metres before the end of a plan where monitoring ends
 _ENDS = 3000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A track and its plan: when it was on it, and how far off, metres to the right.
+    """A track and its plan: when it conformed, and its cross-track along_track in metres.
 
-    `left` and `back` are times in seconds, nan: never.
+    `left` and `back` are times in seconds; nan: never.
     """
 
     track: int
     plan: int
     name: str
     time: FloatArray
-    offset: FloatArray
-    conforming: BoolArray
+    cross_track: FloatArray
+    conforms: BoolArray
     left: float
     back: float
 
 
 def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
-    """Return how plans are called: by their names, or by numbers from 1 on."""
+    """Return the names of plans, or their numbers from 1 on."""
     return [str(number) if p.name is None else p.name for number, p in enumerate(plans, start=1)]
 
 
-def followed(table: TrackTable, plans: Sequence[FlightPlan], period: float) -> list[Followed]:
+def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float) -> list[Followed]:
     """Return the confirmed tracks that have or had plans, in order of the plans.
 
-    `period` is that of the slowest radar.
+    `scan_period` is that of the slowest radar.
     """
     found, names = [], plan_names(plans)
     updated = (table.plot >= 0) & table.confirmed
@@ -55,20 +55,20 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], period: float) -> l
         own = own[int(np.argmax(known == plan)) :]
         on = (table.plan[own] == plan) & table.conforms[own]
         path = plans[plan].project(table.position[own])
-        distance, offset = np.asarray(path.along_track), np.asarray(path.cross_track)
-        # where a flight has come to the end of its plan, nothing is asked
-        ended = np.flatnonzero(on & (distance > plans[plan].length - _ENDS))
+        along_track, cross_track = np.asarray(path.along_track), np.asarray(path.cross_track)
+        # at the end of its plan a flight is no longer monitored
+        ended = np.flatnonzero(on & (along_track > plans[plan].length - _ENDS))
         kept = slice(None, int(ended[0]) if len(ended) else None)
-        time, offset, on = table.time[own][kept], offset[kept], on[kept]
+        time, cross_track, on = table.time[own][kept], cross_track[kept], on[kept]
         if len(time) < _ROW:
             continue
-        left, back = _departure(time, on, _SCANS * period)
-        found.append(Followed(int(number), plan, names[plan], time, offset, on, left, back))
+        left, back = _departure(time, on, _SCANS * scan_period)
+        found.append(Followed(int(number), plan, names[plan], time, cross_track, on, left, back))
     return sorted(_flights(found), key=lambda one: (one.plan, one.time[0]))
 
 
 def _flights(found: Sequence[Followed]) -> list[Followed]:
-    """Leave out tracks beside a longer one of the same plan: they are not the flight."""
+    """Leave out tracks that exist at the same time as a longer one of the same plan."""
     kept: list[Followed] = []
     for one in sorted(found, key=lambda one: -len(one.time)):
         middle = float(np.median(one.time))

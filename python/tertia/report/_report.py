@@ -60,15 +60,15 @@ class Report:
 
 def make(
     plots: Plots,
-    radars: Sequence[Radar],
+    sensors: Sequence[Radar],
     *,
     motion: Motion = "imm",
     plans: Sequence[FlightPlan] = (),
     truth: Truth | None = None,
     stations: Sequence[Station] = (),
-    emitters: Sequence[Emitter] = (),
-    distance: float = 1000.0,
-    period: float | None = None,
+    bearings: Sequence[Emitter] = (),
+    max_distance: float = 1000.0,
+    update_interval: float | None = None,
     title: str = "Tracks",
     since: str | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -76,65 +76,64 @@ def make(
 ) -> Report:
     """Make a page of a recording.
 
-    Tracks of all radars together and of each alone; the latter fused at common instants; the noise
-    and biases that the plots show beside what radars state; updates and faults along time; how
-    tracks follow flight plans; all of it beside the truth, if that is known; and positions of
-    emitters that direction finders hear.
+    The page shows tracks of all radars together and of each alone, the latter fused at common
+    instants; noise and biases of the radars, as found by `tertia.registration`; updates and
+    outliers over time; conformance to flight plans; all tracks versus truth, where it is known; and
+    positions of emitters from bearings.
 
     Parameters
     ----------
     plots : Plots
         The plots, in any order.
-    radars : sequence of K Radar
+    sensors : sequence of K Radar
         The radars.
     motion : {"imm", "cv", "singer", "window"} or a model
         How targets move; see `tertia.tracker.Tracker`.
     plans : sequence of FlightPlan
         Flight plans, for the motions "imm" and "window".
     truth : tertia.metrics.Truth, optional
-        Where targets were.
+        Positions of the targets.
     stations : sequence of Station
         Direction finders, in the plane.
-    emitters : sequence of Emitter
-        What they heard.
-    distance : float
-        A track farther from a target does not show it, in metres; the cutoff of GOSPA.
-    period : float, optional
-        Seconds between updates that are required; by default those of the fastest radar.
+    bearings : sequence of Emitter
+        Bearings of each emitter from all stations.
+    max_distance : float
+        Largest distance in metres from a track to the target that it follows; the cutoff of GOSPA.
+    update_interval : float, optional
+        Required seconds between updates; by default those of the fastest radar.
     title : str
         The title of the page.
     since : str, optional
-        Of when times are the seconds, in words.
+        The date and time at which times are zero, as text.
     progress : callable, optional
-        Called with what is done next and the share that is done, 0 to 1.
+        Called before each step with its name and the share that is done, 0 to 1.
     **options
-        As of `tertia.tracker.Tracker`.
+        How tracks are made; see `tertia.tracker.Tracker`.
 
     Returns
     -------
     Report
-        The page and its numbers.
+        The page and its summary.
 
     Raises
     ------
     ImportError
         The extra `report` is not installed.
     ValueError
-        Stations in space, bearings that do not fit them, a parameter outside its domain, and what
-        the tracker refuses.
+        Stations in space, bearings that do not match them, a parameter outside its domain, and
+        what the tracker refuses.
     TypeError
         An argument of the wrong type.
 
     Notes
     -----
-    Noise is the scatter of six successive plots of a track about a straight line, in the tracks of
-    the radar alone, made again with the noise that was found. Biases are found by weighted least
-    squares from the differences of tracks of different radars. Fusion is `tertia.fusion.fuse` of
-    positions and velocities; a track of a radar belongs to the joint one with most of its plots.
+    Noise and biases are those of `tertia.registration.register`. Positions and velocities are fused
+    by `tertia.fusion.fuse`; a track of a single radar belongs to the joint track with most of its
+    plots.
 
-    Long recordings are thinned in the page, never in what is computed: at most 30,000 rows of
-    tracks, 10,000 plots and 15,000 positions of the truth, every n-th in order of time, and the
-    first 500 rows of a table. The player interpolates between the rows that are left.
+    Long recordings are thinned on the page, but not in any computation: it holds at most 30,000
+    rows of tracks, 10,000 plots and 15,000 positions of the truth, every n-th in order of time, and
+    the first 500 rows of each table. The player interpolates between the rows.
 
     Examples
     --------
@@ -156,8 +155,8 @@ def make(
     for station in stations:
         if len(station.position) != 2:
             raise ValueError("stations must be in the plane: positions of east and north alone")
-    if len(emitters) and not len(stations):
-        raise ValueError("emitters need stations")
+    if len(bearings) and not len(stations):
+        raise ValueError("bearings need stations")
 
     def run(own: Plots, sites: Sequence[Radar]) -> TrackTable:
         return tracker.track(own, sites, motion=motion, plans=plans, **options)
@@ -165,17 +164,19 @@ def make(
     def quiet(what: str, share: float) -> None:
         pass
 
-    told = analyse(
+    analysis = analyse(
         plots,
-        radars,
+        sensors,
         run,
         plans=plans,
         truth=truth,
         stations=stations,
-        emitters=emitters,
-        distance=float(positive(real(distance, "distance"), "distance")),
-        period=None if period is None else float(positive(real(period, "period"), "period")),
+        emitters=bearings,
+        max_distance=float(positive(real(max_distance, "max_distance"), "max_distance")),
+        update_interval=None
+        if update_interval is None
+        else float(positive(real(update_interval, "update_interval"), "update_interval")),
         progress=progress or quiet,
     )
-    numbers = summary(told)
-    return Report(page(told, numbers, title, since), numbers)
+    numbers = summary(analysis)
+    return Report(page(analysis, numbers, title, since), numbers)

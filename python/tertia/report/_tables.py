@@ -1,4 +1,4 @@
-"""The tables of a page, what is found, and the same for machines."""
+"""The tables of a page, its findings, and the same as a summary."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tertia.tracker import PlotStatus
 Row = dict[str, Any]
 # rows of a table in a page at most
 ROWS = 500
-# standard errors beyond which something is said, and how far off noise and bias must be
+# standard errors beyond which a finding is shown, and relative size of noise and bias that matters
 _SURE, _OFF, _BIASED = 3.0, 0.15, 0.5
 _DEGREES = 180.0 / np.pi
 
@@ -41,7 +41,7 @@ class Table:
 
 
 def text(value: object) -> str:
-    """Return a cell: three digits, and all of those before the point."""
+    """Return a cell with three digits, or all digits before the point."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return "–"
     if isinstance(value, float):
@@ -50,7 +50,7 @@ def text(value: object) -> str:
 
 
 def plus_minus(value: float | None, error: float | None) -> str:
-    """Return a value with its error, digits as the error allows."""
+    """Return a value with its error, with the digits that the error allows."""
     if value is None or error is None or not (np.isfinite(value) and np.isfinite(error)):
         return "–"
     return " ± ".join(rounded(value, error))
@@ -60,31 +60,33 @@ def _known(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def radar_rows(told: Analysis) -> list[Row]:
-    """Return what is found of each radar."""
-    rows = []
-    for k, (name, radar) in enumerate(zip(told.names, told.radars, strict=True)):
-        one, count, seen = told.noise[k], told.updates[k], told.innovations[k]
+def radar_rows(analysis: Analysis) -> list[Row]:
+    """Return noise, biases and updates of each radar."""
+    rows, found = [], analysis.registration
+    factor, error, bias = found.noise_factor, found.noise_factor_sigma, found.bias
+    for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
+        count, seen = analysis.updates[k], analysis.innovations[k]
         expected = int(count.expected.sum())
-        bias, error = told.biases.value[k], told.biases.error[k]
+        row: Row = {"radar": name, "plots": int(count.plots.sum())}
+        for kind, unit, scale in (("range", "m", 1.0), ("azimuth", "deg", _DEGREES)):
+            stated = getattr(radar, f"{kind}_sigma") * scale
+            level, level_error = (getattr(one, kind)[k] * stated for one in (factor, error))
+            sigma = np.asarray(getattr(bias, f"{kind}_sigma"))[k] * scale
+            value = np.asarray(getattr(bias, kind))[k] * scale
+            row |= {
+                f"{kind}_sigma_stated_{unit}": stated,
+                f"{kind}_sigma_{unit}": _known(level),
+                f"{kind}_sigma_error_{unit}": _known(level_error),
+                f"{kind}_bias_{unit}": _known(value if np.isfinite(sigma) else np.nan),
+                f"{kind}_bias_sigma_{unit}": _known(sigma),
+            }
         rows.append(
-            {
-                "radar": name,
-                "plots": int(count.plots.sum()),
-                "range_sigma_stated_m": radar.range_sigma,
-                "range_sigma_m": _known(one.sigma[0]),
-                "range_sigma_error_m": _known(one.error[0]),
-                "azimuth_sigma_stated_deg": radar.azimuth_sigma * _DEGREES,
-                "azimuth_sigma_deg": _known(one.sigma[1] * _DEGREES),
-                "azimuth_sigma_error_deg": _known(one.error[1] * _DEGREES),
-                "range_bias_m": _known(bias[0]),
-                "range_bias_error_m": _known(error[0]),
-                "azimuth_bias_deg": _known(bias[1] * _DEGREES),
-                "azimuth_bias_error_deg": _known(error[1] * _DEGREES),
+            row
+            | {
                 "innovations_squared": float(np.mean(seen.square)) if len(seen.square) else None,
                 "probability_of_update": int(count.hit.sum()) / expected if expected else None,
-                "far_off": int(count.faulty.sum()),
-                "astray": int(count.astray.sum()),
+                "outliers": int(count.outlier.sum()),
+                "unassociated": int(count.unassociated.sum()),
                 "refused": int(count.refused.sum()),
                 "in_no_track": int(count.unused.sum()),
             }
@@ -92,13 +94,14 @@ def radar_rows(told: Analysis) -> list[Row]:
     return rows
 
 
-def fusion_rows(told: Analysis) -> list[Row]:
-    """Return how good tracks are at the common instants, alone and fused."""
-    if told.fusion is None:
+def fusion_rows(analysis: Analysis) -> list[Row]:
+    """Return the errors of tracks at the common instants, of single radars and fused."""
+    if analysis.fusion is None:
         return []
-    fused = told.fusion
+    fused = analysis.fusion
     parts: list[tuple[str, FloatArray, str]] = [
-        (f"{name} alone", fused.told.covariance[:, k], f"#{k}") for k, name in enumerate(told.names)
+        (f"{name} alone", fused.stated.covariance[:, k], f"#{k}")
+        for k, name in enumerate(analysis.names)
     ]
     parts += [
         (name, fused.states[name][1], name)
@@ -126,11 +129,13 @@ def fusion_rows(told: Analysis) -> list[Row]:
     return rows
 
 
-def evaluation_rows(told: Analysis) -> list[Row]:
-    """Return the figures of each set of tracks beside the truth, one row per figure."""
-    if not told.judged:
+def evaluation_rows(analysis: Analysis) -> list[Row]:
+    """Return the figures of each set of tracks versus truth, one row per figure."""
+    if not analysis.judged:
         return []
-    columns = {name: figures(one, told.period) for name, one in told.judged.items()}
+    columns = {
+        name: figures(one, analysis.update_interval) for name, one in analysis.judged.items()
+    }
     first = next(iter(columns.values()))
     return [
         {"figure": figure, "unit": unit}
@@ -142,31 +147,31 @@ def evaluation_rows(told: Analysis) -> list[Row]:
     ]
 
 
-def plan_rows(told: Analysis) -> list[Row]:
-    """Return how tracks follow their plans."""
+def plan_rows(analysis: Analysis) -> list[Row]:
+    """Return the conformance of tracks to their plans."""
     return [
         {
             "plan": one.name,
             "track": one.track,
             "first_s": float(one.time[0]),
             "last_s": float(one.time[-1]),
-            "conforming": float(np.mean(one.conforming)),
-            "offset_rms_m": float(np.sqrt(np.mean(one.offset[one.conforming] ** 2)))
-            if np.any(one.conforming)
+            "conforms": float(np.mean(one.conforms)),
+            "cross_track_rms_m": float(np.sqrt(np.mean(one.cross_track[one.conforms] ** 2)))
+            if np.any(one.conforms)
             else None,
-            "largest_offset_m": float(np.max(np.abs(one.offset))),
+            "largest_cross_track_m": float(np.max(np.abs(one.cross_track))),
             "left_s": _known(one.left),
             "back_s": _known(one.back),
         }
-        for one in told.followed
+        for one in analysis.followed
     ]
 
 
-def emitter_rows(told: Analysis) -> list[Row]:
+def emitter_rows(analysis: Analysis) -> list[Row]:
     """Return position and bearings of each emitter."""
     rows = []
-    for heard in told.heard:
-        names = [str(s.name or k + 1) for k, s in enumerate(told.stations)]
+    for heard in analysis.heard:
+        names = [str(s.name or k + 1) for k, s in enumerate(analysis.stations)]
         row: Row = {
             "emitter": heard.emitter.name,
             "moves": heard.moves,
@@ -176,7 +181,7 @@ def emitter_rows(told: Analysis) -> list[Row]:
                     "bearing_deg": _known(heard.bearing[k] * _DEGREES),
                     "sigma_deg": _known(heard.sigma[k] * _DEGREES),
                     "count": int(np.sum(~np.isnan(heard.emitter.azimuth[:, k]))),
-                    "anomalous": int(heard.outlier[:, k].sum()),
+                    "outliers": int(heard.outlier[:, k].sum()),
                 }
                 for k, name in enumerate(names)
             ],
@@ -188,16 +193,16 @@ def emitter_rows(told: Analysis) -> list[Row]:
                 "east_sigma_m": float(sigma[0]),
                 "north_m": float(place[1]),
                 "north_sigma_m": float(sigma[1]),
-                "p_value": _known(float(np.ravel(heard.position.pvalue)[0])),
+                "pvalue": _known(float(np.ravel(heard.position.pvalue)[0])),
             }
         rows.append(row)
     return rows
 
 
-def track_rows(told: Analysis) -> list[Row]:
-    """Return what is told of each track of all radars."""
-    table, rows = told.joint, []
-    plans = {one.track: one.name for one in told.followed}
+def track_rows(analysis: Analysis) -> list[Row]:
+    """Return the tracks of all radars together, one row each."""
+    table, rows = analysis.joint, []
+    plans = {one.track: one.name for one in analysis.followed}
     for number in np.unique(table.track[table.confirmed]):
         own = (table.track == number) & table.confirmed
         hit = own & (table.plot >= 0)
@@ -223,15 +228,15 @@ def track_rows(told: Analysis) -> list[Row]:
     return rows
 
 
-def tables(told: Analysis) -> dict[str, list[Table]]:
+def tables(analysis: Analysis) -> dict[str, list[Table]]:
     """Return the tables of each section."""
     return {
-        "radars": [_radar_table(told)],
-        "fusion": [_fusion_table(told)] if told.fusion is not None else [],
-        "truth": [_evaluation_table(told)] if told.judged else [],
-        "plans": [_plan_table(told)] if told.followed else [],
-        "finders": [_emitter_table(told), _bearing_table(told)] if told.heard else [],
-        "tracks": [_track_table(told)],
+        "radars": [_radar_table(analysis)],
+        "fusion": [_fusion_table(analysis)] if analysis.fusion is not None else [],
+        "truth": [_evaluation_table(analysis)] if analysis.judged else [],
+        "plans": [_plan_table(analysis)] if analysis.followed else [],
+        "finders": [_emitter_table(analysis), _bearing_table(analysis)] if analysis.heard else [],
+        "tracks": [_track_table(analysis)],
     }
 
 
@@ -240,16 +245,16 @@ def _table(name: str, caption: str, columns: dict[str, str], rows: list[Row]) ->
     return Table(name, caption, list(columns.values()), cells, max(0, len(rows) - ROWS))
 
 
-def _radar_table(told: Analysis) -> Table:
+def _radar_table(analysis: Analysis) -> Table:
     rows = []
-    for row in radar_rows(told):
+    for row in radar_rows(analysis):
         rows.append(
             row
             | {
                 "range": plus_minus(row["range_sigma_m"], row["range_sigma_error_m"]),
                 "azimuth": plus_minus(row["azimuth_sigma_deg"], row["azimuth_sigma_error_deg"]),
-                "range_bias": plus_minus(row["range_bias_m"], row["range_bias_error_m"]),
-                "azimuth_bias": plus_minus(row["azimuth_bias_deg"], row["azimuth_bias_error_deg"]),
+                "range_bias": plus_minus(row["range_bias_m"], row["range_bias_sigma_m"]),
+                "azimuth_bias": plus_minus(row["azimuth_bias_deg"], row["azimuth_bias_sigma_deg"]),
             }
         )
     columns = {
@@ -263,97 +268,97 @@ def _radar_table(told: Analysis) -> Table:
         "azimuth_bias": "azimuth bias (°)",
         "innovations_squared": "normalised innovation²",
         "probability_of_update": "probability of update",
-        "far_off": "far off",
-        "astray": "astray",
+        "outliers": "outliers",
+        "unassociated": "unassociated",
         "refused": "refused",
         "in_no_track": "in no track",
     }
     caption = (
-        "What radars state and what their plots show. Biases are found from the differences of the "
-        "radars' tracks; – where the plots do not tell. Normalised innovations squared are 1 per "
-        "axis where noise and motion are as stated."
+        "Noise as stated by the radars and as found in their plots, and biases found from the "
+        "differences between the radars' tracks (– if they show none). Normalised squared "
+        "innovations are 1 per axis where noise and motion are as stated."
     )
     return _table("radar-table", caption, columns, rows)
 
 
-def _fusion_table(told: Analysis) -> Table:
-    columns = {"tracks": "tracks", "instants": "instants", "sigma_m": "claimed sigma (m)"}
-    if told.fusion is not None and told.fusion.error:
+def _fusion_table(analysis: Analysis) -> Table:
+    columns = {"tracks": "tracks", "instants": "instants", "sigma_m": "stated sigma (m)"}
+    if analysis.fusion is not None and analysis.fusion.error:
         columns |= {
             "rmse_m": "RMSE (m)",
             "nees_per_axis": "NEES per axis",
             "within_95": "within the 95 % ellipse",
         }
     caption = (
-        "Tracks of single radars, brought to common instants where two radars or more have one, "
-        "and fused there. Sigma is the median per axis. As found: with the noise of each stretch "
-        "of time, and without the biases. Fusion takes the errors of the radars as "
-        "independent; in turns they are not quite, as all radars believe in the same motion. "
-        "Covariance intersection needs no such belief and is too careful."
+        "Tracks of single radars, extrapolated to common instants at which two radars or more have "
+        "one, and fused there. Sigma is the median per axis. As found: with the noise of each "
+        "stretch of time, biases removed. Fusion assumes that the errors of the radars are "
+        "independent; in turns they are correlated, since all trackers assume the same motion. "
+        "Covariance intersection holds for any correlation, and is conservative."
     )
-    return _table("fusion-table", caption, columns, fusion_rows(told))
+    return _table("fusion-table", caption, columns, fusion_rows(analysis))
 
 
-def _evaluation_table(told: Analysis) -> Table:
-    columns = {"figure": "figure", "unit": "unit"} | {name: name for name in told.judged}
-    caption = f"Tracks beside the truth; updates are required every {told.period:.3g} s."
-    return _table("evaluation-table", caption, columns, evaluation_rows(told))
+def _evaluation_table(analysis: Analysis) -> Table:
+    columns = {"figure": "figure", "unit": "unit"} | {name: name for name in analysis.judged}
+    caption = f"Tracks versus truth; updates are required every {analysis.update_interval:.3g} s."
+    return _table("evaluation-table", caption, columns, evaluation_rows(analysis))
 
 
-def _plan_table(told: Analysis) -> Table:
+def _plan_table(analysis: Analysis) -> Table:
     columns = {
         "plan": "plan",
         "track": "track",
         "first_s": "from (s)",
         "last_s": "to (s)",
-        "conforming": "share on the plan",
-        "offset_rms_m": "RMS offset on the plan (m)",
-        "largest_offset_m": "largest offset (m)",
+        "conforms": "share on the plan",
+        "cross_track_rms_m": "RMS cross-track on the plan (m)",
+        "largest_cross_track_m": "largest cross-track (m)",
         "left_s": "left (s)",
         "back_s": "back (s)",
     }
     caption = (
-        "Conformance: a plan counts as left where five plots or more do not fit it, for three "
-        "scans of the slowest radar or longer."
+        "Conformance: a plan counts as left where at least five successive plots do not conform to "
+        "it, for at least three scans of the slowest radar."
     )
-    return _table("plan-table", caption, columns, plan_rows(told))
+    return _table("plan-table", caption, columns, plan_rows(analysis))
 
 
-def _emitter_table(told: Analysis) -> Table:
+def _emitter_table(analysis: Analysis) -> Table:
     rows = [
         {
             "emitter": row["emitter"],
             "moves": "yes" if row["moves"] else "no",
             "east": plus_minus(row.get("east_m"), row.get("east_sigma_m")),
             "north": plus_minus(row.get("north_m"), row.get("north_sigma_m")),
-            "p_value": row.get("p_value"),
+            "pvalue": row.get("pvalue"),
         }
-        for row in emitter_rows(told)
+        for row in emitter_rows(analysis)
     ]
     columns = {
         "emitter": "emitter",
         "moves": "moves",
         "east": "east (m)",
         "north": "north (m)",
-        "p_value": "p-value",
+        "pvalue": "p-value",
     }
     caption = (
-        "Positions from the bearings of all finders, each with the sigma that its record shows. A "
-        "small p-value says that a bearing or a sigma is wrong."
+        "Positions from the bearings of all direction finders, each with the sigma estimated from "
+        "its record. A small p-value means that a bearing or a sigma is wrong."
     )
     return _table("emitter-table", caption, columns, rows)
 
 
-def _bearing_table(told: Analysis) -> Table:
+def _bearing_table(analysis: Analysis) -> Table:
     rows = [
         {
             "emitter": row["emitter"],
             "station": one["station"],
             "bearing": plus_minus(one["bearing_deg"], one["sigma_deg"]),
             "count": one["count"],
-            "anomalous": one["anomalous"],
+            "outliers": one["outliers"],
         }
-        for row in emitter_rows(told)
+        for row in emitter_rows(analysis)
         for one in row["bearings"]
     ]
     columns = {
@@ -361,12 +366,12 @@ def _bearing_table(told: Analysis) -> Table:
         "station": "finder",
         "bearing": "bearing (°)",
         "count": "measured",
-        "anomalous": "anomalous",
+        "outliers": "outliers",
     }
-    return _table("bearing-table", "Bearings by the robust default.", columns, rows)
+    return _table("bearing-table", "Bearings by the default, robust method.", columns, rows)
 
 
-def _track_table(told: Analysis) -> Table:
+def _track_table(analysis: Analysis) -> Table:
     columns = {
         "track": "track",
         "plan": "plan",
@@ -377,55 +382,55 @@ def _track_table(told: Analysis) -> Table:
         "speed_m_s": "speed (m/s)",
         "height_m": "height (m)",
         "turning": "share in turns",
-        "sigma_m": "claimed sigma (m)",
+        "sigma_m": "stated sigma (m)",
     }
-    return _table("track-table", "Tracks of all radars together.", columns, track_rows(told))
+    return _table("track-table", "Tracks of all radars together.", columns, track_rows(analysis))
 
 
-def summary(told: Analysis) -> Row:
-    """Return all of it for machines: numbers, lists and texts alone, None where unknown."""
-    time = told.plots.time[np.isfinite(told.plots.time)]
-    statuses, counts = np.unique(told.joint.track_of_plot, return_counts=True)
+def summary(analysis: Analysis) -> Row:
+    """Return everything as numbers, lists and texts for JSON, None where unknown."""
+    time = analysis.plots.time[np.isfinite(analysis.plots.time)]
+    statuses, counts = np.unique(analysis.joint.track_of_plot, return_counts=True)
     return {
-        "plots": len(told.plots),
+        "plots": len(analysis.plots),
         "duration_s": float(np.ptp(time)) if len(time) else 0.0,
         "plots_refused": {
             PlotStatus(status).message: count
             for status, count in zip(statuses.tolist(), counts.tolist(), strict=True)
             if status < 0
         },
-        "tracks": len(track_rows(told)),
-        "plans": len(told.plans),
-        "findings": findings(told),
-        "radars": radar_rows(told),
-        "fusion": fusion_rows(told),
-        "evaluation": evaluation_rows(told),
-        "conformance": plan_rows(told),
-        "emitters": emitter_rows(told),
+        "tracks": len(track_rows(analysis)),
+        "plans": len(analysis.plans),
+        "findings": findings(analysis),
+        "radars": radar_rows(analysis),
+        "fusion": fusion_rows(analysis),
+        "evaluation": evaluation_rows(analysis),
+        "conformance": plan_rows(analysis),
+        "emitters": emitter_rows(analysis),
     }
 
 
-def findings(told: Analysis) -> list[str]:
-    """Return what stands out, in sentences."""
+def findings(analysis: Analysis) -> list[str]:
+    """Return what stands out, as sentences."""
     found = []
-    for row in radar_rows(told):
+    for row in radar_rows(analysis):
         found += _noise_findings(row) + _bias_findings(row)
-    left = [one for one in told.followed if np.isfinite(one.left)]
+    left = [one for one in analysis.followed if np.isfinite(one.left)]
     if left:
         listed = ", ".join(f"{one.name} at {one.left:.0f} s" for one in left[:8])
         more = f", and {len(left) - 8} more" if len(left) > 8 else ""
         found.append(f"Left their plans: {listed}{more}.")
-    if TOGETHER in told.judged:
-        nees = told.judged[TOGETHER].nees
-        rmse = told.judged[TOGETHER].told.rmse
+    if TOGETHER in analysis.judged:
+        nees = analysis.judged[TOGETHER].nees
+        rmse = analysis.judged[TOGETHER].told.rmse
         words = f"All radars together: RMSE {text(float(rmse))} m"
         if nees is not None and np.any(np.isfinite(nees)):
             words += (
                 f", NEES per axis {text(float(np.nanmean(nees)) / 2)}, "
                 f"{within(nees) * 100:.0f} % within the 95 % ellipse"
             )
-        found += [f"{words}.", *_better(told)]
-    for row in emitter_rows(told):
+        found += [f"{words}.", *_better(analysis)]
+    for row in emitter_rows(analysis):
         if row["moves"]:
             found.append(f"{row['emitter']} moves.")
         elif "east_m" in row:
@@ -435,13 +440,13 @@ def findings(told: Analysis) -> list[str]:
     return found
 
 
-def _better(told: Analysis) -> list[str]:
-    """Return what the noise that was found does for the tracks, where it does something."""
-    stated, found = (told.judged[name].told for name in (TOGETHER, FOUND))
+def _better(analysis: Analysis) -> list[str]:
+    """Return how the noise found changes the tracks, where it matters."""
+    stated, found = (analysis.judged[name].told for name in (TOGETHER, FOUND))
     if stated.false_tracks <= found.false_tracks and found.rmse > (1.0 - _OFF) * stated.rmse:
         return []
     return [
-        f"With the noise that was found: RMSE {text(float(found.rmse))} m, {found.false_tracks} "
+        f"With the noise as found: RMSE {text(float(found.rmse))} m, {found.false_tracks} "
         f"false tracks instead of {stated.false_tracks}."
     ]
 
@@ -455,8 +460,8 @@ def _noise_findings(row: Row) -> list[str]:
             continue
         if abs(sigma - stated) > max(_SURE * error, _OFF * stated):
             found.append(
-                f"{row['radar']}: sigma of {kind} {plus_minus(sigma, error)}{sign}, "
-                f"{sigma / stated:.2g} times what it states ({text(stated)}{sign})."
+                f"{row['radar']}: {kind} sigma {plus_minus(sigma, error)}{sign}, "
+                f"{sigma / stated:.2g} times the stated {text(stated)}{sign}."
             )
     return found
 
@@ -464,8 +469,8 @@ def _noise_findings(row: Row) -> list[str]:
 def _bias_findings(row: Row) -> list[str]:
     found = []
     for kind, unit, sign in (("range", "m", " m"), ("azimuth", "deg", "°")):
-        bias, error = row[f"{kind}_bias_{unit}"], row[f"{kind}_bias_error_{unit}"]
+        bias, error = row[f"{kind}_bias_{unit}"], row[f"{kind}_bias_sigma_{unit}"]
         stated = row[f"{kind}_sigma_stated_{unit}"]
         if bias is not None and abs(bias) > max(_SURE * error, _BIASED * stated):
-            found.append(f"{row['radar']}: bias of {kind} {plus_minus(bias, error)}{sign}.")
+            found.append(f"{row['radar']}: {kind} bias {plus_minus(bias, error)}{sign}.")
     return found

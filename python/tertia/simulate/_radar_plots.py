@@ -180,7 +180,7 @@ def radar_plots(
     order = np.argsort(columns["time"], kind="stable")
     columns = {name: column[order] for name, column in columns.items()}
     truth = {name: columns.pop(name) for name in ("target", "outlier", "duplicate")}
-    return RadarPlots(Plots(**columns), **truth, phase=north)
+    return RadarPlots(Plots(**columns), **truth, phase=north)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True)

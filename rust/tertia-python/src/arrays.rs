@@ -106,6 +106,32 @@ impl Rows<'_> {
     }
 }
 
+/// All numbers of an array.
+pub fn numbers(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<f64>> {
+    Ok(Samples::extract(value, name)?.rows(0)?.values.into_owned())
+}
+
+/// Rows of so many numbers, which are the last axes.
+pub fn rows_of<const M: usize>(
+    value: &Bound<'_, PyAny>,
+    name: &'static str,
+    axes: usize,
+) -> PyResult<Vec<[f64; M]>> {
+    let samples = Samples::extract(value, name)?;
+    let rows = if samples.shape().len() < axes { None } else { Some(samples.blocks(axes)?) };
+    let fits = |rows: &Rows<'_>| rows.len() == M;
+    let Some(rows) = rows.filter(fits) else {
+        let shape = samples.shape();
+        return Err(PyValueError::new_err(format!("{name} has shape {shape:?}; it does not fit")));
+    };
+    Ok(rows.values.as_chunks().0.to_vec())
+}
+
+/// Rows of two numbers.
+pub fn pairs(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<[f64; 2]>> {
+    rows_of::<2>(value, name, 1)
+}
+
 fn is_name(text: &str) -> bool {
     text.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_')
 }

@@ -1,6 +1,8 @@
 //! Bindings of `tertia::flightplan`.
 
-use crate::arrays::{Output, Rows, Samples, array, chunks, release, repeated, value_error};
+use crate::arrays::{
+    Output, Samples, array, chunks, numbers, pairs, release, repeated, rows_of, value_error,
+};
 use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -207,30 +209,6 @@ impl Tracks<'_> {
         };
         Ok(((0..n).map(sighting).collect(), shape))
     }
-}
-
-fn numbers(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<f64>> {
-    Ok(Samples::extract(value, name)?.rows(0)?.values.into_owned())
-}
-
-/// Rows of so many numbers, which are the last axes.
-fn rows_of<const M: usize>(
-    value: &Bound<'_, PyAny>,
-    name: &'static str,
-    axes: usize,
-) -> PyResult<Vec<[f64; M]>> {
-    let samples = Samples::extract(value, name)?;
-    let rows = if samples.shape().len() < axes { None } else { Some(samples.blocks(axes)?) };
-    let fits = |rows: &Rows<'_>| rows.len() == M;
-    let Some(rows) = rows.filter(fits) else {
-        let shape = samples.shape();
-        return Err(PyValueError::new_err(format!("{name} has shape {shape:?}; it does not fit")));
-    };
-    Ok(rows.values.as_chunks().0.to_vec())
-}
-
-fn pairs(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<[f64; 2]>> {
-    rows_of::<2>(value, name, 1)
 }
 
 /// The speeds at which a plan is over its waypoints at given times.

@@ -7,7 +7,9 @@ mod flightplan;
 mod fusion;
 mod kalman;
 mod location;
+mod registration;
 mod screening;
+mod simulate;
 mod smoothing;
 mod tracker;
 mod weights;
@@ -35,11 +37,15 @@ mod core_module {
     #[pymodule_export]
     use super::location::{locate, location_accuracy};
     #[pymodule_export]
+    use super::registration::{common_states, correct_states, register_biases, register_noise};
+    #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, leave_one_out,
         leave_one_out_mask, leave_one_out_statistics, t_test, thompson_tau, unwrap_about_median,
         z_test,
     };
+    #[pymodule_export]
+    use super::simulate::{Flights, beam_meetings, traffic_states};
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]

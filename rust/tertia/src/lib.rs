@@ -23,7 +23,9 @@
 //! | [`fusion`] | one track of several radars; one estimate of several of the same instant |
 //! | [`association`] | which plot belongs to which track: gates, scores, assignment |
 //! | [`flightplan`] | paths of flight plans, and what tracks have to do with them |
+//! | [`registration`] | noise and biases of radars, from their tracks |
 //! | [`tracker`] | tracks of scans of plots |
+//! | [`simulate`] | flights along routes, and when the beam of a radar passes them |
 //! | [`batch`], [`missing`] | rows on threads; nan left out |
 //!
 //! Two programs are in `examples`: `bearing` (screening and one bearing) and `tracker`.
@@ -77,7 +79,9 @@ pub mod flightplan;
 pub mod fusion;
 pub mod kalman;
 pub mod location;
+pub mod registration;
 pub mod screening;
+pub mod simulate;
 pub mod smoothing;
 pub mod tracker;
 pub mod weights;

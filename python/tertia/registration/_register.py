@@ -1,0 +1,239 @@
+"""From a recording to the noise and the biases of its radars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray
+from tertia.registration._registration import NoiseHistory, Registration
+from tertia.registration._states import Common, Run, alone, common
+from tertia.sensors import Bias, ByKind, Radar
+from tertia.tracker import Plots, TrackTable, track
+
+# rounds of tracking, each with the noise found in the one before
+_ROUNDS = 3
+# stretches of time at most, and scans in each at least
+_STRETCHES, _SCANS = 24, 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rounds:
+    """A registration, and the tracks of each radar alone that led to it.
+
+    `stated` are the tracks with the noise that the radars state, `found` those with the noise that
+    was found; `common` are the states of the former at common instants.
+    """
+
+    registration: Registration
+    stated: list[TrackTable]
+    found: list[TrackTable]
+    common: Common
+
+
+def register(
+    plots: Plots,
+    sensors: Sequence[Radar],
+    *,
+    tracks: TrackTable | None = None,
+    n_threads: int | None = None,
+    **options: Any,
+) -> Registration:
+    """Find the noise and the biases of radars from their plots.
+
+    Parameters
+    ----------
+    plots : Plots
+        The plots of a recording, in any order.
+    sensors : sequence of K Radar
+        The radars.
+    tracks : TrackTable, optional
+        Tracks of all plots and all radars; by default they are made.
+    n_threads : int, optional
+        Number of threads; by default one for little work and all cores for much.
+    **options
+        How tracks are made; see `tertia.tracker.Tracker`.
+
+    Returns
+    -------
+    Registration
+        Biases and noise factors with their standard deviations.
+
+    Raises
+    ------
+    ValueError
+        No radar, a table that has not the plots, and what the tracker refuses.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    **Noise.** Each six successive plots of a track that is straight make a line. The mean squares
+    about the lines, in range and in azimuth, have a robust mean: lines beyond the 99.9 % quantile
+    of chi-squared do not count. Tracks are made three times, each time with the noise found
+    before, since gates that are too narrow keep out the worst plots.
+
+    **Biases.** Tracks of each radar alone are compared at common instants, one per scan of the
+    slowest radar. The biases follow from the differences of all pairs of radars by weighted least
+    squares, with Huber's weights beyond 2.5 standard deviations and a prior of ten times the
+    stated noise. A bias whose standard deviation remains above half its prior is unknown: no
+    difference between radars shows it. Standard deviations take all instants of a track as
+    one measurement, so they hold where errors last as long as the track.
+
+    Biases are taken as constant, without a range gain, and times as correct. Differences do not
+    show an error that all radars share. Cost O(N log N) in plots, and O(M K⁴) in M common instants.
+
+    References
+    ----------
+    P. J. Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35
+    (1964). H. White, "A heteroskedasticity-consistent covariance matrix estimator", Econometrica
+    48 (1980).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.registration import register
+    >>> from tertia.sensors import Radar
+    >>> from tertia.simulate import dense_traffic, radar_plots
+    >>> numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.0015, "scan_period": 4.0}
+    >>> radars = [Radar([east, 0.0], **numbers) for east in (-4e4, 4e4)]
+    >>> traffic = dense_traffic(30, area=(1e5, 1e5), rng=1)
+    >>> record = radar_plots(traffic, radars, bias=[[0.0, 0.0], [200.0, 0.0]], rng=2)
+    >>> found = register(record.plots, radars)
+    >>> found.bias[1]
+    Bias(range=200, azimuth=3.34e-05, range_sigma=3.75, azimuth_sigma=6.04e-05)
+    """
+    sites = list(sensors)
+    if not sites:
+        raise ValueError("sensors is empty; there must be one or more")
+    if tracks is not None and len(tracks.track_of_plot) != len(plots):
+        raise ValueError(
+            f"tracks is of {len(tracks.track_of_plot)} plots; it must be of the {len(plots)} given"
+        )
+    run: Run = partial(track, n_threads=n_threads, **options)
+    joint = run(plots, sites) if tracks is None else tracks
+    return rounds(plots, sites, run, joint).registration
+
+
+def rounds(plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable) -> Rounds:
+    """Register radars, and keep the tracks of each radar alone."""
+    count, edges = len(radars), _edges(plots, max(radar.scan_period for radar in radars))
+    stated, found, sensors = [], [], []
+    levels, histories = np.empty((2, count, 2)), np.empty((2, count, len(edges) - 1, 2))
+    for k, given in enumerate(radars):
+        radar = given
+        for n in range(_ROUNDS):
+            table = alone(plots, [*radars[:k], radar, *radars[k + 1 :]], k, run)
+            if n == 0:
+                stated.append(table)
+            levels[:, k], histories[:, k] = _noise(table, plots, radar, edges)
+            radar = with_noise(radar, levels[0, k])
+        found.append(table)
+        sensors.append(radar)
+    states = common(joint, stated, radars)
+    noise = np.array([[radar.range_sigma, radar.azimuth_sigma] for radar in radars])
+    places = np.array([radar.position[:2] for radar in radars])
+    bias, bias_sigma = _core.register_biases(states.columns(), places, noise)
+    factor, factor_sigma = levels / noise
+    history, history_sigma = histories / noise[:, np.newaxis]
+    unknown = np.isnan(bias)
+    bias, bias_sigma = np.where(unknown, 0.0, bias), np.where(unknown, np.inf, bias_sigma)
+    registration = Registration(
+        Bias(
+            range=bias[:, 0],
+            azimuth=bias[:, 1],
+            range_sigma=bias_sigma[:, 0],
+            azimuth_sigma=bias_sigma[:, 1],
+        ),
+        ByKind(range=factor[:, 0], azimuth=factor[:, 1]),
+        ByKind(range=factor_sigma[:, 0], azimuth=factor_sigma[:, 1]),
+        NoiseHistory(
+            edges,
+            ByKind(range=history[..., 0], azimuth=history[..., 1]),
+            ByKind(range=history_sigma[..., 0], azimuth=history_sigma[..., 1]),
+        ),
+        tuple(sensors),
+    )
+    return Rounds(registration, stated, found, states)
+
+
+def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
+    """Return the radar with other standard deviations of range and azimuth, where known."""
+    range_sigma, azimuth_sigma = np.where(
+        np.isfinite(sigma), sigma, [radar.range_sigma, radar.azimuth_sigma]
+    )
+    return Radar(
+        radar.position,
+        range_sigma=float(range_sigma),
+        azimuth_sigma=float(azimuth_sigma),
+        scan_period=radar.scan_period,
+        max_range=radar.max_range,
+        detection_probability=radar.detection_probability,
+        name=radar.name,
+    )
+
+
+def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:
+    """Return states without biases, and with covariances scaled to the noise of their time.
+
+    The states are those of tracks with the noise of the whole recording. Along the range and across
+    it, their standard deviations follow the noise in each stretch of time. Unknown biases remain.
+    """
+    history, whole = registration.history, registration.noise_factor
+    which = in_stretches(states.time, history.edges)
+    factors = np.empty((len(which), len(radars), 2))
+    for axis, kind in enumerate(("range", "azimuth")):
+        over_time, level = getattr(history.factor, kind), getattr(whole, kind)
+        factors[..., axis] = (over_time / level[:, np.newaxis])[:, which].T
+    factors[~np.isfinite(factors)] = 1.0
+    bias = np.stack([registration.bias.range, registration.bias.azimuth], axis=-1)
+    places = np.array([radar.position[:2] for radar in radars])
+    state, covariance = _core.correct_states(states.columns(), places, bias, factors)
+    return Common(
+        states.time,
+        states.track,
+        state,
+        covariance,
+        states.joint_state,
+        states.joint_covariance,
+    )
+
+
+def in_stretches(time: FloatArray, edges: FloatArray) -> IntArray:
+    """Return in which stretch of time each time is."""
+    return np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
+
+
+def _edges(plots: Plots, period: float) -> FloatArray:
+    """Return the edges of stretches of time, each of several scans."""
+    known = plots.time[np.isfinite(plots.time)]
+    if not len(known):
+        return np.array([0.0, 1.0])
+    first, last = float(np.min(known)), float(np.max(known))
+    count = int(np.clip((last - first) // (_SCANS * period), 1, _STRETCHES))
+    return np.linspace(first, last, count + 1)
+
+
+def _noise(
+    table: TrackTable, plots: Plots, radar: Radar, edges: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return standard deviations of range and azimuth and their errors, (2, 2), and over time."""
+    rows = np.flatnonzero(table.plot >= 0)
+    own = plots[table.plot[rows]]
+    up = radar.position[2] if len(radar.position) == 3 else 0.0
+    updates = {
+        "track": table.track[rows],
+        "turn_probability": table.turn_probability[rows],
+        "row_time": table.time[rows],
+        "time": own.time,
+        "range": own.range,
+        "azimuth": own.azimuth,
+        "height": own.height - up,
+    }
+    whole, over_time = _core.register_noise(updates, radar.azimuth_sigma, radar.scan_period, edges)
+    return np.array(whole), np.array(over_time)

@@ -1,0 +1,93 @@
+"""Tracks of single radars, and their states at common instants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.sensors import Radar
+from tertia.tracker import Plots, PlotStatus, TrackTable
+
+Run = Callable[[Plots, Sequence[Radar]], TrackTable]
+
+
+def alone(plots: Plots, radars: Sequence[Radar], k: int, run: Run) -> TrackTable:
+    """Return the tracks of one radar, with plots and sensors numbered as in the whole recording."""
+    own = np.flatnonzero(plots.sensor == k)
+    part = plots[own]
+    mine = Plots(part.time, part.range, part.azimuth, height=part.height, identity=part.identity)
+    table = run(mine, [radars[k]])
+    statuses = np.full(len(plots), int(PlotStatus.INVALID))
+    statuses[own] = table.track_of_plot
+    return replace(
+        table,
+        sensor=np.full(len(table), k),
+        plot=np.where(table.plot >= 0, own[table.plot], -1) if len(own) else table.plot,
+        track_of_plot=statuses,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Common:
+    """States of the radars' tracks at M common instants of targets.
+
+    `state` (M, K, 4) and `covariance` (M, K, 4, 4) are nan where a radar has no track;
+    `joint_state` and `joint_covariance` belong to the tracks of all radars, numbered by `track`.
+    """
+
+    time: FloatArray
+    track: IntArray
+    state: FloatArray
+    covariance: FloatArray
+    joint_state: FloatArray
+    joint_covariance: FloatArray
+
+    @property
+    def present(self) -> BoolArray:
+        """Which radars have a track, (M, K)."""
+        return np.asarray(np.isfinite(self.state[..., 0]))
+
+    def chosen(self, index: BoolArray) -> Common:
+        """Return some of the instants."""
+        return Common(*(getattr(self, name)[index] for name in self.__slots__))
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns that the core takes."""
+        names = ("time", "track", "state", "covariance")
+        return {name: np.ascontiguousarray(getattr(self, name)) for name in names}
+
+
+def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Radar]) -> Common:
+    """Return the states of all tracks at instants of the slowest radar.
+
+    A track of a radar belongs to the joint track that has most of its plots, more than half.
+    """
+    periods = [radar.scan_period for radar in radars]
+    tables = [_columns(table) for table in single]
+    time, track, states = _core.common_states(_columns(joint), tables, periods)
+    return Common(time, track, *states)
+
+
+def _columns(table: TrackTable) -> dict[str, Any]:
+    """Return the columns of a table that the core takes."""
+    columns = {
+        "state": np.hstack([table.position, table.velocity]),
+        **{
+            name: getattr(table, name)
+            for name in (
+                "time",
+                "track",
+                "plot",
+                "confirmed",
+                "covariance",
+                "turn_probability",
+                "track_of_plot",
+            )
+        },
+    }
+    return {name: np.ascontiguousarray(column) for name, column in columns.items()}

@@ -1,0 +1,305 @@
+//! Bindings of `tertia::simulate`.
+
+use crate::arrays::{array, numbers, pairs, release, value_error};
+use numpy::{PyArrayDyn, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::num::NonZero;
+use tertia::batch::for_each_row;
+use tertia::simulate::{
+    self as core, Beam, Complex, Flight, Passing, Pilot, Process, Route, Sample, Wander,
+};
+
+/// Cost of a step of a flight, and of a meeting with a beam, for the choice of threads.
+const STEP_NS: f64 = 400.0;
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
+type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
+
+/// Flights along routes of at most M waypoints, (F, M), the last one repeated.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Columns<'py> {
+    waypoints: Bound<'py, PyAny>,
+    speeds: Bound<'py, PyAny>,
+    heights: Bound<'py, PyAny>,
+    passing: PyReadonlyArray2<'py, i64>,
+    early: Bound<'py, PyAny>,
+    last: PyReadonlyArray1<'py, i64>,
+    leave: PyReadonlyArray1<'py, i64>,
+    rejoin: PyReadonlyArray1<'py, i64>,
+    longest: Bound<'py, PyAny>,
+    wind: Bound<'py, PyAny>,
+    speed_error: Bound<'py, PyAny>,
+    bank: Bound<'py, PyAny>,
+    roll: Bound<'py, PyAny>,
+    turn_rate: Bound<'py, PyAny>,
+    /// Values and rates of the navigation error, and of the variation of the speed, (F, 2).
+    offset: Bound<'py, PyAny>,
+    variation: Bound<'py, PyAny>,
+}
+
+/// Transition and root of the covariance of a process.
+type Matrices = [[[f64; 2]; 2]; 2];
+
+/// Flights that go on step by step.
+#[pyclass(module = "tertia._core")]
+pub struct Flights {
+    flights: Vec<Flight>,
+    samples: Vec<Vec<Sample>>,
+}
+
+#[pymethods]
+impl Flights {
+    #[new]
+    fn new(
+        columns: Columns<'_>,
+        offset: Matrices,
+        variation: Matrices,
+        step: f64,
+    ) -> PyResult<Self> {
+        let flights = columns.flights(process(offset), process(variation), step)?;
+        let samples = flights.iter().map(|_| Vec::new()).collect();
+        Ok(Self { flights, samples })
+    }
+
+    /// Goes on while there are normal numbers (B, 2, 2, F), those of the speed before those of
+    /// navigation; returns the steps until the last flight ended.
+    fn advance(
+        &mut self,
+        py: Python<'_>,
+        noise: &Bound<'_, PyAny>,
+        n_threads: Option<NonZero<usize>>,
+    ) -> PyResult<usize> {
+        let noise = numbers(noise, "noise")?;
+        let n = self.flights.len();
+        let steps = noise.len() / (4 * n).max(1);
+        let mut used = vec![0_usize; n];
+        let cost = STEP_NS * (steps * n) as f64;
+        let rows = self.flights.iter_mut().zip(&mut self.samples).zip(&mut used).enumerate();
+        let done = release(py, cost, || {
+            for_each_row(
+                rows,
+                cost,
+                n_threads,
+                || (),
+                |(), (i, ((flight, samples), used))| {
+                    let at = |step: usize, which: usize| noise[(4 * step + which) * n + i];
+                    for step in 0..steps {
+                        let Some(sample) = flight.sample() else { break };
+                        samples.push(sample);
+                        flight.advance([at(step, 0), at(step, 1)], [at(step, 2), at(step, 3)]);
+                        *used = step + 1;
+                    }
+                    Ok(())
+                },
+            )
+        });
+        done.map_err(|failure| value_error(failure.error))?;
+        Ok(used.into_iter().max().unwrap_or(0))
+    }
+
+    /// Whether a flight has not ended yet.
+    #[getter]
+    fn is_flying(&self) -> bool {
+        self.flights.iter().any(|flight| flight.sample().is_some())
+    }
+
+    /// Numbers of samples; positions and velocities (F, S, 2), rates of turn, heights (F, S), nan
+    /// after the end; whether they turn; when plans were left and met again.
+    #[allow(clippy::type_complexity)] // what Python unpacks
+    fn samples<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Integers<'py>, [Array<'py>; 4], Marks<'py>, [Array<'py>; 2])> {
+        let n = self.flights.len();
+        let longest = self.samples.iter().map(Vec::len).max().unwrap_or(0);
+        let padded =
+            || self.samples.iter().flat_map(|samples| (0..longest).map(|k| samples.get(k)));
+        let pair = |f: fn(&Sample) -> [f64; 2]| {
+            let values = padded().flat_map(|sample| sample.map_or([f64::NAN; 2], f));
+            array(py, &[n, longest, 2], values.collect())
+        };
+        let number = |f: fn(&Sample) -> f64| {
+            array(py, &[n, longest], padded().map(|sample| sample.map_or(f64::NAN, f)).collect())
+        };
+        let turning = padded().map(|sample| sample.is_some_and(|sample| sample.is_turning));
+        let (left, returned) = self.flights.iter().map(Flight::departure).unzip();
+        Ok((
+            array(py, &[n], self.samples.iter().map(|samples| samples.len() as i64).collect())?,
+            [
+                pair(|sample| sample.position)?,
+                pair(|sample| sample.velocity)?,
+                number(|sample| sample.turn_rate)?,
+                number(|sample| sample.height)?,
+            ],
+            array(py, &[n, longest], turning.collect())?,
+            [array(py, &[n], left)?, array(py, &[n], returned)?],
+        ))
+    }
+}
+
+fn process([transition, root]: Matrices) -> Process {
+    Process { transition, root }
+}
+
+impl Columns<'_> {
+    fn flights(&self, offset: Process, variation: Process, step: f64) -> PyResult<Vec<Flight>> {
+        let shape = self.passing.as_array().dim();
+        let (n, width) = shape;
+        let passing = self.passing.as_slice()?;
+        let (last, leave, rejoin) =
+            (self.last.as_slice()?, self.leave.as_slice()?, self.rejoin.as_slice()?);
+        let points = pairs(&self.waypoints, "waypoints")?;
+        let wide = [
+            numbers(&self.speeds, "speeds")?,
+            numbers(&self.heights, "heights")?,
+            numbers(&self.early, "early")?,
+        ];
+        let each = [
+            numbers(&self.longest, "longest")?,
+            numbers(&self.speed_error, "speed_error")?,
+            numbers(&self.bank, "bank")?,
+            numbers(&self.roll, "roll")?,
+            numbers(&self.turn_rate, "turn_rate")?,
+        ];
+        let twos = [
+            pairs(&self.wind, "wind")?,
+            pairs(&self.offset, "offset")?,
+            pairs(&self.variation, "variation")?,
+        ];
+        let fits = points.len() == n * width
+            && wide.iter().all(|column| column.len() == n * width)
+            && each.iter().all(|column| column.len() == n)
+            && twos.iter().all(|column| column.len() == n)
+            && [last.len(), leave.len(), rejoin.len()] == [n; 3]
+            && last.iter().all(|&last| 0 < last && last < width as i64);
+        if !fits {
+            return Err(PyValueError::new_err("the columns of flights differ in length"));
+        }
+        let [speeds, heights, early] = wide;
+        let [longest, speed_error, bank, roll, turn_rate] = each;
+        let [wind, offsets, variations] = twos;
+        let kind = |&passing: &i64| match passing {
+            0 => Passing::FlyBy,
+            1 => Passing::FlyOver,
+            _ => Passing::Direct,
+        };
+        let complex = |&[east, north]: &[f64; 2]| Complex::new(east, north);
+        let flight = |i: usize| {
+            let (from, to) = (i * width, i * width + last[i] as usize + 1);
+            let route = Route {
+                waypoints: points[from..to].iter().map(complex).collect(),
+                speeds: speeds[from..to - 1].to_vec(),
+                heights: heights[from..to].to_vec(),
+                passing: passing[from..to].iter().map(kind).collect(),
+                early: early[from..to].to_vec(),
+                leave: usize::try_from(leave[i]).ok(),
+                rejoin: usize::try_from(rejoin[i]).ok(),
+                longest: longest[i],
+            };
+            let pilot = Pilot {
+                wind: complex(&wind[i]),
+                speed_error: speed_error[i],
+                bank: bank[i],
+                roll: roll[i],
+                turn_rate: turn_rate[i],
+            };
+            let wanders = (Wander::new(offset, offsets[i]), Wander::new(variation, variations[i]));
+            Flight::new(route, pilot, step, wanders.0, wanders.1)
+        };
+        Ok((0..n).map(flight).collect())
+    }
+}
+
+/// Traffic: (F,), (F,), and (F, S, 2), (F, S, 2), (F, S).
+#[derive(FromPyObject)]
+pub struct Traffic<'py> {
+    start: Bound<'py, PyAny>,
+    count: PyReadonlyArray1<'py, i64>,
+    step: f64,
+    position: Bound<'py, PyAny>,
+    velocity: Bound<'py, PyAny>,
+    height: Bound<'py, PyAny>,
+}
+
+impl Traffic<'_> {
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        cost: f64,
+        work: impl FnOnce(&core::Traffic<'_>) -> T + Send,
+    ) -> PyResult<T> {
+        let start = numbers(&self.start, "start")?;
+        let (position, velocity) =
+            (pairs(&self.position, "position")?, pairs(&self.velocity, "velocity")?);
+        let height = numbers(&self.height, "height")?;
+        let (count, flights) = (self.count.as_slice()?, start.len());
+        let samples = height.len() / flights.max(1);
+        let holds = count.len() == flights
+            && position.len() == flights * samples
+            && [velocity.len(), height.len()] == [position.len(); 2]
+            && count.iter().all(|&count| 2 <= count && count <= samples as i64);
+        if !holds {
+            return Err(PyValueError::new_err("the columns of traffic do not match"));
+        }
+        let traffic = core::Traffic {
+            start: &start,
+            count,
+            step: self.step,
+            position: &position,
+            velocity: &velocity,
+            height: &height,
+        };
+        Ok(release(py, cost, || work(&traffic)))
+    }
+}
+
+/// Positions and velocities (N, 2) and heights (N,) of flights at times.
+#[pyfunction]
+pub fn traffic_states<'py>(
+    py: Python<'py>,
+    traffic: Traffic<'py>,
+    flight: PyReadonlyArray1<'py, i64>,
+    time: &Bound<'py, PyAny>,
+) -> PyResult<[Array<'py>; 3]> {
+    let (flight, time) = (flight.as_slice()?, numbers(time, "time")?);
+    let flights = traffic.count.as_slice()?.len();
+    let n = time.len();
+    if flight.len() != n
+        || flight.iter().any(|&k| usize::try_from(k).map_or(true, |k| k >= flights))
+    {
+        return Err(PyValueError::new_err("there must be a flight for each time"));
+    }
+    let states = traffic.with(py, STEP_NS * n as f64, |traffic| {
+        let states = flight.iter().zip(&time).map(|(&k, &t)| traffic.state(k as usize, t));
+        states.collect::<Vec<_>>()
+    })?;
+    let pair = |f: fn(&core::State) -> Complex<f64>| {
+        let values = states.iter().map(f).flat_map(|z| [z.re, z.im]);
+        array(py, &[n, 2], values.collect())
+    };
+    Ok([
+        pair(|state| state.position)?,
+        pair(|state| state.velocity)?,
+        array(py, &[n], states.iter().map(|state| state.height).collect())?,
+    ])
+}
+
+/// Flights (N,) and times (N,) at which the beam of a radar passes them.
+#[pyfunction]
+pub fn beam_meetings<'py>(
+    py: Python<'py>,
+    traffic: Traffic<'py>,
+    position: [f64; 2],
+    scan_period: f64,
+    phase: f64,
+) -> PyResult<(Integers<'py>, Array<'py>)> {
+    let beam = Beam { position, scan_period, phase };
+    let samples = traffic.count.as_slice()?.iter().sum::<i64>() as f64;
+    let found = traffic.with(py, STEP_NS * samples, |traffic| core::meetings(traffic, &beam))?;
+    let (flights, times): (Vec<i64>, Vec<f64>) =
+        found.into_iter().map(|(flight, time)| (flight as i64, time)).unzip();
+    Ok((array(py, &[flights.len()], flights)?, array(py, &[times.len()], times)?))
+}

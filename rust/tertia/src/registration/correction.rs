@@ -1,0 +1,38 @@
+//! Tracks as they would be with the noise and without the biases that were found.
+
+use super::common::Common;
+use nalgebra::{Matrix2, Matrix4, Vector2};
+
+/// Removes the biases (m, rad; one for each of the radars at these positions) from the states, and
+/// scales the covariances along the range and across it by `factors`, (M, K) pairs of standard
+/// deviations as they are over those that the tracks were made with.
+///
+/// # Panics
+/// If the lengths do not match.
+pub fn correct(
+    common: &mut Common,
+    positions: &[[f64; 2]],
+    biases: &[[f64; 2]],
+    factors: &[[f64; 2]],
+) {
+    let count = positions.len();
+    assert!(biases.len() == count && factors.len() == common.state.len());
+    let states = common.state.iter_mut().zip(&mut common.covariance).zip(factors);
+    for (at, ((state, covariance), factor)) in states.enumerate() {
+        let k = at % count;
+        let offset = Vector2::new(state[0] - positions[k][0], state[1] - positions[k][1]);
+        let distance = offset.norm().max(1.0);
+        let along = offset / distance;
+        let across = Vector2::new(along[1], -along[0]);
+        let shift = biases[k][0] * along + biases[k][1] * distance * across;
+        state[0] -= shift[0];
+        state[1] -= shift[1];
+        let scale: Matrix2<f64> =
+            factor[0] * along * along.transpose() + factor[1] * across * across.transpose();
+        let mut s = Matrix4::zeros();
+        s.fixed_view_mut::<2, 2>(0, 0).copy_from(&scale);
+        s.fixed_view_mut::<2, 2>(2, 2).copy_from(&scale);
+        let scaled = s * Matrix4::from_row_slice(covariance) * s;
+        covariance.copy_from_slice((0.5 * (scaled + scaled.transpose())).as_slice());
+    }
+}

@@ -1,0 +1,99 @@
+//! Standard deviations of range and azimuth from the scatter about lines, over time.
+
+use super::lines::{FREE, Line};
+
+/// χ² with [`FREE`] degrees of freedom over their number: median, and 99.9 %.
+const MEDIAN: f64 = 0.839174;
+const LARGEST: f64 = 4.616710;
+/// Lines that a standard deviation needs.
+const FEWEST: usize = 4;
+/// Rounds in which lines with an outlier are left out.
+const ROUNDS: usize = 3;
+
+/// A standard deviation and its standard error; nan where there are too few lines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Standard deviation.
+    pub value: f64,
+    /// Its standard error.
+    pub sigma: f64,
+}
+
+/// The noise of a radar in range (m) and azimuth (rad).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Noise {
+    /// Of the whole recording.
+    pub whole: [Level; 2],
+    /// In each stretch of time.
+    pub stretches: Vec<[Level; 2]>,
+}
+
+/// The noise of all lines and in the stretches of time between `edges`. A robust level: the median
+/// begins, then the mean of what lies below 99.9 % of χ² counts.
+pub fn noise(lines: &[Line], edges: &[f64]) -> Noise {
+    let mut squares = vec![[(); 2].map(|()| Vec::new()); edges.len().saturating_sub(1)];
+    for line in lines {
+        let stretch = &mut squares[stretch_of(line.time, edges)];
+        stretch[0].push(line.mean_square[0]);
+        stretch[1].push(line.mean_square[1]);
+    }
+    let parts: Vec<[(f64, f64); 2]> =
+        squares.into_iter().map(|axes| axes.map(|mut own| robust_mean(&mut own))).collect();
+    let whole = [0, 1].map(|axis| {
+        let known = || parts.iter().map(|part| part[axis]).filter(|(_, count)| *count > 0.0);
+        let total: f64 = known().map(|(_, count)| count).sum();
+        let value = (known().map(|(variance, count)| count * variance).sum::<f64>() / total).sqrt();
+        // Var(mean square) = 2 σ⁴ / degrees of freedom
+        let spread = 2.0
+            * known().map(|(variance, count)| count * variance * variance).sum::<f64>()
+            / (FREE * total * total);
+        Level { value, sigma: spread.sqrt() / (2.0 * value) }
+    });
+    let level = |(variance, count): (f64, f64)| {
+        let value = variance.sqrt();
+        Level { value, sigma: value / (2.0 * FREE * count).sqrt() }
+    };
+    Noise { whole, stretches: parts.into_iter().map(|part| part.map(level)).collect() }
+}
+
+/// In which stretch of time between `edges` a time is; the first or last one if it is outside.
+pub fn stretch_of(time: f64, edges: &[f64]) -> usize {
+    let after = edges.partition_point(|&edge| edge <= time);
+    after.saturating_sub(1).min(edges.len().saturating_sub(2))
+}
+
+/// Mean of the squares without outliers and how many it is of; nan and 0 of too few.
+fn robust_mean(squares: &mut [f64]) -> (f64, f64) {
+    if squares.len() < FEWEST {
+        return (f64::NAN, 0.0);
+    }
+    squares.sort_by(f64::total_cmp);
+    let n = squares.len();
+    let mut level = 0.5 * (squares[(n - 1) / 2] + squares[n / 2]) / MEDIAN;
+    let mut count = n;
+    for _ in 0..ROUNDS {
+        count = squares.partition_point(|&square| square <= LARGEST * level);
+        level = squares[..count].iter().sum::<f64>() / count as f64;
+    }
+    (level, count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outliers_do_not_count_and_few_lines_say_nothing() {
+        let line = |time: f64, square: f64| Line { time, mean_square: [square, 4.0 * square] };
+        let mut lines: Vec<Line> = (0..8).map(|k| line(f64::from(k), 25.0)).collect();
+        lines.push(line(3.0, 1e6));
+        lines.push(line(11.0, 25.0));
+        let found = noise(&lines, &[0.0, 10.0, 20.0]);
+        let [range, azimuth] = found.whole;
+        assert_eq!((range.value, azimuth.value), (5.0, 10.0));
+        assert!((range.sigma - 5.0 / 64.0_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(found.stretches[0][0], range);
+        assert!(found.stretches[1][0].value.is_nan());
+        assert!(noise(&[], &[0.0, 1.0]).whole[0].value.is_nan());
+    }
+}
