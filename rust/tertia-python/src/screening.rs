@@ -7,7 +7,6 @@ use pyo3::prelude::*;
 use std::num::NonZero;
 use tertia::Moments;
 use tertia::batch::for_each_row;
-use tertia::bearing::{Estimator, Method};
 use tertia::screening::{
     self, BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement,
     Statistics, Summary, Test,
@@ -217,7 +216,7 @@ pub fn unwrap_about_median<'py>(
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Array<'py>> {
     // also where there is no row to find it out
-    Estimator::try_new(Method::Mean, Some(period), 0.0).map_err(value_error)?;
+    screening::require_period(period).map_err(value_error)?;
     let samples = Samples::extract(theta, "theta")?;
     let rows = samples.rows(1)?;
     let (n, count) = (rows.len(), rows.count());

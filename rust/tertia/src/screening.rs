@@ -13,7 +13,7 @@ mod mask;
 mod others;
 mod summary;
 
-pub use crate::base::angle::unwrap_about_median;
+pub use crate::base::angle::{require_period, unwrap_about_median};
 pub use bursts::{BurstRule, BurstWorkspace};
 pub(crate) use hypothesis::extreme_variance_pvalue;
 pub use hypothesis::{

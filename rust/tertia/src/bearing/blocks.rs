@@ -1,10 +1,20 @@
 //! Blocks of consecutive measurements.
 
-use super::BlockOutput;
 use crate::base::distribution::student_two_sided_quantile;
 use crate::base::error::Result;
 use crate::base::moments::Moments;
 use crate::screening::extreme_variance_pvalue;
+
+/// Columns for the blocks of a sample, as long as [`super::Estimator::blocks`] says.
+#[derive(Debug)]
+pub struct BlockOutput<'a> {
+    /// Mean of each block as used; nan: empty block.
+    pub mean: &'a mut [f64],
+    /// Variance of each block as used; nan: fewer than two measurements.
+    pub variance: &'a mut [f64],
+    /// Weight of each block; they sum to one.
+    pub weight: &'a mut [f64],
+}
 
 /// Mean, variance, size and weight of each block.
 #[derive(Clone, Debug, Default)]

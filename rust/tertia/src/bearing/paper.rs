@@ -1,7 +1,8 @@
 //! The estimator of Manoilov, Pysarchuk, Pavliuk 2006, as printed and corrected.
 
 use super::blocks::{BlockTable, block_range, student_factor};
-use super::{PaperRule, VarianceTest, Workspace};
+use super::rules::{PaperRule, VarianceTest};
+use super::workspace::Workspace;
 use crate::base::error::{Error, Result};
 use crate::base::moments::Moments;
 use crate::screening::thompson_tau;

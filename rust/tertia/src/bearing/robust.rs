@@ -1,7 +1,8 @@
 //! The default estimator: what is not anomalous, in blocks weighted by moderated variances.
 
 use super::blocks::BlockTable;
-use super::{RobustRule, Workspace};
+use super::rules::RobustRule;
+use super::workspace::Workspace;
 use crate::base::distribution::{digamma, trigamma, trigamma_inverse};
 use crate::base::error::Result;
 

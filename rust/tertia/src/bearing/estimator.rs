@@ -1,0 +1,243 @@
+//! Estimation of one sample by any of the methods.
+
+use super::blocks::BlockOutput;
+use super::rules::Method;
+use super::workspace::Workspace;
+use super::{paper, robust};
+use crate::base::angle::{principal, require_period};
+use crate::base::error::{
+    Error, Result, require, require_correlation, require_count, require_positive,
+    require_significance,
+};
+use crate::base::moments::Moments;
+use crate::screening::{KSigmaRule, Replacement};
+
+/// A bearing, its standard deviation, and the polarity of the outliers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The bearing.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// `(N₊ − N₋)/N` over the outliers.
+    pub polarity: f64,
+}
+
+/// A method and a period, validated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimator {
+    method: Method,
+    period: Option<f64>,
+    /// `√((1+ρ)/(1−ρ))`: standard deviation of a mean of correlated values over that of white ones.
+    inflation: f64,
+}
+
+impl Estimator {
+    /// An estimator of angles with this period (none: data that do not wrap) and this lag-one
+    /// correlation of the noise.
+    ///
+    /// # Errors
+    /// A parameter outside its domain.
+    pub fn try_new(method: Method, period: Option<f64>, correlation: f64) -> Result<Self> {
+        if let Some(period) = period {
+            require_period(period)?;
+        }
+        require_correlation(correlation)?;
+        let (block_size, k) = match &method {
+            Method::Mean => (2, 1.0),
+            Method::KSigma(k) => (2, *k),
+            Method::Paper(rule) => (rule.block_size, rule.validated()?.k),
+            Method::Corrected(rule, significance) => {
+                require_significance(*significance)?;
+                (rule.block_size, rule.validated()?.k)
+            }
+            Method::Robust(rule) => (rule.block_size, 1.0),
+        };
+        require("block_size", block_size as f64, block_size >= 2, "at least 2")?;
+        require_positive("k", k)?;
+        let inflation = ((1.0 + correlation) / (1.0 - correlation)).sqrt();
+        Ok(Self { method, period, inflation })
+    }
+
+    /// Blocks of a sample of `n`; the last one takes the remainder.
+    pub fn blocks(&self, n: usize) -> usize {
+        let block_size = match &self.method {
+            Method::Mean | Method::KSigma(_) => return 0,
+            Method::Paper(rule) | Method::Corrected(rule, _) => rule.block_size,
+            Method::Robust(rule) => rule.block_size,
+        };
+        (n / block_size).max(1)
+    }
+
+    /// Fewest measurements that the method accepts.
+    pub fn min_count(&self) -> usize {
+        match self.method {
+            Method::Mean => 2,
+            Method::KSigma(_) | Method::Paper(_) | Method::Corrected(..) => 3,
+            Method::Robust(_) => robust::MIN_COUNT,
+        }
+    }
+
+    /// Estimates the bearing of one sample. O(N), robust: O(N · longest burst).
+    ///
+    /// ```
+    /// use tertia::bearing::{Estimator, BlockOutput, Method, Workspace};
+    ///
+    /// let estimator = Estimator::try_new(Method::Mean, Some(360.0), 0.0)?;
+    /// let mut blocks = BlockOutput { mean: &mut [], variance: &mut [], weight: &mut [] };
+    /// let (theta, mut outlier) = ([359.0, 1.0, 3.0], [false; 3]);
+    /// let workspace = &mut Workspace::default();
+    /// let found = estimator.estimate(&theta, &mut outlier, &mut blocks, workspace)?;
+    /// assert!((found.value - 1.0).abs() < 1e-12);
+    /// assert!((found.sigma - (4.0_f64 / 3.0).sqrt()).abs() < 1e-12);
+    /// # Ok::<(), tertia::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Too few measurements, one that is not finite, deviations out of range, or too few left.
+    ///
+    /// # Panics
+    /// If `outlier` is not as long as `theta`, or a block output not as long as
+    /// [`Estimator::blocks`] says.
+    pub fn estimate(
+        &self,
+        theta: &[f64],
+        outlier: &mut [bool],
+        output: &mut BlockOutput<'_>,
+        workspace: &mut Workspace,
+    ) -> Result<Estimate> {
+        assert_eq!(theta.len(), outlier.len());
+        require_count("theta", theta.len(), self.min_count())?;
+        workspace.read(theta, self.period)?;
+        let (value, sigma) = match &self.method {
+            Method::Mean => mean(workspace, outlier),
+            Method::KSigma(k) => k_sigma(*k, workspace, outlier),
+            Method::Paper(rule) => paper::as_printed(rule, workspace, outlier),
+            Method::Corrected(rule, significance) => {
+                paper::corrected(rule, *significance, workspace, outlier)
+            }
+            Method::Robust(rule) => robust::estimate(rule, workspace, outlier),
+        }
+        .map_err(Error::about_theta)?;
+        if self.blocks(theta.len()) > 0 {
+            workspace.blocks.write(output);
+        }
+        let inflation = match self.method {
+            Method::Paper(_) => 1.0,
+            _ => self.inflation,
+        };
+        Ok(Estimate {
+            value: self.period.map_or(value, |period| principal(value, period)),
+            sigma: sigma * inflation,
+            polarity: polarity(&workspace.angle, outlier, value),
+        })
+    }
+}
+
+fn mean(workspace: &Workspace, outlier: &mut [bool]) -> Result<(f64, f64)> {
+    outlier.fill(false);
+    let moments = Moments::of("theta", &workspace.angle)?;
+    Ok((moments.mean(), (moments.variance() / moments.count()).sqrt()))
+}
+
+fn k_sigma(k: f64, workspace: &mut Workspace, outlier: &mut [bool]) -> Result<(f64, f64)> {
+    let Workspace { angle, cleaned, scratch, .. } = workspace;
+    let rule = KSigmaRule::try_new(k, Replacement::Excluded)?;
+    let summary = rule.screen(angle, outlier, cleaned, scratch)?;
+    let kept = outlier.iter().filter(|&&flag| !flag).count() as f64;
+    Ok((summary.mean, (summary.variance / kept).sqrt()))
+}
+
+fn polarity(angle: &[f64], outlier: &[bool], value: f64) -> f64 {
+    let flagged = angle.iter().zip(outlier).filter(|(_, flag)| **flag);
+    let balance: f64 = flagged.map(|(v, _)| (v - value).partial_cmp(&0.0)).map(sign).sum();
+    // an empty sum is −0
+    (balance + 0.0) / angle.len() as f64
+}
+
+fn sign(ordering: Option<std::cmp::Ordering>) -> f64 {
+    ordering.map_or(0.0, |o| f64::from(o as i8))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rules::{PaperRule, RobustRule, VarianceTest};
+    use super::*;
+    use crate::base::checks::assert_close;
+    use crate::screening::BurstRule;
+
+    struct Outcome {
+        estimate: Estimate,
+        outlier: Vec<usize>,
+        weight: Vec<f64>,
+    }
+
+    fn run(method: Method, period: Option<f64>, theta: &[f64]) -> Outcome {
+        let estimator = Estimator::try_new(method, period, 0.0).unwrap();
+        let mut outlier = vec![false; theta.len()];
+        let [mut mean, mut variance, mut weight] =
+            [(); 3].map(|()| vec![0.0; estimator.blocks(theta.len())]);
+        let mut output =
+            BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
+        let estimate = estimator
+            .estimate(theta, &mut outlier, &mut output, &mut Workspace::default())
+            .unwrap();
+        let outlier = (0..theta.len()).filter(|&i| outlier[i]).collect();
+        Outcome { estimate, outlier, weight }
+    }
+
+    fn robust(block_size: usize, max_length: usize) -> Method {
+        let bursts = BurstRule::try_new(2.5, 3.0, (2, max_length), 0.0, 0.0).unwrap();
+        Method::Robust(RobustRule { bursts, block_size })
+    }
+
+    const WITH_BURST: [f64; 30] = [
+        10.3, 9.1, 10.8, 9.7, 10.5, 19.0, 9.4, 10.1, 11.2, 9.9, 8.8, 10.6, 14.2, 13.1, 14.9, 13.8,
+        14.4, 13.5, 10.2, 9.3, 10.9, 9.8, 11.0, 9.6, 10.4, 9.2, 10.7, 10.0, 9.5, 10.1,
+    ];
+
+    #[test]
+    fn the_default_leaves_out_a_point_and_a_burst() {
+        let result = run(robust(5, 10), None, &WITH_BURST);
+        assert_eq!(result.outlier, [5, 12, 13, 14, 15, 16, 17]);
+        assert_close(result.estimate.value, 10.047_826_086_957);
+        assert_close(result.estimate.sigma, 0.147_745_201_280);
+        assert_close(result.estimate.polarity, 7.0 / 30.0);
+    }
+
+    #[test]
+    fn north_is_a_direction_like_any_other() {
+        let rule = PaperRule { k: 2.5, block_size: 5, variance_test: VarianceTest::Cochran(0.05) };
+        for method in [
+            Method::Mean,
+            Method::KSigma(2.5),
+            Method::Paper(rule),
+            Method::Corrected(rule, 0.05),
+            robust(5, 10),
+        ] {
+            let south = run(method.clone(), Some(360.0), &WITH_BURST.map(|v| v + 170.0));
+            let north = run(method, Some(360.0), &WITH_BURST.map(|v| (v + 350.0) % 360.0));
+            let turned = (north.estimate.value - south.estimate.value).rem_euclid(360.0);
+            assert!((turned - 180.0).abs() < 1e-10);
+            assert!((north.estimate.sigma / south.estimate.sigma - 1.0).abs() < 1e-10);
+            assert_eq!(north.outlier, south.outlier);
+        }
+    }
+
+    /// One block's mean and another one's variance are too large; no single value is at k = 4.
+    #[test]
+    fn the_paper_replaces_blocks() {
+        let theta = [
+            10.3, 9.6, 10.5, 9.8, 10.4, 10.1, 9.5, 10.2, 13.9, 14.3, 14.1, 13.6, 9.7, 10.0, 9.8,
+            10.1, 10.0, 6.5, 13.4, 9.8, 9.9, 10.6, 9.7, 10.3,
+        ];
+        let rule = PaperRule { k: 4.0, block_size: 4, variance_test: VarianceTest::Cochran(0.05) };
+        let result = run(Method::Paper(rule), None, &theta);
+        assert_eq!(result.outlier, [8, 9, 10, 11, 16, 17, 18, 19]);
+        assert_close(result.estimate.value, 9.949_805_171_303_07);
+        assert_close(result.estimate.sigma, 0.105_587_824_271_096);
+        assert!((result.weight.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        // the quietest block's variance was copied
+        assert_eq!(result.weight[4], result.weight[3]);
+    }
+}

@@ -1,0 +1,30 @@
+//! Buffers of an estimate.
+
+use super::blocks::BlockTable;
+use crate::base::angle::unwrap_about_median;
+use crate::base::error::Result;
+use crate::screening::BurstWorkspace;
+
+/// Buffers that are reused from row to row.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    pub(super) angle: Vec<f64>,
+    pub(super) cleaned: Vec<f64>,
+    pub(super) scratch: Vec<f64>,
+    pub(super) blocks: BlockTable,
+    pub(super) bursts: BurstWorkspace,
+}
+
+impl Workspace {
+    /// Takes the angles of one sample, unwrapped.
+    pub(super) fn read(&mut self, theta: &[f64], period: Option<f64>) -> Result<()> {
+        self.cleaned.clear();
+        self.cleaned.resize(theta.len(), 0.0);
+        self.angle.clear();
+        self.angle.extend_from_slice(theta);
+        match period {
+            Some(period) => unwrap_about_median(theta, period, &mut self.angle, &mut self.scratch),
+            None => Ok(()),
+        }
+    }
+}
