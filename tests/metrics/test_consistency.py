@@ -2,20 +2,11 @@
 
 import numpy as np
 import pytest
+from checks import INF, NAN, close, rng
 from scipy import stats
-from tolerances import DISTRIBUTION, VECTOR
+from tolerances import DISTRIBUTION
 
 from tertia import metrics
-
-NAN, INF = float("nan"), float("inf")
-
-
-def close(expected, relative=VECTOR):
-    return pytest.approx(expected, rel=relative, abs=0, nan_ok=True)
-
-
-def rng(seed=0):
-    return np.random.default_rng(seed)
 
 
 def covariances(*shape, m=3, seed=0):
