@@ -56,7 +56,9 @@ CALLS = {
         fusion.fuse_series([y, y], 1.0, MODEL, time=t, period=360.0).mean
     ),
     "metrics.rmse": lambda y, t: metrics.rmse(y),
-    "tracker": lambda y, t: track(Plots(t, y, y, degrees=True), [RADAR], clutter_density=1e-9).track_of_plot,
+    "tracker": lambda y, t: (
+        track(Plots(t, y, y, degrees=True), [RADAR], clutter_density=1e-9).track_of_plot
+    ),
 }
 
 

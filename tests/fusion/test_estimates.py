@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import INF, NAN, assert_same, fields, rng
 from reference import fusion as reference
 from scipy import stats
 from tolerances import CHANCE, INVERSES, VECTOR
@@ -9,20 +10,14 @@ from tolerances import CHANCE, INVERSES, VECTOR
 from tertia import weights
 from tertia.fusion import fuse
 
-NAN, INF = float("nan"), float("inf")
 METHODS = ["matrix", "posterior", "covariance-intersection", "static", "equal"]
 EVERY_METHOD = pytest.mark.parametrize("method", METHODS)
-FIELDS = ["mean", "covariance", "weights", "statistic", "degrees_of_freedom", "pvalue"]
 SIZES = [(1, 1), (1, 3), (2, 1), (2, 3), (3, 2), (4, 6), (6, 3), (3, 11)]
 # the reference exchanges shares until they change by 1e-11
 PARITY_OF_INTERSECTION = 1e-9
 # how far the logarithm of the determinant may be from its least value
 OPTIMAL = 1e-10
 TWO = np.array([[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]])
-
-
-def rng(seed=0):
-    return np.random.default_rng(seed)
 
 
 def joint_of(k, m, seed, *batch):
@@ -43,11 +38,6 @@ def options_of(method, k):
 def problem(k, m, seed, *batch):
     blocks = joint_of(k, m, seed, *batch)
     return rng(seed + 1).normal(0, 3, (*batch, k, m)), own(blocks), blocks
-
-
-def same(a, b, fields=tuple(FIELDS)):
-    for field in fields:
-        np.testing.assert_array_equal(getattr(a, field), getattr(b, field), err_msg=field)
 
 
 def check(found, expected, tolerance):
@@ -136,7 +126,7 @@ def test_diagonal_blocks_of_cross_covariances_are_not_read():
     x, s, blocks = problem(3, 2, 6)
     spoilt = blocks.copy()
     spoilt[range(3), range(3)] = NAN
-    same(fuse(x, s, cross_covariances=blocks), fuse(x, s, cross_covariances=spoilt))
+    assert_same(fuse(x, s, cross_covariances=blocks), fuse(x, s, cross_covariances=spoilt))
 
 
 def test_the_statistic_is_that_of_the_differences():
@@ -193,7 +183,7 @@ def test_intersection_with_a_useless_sensor_leaves_it_out():
     s[1] = 100 * s[0]
     found = fuse(x, s, method="covariance-intersection")
     assert not found.weights[1].any()
-    same(
+    assert_same(
         found,
         fuse(spoilt(x, NAN, 1), s, method="covariance-intersection"),
         ["mean", "covariance", "weights"],
@@ -266,7 +256,7 @@ def test_units_of_powers_of_two_change_no_bit(method, powers, correlated):
     np.testing.assert_array_equal(other.mean, plain.mean * unit)
     np.testing.assert_array_equal(other.covariance, plain.covariance * both)
     np.testing.assert_array_equal(other.weights, plain.weights * unit[:, np.newaxis] / unit)
-    same(other, plain, ["statistic", "pvalue"])
+    assert_same(other, plain, ["statistic", "pvalue"])
 
 
 @EVERY_METHOD
@@ -300,7 +290,7 @@ def test_an_offset_costs_no_digits(method):
     x = np.round(x * 2**20) / 2**20
     plain, far = fuse(x, s, **options_of(method, 3)), fuse(x + 2**30, s, **options_of(method, 3))
     np.testing.assert_allclose(far.mean - 2**30, plain.mean, atol=1e-6)
-    same(far, plain, ["covariance", "weights", "statistic"])
+    assert_same(far, plain, ["covariance", "weights", "statistic"])
 
 
 # angles
@@ -348,7 +338,7 @@ def test_a_sensor_without_an_estimate_is_left_out(method, correlated):
         fewer["cross_covariances"] = blocks[np.ix_(rest, rest)]
     found = fuse(x, s, method=method, **given)
     without = fuse(x[rest], s[rest], method=method, **fewer)
-    same(found, without, ["mean", "covariance", "statistic", "degrees_of_freedom", "pvalue"])
+    assert_same(found, without, ["mean", "covariance", "statistic", "degrees_of_freedom", "pvalue"])
     np.testing.assert_array_equal(found.weights[rest], without.weights)
     assert not found.weights[1].any()
 
@@ -462,8 +452,8 @@ def test_a_batch_is_its_instants(method, correlated):
     for place in np.ndindex(2, 4):
         part = None if cross is None else cross[place]
         one = fuse(x[place], s[place], cross_covariances=part, period=4.0, **options)
-        for field in FIELDS:
-            np.testing.assert_array_equal(getattr(found, field)[place], getattr(one, field))
+        for field, values in fields(one).items():
+            np.testing.assert_array_equal(getattr(found, field)[place], values)
 
 
 @EVERY_METHOD
@@ -483,7 +473,7 @@ def test_threads_change_nothing(method):
     options = options_of(method, 3)
     one = fuse(x, s, cross_covariances=blocks, n_threads=1, **options)
     for n_threads in (2, 5, None):
-        same(one, fuse(x, s, cross_covariances=blocks, n_threads=n_threads, **options))
+        assert_same(one, fuse(x, s, cross_covariances=blocks, n_threads=n_threads, **options))
 
 
 @EVERY_METHOD
@@ -496,8 +486,12 @@ def test_no_instants(method):
 def test_order_in_memory_and_lists():
     x, s, blocks = problem(3, 2, 24, 5)
     plain = fuse(x, s, cross_covariances=blocks)
-    same(plain, fuse(np.asfortranarray(x), np.asfortranarray(s), cross_covariances=blocks.tolist()))
-    same(plain, fuse(x, s, cross_covariances=np.moveaxis(np.moveaxis(blocks, 0, -1).copy(), -1, 0)))
+    assert_same(
+        plain, fuse(np.asfortranarray(x), np.asfortranarray(s), cross_covariances=blocks.tolist())
+    )
+    assert_same(
+        plain, fuse(x, s, cross_covariances=np.moveaxis(np.moveaxis(blocks, 0, -1).copy(), -1, 0))
+    )
 
 
 def test_results():
