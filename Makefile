@@ -55,11 +55,8 @@ bench: $(WHEEL) $(VENV)/.bench
 	cargo bench
 	$(BIN)/python -m pytest benches --benchmark-columns=min,median,rounds
 	$(BIN)/python benches/tracker_throughput.py
-	$(BIN)/python benches/peers/screening.py
-	$(BIN)/python benches/peers/weights.py
-	$(BIN)/python benches/peers/location.py
-	$(BIN)/python benches/peers/kalman.py
-	$(BIN)/python benches/peers/smoothing.py
+	for peer in screening weights location kalman smoothing; do $(BIN)/python benches/peers/$$peer.py || exit 1; done
+	$(BIN)/python benches/peers/tracker.py --clutter 0 50 --radars 1
 
 clean:
 	rm -rf $(VENV) build dist target

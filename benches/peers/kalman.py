@@ -11,33 +11,18 @@ cost = a n^b to Tertia's times.
 """
 
 import importlib
-import os
-import time
-import warnings
 from datetime import datetime, timedelta
+from functools import partial
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-)
+from timing import fit_growth, least, optional, report
 
-import numba
+# isort: split
 import numpy as np
 
 from tertia.fusion import fuse_series
 from tertia.kalman import AngleFilter, SingerModel, filter_series
 
-
-def optional(module):
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        print(f"{module} is not installed, so it is left out")
-        return None
-
-
-warnings.simplefilter("ignore")
+numba = optional("numba")
 filterpy = optional("filterpy.kalman")
 jax = optional("jax")
 pykalman = optional("pykalman")
@@ -58,9 +43,9 @@ SHAPES = [(1, 10_000), (1_000, 200), (20_000, 50)]
 TOLERANCE = 1e-9
 # steps for what takes microseconds or more
 FEW, FEWER = 10_000, 2_000
-SECONDS = 1.0
-ROUNDS = 5
-SLOWEST = 0.2
+
+
+jitable = numba.extending.register_jitable if numba else lambda function: function
 
 
 def tertia_final(z, r=R):
@@ -73,7 +58,7 @@ def tertia_all(z, r=R):
     return result.mean, result.upper
 
 
-@numba.extending.register_jitable
+@jitable
 def predicted(state, factors, noise):
     """F x and F P F' + Q, of numbers or arrays."""
     x0, x1, x2, p00, p01, p02, p11, p12, p22 = state
@@ -96,7 +81,7 @@ def predicted(state, factors, noise):
     )
 
 
-@numba.extending.register_jitable
+@jitable
 def updated(state, z, r):
     """X + K (z - x0) and (I - K h') P, likewise."""
     x0, x1, x2, p00, p01, p02, p11, p12, p22 = state
@@ -116,46 +101,36 @@ def updated(state, z, r):
     )
 
 
-@numba.njit
-def _numba_final(z, model, mean, upper):
-    first, factors, noise, r = model
+def tracks(z, store):
+    """A loop over numbers, for numba: `store` says whether all steps are kept."""
+    state = STATE
+    mean = np.empty((z.shape[0], z.shape[1] if store else 1, 3))
+    upper = np.empty((z.shape[0], z.shape[1] if store else 1, 6))
     for i in range(z.shape[0]):
-        state = first
+        state = STATE
         for j in range(z.shape[1]):
             if j > 0:
-                state = predicted(state, factors, noise)
+                state = predicted(state, FACTORS, NOISE)
             if not np.isnan(z[i, j]):
-                state = updated(state, z[i, j], r)
-        mean[i, 0], mean[i, 1], mean[i, 2] = state[:3]
-        for c in range(6):
-            upper[i, c] = state[3 + c]
-
-
-@numba.njit
-def _numba_all(z, model, mean, upper):
-    first, factors, noise, r = model
-    for i in range(z.shape[0]):
-        state = first
-        for j in range(z.shape[1]):
-            if j > 0:
-                state = predicted(state, factors, noise)
-            if not np.isnan(z[i, j]):
-                state = updated(state, z[i, j], r)
-            mean[i, j, 0], mean[i, j, 1], mean[i, j, 2] = state[:3]
+                state = updated(state, z[i, j], R)
+            at = j if store else 0
+            mean[i, at, 0], mean[i, at, 1], mean[i, at, 2] = state[:3]
             for c in range(6):
-                upper[i, j, c] = state[3 + c]
+                upper[i, at, c] = state[3 + c]
+    return mean, upper
+
+
+if numba:
+    compiled = numba.njit(tracks)
 
 
 def numba_final(z):
-    mean, upper = np.empty((len(z), 3)), np.empty((len(z), 6))
-    _numba_final(z, (STATE, FACTORS, NOISE, R), mean, upper)
-    return mean, upper
+    mean, upper = compiled(z, False)
+    return mean[:, 0], upper[:, 0]
 
 
 def numba_all(z):
-    mean, upper = np.empty((*z.shape, 3)), np.empty((*z.shape, 6))
-    _numba_all(z, (STATE, FACTORS, NOISE, R), mean, upper)
-    return mean, upper
+    return compiled(z, True)
 
 
 def numpy_shared_final(z):
@@ -348,7 +323,8 @@ if jax is not None:
 
 def alternatives():
     """Name, functions for the final state and for everything, and the steps they can be given."""
-    yield "numba, scalar loop", numba_final, numba_all, None
+    if numba:
+        yield "numba, scalar loop", numba_final, numba_all, None
     yield "NumPy, loop over steps", numpy_final, numpy_all, None
     yield "NumPy, one gain for all", numpy_shared_final, numpy_shared_all, None
     if jax:
@@ -396,34 +372,6 @@ def require_agreement(name, function, reference, z):
         raise SystemExit(f"{name} is off by {off:.1e} for {z.shape}")
 
 
-def nanoseconds(function, *arguments, seconds=SECONDS):
-    """Least CPU time of repeated calls."""
-    start = time.process_time_ns()
-    function(*arguments)
-    once = max(time.process_time_ns() - start, 1)
-    if once > SLOWEST * 1e9:
-        return once
-    calls = max(1, int(1e7 / once))
-    best, end = np.inf, time.monotonic() + seconds
-    while time.monotonic() < end:
-        start = time.process_time_ns()
-        for _ in range(calls):
-            function(*arguments)
-        best = min(best, (time.process_time_ns() - start) / calls)
-    return best
-
-
-def least(problems):
-    """Least time per plot of each named function with its plots and further arguments."""
-    best = dict.fromkeys(problems, np.inf)
-    # in turn, so that all of them see the machine both busy and quiet
-    for _ in range(ROUNDS):
-        for name, (function, z, *rest) in problems.items():
-            cost = nanoseconds(function, z, *rest, seconds=SECONDS / ROUNDS) / z.size
-            best[name] = min(best[name], cost)
-    return best
-
-
 def ones(z):
     """Write as many numbers as Tertia returns for every step."""
     np.ones((*z.shape, 11))
@@ -437,28 +385,21 @@ def compare(shape):
         ("means and covariances", tertia_all, ones),
     ]:
         problems = {
-            "Tertia": (own, z),
-            "Tertia, 5 % gaps": (own, gaps),
-            "Tertia, R of each plot": (own, z, variances),
+            "Tertia": (partial(own, z), z.size),
+            "Tertia, 5 % gaps": (partial(own, gaps), z.size),
+            "Tertia, R of each plot": (partial(own, z, variances), z.size),
         }
         for name, final, every, most in alternatives():
             function = every if numbers else final
             if function:
                 plots = fewer(z, most)
                 require_agreement(name, function, own, plots)
-                problems[name] = (function, plots)
-        require_agreement("numba", numba_all if numbers else numba_final, own, gaps)
+                problems[name] = (partial(function, plots), plots.size)
+        if numba:
+            require_agreement("numba", numba_all if numbers else numba_final, own, gaps)
         if numbers:
-            problems["(np.ones: one write)"] = (numbers, z)
+            problems["(np.ones: one write)"] = (partial(numbers, z), z.size)
         report(f"{' x '.join(map(str, shape))} steps, {store}", least(problems))
-
-
-def report(title, best):
-    """Print times and their ratios to the first one."""
-    print(f"\n{title}")
-    (_, own), *_ = best.items()
-    for name, cost in best.items():
-        print(f"  {name:<26}{cost:12.2f} ns {cost / own:10.2f} times")
 
 
 def streaming():
@@ -479,26 +420,25 @@ def streaming():
         return mean[0], covariance[0]
 
     require_agreement("AngleFilter", step_tertia, tertia_final, z)
-    problems["Tertia, AngleFilter.step"] = (step_tertia, z)
+    problems["Tertia, AngleFilter.step"] = (partial(step_tertia, z), z.size)
     if filterpy:
         require_agreement("filterpy", step_filterpy, tertia_final, z)
-        problems["filterpy"] = (step_filterpy, z)
+        problems["filterpy"] = (partial(step_filterpy, z), z.size)
     if stonesoup:
-        problems["Stone Soup"] = (lambda plots: list(stonesoup_steps(plots[np.newaxis])), z)
+        problems["Stone Soup"] = (lambda: list(stonesoup_steps(z[np.newaxis])), z.size)
     report("a filter that is fed plot by plot, one step", least(problems))
 
 
-def fit_growth(title, function, shapes, sizes):
-    costs = least({shape: (function, simulate(shape)) for shape in shapes})
-    per_step = np.array(list(costs.values()))
+def growth(title, function, shapes, sizes):
+    problems = {shape: (partial(function, simulate(shape)), np.prod(shape)) for shape in shapes}
+    per_step = np.array(list(least(problems).values()))
     total = per_step * np.prod(shapes, axis=1)
-    told = ", ".join(f"{cost:.1f}" for cost in per_step)
-    print(f"\n{title}\n  ns per step, n = {', '.join(map(str, sizes))}: {told}")
+    costs = ", ".join(f"{cost:.1f}" for cost in per_step)
+    print(f"\n{title}\n  ns per step, n = {', '.join(map(str, sizes))}: {costs}")
     # few steps cost less than the call itself
     for start in (0, len(sizes) // 2):
-        chosen = sizes[start:]
-        exponent, intercept = np.polyfit(np.log(chosen), np.log(total[start:]), 1)
-        print(f"  n = {chosen[0]} to {chosen[-1]}: {np.exp(intercept):.1f} ns n^{exponent:.3f}")
+        factor, exponent = fit_growth(sizes[start:], total[start:])
+        print(f"  n = {sizes[start]} to {sizes[-1]}: {factor:.1f} ns n^{exponent:.3f}")
 
 
 def fused(z):
@@ -510,16 +450,16 @@ def main():
         compare(shape)
     streaming()
     shapes = [(2, 2_000), (3, 2_000), (8, 2_000), (1_000, 2, 200)]
-    best = least({shape: (fused, simulate(shape)) for shape in shapes})
+    best = least({s: (partial(fused, simulate(s)), np.prod(s)) for s in shapes})
     print("\nfuse_series, one plot of one radar")
     for shape, cost in best.items():
         print(f"  {' x '.join(map(str, shape)):<26}{cost:12.1f} ns")
     steps = np.array([100, 300, 1_000, 3_000, 10_000, 30_000, 100_000])
     tracks = np.array([100, 300, 1_000, 3_000, 10_000, 20_000])
     for name, function in [("final state", tertia_final), ("all states", tertia_all)]:
-        fit_growth(f"one track of n steps, {name}", function, [(1, n) for n in steps], steps)
-        fit_growth(f"n tracks of 50 steps, {name}", function, [(n, 50) for n in tracks], tracks)
-    fit_growth("fuse_series, 2 radars, n steps", fused, [(2, n) for n in steps], steps)
+        growth(f"one track of n steps, {name}", function, [(1, n) for n in steps], steps)
+        growth(f"n tracks of 50 steps, {name}", function, [(n, 50) for n in tracks], tracks)
+    growth("fuse_series, 2 radars, n steps", fused, [(2, n) for n in steps], steps)
 
 
 if __name__ == "__main__":

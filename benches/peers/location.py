@@ -8,13 +8,11 @@ the median of the stations' own fixes. Results of least squares must agree to 1e
 Tukey's biweight to 1e-4 in all but one in a thousand, before they are timed.
 """
 
-import os
-import time
 from functools import partial
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from timing import cpu_time
 
+# isort: split
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import chi2
@@ -26,7 +24,6 @@ SIGMAS = np.array([10.0, np.radians(0.3), np.radians(0.3)])
 FAULTY = 0.05
 COUNTS = [1_000, 10_000, 100_000]
 LOOPED = 200
-ROUNDS = 3
 HUBER, TUKEY = 1.345, 4.685
 ASYMPTOTIC = 0.963
 
@@ -148,12 +145,7 @@ def tertia(z, method):
 
 
 def microseconds(function, count):
-    times = []
-    for _ in range(ROUNDS):
-        begin = time.process_time()
-        function()
-        times.append(time.process_time() - begin)
-    return 1e6 * min(times) / count
+    return cpu_time(function) / 1e3 / count
 
 
 def measurements(count, faulty):

@@ -1,28 +1,27 @@
-"""The mask of anomalous values, side by side with what else computes one, in one run.
+"""The mask of outliers, side by side with other ways to compute one, in one run.
 
 Nanoseconds of CPU time per value, the least of several rounds on one thread, and the ratio to
 Tertia. The alternatives do not all answer the same question (sigma clipping iterates, Hampel looks
-at a window), but each is what its users would call for it. The last lines fit cost = a N^b to
-Tertia's times.
+at a window), but each is what its users would call for it. What is not installed is left out. The
+last lines fit cost = a N^b to Tertia's times.
 """
 
-import os
-import time
-import warnings
+from functools import partial
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+from timing import cpu_time, fit_growth, optional
 
-import hampel
-import numba
+# isort: split
 import numpy as np
-import scipy.stats
-from astropy.stats import sigma_clip
 
 from tertia import screening
 
+astropy = optional("astropy.stats")
+hampel = optional("hampel")
+numba = optional("numba")
+scipy = optional("scipy.stats")
+
 K = 2.5
 SECONDS = 0.5
-SLOWEST = 3.0
 
 
 def tertia_mask(y):
@@ -47,19 +46,19 @@ def numpy_leave_one_out(y):
 
 
 def scipy_zscore(y):
-    return np.abs(scipy.stats.zscore(y, axis=-1)) > K
+    return np.abs(scipy.zscore(y, axis=-1)) > K
 
 
 def astropy_sigma_clip(y):
-    return sigma_clip(y, sigma=K, maxiters=1, axis=-1 if y.ndim > 1 else None).mask
+    return astropy.sigma_clip(y, sigma=K, maxiters=1, axis=-1 if y.ndim > 1 else None).mask
 
 
 def hampel_filter(y):
     return hampel.hampel(y, window_size=11, n_sigma=K).outlier_indices
 
 
-@numba.njit
-def _numba_rows(y, k, out):
+def mask_rows(y, k, out):
+    """A loop over numbers, for numba."""
     rows, n = y.shape
     c = k * (n - 1) ** 1.5 / np.sqrt(n * (n * (n - 2) + k * k * (n - 1)))
     for i in range(rows):
@@ -75,47 +74,39 @@ def _numba_rows(y, k, out):
             out[i, j] = abs(y[i, j] - mean) > threshold
 
 
+if numba:
+    compiled = numba.njit(mask_rows)
+
+
 def numba_loops(y):
     rows = y.reshape(-1, y.shape[-1])
     out = np.empty(rows.shape, dtype=bool)
-    _numba_rows(rows, K, out)
+    compiled(rows, K, out)
     return out.reshape(y.shape)
 
 
 ALTERNATIVES = {
-    "NumPy, threshold form": numpy_threshold,
-    "NumPy, M' and D'": numpy_leave_one_out,
-    "numba": numba_loops,
-    "SciPy zscore": scipy_zscore,
-    "astropy sigma_clip": astropy_sigma_clip,
-    "hampel": hampel_filter,
+    "NumPy, threshold form": (np, numpy_threshold),
+    "NumPy, M' and D'": (np, numpy_leave_one_out),
+    "numba": (numba, numba_loops),
+    "SciPy zscore": (scipy, scipy_zscore),
+    "astropy sigma_clip": (astropy, astropy_sigma_clip),
+    "hampel": (hampel, hampel_filter),
 }
 
 
 def nanoseconds(function, y):
-    """Least CPU time per value of repeated calls."""
+    """Least CPU time per value; the first call may compile."""
     function(y)
-    start = time.process_time_ns()
-    function(y)
-    once = max(time.process_time_ns() - start, 1)
-    if once > SLOWEST * 1e9:
-        return once / y.size
-    calls = max(1, int(2e7 / once))
-    best, end = np.inf, time.monotonic() + SECONDS
-    while time.monotonic() < end:
-        start = time.process_time_ns()
-        for _ in range(calls):
-            function(y)
-        best = min(best, (time.process_time_ns() - start) / calls)
-    return best / y.size
+    return cpu_time(partial(function, y), SECONDS) / y.size
 
 
 def compare(shape):
     y = np.random.default_rng(1).standard_normal(shape)
     own = nanoseconds(tertia_mask, y)
     print(f"\n{' x '.join(map(str, shape))} values\n  {'Tertia':<24}{own:10.2f} ns")
-    for name, function in ALTERNATIVES.items():
-        if name == "hampel" and (y.ndim > 1 or y.size > 100_000):
+    for name, (package, function) in ALTERNATIVES.items():
+        if package is None or (name == "hampel" and (y.ndim > 1 or y.size > 100_000)):
             continue
         other = nanoseconds(function, y)
         print(f"  {name:<24}{other:10.2f} ns {other / own:10.1f} times")
@@ -123,26 +114,23 @@ def compare(shape):
     print(f"  {'(np.sum: one read)':<24}{read:10.2f} ns {read / own:10.1f} times")
 
 
-def fit_growth(name, function):
+def growth(name, function):
     lengths = np.array([10**2, 10**3, 10**4, 10**5, 10**6, 10**7])
     rng = np.random.default_rng(1)
     per_value = [nanoseconds(function, rng.standard_normal(n)) for n in lengths]
     # below 10^4 the call itself costs more than the values
-    exponent = np.polyfit(np.log(lengths[2:]), np.log(per_value[2:] * lengths[2:]), 1)[0]
+    _, exponent = fit_growth(lengths[2:], per_value[2:] * lengths[2:])
     costs = ", ".join(f"{cost:.2f}" for cost in per_value)
     print(f"{name}: N^{exponent:.3f} from 10^4 to 10^7; ns per value from 10^2 on: {costs}")
 
 
 def main():
-    warnings.simplefilter("ignore")
     for shape in [(100,), (10_000,), (10_000_000,), (10_000, 100)]:
         compare(shape)
     print()
-    fit_growth("leave_one_out_mask", tertia_mask)
-    fit_growth("leave_one_out", lambda y: screening.leave_one_out(y, n_threads=1))
-    fit_growth(
-        "leave_one_out_statistics", lambda y: screening.leave_one_out_statistics(y, n_threads=1)
-    )
+    growth("leave_one_out_mask", tertia_mask)
+    growth("leave_one_out", lambda y: screening.leave_one_out(y, n_threads=1))
+    growth("leave_one_out_statistics", lambda y: screening.leave_one_out_statistics(y, n_threads=1))
 
 
 if __name__ == "__main__":

@@ -7,38 +7,24 @@ start from a wide prior. Everything must agree before it is timed. What is not i
 out. The last lines fit cost = a n^b to Tertia's times.
 """
 
-import importlib
-import os
-import time
-import warnings
+from functools import partial
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from timing import fit_growth, least, optional, report
 
+# isort: split
 import numpy as np
 from scipy.signal import savgol_filter
 
 from tertia.smoothing import local_polynomial, smooth
 
+filterpy = optional("filterpy.kalman")
+statsmodels = optional("statsmodels.tsa.statespace.kalman_smoother")
+
 WINDOW, JERK = 13, 1e-3
 FEW = 2_000
-ROUNDS, SECONDS = 5, 0.2
 F = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1]])
 Q = JERK * np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]])
 WIDE = 1e8
-
-
-def optional(module):
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        print(f"{module} is not installed, so it is left out")
-        return None
-
-
-warnings.simplefilter("ignore")
-filterpy = optional("filterpy.kalman")
-statsmodels = optional("statsmodels.tsa.statespace.kalman_smoother")
 
 
 def series(n):
@@ -82,32 +68,6 @@ def require_agreement(name, found, expected, tolerance):
         raise SystemExit(f"{name} is off by {off:.1e}")
 
 
-def nanoseconds(function, y):
-    """Least CPU time per instant."""
-    best, end = np.inf, time.monotonic() + SECONDS
-    while time.monotonic() < end:
-        start = time.process_time_ns()
-        function(y)
-        best = min(best, (time.process_time_ns() - start) / len(y))
-    return best
-
-
-def least(problems):
-    best = dict.fromkeys(problems, np.inf)
-    # in turn, so that all of them see the machine both busy and quiet
-    for _ in range(ROUNDS):
-        for name, (function, y) in problems.items():
-            best[name] = min(best[name], nanoseconds(function, y))
-    return best
-
-
-def report(title, best):
-    print(f"\n{title}")
-    (_, own), *_ = best.items()
-    for name, cost in best.items():
-        print(f"  {name:<34}{cost:12.1f} ns {cost / own:10.2f} times")
-
-
 def polynomials(n):
     y = series(n)
     for derivative in (0, 1):
@@ -120,24 +80,23 @@ def polynomials(n):
                 return savgol_filter(y, WINDOW, degree, deriv=derivative, mode="interp")
 
             require_agreement("savgol_filter", other(y), own(y), 1e-12)
-            problems = {"Tertia, with sigma": (own, y), "savgol_filter": (other, y)}
+            problems = {
+                "Tertia, with sigma": (partial(own, y), n),
+                "savgol_filter": (partial(other, y), n),
+            }
             title = f"{n} instants, degree {degree}, derivative {derivative}"
             report(title, least(problems))
+    uneven = np.arange(n) + 0.3 * np.sin(np.arange(n))
     problems = {
-        "equal steps": (lambda y: local_polynomial(y, WINDOW, n_threads=1), y),
-        "irregular": (
-            lambda y: local_polynomial(
-                y, WINDOW, time=np.arange(n) + 0.3 * np.sin(np.arange(n)), n_threads=1
-            ),
-            y,
-        ),
+        "equal steps": (lambda: local_polynomial(y, WINDOW, n_threads=1), n),
+        "irregular": (lambda: local_polynomial(y, WINDOW, time=uneven, n_threads=1), n),
     }
     report(f"{n} instants, adaptive degree", least(problems))
 
 
 def tracks():
     y = series(10_000)
-    problems = {"Tertia": (tertia_track, y)}
+    problems = {"Tertia": (partial(tertia_track, y), len(y))}
     mean, covariance = tertia_track(y[:FEW])
     for name, module, function in [
         ("filterpy", filterpy, filterpy_track),
@@ -148,16 +107,15 @@ def tracks():
             middle = slice(100, -100)
             require_agreement(name, found[0][middle], mean[middle], 1e-6)
             require_agreement(name, found[1][middle], covariance[middle], 1e-6)
-            problems[name] = (function, y[:FEW])
+            problems[name] = (partial(function, y[:FEW]), FEW)
     report("smoother of position, velocity and acceleration, one axis", least(problems))
 
 
 def growth(name, function):
     sizes = np.array([1_000, 3_000, 10_000, 30_000, 100_000])
-    best = least({n: (function, series(n)) for n in sizes})
-    total = np.array(list(best.values())) * sizes
-    exponent, intercept = np.polyfit(np.log(sizes), np.log(total), 1)
-    print(f"  {name:<34}{np.exp(intercept):12.1f} ns n^{exponent:.3f}")
+    best = least({n: (partial(function, series(n)), 1) for n in sizes})
+    factor, exponent = fit_growth(sizes, list(best.values()))
+    print(f"  {name:<34}{factor:12.1f} ns n^{exponent:.3f}")
 
 
 def main():

@@ -20,15 +20,15 @@ Soup then takes seconds a scan.
 import argparse
 import importlib
 import itertools
-import os
 import time
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from functools import cache
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from timing import optional
 
+# isort: split
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -73,11 +73,6 @@ MODULES = {
     "types.state": ("GaussianState",),
     "types.update": ("Update",),
     "base": ("Property",),
-}
-SS = {
-    name: getattr(importlib.import_module(f"stonesoup.{module}"), name)
-    for module, names in MODULES.items()
-    for name in names
 }
 
 
@@ -165,39 +160,53 @@ def tertia_tracker(motion="imm", confirmation=(3, 4), **options):
 # Stone Soup
 
 
-class NearBeam(SS["Hypothesiser"]):
-    """Hypotheses with the plots near a track, and its missed plot at the time of the beam."""
+@cache
+def stonesoup():
+    """The classes of Stone Soup by name, with two more."""
+    ss = {
+        name: getattr(importlib.import_module(f"stonesoup.{module}"), name)
+        for module, names in MODULES.items()
+        for name in names
+    }
 
-    hypothesiser = SS["Property"](SS["Hypothesiser"], doc="What weighs the plots.")
-    scan = SS["Property"](dict, doc="Plots of the scan, their tree, its beginning, and the radar.")
+    class NearBeam(ss["Hypothesiser"]):
+        """Hypotheses with the plots near a track, and its missed plot at the time of the beam."""
 
-    def hypothesise(self, track, detections, timestamp, **kwargs):
-        scan, mean, covariance = self.scan, track.state_vector, track.covar
-        radar, phase = scan["radar"], scan["phase"]
-        age = (timestamp - track.timestamp).total_seconds() - PERIOD / 2
-        place = np.array([mean[0] + age * mean[1], mean[2] + age * mean[3]], dtype=float)
-        east, north = place - radar.position[:2]
-        share = (
-            (phase + PERIOD * np.arctan2(east, north) / (2 * np.pi) - scan["begin"]) / PERIOD
-        ) % 1
-        beam = max(START + timedelta(seconds=scan["begin"] + PERIOD * share), track.timestamp)
-        t = (beam - track.timestamp).total_seconds()
-        place = [float(mean[0] + t * mean[1]), float(mean[2] + t * mean[3])]
-        spread = np.sqrt(covariance[0, 0] + covariance[2, 2])
-        spread += (t + 0.1) * np.sqrt(covariance[1, 1] + covariance[3, 3])
-        near = scan["tree"].query_ball_point(place, 3.6 * (spread + 200.0)) if detections else []
-        chosen = [scan["detections"][i] for i in near]
-        chosen = {d for d in chosen if d in detections and d.timestamp >= track.timestamp}
-        return self.hypothesiser.hypothesise(track, chosen, beam, **kwargs)
+        hypothesiser = ss["Property"](ss["Hypothesiser"], doc="Weighs the plots.")
+        scan = ss["Property"](
+            dict, doc="Plots of the scan, their tree, its beginning, and the radar."
+        )
 
+        def hypothesise(self, track, detections, timestamp, **kwargs):
+            scan, mean, covariance = self.scan, track.state_vector, track.covar
+            radar, phase = scan["radar"], scan["phase"]
+            age = (timestamp - track.timestamp).total_seconds() - PERIOD / 2
+            place = np.array([mean[0] + age * mean[1], mean[2] + age * mean[3]], dtype=float)
+            east, north = place - radar.position[:2]
+            share = (
+                (phase + PERIOD * np.arctan2(east, north) / (2 * np.pi) - scan["begin"]) / PERIOD
+            ) % 1
+            beam = max(START + timedelta(seconds=scan["begin"] + PERIOD * share), track.timestamp)
+            t = (beam - track.timestamp).total_seconds()
+            place = [float(mean[0] + t * mean[1]), float(mean[2] + t * mean[3])]
+            spread = np.sqrt(covariance[0, 0] + covariance[2, 2])
+            spread += (t + 0.1) * np.sqrt(covariance[1, 1] + covariance[3, 3])
+            near = (
+                scan["tree"].query_ball_point(place, 3.6 * (spread + 200.0)) if detections else []
+            )
+            chosen = [scan["detections"][i] for i in near]
+            chosen = {d for d in chosen if d in detections and d.timestamp >= track.timestamp}
+            return self.hypothesiser.hypothesise(track, chosen, beam, **kwargs)
 
-class TooFew(SS["Deleter"]):
-    """Ends tentative tracks that have missed too many scans."""
+    class TooFew(ss["Deleter"]):
+        """Ends tentative tracks that have missed too many scans."""
 
-    misses = SS["Property"](int, doc="So many may be missed.")
+        misses = ss["Property"](int, doc="Scans that may be missed.")
 
-    def check_for_deletion(self, track, **kwargs):
-        return sum(not isinstance(state, SS["Update"]) for state in track) > self.misses
+        def check_for_deletion(self, track, **kwargs):
+            return sum(not isinstance(state, ss["Update"]) for state in track) > self.misses
+
+    return ss | {"NearBeam": NearBeam, "TooFew": TooFew}
 
 
 def tertia_recording(scene):
@@ -205,7 +214,7 @@ def tertia_recording(scene):
     costs = []
     for _ in range(3):
         start = time.process_time()
-        table = track(scene.plots, scene.radars, "imm", coasting=COASTING)
+        table = track(scene.plots, scene.radars, motion="imm", coasting=COASTING)
         costs.append(time.process_time() - start)
     table = table[table.confirmed]
     count = sum(1 for radar in range(len(scene.radars)) for _ in scans(scene, radar))
@@ -213,9 +222,10 @@ def tertia_recording(scene):
 
 
 def stonesoup_steps(scene, scan):
-    """Times and sets of detections; `scan` is told what they are."""
+    """Times and sets of detections, which are noted in `scan`."""
+    ss = stonesoup()
     models = [
-        SS["CartesianToBearingRange"](
+        ss["CartesianToBearingRange"](
             ndim_state=4,
             mapping=(0, 2),
             noise_covar=np.diag([radar.azimuth_sigma**2, radar.range_sigma**2]),
@@ -228,9 +238,9 @@ def stonesoup_steps(scene, scan):
     for radar, model in enumerate(models):
         for begin, end, plots in scans(scene, radar):
             detections = [
-                SS["Detection"](
-                    SS["StateVector"](
-                        [SS["Bearing"](np.pi / 2 - scene.plots.azimuth[i]), scene.plots.range[i]]
+                ss["Detection"](
+                    ss["StateVector"](
+                        [ss["Bearing"](np.pi / 2 - scene.plots.azimuth[i]), scene.plots.range[i]]
                     ),
                     timestamp=START + timedelta(seconds=scene.plots.time[i]),
                     measurement_model=model,
@@ -252,22 +262,22 @@ def stonesoup_steps(scene, scan):
 
 def stonesoup_tracker(method, confirmation=(3, 4), sigma=STRAIGHT_SIGMA):
     def run(scene):
-        scan, radars = {}, len(scene.radars)
+        ss, scan, radars = stonesoup(), {}, len(scene.radars)
         q = sigma**2 * PERIOD
-        motion = SS["CombinedLinearGaussianTransitionModel"]([SS["ConstantVelocity"](q)] * 2)
+        motion = ss["CombinedLinearGaussianTransitionModel"]([ss["ConstantVelocity"](q)] * 2)
         parts = {
-            "predictor": SS["KalmanPredictor"](motion),
-            "updater": SS["ExtendedKalmanUpdater"](None),
+            "predictor": ss["KalmanPredictor"](motion),
+            "updater": ss["ExtendedKalmanUpdater"](None),
         }
-        nearest = SS["DistanceHypothesiser"](
-            **parts, measure=SS["Mahalanobis"](), missed_distance=GATE**0.5
+        nearest = ss["DistanceHypothesiser"](
+            **parts, measure=ss["Mahalanobis"](), missed_distance=GATE**0.5
         )
-        gnn = SS["GNNWith2DAssignment"](NearBeam(nearest, scan))
-        initiator = SS["MultiMeasurementInitiator"](
-            prior_state=SS["GaussianState"](
+        gnn = ss["GNNWith2DAssignment"](ss["NearBeam"](nearest, scan))
+        initiator = ss["MultiMeasurementInitiator"](
+            prior_state=ss["GaussianState"](
                 [[0], [0], [0], [0]], np.diag([0, SPEED_SIGMA**2, 0, SPEED_SIGMA**2])
             ),
-            deleter=TooFew((confirmation[1] - confirmation[0]) * radars),
+            deleter=ss["TooFew"]((confirmation[1] - confirmation[0]) * radars),
             data_associator=gnn,
             updater=parts["updater"],
             min_points=confirmation[0],
@@ -275,20 +285,20 @@ def stonesoup_tracker(method, confirmation=(3, 4), sigma=STRAIGHT_SIGMA):
         associator = gnn
         if method == "JPDA":
             distance = np.hypot(*MIDDLE)
-            probable = SS["PDAHypothesiser"](
+            probable = ss["PDAHypothesiser"](
                 **parts,
                 # per radian and metre
                 clutter_spatial_density=max(scene.clutter, 1.0) * distance / (np.pi * RANGE**2),
                 prob_detect=DETECTION,
                 prob_gate=GATE_PROBABILITY,
             )
-            associator = SS["JPDAwithEHM2"](NearBeam(probable, scan))
+            associator = ss["JPDAwithEHM2"](ss["NearBeam"](probable, scan))
         name = "MultiTargetMixtureTracker" if method == "JPDA" else "MultiTargetTracker"
         steps = list(scans_of(scene, scan))
-        tracker = SS[name](
+        tracker = ss[name](
             initiator=initiator,
-            deleter=SS["UpdateTimeStepsDeleter"](COASTING * radars + 1),
-            detector=told(steps, scan),
+            deleter=ss["UpdateTimeStepsDeleter"](COASTING * radars + 1),
+            detector=replayed(steps, scan),
             data_associator=associator,
             updater=parts["updater"],
         )
@@ -316,12 +326,12 @@ def stonesoup_tracker(method, confirmation=(3, 4), sigma=STRAIGHT_SIGMA):
 
 
 def scans_of(scene, scan):
-    """All steps, and what is told of each."""
+    """All steps, with what `scan` holds at each."""
     for when, detections in stonesoup_steps(scene, scan):
         yield when, detections, dict(scan)
 
 
-def told(steps, scan):
+def replayed(steps, scan):
     for when, detections, what in steps:
         scan.clear()
         scan.update(what)
@@ -378,6 +388,8 @@ TRACKERS = {
     "Stone Soup GNN, 3 m/s2": stonesoup_tracker("GNN", sigma=3.0),
     "Stone Soup JPDA": stonesoup_tracker("JPDA"),
 }
+if optional("stonesoup") is None:
+    TRACKERS = {name: one for name, one in TRACKERS.items() if not name.startswith("Stone Soup")}
 
 
 def report(title, found):

@@ -3,40 +3,29 @@
 Microseconds of CPU time, the least of several rounds on one thread, and the ratio to Tertia. The
 alternatives go through the paper's formulas or their closed form, or differentiate the weight
 itself and multiply the Jacobian into the covariance of the sample covariances. Everything must
-agree to 1e-9 before it is timed. JAX takes part where it is installed; its compilation is not
-timed. The last lines fit cost = a m^b to Tertia's times: b approaches 4 slowly, for what costs
-m³ or less weighs up to m = 16, and long rows are cheaper per element.
+agree to 1e-9 before it is timed. What is not installed is left out; compilation is not timed. The
+last lines fit cost = a m^b to Tertia's times: b approaches 4 slowly, because terms of m³ and less
+matter up to m = 16, and long rows are cheaper per element.
 """
 
-import os
-import time
+from functools import partial
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-)
+from timing import fit_growth, least, optional, report
 
-import autograd
-import autograd.numpy as anp
+# isort: split
 import numpy as np
 
 from tertia import weights
 
-try:
-    import jax
-    import jax.numpy as jnp
-except ImportError:
-    jax = None
+anp = optional("autograd.numpy")
+jax = optional("jax")
 
 N = 30
 # of either sensor
 C = (1 / (N - 1), 1 / (N - 1))
 TOLERANCE = 1e-9
 BATCH = 10_000
-SECONDS = 1.0
-ROUNDS = 6
-# so many elements of the result fit into a cache
+# elements of the result that fit into a cache
 RESULTS_IN_CACHE = 2**17
 
 
@@ -149,13 +138,6 @@ def vectors_of(s):
     return s.swapaxes(1, 2).reshape(2, -1)
 
 
-AUTOGRAD_JACOBIAN = autograd.jacobian(lambda vectors: weight(vectors, anp))
-
-
-def autograd_jacobian(s):
-    return propagate(np.moveaxis(AUTOGRAD_JACOBIAN(vectors_of(s)), 1, 0), s)
-
-
 ALTERNATIVES = {
     "Tertia, n of each sensor": tertia_n_of_each,
     "E_ij loop (13), (14)": loop,
@@ -163,16 +145,24 @@ ALTERNATIVES = {
     "einsum, closed form": einsum,
     "NumPy outer, closed form": outer,
     "complex step": complex_step,
-    "autograd jacobian": autograd_jacobian,
 }
 BATCHED = {"einsum, closed form": einsum, "NumPy outer, closed form": outer}
 
-if jax is not None:
+if anp:
+    AUTOGRAD_JACOBIAN = optional("autograd").jacobian(lambda vectors: weight(vectors, anp))
+
+    def autograd_jacobian(s):
+        return propagate(np.moveaxis(AUTOGRAD_JACOBIAN(vectors_of(s)), 1, 0), s)
+
+    ALTERNATIVES["autograd jacobian"] = autograd_jacobian
+
+if jax:
     jax.config.update("jax_enable_x64", True)
+    jnp = jax.numpy
 
     def _differentiated(s):
         m = s.shape[-1]
-        blocks = jax.jacfwd(lambda vectors: weight(vectors, jnp))(s.swapaxes(1, 2).reshape(2, -1))
+        blocks = jax.jacfwd(lambda vectors: weight(vectors, jnp))(vectors_of(s))
         total = 0.0
         for j, c in enumerate(C):
             product = jnp.kron(s[j], s[j])
@@ -207,60 +197,32 @@ def require_agreement(functions, s):
             raise SystemExit(f"{name} is off by {off:.1e} for {s.shape}")
 
 
-def microseconds(function, *arguments, seconds=SECONDS):
-    """Least CPU time of repeated calls."""
-    function(*arguments)
-    start = time.process_time_ns()
-    function(*arguments)
-    once = max(time.process_time_ns() - start, 1)
-    calls = max(1, int(1e7 / once))
-    best, end = np.inf, time.monotonic() + seconds
-    while time.monotonic() < end:
-        start = time.process_time_ns()
-        for _ in range(calls):
-            function(*arguments)
-        best = min(best, (time.process_time_ns() - start) / calls)
-    return best / 1e3
-
-
 def compare(title, functions, s):
     require_agreement(functions, s)
     everything = {"Tertia": tertia_covariance} | functions
-    best = dict.fromkeys(everything, np.inf)
-    # in turn, so that all of them see the machine both busy and quiet
-    for _ in range(ROUNDS):
-        for name, function in everything.items():
-            best[name] = min(best[name], microseconds(function, s, seconds=SECONDS / ROUNDS))
-    own = best["Tertia"]
-    print(f"\n{title}\n  {'Tertia':<26}{own:12.2f} µs")
-    for name in functions:
-        print(f"  {name:<26}{best[name]:12.2f} µs {best[name] / own:10.1f} times")
+    report(title, least({name: (partial(f, s), 1) for name, f in everything.items()}), "µs")
 
 
-def fit_growth():
+def growth():
     orders = np.arange(2, 17)
     problems = [covariances(m, (max(1, RESULTS_IN_CACHE // m**4),)) for m in orders]
-    costs = np.full(len(orders), np.inf)
-    for _ in range(ROUNDS):
-        measured = [microseconds(tertia_covariance, s, seconds=SECONDS / ROUNDS) for s in problems]
-        costs = np.minimum(costs, np.divide(measured, [len(s) for s in problems]))
+    calls = {len(s[0, 0]): (partial(tertia_covariance, s), len(s)) for s in problems}
+    costs = np.array(list(least(calls).values()))
     print("\nweight_covariance, one problem of a batch that fits into a cache")
     for m, cost in zip(orders, costs, strict=True):
-        print(f"  m = {m:<3}{cost:10.3f} µs {1e3 * cost / m**4:8.2f} ns per element")
+        print(f"  m = {m:<3}{cost / 1e3:10.3f} µs {cost / m**4:8.2f} ns per element")
     # from 7 on the order is a number at run time
     for first, last in [(2, 16), (2, 6), (7, 16)]:
         chosen = (orders >= first) & (orders <= last)
-        exponent, intercept = np.polyfit(np.log(orders[chosen]), np.log(costs[chosen]), 1)
-        print(f"m = {first} to {last}: {1e3 * np.exp(intercept):.2f} ns m^{exponent:.2f}")
+        factor, exponent = fit_growth(orders[chosen], costs[chosen])
+        print(f"m = {first} to {last}: {factor:.2f} ns m^{exponent:.2f}")
 
 
 def main():
-    if jax is None:
-        print("JAX is not installed, so it is left out")
     for m in (3, 6, 9):
         compare(f"one problem, m = {m}", ALTERNATIVES, covariances(m))
     compare(f"{BATCH} problems, m = 3", BATCHED, covariances(3, (BATCH,)))
-    fit_growth()
+    growth()
 
 
 if __name__ == "__main__":
