@@ -179,7 +179,7 @@ def test_the_pages_have_what_is_looked_for() -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_tests_that_pages_name_exist(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
-    for file, name in re.findall(r"\b(test_\w+\.py)::(\w+(?:::\w+)?)", text):
+    for file, name in re.findall(r"\b((?:\w+/)?test_\w+\.py)::(\w+(?:::\w+)?)", text):
         body = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8")).body
         for part in name.split("::"):
             (found,) = (node for node in body if getattr(node, "name", "") == part)
