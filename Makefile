@@ -5,7 +5,11 @@ BIN := $(VENV)/bin
 WHEEL := dist/.installed
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.html' -o -name Cargo.toml)
 
-.PHONY: demo test lint docs figures bench clean
+DISPATCHED := from numpy._core._multiarray_umath import __cpu_dispatch__ as names; print(*names)
+COMPARED := $(wildcard $(addprefix tests/,association bearing flightplan fusion geo kalman location metrics \
+	registration screening sensors simulate smoothing tracker trajectory weights))
+
+.PHONY: demo test test-baseline lint docs figures bench clean
 
 # a recording of your own: make demo PLOTS="a.csv b.csv" RADARS=radars.toml, and if there are any PLANS=,
 # TRUTH=, and OPTIONS= as tertia report --help tells them
@@ -28,11 +32,19 @@ else
 endif
 	@echo "The report is in demo/report.html: open it in a browser"
 
+# one test to a core: NumPy's linear algebra needs no threads of its own
+test test-baseline: export OPENBLAS_NUM_THREADS = 1
+
 test: $(WHEEL) $(VENV)/.test
 	cargo test --workspace
 	$(BIN)/python -m pytest -n auto --dist loadscope
 	$(BIN)/python -m pytest --doctest-modules --pyargs tertia --ignore-glob="*/interop/traffic.py"
 	$(BIN)/python -m mypy.stubtest tertia._core
+
+# once more what compares with NumPy, with its vector loops switched off: no test depends on rounding
+test-baseline: $(WHEEL) $(VENV)/.test
+	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(DISPATCHED)')" OPENBLAS_CORETYPE=Nehalem \
+		$(BIN)/python -m pytest -n auto --dist loadscope -m "not slow" $(COMPARED)
 
 lint: $(WHEEL) $(VENV)/.test docs
 	cargo fmt --all --check
