@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from tertia._arrays import FloatArray, finite, generator
 from tertia.flightplan import FlightPlan
-from tertia.simulate._motion import Motion, Pilots, Table, fly
+from tertia.simulate._motion import Pilots, fly
 from tertia.simulate._records import _number, _require
 from tertia.simulate._routes import TURNS, FlightScenario, build
 from tertia.simulate._traffic import Traffic, dense_traffic
@@ -121,24 +121,23 @@ def flights(
     mean = _number(bank, "bank", _BANK_MIN, _BANK_MAX)
     spread = _number(bank_sigma, "bank_sigma", 0.0, 1.0)
     pilots = Pilots(
-        wind=np.ascontiguousarray(winds).view(np.complex128)[:, 0],
-        error=random.uniform(-error, error, n),
+        wind=winds,
+        speed_error=random.uniform(-error, error, n),
         bank=np.clip(random.normal(mean, spread, n), _BANK_MIN, _BANK_MAX),
         roll=np.maximum(random.normal(_ROLL, _ROLL_SIGMA, n), _ROLL_MIN),
         turn_rate=np.array([plan.turn_rate for plan in filed]),
         navigation=_number(navigation_sigma, "navigation_sigma", 0.0, 1e5),
     )
-    motion = Motion(Table(routes), pilots, h, random)
-    samples, starts = fly(motion), np.array([plan.start_time for plan in filed])
+    columns, starts = fly(routes, pilots, h, random), np.array([plan.start_time for plan in filed])
+    left, returned = (starts + columns.pop(name) for name in ("left", "returned"))
     return Traffic(
         start=starts,
-        count=samples.pop("flying").sum(axis=1),
         step=h,
-        **samples,
+        **columns,
         identity=np.array([NO_IDENTITY if p.identity is None else p.identity for p in filed]),
         wind=winds,
-        left=motion.left + starts,
-        returned=motion.returned + starts,
+        left=left,
+        returned=returned,
         plans=filed,
     )
 

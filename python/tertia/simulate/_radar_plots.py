@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator
 from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Radar
@@ -21,10 +22,6 @@ __all__ = ["RadarPlots", "radar_plots"]
 CLUTTER = -1
 # bits of a code that others' replies may change
 _CODE_BITS = 12
-# seconds: a step of Newton's so short that the next is below a microsecond; rounds of it
-_MEETS, _ROUNDS = 1e-3, 20
-# rates of the beam against an aircraft, in units of the beam's, for which meetings are found
-_SHARES = (0.5, 1.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,66 +212,11 @@ def _per_radar(value: npt.ArrayLike, name: str, shape: tuple[int, ...]) -> Float
 
 
 def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, FloatArray]:
-    """Return when the beam passes which flight, scan by scan.
-
-    A scan later the beam is where the aircraft was; the next meeting is found from there.
-    """
-    flight, end = np.arange(len(traffic)), traffic.end
-    azimuth, _ = _azimuth(traffic, radar, flight, traffic.start)
-    lag = azimuth - _beam(radar, north, traffic.start)
-    time = traffic.start + radar.scan_period * (lag / (2 * np.pi) % 1.0)
-    flights, times = [flight[:0]], [time[:0]]
-    while len(flight):
-        guess = time
-        time, scan, meets = _meet(traffic, radar, north, flight, guess)
-        inside = meets & (time >= traffic.start[flight]) & (time <= end[flight])
-        flights.append(flight[inside])
-        times.append(time[inside])
-        later = time <= end[flight]
-        # whatever an aircraft right above the radar does, time goes on
-        following = np.maximum(time + scan, guess + radar.scan_period / 2)
-        flight, time = flight[later], following[later]
-    return np.concatenate(flights), np.concatenate(times)
-
-
-def _meet(
-    traffic: Traffic, radar: Radar, north: float, flight: IntArray, guess: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return when beam and aircraft are at one azimuth, how long until the next time, and success.
-
-    By Newton's method. Right above the radar, where an aircraft's azimuth may change as quickly as
-    the beam's, there may be no such time: then the guess is returned.
-    """
-    time, scan = guess.copy(), np.full(len(guess), radar.scan_period)
-    open_, meets = np.arange(len(guess)), np.zeros(len(guess), dtype=bool)
-    for _ in range(_ROUNDS):
-        azimuth, rate = _azimuth(traffic, radar, flight[open_], time[open_])
-        lag = (azimuth - _beam(radar, north, time[open_])) / (2 * np.pi)
-        # the aircraft runs away from the beam, or towards it
-        share = np.clip(1.0 - rate * radar.scan_period / (2 * np.pi), *_SHARES)
-        late = radar.scan_period / share * ((lag + 0.5) % 1.0 - 0.5)
-        time[open_] += late
-        scan[open_] = radar.scan_period / share
-        found = np.abs(late) < _MEETS
-        meets[open_[found]] = True
-        open_ = open_[~found]
-        if not len(open_):
-            break
-    # farther away, it is another scan's
-    meets &= np.abs(time - guess) < 0.75 * radar.scan_period
-    return np.where(meets, time, guess), np.where(meets, scan, radar.scan_period), meets
-
-
-def _azimuth(
-    traffic: Traffic, radar: Radar, flight: IntArray, time: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return azimuths and their rates; before the start and behind the end those there."""
-    inside = np.clip(time, traffic.start[flight], traffic.end[flight])
-    position, velocity = traffic._state(flight, inside)
-    offset = position - complex(*radar.position[:2])
-    # an aircraft right above the radar has any azimuth
-    slope = velocity / np.where(offset == 0.0, 1.0, offset)
-    return np.angle(1j * offset.conj()), -slope.imag
+    """Return when the beam passes which flight, scan by scan."""
+    if not len(traffic):
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    place = radar.position[:2].tolist()
+    return _core.beam_meetings(traffic._columns(), place, radar.scan_period, north)
 
 
 def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
@@ -292,10 +234,10 @@ def _seen(
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
     """Return the plots of the aircraft that are within the range and detected."""
-    offset = traffic._state(flight, time)[0] - complex(*radar.position[:2])
-    height = traffic._height_at(flight, time)
+    position, _, height = traffic._state(flight, time)
+    offset = position - radar.position[:2]
     place = radar.position[2] if len(radar.position) == 3 else 0.0
-    distance = np.abs(offset)
+    distance = np.hypot(*offset.T)
     distance = np.where(np.isnan(height), distance, np.hypot(distance, height - place))
     seen = random.uniform(size=len(flight)) < radar.detection_probability
     seen &= distance <= radar.max_range
@@ -304,15 +246,15 @@ def _seen(
     n = len(rows)
     outlier = random.uniform(size=n) < faults.outlier
     error = random.standard_normal((2, n)) * np.where(outlier, faults.size, 1.0)
-    azimuth = np.angle(1j * offset[rows].conj()) + bias[1] + radar.azimuth_sigma * error[1]
+    azimuth = np.arctan2(*offset[rows].T) + bias[1] + radar.azimuth_sigma * error[1]
     # transponders report hundreds of feet
-    told = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL
-    told[random.uniform(size=n) < faults.no_height] = np.nan
+    reported = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL
+    reported[random.uniform(size=n) < faults.no_height] = np.nan
     return {
         "time": time[rows],
         "range": np.abs(distance[rows] + bias[0] + radar.range_sigma * error[0]),
         "azimuth": azimuth % (2 * np.pi),
-        "height": told,
+        "height": reported,
         "identity": _identity(traffic.identity[flight[rows]], faults, random),
         "target": flight[rows],
         "outlier": outlier,

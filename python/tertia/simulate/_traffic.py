@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, integer, samples
 from tertia.flightplan import FlightPlan
 from tertia.simulate._records import _number, _pair, _require
@@ -21,7 +22,6 @@ _SPACING = 9260.0
 # radians per second: those of an airliner's turn, half to twice of it
 _TURN_RATES = (np.radians(0.75), np.radians(3.0))
 _HEIGHTS = (3000.0, 12_000.0)
-NOWHERE = complex(np.nan, np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,28 +161,30 @@ class Traffic:
                 f"time has shape {times.shape}; it must fit flight, {flights.shape}"
             ) from None
         inside = (when >= self.start[who]) & (when <= self.end[who])
-        position, velocity = (np.where(inside, x, NOWHERE) for x in self._state(who, when))
-        return parts(position), parts(velocity)
+        position, velocity, _ = self._state(who.reshape(-1), when.reshape(-1))
+        inside = inside.reshape(-1, 1)
+        shape = (*when.shape, 2)
+        return (
+            np.where(inside, position, np.nan).reshape(shape),
+            np.where(inside, velocity, np.nan).reshape(shape),
+        )
 
     def _state(
         self, flight: IntArray, time: FloatArray
-    ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-        """Return position and velocity as `at` does, and go on beyond start and end.
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position, velocity and height at times, which may be before start and after end."""
+        if not len(flight):
+            return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
+        position, velocity, height = _core.traffic_states(
+            self._columns(), np.ascontiguousarray(flight), np.ascontiguousarray(time)
+        )
+        return position, velocity, height
 
-        East and north are real and imaginary part.
-        """
-        k, u = self._place(flight, time)
-        k += flight * self.position.shape[1]
-        positions = np.ascontiguousarray(self.position).view(np.complex128).reshape(-1)
-        velocities = np.ascontiguousarray(self.velocity).view(np.complex128).reshape(-1)
-        first, way = positions[k], positions[k + 1]
-        way -= first
-        begin, end = self.step * velocities[k], self.step * velocities[k + 1]
-        # the cubic by its derivatives at the first sample
-        square, cube = 3 * way - 2 * begin - end, begin + end - 2 * way
-        position = first + u * (begin + u * (square + u * cube))
-        velocity = (begin + u * (2 * square + 3 * u * cube)) / self.step
-        return position, velocity
+    def _columns(self) -> dict[str, Any]:
+        """Return the columns that the core takes."""
+        names = ("start", "count", "position", "velocity", "height")
+        columns = {name: np.ascontiguousarray(getattr(self, name)) for name in names}
+        return columns | {"step": self.step}
 
     def _flights(self, flight: npt.ArrayLike) -> IntArray:
         """Return numbers of flights, counted from the start."""
@@ -193,23 +195,6 @@ class Traffic:
         if np.any((who < -n) | (who >= n)):
             raise IndexError(f"flight must be between {-n} and {n - 1}")
         return np.where(who < 0, who + n, who).astype(np.int64)
-
-    def _place(self, flight: IntArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the sample before a time, and the share of the step behind it.
-
-        The share is below 0 before the start of a flight, and above 1 behind its end.
-        """
-        steps = (time - self.start[flight]) / self.step
-        last = self.count[flight] - 2
-        # a time that is nan has any sample: its share is nan
-        k = np.clip(np.nan_to_num(steps, posinf=0.0, neginf=0.0).astype(np.int64), 0, last)
-        return k, steps - k
-
-    def _height_at(self, flight: IntArray, time: FloatArray) -> FloatArray:
-        """Return heights between the samples."""
-        k, share = self._place(flight, time)
-        low: FloatArray = self.height[flight, k]
-        return low + share * (self.height[flight, k + 1] - low)
 
 
 def dense_traffic(

@@ -215,6 +215,7 @@ impl Columns<'_> {
 
 /// Traffic: (F,), (F,), and (F, S, 2), (F, S, 2), (F, S).
 #[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub struct Traffic<'py> {
     start: Bound<'py, PyAny>,
     count: PyReadonlyArray1<'py, i64>,
