@@ -1,23 +1,19 @@
-"""Records to try the estimators on, with the truth."""
+"""Simulated records with the truth, to test estimators on."""
 
+from tertia.simulate._bearings import BearingRecord, direction_finder
+from tertia.simulate._covariances import wishart
 from tertia.simulate._flights import flights
 from tertia.simulate._radar_plots import RadarPlots, radar_plots
-from tertia.simulate._records import (
-    BearingRecord,
-    PassiveLocation,
+from tertia.simulate._radars import (
     RadarRecord,
     RadarScenario,
     ScenarioName,
-    StationRecord,
-    direction_finder,
-    passive_location,
     radar_scenario,
     radars,
-    stations,
-    wishart,
 )
 from tertia.simulate._routes import FlightScenario
 from tertia.simulate._set_ups import SetUp, SetUpName, routes, set_up
+from tertia.simulate._stations import PassiveLocation, StationRecord, passive_location, stations
 from tertia.simulate._traffic import EncounterName, Traffic, dense_traffic, encounter
 
 __all__ = [

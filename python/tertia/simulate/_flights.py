@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tertia._arrays import FloatArray, finite, generator
 from tertia.flightplan import FlightPlan
 from tertia.simulate._motion import Pilots, fly
-from tertia.simulate._records import _number, _require
+from tertia.simulate._parameters import _number, _require
 from tertia.simulate._routes import TURNS, FlightScenario, build
 from tertia.simulate._traffic import Traffic, dense_traffic
 from tertia.tracker import NO_IDENTITY

@@ -12,7 +12,7 @@ from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator
 from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Radar
-from tertia.simulate._records import _number, _require
+from tertia.simulate._parameters import _number, _require
 from tertia.simulate._traffic import Traffic
 from tertia.tracker import NO_IDENTITY, Plots
 

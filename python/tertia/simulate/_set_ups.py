@@ -10,7 +10,7 @@ import numpy as np
 from tertia._arrays import BoolArray, FloatArray, IntArray, generator, integer
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
-from tertia.simulate._records import _require
+from tertia.simulate._parameters import _require
 from tertia.simulate._routes import GRAVITY
 
 __all__ = ["SetUp", "SetUpName", "routes", "set_up"]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, integer, samples
 from tertia.flightplan import FlightPlan
-from tertia.simulate._records import _number, _pair, _require
+from tertia.simulate._parameters import _number, _pair, _require
 
 __all__ = ["EncounterName", "Traffic", "dense_traffic", "encounter"]
 

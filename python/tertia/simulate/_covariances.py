@@ -1,0 +1,68 @@
+"""Sample covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, finite, generator
+from tertia._wishart import standard_wishart
+from tertia.simulate._parameters import _number, _require, _shape
+
+__all__ = ["wishart"]
+
+
+def wishart(
+    covariance: npt.ArrayLike,
+    degrees_of_freedom: float,
+    *,
+    batch: int | tuple[int, ...] = (),
+    rng: np.random.Generator | int | None = None,
+) -> FloatArray:
+    """Draw sample covariances: Wishart matrices divided by their degrees of freedom.
+
+    Parameters
+    ----------
+    covariance : array_like of shape (m, m)
+        Their mean.
+    degrees_of_freedom : float
+        n - 1 for the sample covariance of n measurements. A whole number, or above m - 1; below m
+        the matrices are singular.
+    batch : int or tuple of int
+        Shape of the batch of matrices.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness, or its seed.
+
+    Returns
+    -------
+    ndarray of shape (*batch, m, m)
+        Symmetric matrices.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The covariance is not positive definite.
+    ValueError
+        A wrong shape, or a number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.simulate import wishart
+    >>> wishart([[4.0, 1.0], [1.0, 2.0]], 29, batch=5, rng=1).shape
+    (5, 2, 2)
+    """
+    mean = finite(covariance, "covariance")
+    m = mean.shape[-1] if mean.ndim else 0
+    _require(mean.shape == (m, m) and m > 0, "covariance", mean.shape, "of shape (m, m)")
+    nu = _number(degrees_of_freedom, "degrees_of_freedom", 1)
+    drawable = nu > m - 1 or nu == int(nu)
+    _require(drawable, "degrees_of_freedom", nu, f"a whole number, or above {m - 1}")
+    scale = np.sqrt(np.abs(np.diagonal(mean)))
+    symmetric = np.all(np.abs(mean - mean.T) <= 1e-10 * scale * scale[:, np.newaxis])
+    _require(bool(symmetric), "covariance", mean.tolist(), "symmetric")
+    root = np.linalg.cholesky(mean)
+    drawn = root @ standard_wishart(m, nu, _shape(batch), generator(rng)) @ root.T
+    matrices: FloatArray = (drawn + np.swapaxes(drawn, -1, -2)) / 2
+    return matrices
