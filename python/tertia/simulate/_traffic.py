@@ -172,7 +172,7 @@ class Traffic:
     def _state(
         self, flight: IntArray, time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, velocity and height at times, which may be before start and after end."""
+        """Return position, velocity and height at times, even before start or after end."""
         if not len(flight):
             return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
         position, velocity, height = _core.traffic_states(
