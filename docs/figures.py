@@ -47,6 +47,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "weights.md": {
         "readings": weights.readings,
+        "expansion": weights.expansion,
         "symmetric pairs": weights.symmetric_pairs,
         "too few": weights.too_few,
         "symmetrised": weights.symmetrised,

@@ -175,7 +175,7 @@ def results(model: str) -> dict[tuple[str, str], Rms]:
             note(rule, angle)
             if rule == "paper":
                 note("paper, third filter", filtered_again(angle, scenario))
-        note("paper, to the letter", literal_paper(scenario))
+        note("paper, as printed", literal_paper(scenario))
     return found
 
 
@@ -190,7 +190,7 @@ def rmse() -> str:
     labels = {
         "radar 1 alone": "radar 1 alone",
         **RULES,
-        "paper, to the letter": "paper, to the letter",
+        "paper, as printed": "paper, as printed",
         "paper, third filter": "paper, third filter",
     }
     rows, apart = [], []
@@ -206,14 +206,14 @@ def rmse() -> str:
             cells.append(cell)
         rows.append([label, *cells])
     of_letter = [
-        abs(found["paper, to the letter", name].value / EXPECTED["paper"][i] - 1)
+        abs(found["paper, as printed", name].value / EXPECTED["paper"][i] - 1)
         for i, name in enumerate(SCENARIOS)
     ]
     close = sum(gap <= 0.03 for gap, *_ in apart)
     far = "; ".join(f"{label} in '{name}'" for gap, label, name in apart if gap > 0.03)
     text = (
         f"\n{RUNS} runs. Within 3 % of the independent figures: {close} of {len(apart)}. "
-        f"Farther away: {far}. Largest difference of 'paper, to the letter' from the independent "
+        f"Farther away: {far}. Largest difference of 'paper, as printed' from the independent "
         f"'paper': {max(of_letter):.1%}.\n"
     )
     return markdown(["RMSE, millidegrees", *SCENARIOS], rows) + text
@@ -222,7 +222,7 @@ def rmse() -> str:
 def worst_ratios() -> str:
     """Largest ratio to the best rule over the scenarios, for all models of the motion."""
     rows = []
-    literal = ("paper, to the letter", "paper, third filter")
+    literal = ("paper, as printed", "paper, third filter")
     for rule, label in (*RULES.items(), *zip(literal, literal, strict=True)):
         cells = []
         for model in MODELS:
@@ -274,7 +274,7 @@ def cost() -> str:
         "adaptive",
         "adaptive-matrix",
     ]
-    told = ["robust: R believed twice as large", "plots taken for outliers"]
+    told = ["robust: R estimated twice as large", "plots taken for outliers"]
     return markdown([*head, "robust", *told], rows)
 
 
@@ -397,8 +397,13 @@ def paper_weights() -> str:
         np.sqrt(np.mean((angle - turn.truth[..., 0]) ** 2, axis=0)) for angle in (once, again)
     )
     at = FAULT + int(np.argmax(after[FAULT : FAULT + 20]))
-    told = f"the same at the turn, scan {at}, where its error is largest"
-    rows.append([told, float(after[at] / before[at]), ".2f"])
+    rows.append(
+        [
+            f"the same at the turn, scan {at}, where its error is largest",
+            float(after[at] / before[at]),
+            ".2f",
+        ]
+    )
     formatted = [[name, f"{value:{form}}"] for name, value, form in rows]
     return markdown(["", "value"], formatted)
 
@@ -657,7 +662,7 @@ def fit_coverage() -> str:
             middle, usual_error = np.exp(np.median(error)), np.median(claimed[told, c])
             cells.append(f"{middle:.2f} ± {usual_error:.0%}; {covered:.0%}")
         rows.append([name, *cells, f"{np.mean(np.isinf(claimed[:, 0])):.0%}"])
-    return markdown(["recording", "alpha", "σ_a", "σ", "density", "alpha not told"], rows)
+    return markdown(["recording", "alpha", "σ_a", "σ", "density", "alpha not determined"], rows)
 
 
 def filter_consistency() -> str:

@@ -148,14 +148,14 @@ def loss() -> str:
             cells.append(cell + ")")
         rows.append([name, *cells])
     table = markdown(["loss, %", *(f"n = {n}" for n in SIZES)], rows)
-    told = (
+    note = (
         "Largest |z| against the exact loss of two equal sensors: "
         f"{np.abs(of_exact).max():.1f}, of {len(of_exact)}; against the formulas as printed, "
         f"inverses included, with covariances of raw measurements: {np.abs(of_raw).max():.1f}, of "
         f"{len(of_raw)} (n ≤ 30). Largest difference from the independent figures, without the "
         f"crossed ones: {max(of_expected):.1%} of them."
     )
-    return f"{table}\n{textwrap.fill(told, 100)}\n"
+    return f"{table}\n{textwrap.fill(note, 100)}\n"
 
 
 def loss_figure() -> Figure:
@@ -396,6 +396,29 @@ def readings() -> str:
         rows.append([reading, f"{change:.2f}", ratio])
     head = ["reading", "largest change of P over its largest element"]
     return markdown([*head, "variances of W11, W21, W12, W22 over the right ones"], rows)
+
+
+def expansion() -> str:
+    """Compare (10) with the variances of W where (3) is as printed, by the point of expansion."""
+    rows = []
+    for n in (10, 30, 100):
+        bias = n / (n - 1)
+        c = weights.covariance_factor(n, "paper")
+        of_s = np.stack([weights.covariance_of_covariance(matrix, c) for matrix in VECTOR])
+        # of the law of the sample covariances: W does not know of a common factor
+        right = np.diag(weights.weight_covariance(VECTOR, n, convention="known-mean"))
+        x = measured(VECTOR, n, 100_000, generator(61, n))
+        drawn = weights.weight_matrices(weights.sample_covariance(x, mean=[0, 0]) * bias)[:, -1]
+        actual = np.swapaxes(drawn, -1, -2).reshape(len(drawn), -1).var(axis=0)
+        cells = [f"{n}"]
+        for centre in (VECTOR, bias * VECTOR):
+            jacobian = weights.jacobian(centre)
+            found = np.diag((jacobian @ of_s @ np.swapaxes(jacobian, -1, -2)).sum(axis=0))
+            ratio = found / actual
+            cells += [f"{np.mean(found / right):.3f}", f"{ratio.min():.2f} to {ratio.max():.2f}"]
+        rows.append(cells)
+    head = ["P at Σ: over the first order", "over the actual variances"]
+    return markdown(["n", *head, "P at n/(n − 1) Σ: over the first order", head[1]], rows)
 
 
 def symmetric_pairs() -> str:
