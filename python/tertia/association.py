@@ -1,6 +1,6 @@
 """Association: which plot of a scan belongs to which track.
 
-Source: Glagovskii, Lavina, Rudelson 2014: gates, regions of a gate and the quality of laying a plot
+Source: Glagovskiy, Lavina, Rudelson 2014: gates, regions of a gate and the quality of laying a plot
 to a track, with the usual likelihood in place of the printed score where that is better. Symbols:
 the innovation is a plot less the prediction, S its covariance, `nis = innovation' S^-1 innovation`,
 m its components, x east and y north.

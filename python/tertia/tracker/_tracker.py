@@ -131,7 +131,7 @@ class Tracker:
     plot outside all gates is taken within the guard gate, which an acceleration since the last plot
     widens. A scan of P plots costs O(P log P) with O(1) plots in a gate.
 
-    Source: Glagovskii, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
+    Source: Glagovskiy, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
     Kirubarajan 2001, section 11.6.
 
     Examples

@@ -1,6 +1,6 @@
 //! Association: which plot belongs to which track.
 //!
-//! Source: Glagovskii, Lavina, Rudelson 2014: quality of laying, gates, regions of a gate; with the
+//! Source: Glagovskiy, Lavina, Rudelson 2014: quality of laying, gates, regions of a gate; with the
 //! usual likelihood in place of the printed score where that is better. Symbols: innovation
 //! `ΔZ = plot − prediction`, its covariance Σ, `d² = ΔZᵀ Σ⁻¹ ΔZ`, m components.
 //!

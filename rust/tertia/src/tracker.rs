@@ -1,4 +1,4 @@
-//! Scans of plots in, tracks out (Glagovskii, Lavina, Rudelson 2014, and better).
+//! Scans of plots in, tracks out (Glagovskiy, Lavina, Rudelson 2014, and better).
 //!
 //! [`Tracker::track`] takes plots of several radars in the order of time. In every scan the
 //! confirmed tracks take plots first, by the assignment with the largest likelihood, then the

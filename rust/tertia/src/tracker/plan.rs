@@ -1,5 +1,5 @@
 //! A flight plan as one more hypothesis of a track's motion: it is believed as far as the plots bear
-//! it out, and blocked where they do not (Glagovskii, Lavina, Rudelson 2014, completed).
+//! it out, and blocked where they do not (Glagovskiy, Lavina, Rudelson 2014, completed).
 //!
 //! Near a turn of the plan there are two banks of models: in one the turn is flown, in the other it
 //! is not. Their probabilities follow from the plots alone. On straight legs there is a model that

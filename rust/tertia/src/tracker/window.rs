@@ -1,5 +1,5 @@
 //! Least squares over the last plots, fewer of them after a manoeuvre was detected, or near a turn of
-//! the flight plan (Glagovskii, Lavina, Rudelson 2014).
+//! the flight plan (Glagovskiy, Lavina, Rudelson 2014).
 
 use super::bank::{entered, without_rate};
 use super::estimate::{Estimate, Plane};
