@@ -88,7 +88,7 @@ def evaluate(
 
     told = _table(judged, required)
     print_table(told, shown, text=["figure", "unit"], limited="figures are shown")
-    if not np.any(judged.told.matching.matched):
+    if not np.any(judged.indicators.matching.matched):
         note(f"no track is within {distance:g} m of a target: are the origins the same?")
     if output is not None:
         _tables.write(told, output)
@@ -114,7 +114,7 @@ def _table(judged: Judged, period: float) -> pl.DataFrame:
 
 
 def _by_target(judged: Judged) -> pl.DataFrame:
-    told, matching = judged.told, judged.told.matching
+    told, matching = judged.indicators, judged.indicators.matching
     rows = []
     for k, name in enumerate(judged.truth.targets.tolist()):
         own = matching.target == k
@@ -155,7 +155,7 @@ def _draw(judged: Judged, path: Path) -> None:
 
 
 def _draw_plan(ax: "Axes", judged: Judged) -> None:
-    rows, matched = judged.rows, judged.told.matching.matched
+    rows, matched = judged.rows, judged.indicators.matching.matched
     for k, (_, _, position) in enumerate(judged.truth):
         ax.plot(*position.T / 1e3, color=_TRUE, linewidth=3, label="_truth" if k else "truth")
     places = rows.position[rows.updated] / 1e3
@@ -166,8 +166,8 @@ def _draw_plan(ax: "Axes", judged: Judged) -> None:
         if np.any(chosen):
             ax.plot(*places[chosen].T, mark, color=colour, markersize=3, label=label)
     ax.set(
-        title=f"probability of update {judged.told.probability_of_update:.3f}, "
-        f"RMSE {judged.told.rmse:.3g} m",
+        title=f"probability of update {judged.indicators.probability_of_update:.3f}, "
+        f"RMSE {judged.indicators.rmse:.3g} m",
         xlabel="east (km)",
         ylabel="north (km)",
     )

@@ -12,9 +12,9 @@ from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.metrics import Indicators, Truth
 
-# a track that ends is in the picture for so many of its radars' periods
+# a track that ends is shown for this many scans of its radars
 _AGE = 1.5
-# of a period: times in files are rounded
+# of an interval: times in files are rounded
 _ROUNDING = 1e-6
 # 95 % of chi-squared with two degrees of freedom
 MOST_NEES = 5.991464547107979
@@ -23,7 +23,7 @@ PARTS = ("GOSPA", "localisation", "missed", "false")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of tracks: seconds, metres; nan where unknown. Tracks and radars have numbers."""
+    """Rows of tracks: seconds, metres; nan where unknown. Tracks and radars are numbered."""
 
     time: FloatArray
     track: IntArray
@@ -61,9 +61,9 @@ def usual_periods(rows: Rows) -> list[float]:
 
 
 def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
-    """Return where tracks are shown, (M, T, 2): straight on from their last rows.
+    """Return where tracks are shown, (M, T, 2), extrapolated from their last rows.
 
-    A track is shown from its first row until some time after its last; nan otherwise.
+    A track is shown from its first row until `lasting` seconds after its last; nan otherwise.
     """
     order = np.lexsort((rows.time, rows.track))
     _, starts = np.unique(rows.track[order], return_index=True)
@@ -82,31 +82,31 @@ def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
 def gospa(
     rows: Rows, truth: Truth, periods: tuple[float, float], cutoff: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return instants, one per required period, and GOSPA and its three parts there, (T, 4).
+    """Return instants, one per update interval, with GOSPA and its three parts, (T, 4).
 
-    `periods` has the required one and that of the slowest radar. The parts are roots: their
-    squares add up to that of GOSPA.
+    `periods` has the required update interval and that of the slowest radar. The parts are roots:
+    their squares add up to that of GOSPA.
     """
     required, slowest = periods
     first, last = truth.time.min(), truth.time.max()
     instants = first + required * np.arange(np.floor((last - first) / required + _ROUNDING) + 1)
     shown = pictures(rows, instants, _AGE * slowest)
     there = truth.at(np.arange(len(truth))[:, np.newaxis], instants)
-    told = np.empty((len(instants), 4))
+    parts = np.empty((len(instants), 4))
     for t in range(len(instants)):
         estimates, places = (x[:, t][np.isfinite(x[:, t, 0])] for x in (shown, there))
         one = metrics.gospa(estimates, places, cutoff)
-        told[t] = one.distance**2, one.localisation, one.missed, one.false
-    return instants, np.sqrt(told)
+        parts[t] = one.distance**2, one.localisation, one.missed, one.false
+    return instants, np.sqrt(parts)
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Tracks, the truth, and what was found."""
+    """Tracks, the truth, and how they compare."""
 
     rows: Rows
     truth: Truth
-    told: Indicators
+    indicators: Indicators
     along: FloatArray
     across: FloatArray
     nees: FloatArray | None
@@ -120,42 +120,42 @@ class Judged:
 
 
 def judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> Judged:
-    """Judge tracks by the truth.
+    """Compare tracks with the truth.
 
-    `periods` has the required one and that of the slowest radar.
+    `periods` has the required update interval and that of the slowest radar.
     """
     updates = rows.updates()
-    told = metrics.indicators(updates, truth, max_distance=distance, update_interval=periods[0])
-    matching = told.matching
+    found = metrics.indicators(updates, truth, max_distance=distance, update_interval=periods[0])
+    matching = found.matching
     course = truth.course(matching.target, updates.time)
     along, across = metrics.track_errors(matching.error, course)
     nees = None
     if updates.covariance is not None:
         nees = np.asarray(metrics.nees(matching.error, updates.covariance))
     instants, parts = gospa(rows, truth, periods, distance)
-    return Judged(rows, truth, told, np.asarray(along), np.asarray(across), nees, instants, parts)
+    return Judged(rows, truth, found, np.asarray(along), np.asarray(across), nees, instants, parts)
 
 
 def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]]:
-    """Return what is told of the whole: names, values and units; None where nothing is known."""
-    told, truth = judged.told, judged.truth
-    latency = told.latency[~np.isnan(told.latency)]
+    """Return the figures of all tracks: names, values and units; None where nothing is known."""
+    shown, truth = judged.indicators, judged.truth
+    latency = shown.latency[~np.isnan(shown.latency)]
     confirmed = len(np.unique(judged.rows.track))
     mean = judged.gospa[:, 0].mean()
     roots = np.sqrt(np.mean(judged.gospa[:, 1:] ** 2, axis=0))
     found: list[tuple[str, float | None, str]] = [
         ("targets", len(truth), ""),
-        ("missed targets", told.missed_targets, ""),
+        ("missed targets", shown.missed_targets, ""),
         ("tracks", confirmed, ""),
-        ("false tracks", told.false_tracks, ""),
-        ("false updates", told.false_updates, ""),
-        ("identity switches", told.switches, ""),
+        ("false tracks", shown.false_tracks, ""),
+        ("false updates", shown.false_updates, ""),
+        ("identity switches", shown.switches, ""),
         ("update period", period, "s"),
-        ("probability of update", told.probability_of_update, ""),
-        ("share missed in long gaps", told.long_gap_ratio, ""),
+        ("probability of update", shown.probability_of_update, ""),
+        ("share missed in long gaps", shown.long_gap_ratio, ""),
         ("latency, median", _or_none(np.median, latency), "s"),
         ("latency, largest", _or_none(np.max, latency), "s"),
-        ("RMSE", told.rmse, "m"),
+        ("RMSE", shown.rmse, "m"),
         ("RMSE along track", rmse(judged.along), "m"),
         ("RMSE across track", rmse(judged.across), "m"),
         ("GOSPA, mean", mean, "m"),
@@ -178,6 +178,6 @@ def _or_none(of: Callable[[Any], Any], values: FloatArray | BoolArray) -> float 
 
 
 def rmse(errors: FloatArray) -> float | None:
-    """Return the root mean square of what is known, None without any."""
+    """Return the root mean square of the known errors, None without any."""
     known = errors[~np.isnan(errors)]
     return float(metrics.rmse(known)) if known.size else None

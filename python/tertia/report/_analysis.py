@@ -189,7 +189,7 @@ def _judge_all(
 def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
     """Compare the states with the targets that the joint tracks follow."""
     tracks = joint.rows.track[joint.rows.updated]
-    target = _shown(tracks, joint.told.matching.target, fused.stated.track)
+    target = _shown(tracks, joint.indicators.matching.target, fused.stated.track)
     places = truth.at(target, fused.stated.time)[:, :2]
     states = dict(fused.states)
     states |= {

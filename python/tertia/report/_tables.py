@@ -422,7 +422,7 @@ def findings(analysis: Analysis) -> list[str]:
         found.append(f"Left their plans: {listed}{more}.")
     if TOGETHER in analysis.judged:
         nees = analysis.judged[TOGETHER].nees
-        rmse = analysis.judged[TOGETHER].told.rmse
+        rmse = analysis.judged[TOGETHER].indicators.rmse
         words = f"All radars together: RMSE {text(float(rmse))} m"
         if nees is not None and np.any(np.isfinite(nees)):
             words += (
@@ -442,7 +442,7 @@ def findings(analysis: Analysis) -> list[str]:
 
 def _better(analysis: Analysis) -> list[str]:
     """Return how the noise found changes the tracks, where it matters."""
-    stated, found = (analysis.judged[name].told for name in (TOGETHER, FOUND))
+    stated, found = (analysis.judged[name].indicators for name in (TOGETHER, FOUND))
     if stated.false_tracks <= found.false_tracks and found.rmse > (1.0 - _OFF) * stated.rmse:
         return []
     return [
