@@ -113,7 +113,7 @@ def random_scenario(rng: np.random.Generator) -> dict[str, Any]:
 
 @functools.cache
 def scenario_errors(count: int = 160, trials: int = 2000) -> dict[str, np.ndarray[Any, Any]]:
-    """RMSE of several methods in random scenarios, in units of sigma, and the share of anomalies.
+    """RMSE of several methods in random scenarios, in units of sigma, and the share of outliers.
 
     'oracle' is the mean of the measurements that are right.
     """
@@ -273,7 +273,7 @@ def scenarios_figure() -> Figure:
         ratio = found[name] / best
         ax.plot(found["share"], ratio, marker, color=color, label=name, markersize=5)
     ax.axhline(1, color="black", linewidth=0.8)
-    ax.set(yscale="log", xlabel="share of anomalous measurements")
+    ax.set(yscale="log", xlabel="share of outliers")
     ax.set_ylabel("RMSE over that of the best of\nthe paper's (n_g = 5, 10, 20)")
     ax.set_yticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
     ax.minorticks_off()

@@ -89,8 +89,8 @@ def paper(block_size: int, k: float = K1, **options: Any) -> Estimator:
 def classical(k: float = K1, in_place: bool = True) -> Estimator:
     """Return the k-sigma rule to the letter, in place, element after element.
 
-    An anomalous value becomes the mean of the two beside it: the left one as it is by then, the
-    right one as it was measured, anomalous or not. Not in place: both as they were measured.
+    An outlier becomes the mean of its two neighbours, outliers or not: the left one as replaced so
+    far, the right one as measured. Not in place: both as measured.
     """
 
     def estimate(theta: FloatArray) -> Errors:

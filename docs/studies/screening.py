@@ -39,7 +39,7 @@ LINES = {
 
 
 def false_alarms() -> str:
-    """Probability that the frozen leave-one-out rule calls a clean measurement anomalous."""
+    """Probability that the frozen leave-one-out rule flags a good measurement."""
     sizes = (5, 10, 30, 100, 1000)
     rows = []
     for k in (2.0, 2.2, 2.5, 3.0, 3.5):
@@ -141,8 +141,8 @@ def _record(
     i = np.arange(y.size)
     for mask, marker, color, label in (
         (~wrong & ~flagged, ".", GREY, "good"),
-        (wrong & flagged, "o", GREEN, "anomalous, found"),
-        (wrong & ~flagged, "s", ORANGE, "anomalous, missed"),
+        (wrong & flagged, "o", GREEN, "outlier, found"),
+        (wrong & ~flagged, "s", ORANGE, "outlier, missed"),
         (~wrong & flagged, "x", PURPLE, "good, flagged"),
     ):
         ax.plot(i[mask], y[mask], marker, color=color, label=label, markersize=5)

@@ -85,7 +85,7 @@ class TestVectors:
 
     @pytest.mark.parametrize("variance_test", ["cochran", 34.1188565541952])
     def test_the_paper_replaces_two_blocks(self, variance_test):
-        """No single value is anomalous at k = 4, one mean and one variance are."""
+        """No single value is an outlier at k = 4, one mean and one variance are."""
         estimate = estimate_bearing(
             BLOCKS, period=None, method="paper", k=4.0, block_size=4, variance_test=variance_test
         )
@@ -407,54 +407,54 @@ class TestErrorBars:
     trials = 20_000
     error = 0.0016
 
-    def coverage(self, n=100, seed=0, anomalies=None, **options):
-        theta = record(n, seed, batch=self.trials, **(anomalies or {}))
+    def coverage(self, n=100, seed=0, outliers=None, **options):
+        theta = record(n, seed, batch=self.trials, **(outliers or {}))
         estimate = estimate_bearing(theta, period=None, **options)
         return np.mean(np.abs(estimate.value - 50) < 2 * estimate.sigma)
 
-    @pytest.mark.parametrize(("anomalies", "expected"), [(CLEAN, 0.947), ({}, 0.946)])
-    def test_robust(self, anomalies, expected):
-        found = self.coverage(anomalies=anomalies)
+    @pytest.mark.parametrize(("outliers", "expected"), [(CLEAN, 0.947), ({}, 0.946)])
+    def test_robust(self, outliers, expected):
+        found = self.coverage(outliers=outliers)
         assert found == pytest.approx(expected, abs=4 * self.error)
 
     @pytest.mark.parametrize("n", [200, 400])
-    @pytest.mark.parametrize("anomalies", [CLEAN, {}], ids=["clean", "PS1"])
-    def test_robust_long(self, n, anomalies):
-        assert 0.94 < self.coverage(n, anomalies=anomalies) < 0.965
+    @pytest.mark.parametrize("outliers", [CLEAN, {}], ids=["clean", "PS1"])
+    def test_robust_long(self, n, outliers):
+        assert 0.94 < self.coverage(n, outliers=outliers) < 0.965
 
     @pytest.mark.parametrize(
         ("n", "least"), [(5, 0.875), (10, 0.855), (20, 0.905), (30, 0.91), (50, 0.925)]
     )
     def test_robust_short(self, n, least):
         """Shorter records cover less. Measured with 40 000: .886, .865, .913, .917, .934."""
-        assert self.coverage(n, anomalies=CLEAN) > least
+        assert self.coverage(n, outliers=CLEAN) > least
 
     @pytest.mark.parametrize(
-        ("anomalies", "least", "most"), [(CLEAN, 0.908, 0.930), ({}, 0.905, 0.946)]
+        ("outliers", "least", "most"), [(CLEAN, 0.908, 0.930), ({}, 0.905, 0.946)]
     )
     @pytest.mark.parametrize("block_size", [5, 10])
-    def test_corrected(self, anomalies, least, most, block_size):
+    def test_corrected(self, outliers, least, most, block_size):
         found = self.coverage(
-            200, anomalies=anomalies, method="corrected", block_size=block_size, k=2.4
+            200, outliers=outliers, method="corrected", block_size=block_size, k=2.4
         )
         assert least - 4 * self.error < found < most + 4 * self.error
 
     @pytest.mark.parametrize("n", [10, 100])
     def test_mean_of_clean_records_follows_student(self, n):
         expected = {10: 0.92345, 100: 0.95177}[n]  # P(|t| < 2) with n - 1 degrees of freedom
-        found = self.coverage(n, anomalies=CLEAN, method="mean")
+        found = self.coverage(n, outliers=CLEAN, method="mean")
         assert found == pytest.approx(expected, abs=4 * 0.0019)
 
     @pytest.mark.parametrize(
-        ("block_size", "anomalies", "expected"),
+        ("block_size", "outliers", "expected"),
         [(5, CLEAN, 0.873), (5, {}, 0.770), (10, CLEAN, 0.998), (10, {}, 0.993)],
     )
-    def test_the_printed_sigma_does_not_hold(self, block_size, anomalies, expected):
+    def test_the_printed_sigma_does_not_hold(self, block_size, outliers, expected):
         """(7), k2 = L F: too small with blocks of 5, too large with blocks of 10."""
         blocks = 100 // block_size
         c = critical_value(blocks, 0.05, test="cochran", degrees_of_freedom=block_size - 1)
         found = self.coverage(
-            anomalies=anomalies,
+            outliers=outliers,
             method="paper",
             block_size=block_size,
             k=2.4,
@@ -463,10 +463,10 @@ class TestErrorBars:
         error = np.sqrt(2 * expected * (1 - expected) / self.trials)
         assert found == pytest.approx(expected, abs=4 * error)
 
-    @pytest.mark.parametrize(("anomalies", "expected"), [(CLEAN, 0.933), ({}, 0.818)])
-    def test_k_sigma_does_not_hold_with_bursts(self, anomalies, expected):
+    @pytest.mark.parametrize(("outliers", "expected"), [(CLEAN, 0.933), ({}, 0.818)])
+    def test_k_sigma_does_not_hold_with_bursts(self, outliers, expected):
         """What the documentation says of it: screening by deviation leaves bursts in."""
-        found = self.coverage(anomalies=anomalies, method="k-sigma")
+        found = self.coverage(outliers=outliers, method="k-sigma")
         assert found == pytest.approx(expected, abs=4 * 0.0027)
 
     def test_correlated_noise_widens_sigma(self):
@@ -474,9 +474,9 @@ class TestErrorBars:
         noise = np.random.default_rng(1).normal(size=(trials, 300))
         for t in range(1, 300):
             noise[:, t] = rho * noise[:, t - 1] + np.sqrt(1 - rho**2) * noise[:, t]
-        told = estimate_bearing(noise, period=None, correlation=rho)
+        aware = estimate_bearing(noise, period=None, correlation=rho)
         blind = estimate_bearing(noise, period=None)
-        covered = np.mean(np.abs(told.value) < 2 * told.sigma)
+        covered = np.mean(np.abs(aware.value) < 2 * aware.sigma)
         assert covered > 0.93
         assert np.mean(np.abs(blind.value) < 2 * blind.sigma) < covered - 0.1
 

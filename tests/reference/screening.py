@@ -48,7 +48,7 @@ def leave_one_out(y, k, statistics="sequential", direction="forward", replace=Tr
 
 
 def k_sigma(y, k, replace):
-    """(M1), with the mean of the nearest values that are not anomalous as replacement."""
+    """(M1), with the mean of the nearest values that are not outliers as replacement."""
     outlier = np.abs(y - y.mean()) > k * y.std(ddof=1)
     cleaned = np.array(y, dtype=float)
     good = np.flatnonzero(~outlier)

@@ -28,7 +28,7 @@ RULES = [
 ]
 
 
-def with_anomalies(n, seed=0):
+def with_outliers(n, seed=0):
     y = rng(seed).normal(size=n)
     if n >= 10:
         y[[n // 3, n // 2]] += [6, -8]
@@ -38,17 +38,17 @@ def with_anomalies(n, seed=0):
 
 
 KINDS = {
-    "random": with_anomalies(50),
+    "random": with_outliers(50),
     "constant": np.full(12, 4.0),
     "constant but one": np.r_[np.full(12, 4.0), 9.0],
     "three": np.array([1.0, 2.0, 4.5]),
     "five": np.array([1.0, 2.0, 4.5, 2.2, 1.1]),
-    "offset": 1e9 + with_anomalies(60, seed=1),
-    "outlier": np.r_[with_anomalies(40, seed=2), 1e9],
-    "two outliers": np.r_[1e9, with_anomalies(40, seed=3), -7e8],
-    "strided": with_anomalies(120, seed=4)[::2],
-    "reversed": with_anomalies(45, seed=5)[::-1],
-    "whole numbers": np.round(10 * with_anomalies(40, seed=6)),
+    "offset": 1e9 + with_outliers(60, seed=1),
+    "outlier": np.r_[with_outliers(40, seed=2), 1e9],
+    "two outliers": np.r_[1e9, with_outliers(40, seed=3), -7e8],
+    "strided": with_outliers(120, seed=4)[::2],
+    "reversed": with_outliers(45, seed=5)[::-1],
+    "whole numbers": np.round(10 * with_outliers(40, seed=6)),
 }
 
 
@@ -160,7 +160,7 @@ class TestLeaveOneOut:
         screening.leave_one_out(SAMPLE, 1.74, passes=2, replace=False)
 
     def test_threshold_is_the_half_width_that_was_applied(self):
-        y = with_anomalies(50)
+        y = with_outliers(50)
         result = screening.leave_one_out(y, statistics="frozen")
         outside = np.abs(y - y.mean()) > result.threshold
         np.testing.assert_array_equal(result.outlier, outside)
@@ -464,7 +464,7 @@ class TestBursts:
 
     @pytest.mark.parametrize("seed", range(20))
     def test_agrees_on_random_records(self, seed):
-        y = with_anomalies(rng(seed).integers(5, 150), seed)
+        y = with_outliers(rng(seed).integers(5, 150), seed)
         np.testing.assert_array_equal(screening.bursts(y).outlier, reference.bursts(y)[0])
 
     def test_false_alarms_of_clean_records(self):
@@ -611,7 +611,7 @@ def test_threads_report_the_first_bad_row(name):
 @pytest.mark.parametrize("name", ["leave_one_out", "frozen", "k_sigma", "bursts"])
 def test_missing_measurements_are_left_out(name):
     function = FUNCTIONS[name]
-    y = with_anomalies(60)
+    y = with_outliers(60)
     gaps = np.insert(y, [0, 20, 20, 60], np.nan)
     there = ~np.isnan(gaps)
     expected, found = function(y), function(gaps, nan_policy="omit")

@@ -48,12 +48,12 @@ BAD_GROUPS = [
     *of_every_group(
         [SINGULAR, SINGULAR],
         np.linalg.LinAlgError,
-        r"covariances\[1\] and those that it is combined with are singular",
+        r"covariances\[1\] and the covariances fused with it are singular",
     ),
     *of_every_group(
         batch_with(SINGULAR, place=2),
         np.linalg.LinAlgError,
-        r"covariances\[2, 1\] and those that it is combined with are singular",
+        r"covariances\[2, 1\] and the covariances fused with it are singular",
     ),
     *of_every_group(
         [ASYMMETRIC, TWO[0]],

@@ -3,11 +3,11 @@
 use crate::base::error::{Result, require, require_count, require_each, require_finite};
 use std::f64::consts::TAU;
 
-/// Farther from zero, the rounding of an angle is more than 1e-7 periods.
+/// Farther from zero, an angle is rounded by more than 1e-7 periods.
 const MAX_PERIODS: f64 = 1e9;
 
-/// Turns `theta` by whole periods to within half a period of `reference`. A value that is there
-/// already comes back bit for bit.
+/// Adds whole periods to `theta` until it is within half a period of `reference`. A value that is
+/// there already is returned bit for bit.
 #[inline]
 pub(crate) fn nearest(theta: f64, reference: f64, period: f64) -> f64 {
     theta - period * ((theta - reference) / period).round()
@@ -32,7 +32,7 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     below + 0.5 * (upper - below)
 }
 
-/// Fails unless sums of whole periods stay finite.
+/// Fails unless sums of whole periods remain finite.
 ///
 /// # Errors
 /// A period that is not positive, or above 1e100.
@@ -41,8 +41,8 @@ pub fn require_period(period: f64) -> Result<()> {
     require("period", period, holds, "a positive number, not above 1e100")
 }
 
-/// Unwraps angles about their circular mean, then about the median of the result, so that all lie
-/// within half a period of the circular median, on the turn of the first. O(N).
+/// Unwraps angles about their circular mean, then about the median of the result, so that all are
+/// within half a period of the circular median; the first angle sets the turn. O(N).
 ///
 /// # Errors
 /// An empty sample, an angle that is not finite, a period that is not positive.

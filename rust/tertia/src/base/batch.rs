@@ -1,7 +1,7 @@
 //! Rows of a batch on several threads.
 //!
-//! Threads live for one call: there is no pool whose threads a forked process would miss, and
-//! starting them (about 50 µs each) is paid only where the work takes a millisecond or more.
+//! Threads live for one call: a forked process would miss the threads of a pool, and starting them
+//! (about 50 µs each) pays where the work takes a millisecond or more.
 
 use crate::base::error::{Error, Result};
 use std::num::NonZero;
@@ -9,9 +9,9 @@ use std::sync::Mutex;
 
 /// Work below this is done by the calling thread.
 const MIN_NANOSECONDS_TO_SHARE: f64 = 1e6;
-/// More threads than any machine in sight has cores.
+/// More threads than cores of any machine today.
 const MAX_THREADS: usize = 256;
-/// Shares per thread, so that a thread on a busy core does not hold up the others.
+/// Shares of the work per thread, so that a thread on a busy core does not delay the others.
 const SHARES_PER_THREAD: usize = 8;
 
 /// The first row that failed, and why.
@@ -23,7 +23,7 @@ pub struct RowError {
     pub error: Error,
 }
 
-/// Threads to use: as many as asked for, or one for little work, or all there are.
+/// Number of threads: as requested, or one for little work, or one per core.
 fn threads(n_threads: Option<NonZero<usize>>, rows: usize, nanoseconds: f64) -> usize {
     let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
     match n_threads {
@@ -79,7 +79,7 @@ pub fn for_each_row<R: Send, S>(
     };
     std::thread::scope(|scope| {
         for _ in 1..n_threads {
-            // a thread that the system refuses is not missed: the others do its rows
+            // if the system refuses a thread, the others do its rows
             let _ = std::thread::Builder::new().spawn_scoped(scope, run);
         }
         run();
@@ -90,7 +90,7 @@ pub fn for_each_row<R: Send, S>(
     }
 }
 
-/// Locks, whatever happened to another thread: nothing behind these locks can be half done.
+/// Locks even if another thread has panicked: nothing behind these locks can be half done.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }

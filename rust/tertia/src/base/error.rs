@@ -1,11 +1,11 @@
-//! What can be wrong with an input, with the numbers that show it.
+//! Rejected inputs: what is wrong with them, with numbers.
 
 use thiserror::Error;
 
 /// A rejected input. The message names the argument, where it is wrong and what it must be.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum Error {
-    /// A measurement that cannot be used.
+    /// An unusable measurement.
     #[error("{argument}[{index}] is {}; {requirement}", text(*.value))]
     InvalidMeasurement {
         /// Name of the argument.
@@ -17,7 +17,7 @@ pub enum Error {
         /// What it must be.
         requirement: &'static str,
     },
-    /// An element of one of several vectors or matrices that cannot be used.
+    /// An unusable element of one of several vectors or matrices.
     #[error("{} is {}; {requirement}", element(argument, .index), text(*.value))]
     InvalidElement {
         /// Name of the argument.
@@ -44,7 +44,7 @@ pub enum Error {
         /// The element on the other side of the diagonal.
         lower: f64,
     },
-    /// A matrix that is no covariance.
+    /// A matrix that is not a covariance.
     #[error(
         "{} is indefinite: some combination of its components would have a negative variance",
         element(argument, .index)
@@ -55,7 +55,7 @@ pub enum Error {
         /// Which matrix.
         index: Vec<usize>,
     },
-    /// A covariance without error in some direction, or nearly so.
+    /// A covariance that is (nearly) zero in some direction.
     #[error(
         "{} is singular to working precision: some combination of its components has (almost) no \
          variance",
@@ -67,10 +67,10 @@ pub enum Error {
         /// Which matrix.
         index: Vec<usize>,
     },
-    /// Sensors that are both without error in some direction, or nearly so.
+    /// Sensors that all have (nearly) no error in some direction.
     #[error(
-        "{} and those that it is combined with are singular to working precision: \
-         some combination of components has (almost) no variance in any of them",
+        "{} and the covariances fused with it are singular to working precision: some combination \
+         of components has (almost) no variance in any of them",
         element(argument, .index)
     )]
     SingularSum {
@@ -79,7 +79,7 @@ pub enum Error {
         /// Which matrix.
         index: Vec<usize>,
     },
-    /// Sensors that are without error in different directions, or nearly so.
+    /// Sensors that have (nearly) no error, in different directions.
     #[error(
         "the fused covariance of {argument} is lost to rounding: each is (almost) singular, in \
          different directions"
@@ -88,13 +88,13 @@ pub enum Error {
         /// Name of the argument.
         argument: &'static str,
     },
-    /// Estimates whose errors cannot be correlated like that.
+    /// Estimates whose errors cannot have these correlations.
     #[error(
         "covariances and cross_covariances make a joint covariance that is indefinite: some \
          combination of the estimates would have a negative variance"
     )]
     IndefiniteJoint,
-    /// Estimates of which some combination is without error, or nearly so.
+    /// Estimates of which some combination has (nearly) no error.
     #[error(
         "covariances and cross_covariances make a joint covariance that is singular to working \
          precision: some combination of the estimates has (almost) no error"
@@ -111,17 +111,17 @@ pub enum Error {
         minimum: usize,
     },
     /// The rule left fewer measurements than a variance needs.
-    #[error("only {kept} of {count} measurements are not anomalous; choose a larger threshold")]
-    AllAnomalous {
+    #[error("only {kept} of {count} measurements pass; choose a larger threshold")]
+    TooFewLeft {
         /// Measurements that passed.
         kept: usize,
         /// Measurements given.
         count: usize,
     },
-    /// No group passed the tests among blocks with two measurements or more.
+    /// No block with two or more measurements passed the tests among blocks.
     #[error(
-        "none of {blocks} blocks is left: each has fewer than two measurements that are not \
-         anomalous, or fails a test; choose a larger block_size, k or variance_test"
+        "none of {blocks} blocks is left: each has fewer than two good measurements or fails a test; \
+         choose a larger block_size, k or variance_test"
     )]
     NoBlockLeft {
         /// Blocks given.
@@ -178,7 +178,7 @@ impl Error {
         }
     }
 
-    /// Whether it is about a matrix that is singular or indefinite.
+    /// Whether the error is about a singular or indefinite matrix.
     pub fn is_about_definiteness(&self) -> bool {
         matches!(
             self,
@@ -191,7 +191,7 @@ impl Error {
         )
     }
 
-    /// The same error about the sensors that were chosen from a larger number.
+    /// The same error with the indices of the sensors before some were selected.
     pub(crate) fn renumbered(self, sensors: &[usize]) -> Self {
         match self {
             Self::SingularSum { argument, index } => {
@@ -202,7 +202,7 @@ impl Error {
         }
     }
 
-    /// The same error about the bearings that were screened.
+    /// The same error about `theta`, whose bearings were screened.
     pub(crate) fn about_theta(self) -> Self {
         match self {
             Self::InvalidMeasurement { index, value, requirement, .. } => {
@@ -217,7 +217,7 @@ impl Error {
     }
 }
 
-/// An element of an argument as Python writes it.
+/// An element of an argument in Python notation.
 fn element(argument: &str, index: &[usize]) -> String {
     if index.is_empty() {
         return argument.to_owned();
@@ -226,7 +226,7 @@ fn element(argument: &str, index: &[usize]) -> String {
     format!("{argument}[{}]", index.join(", "))
 }
 
-/// The number as Python writes it.
+/// The number in Python notation.
 fn text(value: f64) -> String {
     let text = format!("{value:?}").to_lowercase();
     text.strip_suffix(".0").unwrap_or(&text).to_owned()
@@ -235,7 +235,7 @@ fn text(value: f64) -> String {
 /// Result of a kernel.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Returns `value` if `holds`, otherwise the error that names the parameter.
+/// Fails with an error that names the parameter unless `holds`.
 pub(crate) fn require(
     argument: &'static str,
     value: f64,
@@ -255,8 +255,7 @@ pub(crate) fn require_correlation(correlation: f64) -> Result<()> {
     require("correlation", correlation, correlation.abs() < 1.0, "between -1 and 1 (exclusive)")
 }
 
-/// Fails unless `significance` is a probability that a test can have; its share among the values of a
-/// sample must still be a normal double.
+/// Fails unless `significance` is inside (0, 1) and large enough to be divided by the sample size.
 pub(crate) fn require_significance(significance: f64) -> Result<()> {
     let holds = (1e-290..1.0).contains(&significance);
     require("significance", significance, holds, "between 0 and 1 (exclusive, not below 1e-290)")
@@ -267,7 +266,7 @@ pub(crate) fn require_finite(argument: &'static str, y: &[f64]) -> Result<()> {
     require_each(argument, y, f64::is_finite, "every measurement must be a finite number")
 }
 
-/// Fails with the first value of `y` that does not hold.
+/// Fails with the first value of `y` for which `holds` is false.
 pub(crate) fn require_each(
     argument: &'static str,
     y: &[f64],
@@ -282,7 +281,7 @@ pub(crate) fn require_each(
     }
 }
 
-/// Fails if fewer than `minimum` measurements are there.
+/// Fails if there are fewer than `minimum` measurements.
 pub(crate) fn require_count(argument: &'static str, count: usize, minimum: usize) -> Result<()> {
     if count >= minimum { Ok(()) } else { Err(Error::TooFew { argument, count, minimum }) }
 }

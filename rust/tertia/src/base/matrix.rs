@@ -1,7 +1,7 @@
-//! Covariance matrices whose order is known when compiling (on the stack), or not (`Dyn`).
+//! Covariance matrices whose order is known at compile time (on the stack) or not (`Dyn`).
 //!
-//! Nothing is compared but in units of the matrix's own diagonal, so components may have units of
-//! very different size.
+//! All comparisons are in units of the matrix's own diagonal, so components may have units of very
+//! different size.
 
 use crate::base::error::{Error, Result};
 use nalgebra::allocator::Allocator;
@@ -13,10 +13,10 @@ pub(crate) type Square<D> = OMatrix<f64, D, D>;
 /// Smallest and largest variance: products of four standard deviations and their reciprocals stay
 /// finite.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
-/// Largest difference of two elements that should be equal, in standard deviations.
+/// Largest difference between mirrored elements, in standard deviations.
 const ASYMMETRY: f64 = 1e-10;
-/// A matrix is semidefinite where its correlations are, after adding this to their diagonal: more
-/// than rounding leaves of a zero, less than a measurement tells.
+/// A matrix is semidefinite if its correlations are, after adding this to their diagonal: more than
+/// the rounding of a zero, less than any measurement resolves.
 const SEMIDEFINITE: f64 = 1e-13;
 /// Share of a variance that the other components must leave unexplained in a regular matrix.
 const REGULAR: f64 = 1e-13;

@@ -1,8 +1,8 @@
-//! Samples with missing (nan) measurements: taken out before a kernel, put back after it.
+//! Samples with missing (nan) measurements, which are removed before a kernel and restored after it.
 
 use crate::base::error::Error;
 
-/// The measurements that are there, and where they were.
+/// The measurements that are not missing, and their places.
 #[derive(Clone, Debug, Default)]
 pub struct Present {
     values: Vec<f64>,
@@ -10,7 +10,7 @@ pub struct Present {
 }
 
 impl Present {
-    /// Collects what is not nan. O(N).
+    /// Collects the values that are not nan. O(N).
     pub fn collect(&mut self, y: &[f64]) {
         self.values.clear();
         self.index.clear();
@@ -20,7 +20,7 @@ impl Present {
         }
     }
 
-    /// The measurements that are there.
+    /// The measurements that are not missing.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -33,7 +33,7 @@ impl Present {
         }
     }
 
-    /// Names the place in the whole sample.
+    /// Translates the place in an error to the whole sample.
     pub fn locate(&self, error: Error) -> Error {
         match error {
             Error::InvalidMeasurement { argument, index, value, requirement } => {

@@ -7,7 +7,7 @@
 use crate::base::error::{Error, Result, require_finite};
 use pulp::{Simd, WithSimd};
 
-/// Independent sums per block: enough to hide the latency of the adder at 256 bits. It is fixed, so
+/// Independent sums per block: enough to hide the latency of the adder at 256 bits, and fixed, so
 /// that every instruction set returns the same bits.
 const LANES: usize = 16;
 /// 16 KiB: half of the smallest L1 data cache in use.
@@ -83,7 +83,7 @@ impl Moments {
         }
     }
 
-    /// Returns the moments, or says which of `samples` spoilt them.
+    /// Returns the moments, or the error in one of `samples` that makes them useless.
     pub(crate) fn checked(self, argument: &'static str, samples: &[&[f64]]) -> Result<Self> {
         let squares = self.sum_of_squares;
         if squares.is_finite() && squares >= MIN_SUM_OF_SQUARES {

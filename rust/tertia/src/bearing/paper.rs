@@ -7,7 +7,7 @@ use crate::base::error::{Error, Result};
 use crate::base::moments::Moments;
 use crate::screening::thompson_tau;
 
-/// Blocks that a test among blocks needs.
+/// Fewest blocks for a test among blocks.
 const MIN_BLOCKS: usize = 3;
 
 /// Stages 1 to 4 as printed: (value, sigma).
@@ -17,16 +17,16 @@ pub(super) fn as_printed(
     outlier: &mut [bool],
 ) -> Result<(f64, f64)> {
     let Workspace { angle, cleaned, scratch, blocks, .. } = workspace;
-    // 1: single anomalies
+    // 1: single outliers
     rule.leave_one_out(true)?.screen(angle, outlier, cleaned, scratch)?;
     blocks.fill(cleaned, rule.block_size, scratch)?;
-    // 3.1: blocks with an anomalous mean; their variances stay
+    // 3.1: blocks with an outlying mean; their variances stay
     let mut flagged = vec![false; blocks.len()];
     if blocks.len() >= MIN_BLOCKS {
         let means = blocks.mean.clone();
         rule.leave_one_out(true)?.screen(&means, &mut flagged, &mut blocks.mean, scratch)?;
     }
-    // 3.2 (M5): blocks with an anomalous variance become copies of the quietest
+    // 3.2 (M5): blocks with too large a variance become copies of the quietest
     let extreme = extreme_variances(rule, blocks, &vec![true; blocks.len()]);
     let donor = (0..blocks.len())
         .fold(0, |best, j| if blocks.variance[j] < blocks.variance[best] { j } else { best });
@@ -60,7 +60,7 @@ fn extreme_variances(rule: &PaperRule, blocks: &BlockTable, used: &[bool]) -> Ve
     (0..blocks.len()).map(|j| used[j] && is_extreme(j)).collect()
 }
 
-/// Exclusion instead of copying, exact tests among blocks, and the sigma that belongs to it:
+/// Exclusion instead of copying, exact tests among blocks, and the sigma of this mean:
 /// `σ² = s² Σ p_j²/r_j`, s² pooled over the blocks used, r_j their sizes.
 pub(super) fn corrected(
     rule: &PaperRule,
@@ -93,7 +93,7 @@ pub(super) fn corrected(
     Ok((blocks.weighted_mean(), (pooled * spread).sqrt()))
 }
 
-/// Drops the blocks whose mean is too far from the others' by Grubbs' test.
+/// Drops the blocks whose mean deviates too much from the others by Grubbs' test.
 fn reject_means(blocks: &BlockTable, significance: f64, used: &mut [bool]) -> Result<()> {
     let members: Vec<usize> = (0..blocks.len()).filter(|&j| used[j]).collect();
     if members.len() < MIN_BLOCKS {

@@ -1,4 +1,4 @@
-//! The default estimator: what is not anomalous, in blocks weighted by moderated variances.
+//! The default estimator: the mean of good measurements in blocks weighted by moderated variances.
 
 use super::blocks::BlockTable;
 use super::rules::RobustRule;
@@ -12,7 +12,7 @@ pub(super) const MIN_COUNT: usize = 5;
 /// Detection, then `θ = Σ w m / Σ w` with `w = r/d~` over blocks: (value, sigma).
 ///
 /// `σ = max(1, √(Q/(L'−1))) / √Σw` with `Q = Σ w (m − θ)²`: if the blocks differ by more than their
-/// noise, the difference counts.
+/// noise, sigma grows accordingly.
 pub(super) fn estimate(
     rule: &RobustRule,
     workspace: &mut Workspace,
@@ -29,7 +29,7 @@ pub(super) fn estimate(
         return Ok((summary.mean, floor.max(step / 12_f64.sqrt())));
     }
     let overall = summary.variance.max(floor * floor);
-    // readings that are coarse beside the noise: a block's variance goes with its mean
+    // rounding that is coarse relative to the noise: a block's variance depends on its mean
     let coarse = bursts.step().powi(2) > summary.variance;
     let variance =
         if coarse { vec![overall; blocks.len()] } else { moderated(blocks, floor, overall) };
@@ -43,16 +43,16 @@ pub(super) fn estimate(
     Ok((value, q.max(1.0).sqrt() / total.sqrt()))
 }
 
-/// Distance of the nearest reading that differs from the one value that was kept, zero if there is
-/// none: the finest step that the readings are known to resolve.
+/// Distance of the nearest measurement that differs from the only value kept, zero if there is none:
+/// an upper bound of the rounding step.
 fn nearest_difference(angle: &[f64], kept: f64) -> f64 {
     let distances = angle.iter().map(|v| (v - kept).abs()).filter(|&d| d > 0.0);
     let nearest = distances.fold(f64::INFINITY, f64::min);
     if nearest.is_finite() { nearest } else { 0.0 }
 }
 
-/// Variances shrunk towards their common value (Smyth 2004): the spread of `ln d_j` beyond that of
-/// chi-square noise tells how much they really differ.
+/// Variances shrunk towards their common value (Smyth 2004): the spread of `ln d_j` in excess of that
+/// of chi-square noise is their true spread.
 ///
 /// `e_j = ln d_j − ψ(ν_j/2) + ln(ν_j/2)`, `ψ'(ν0/2) = var(e) − mean ψ'(ν_j/2)`,
 /// `s0² = exp(mean e + ψ(ν0/2) − ln(ν0/2))`, `d~ = (ν0 s0² + ν d)/(ν0 + ν)`; pooled where the

@@ -1,4 +1,4 @@
-//! Points and bursts: anomalies alone and in runs of one polarity, found together.
+//! Points and bursts: single outliers and runs of outliers on one side, found together.
 //!
 //! Collective and point anomaly detection (Fisch, Eckley, Fearnhead 2022) for a change in mean,
 //! started from median and MAD, solved exactly by dynamic programming.
@@ -13,12 +13,12 @@ use pulp::{Simd, WithSimd};
 const MAD_TO_SIGMA: f64 = 1.4826;
 /// Most refits of centre and scale.
 const MAX_ITERATIONS: usize = 3;
-/// With fewer values than this (or a quarter of the sample) left, all flags are dropped.
+/// If fewer values than this, or than a quarter of the sample, would be left, nothing is flagged.
 const MIN_KEPT: usize = 5;
-/// The penalties of shorter samples are those of this many values: median and MAD of a few values
-/// are so uncertain that with ln N itself one clean value in twenty is flagged.
+/// Shorter samples get the penalties of this many values: median and MAD of a few values are so
+/// uncertain that with ln N itself one good value in twenty would be flagged.
 const FEWEST_FOR_PENALTY: usize = 30;
-/// A longer one is not a burst, and its table would not fit.
+/// Longer than any burst; the table of lengths must fit into memory.
 const LONGEST_BURST: usize = 100_000;
 /// Larger penalties and steps would overflow.
 const LARGEST: f64 = 1e100;
@@ -46,17 +46,17 @@ pub struct BurstWorkspace {
     /// Best total before each start, less the best total so far.
     total: Vec<f64>,
     gain: Vec<f64>,
-    /// Length of the anomaly that ends at each value in the best solution up to it, 0: none.
+    /// Length of the point or burst that ends at each value in the best solution so far, 0: none.
     length: Vec<usize>,
     kept: Vec<f64>,
-    /// Step of the readings as far as it is known, else zero.
+    /// Rounding step of the measurements, zero if unknown.
     step: f64,
 }
 
 impl BurstRule {
     /// A rule with penalties in units of ln N per point and per burst, burst lengths from
-    /// `min_length` to `max_length`, lag-one `correlation` of the noise and `rounding` of the
-    /// readings (0: continuous).
+    /// `min_length` to `max_length`, lag-one `correlation` of the noise and `rounding` step of
+    /// the measurements (0: none, or unknown).
     ///
     /// # Errors
     /// A parameter outside its domain.
@@ -138,7 +138,7 @@ impl BurstRule {
         Ok(Summary::of_moments(&kept, (self.point_penalty * ln_n).sqrt() * scale))
     }
 
-    /// As [`BurstRule::detect`], and writes the cleaned sample (nan where anomalous).
+    /// As [`BurstRule::detect`], and writes the cleaned sample (nan in place of outliers).
     ///
     /// # Errors
     /// As [`BurstRule::detect`].
@@ -160,8 +160,8 @@ impl BurstRule {
         Ok(summary)
     }
 
-    /// Median and MAD, or [`BurstRule::start_of_ties`] where the MAD is zero; notes the step of the
-    /// readings.
+    /// Median and MAD, or [`BurstRule::start_of_ties`] where the MAD is zero; stores the rounding
+    /// step.
     fn start(&self, y: &[f64], workspace: &mut BurstWorkspace) -> Result<(f64, f64)> {
         let n = y.len() as f64;
         let deviations = &mut workspace.kept;
@@ -179,9 +179,9 @@ impl BurstRule {
         self.start_of_ties(y, centre, workspace)
     }
 
-    /// More than half of the readings are equal to `centre`. If they are rounded, those one step
-    /// off are as good, so both make centre and scale. If the rounding is not known, the nearest
-    /// reading tells the step, and the scale is not below the mean absolute deviation.
+    /// More than half of the measurements equal `centre`. If they are rounded, those one step away
+    /// are as good, so both determine centre and scale. If the step is unknown, it is taken from the
+    /// nearest different measurement, and the scale is at least the mean absolute deviation.
     fn start_of_ties(
         &self,
         y: &[f64],
@@ -209,8 +209,8 @@ impl BurstRule {
 
     /// The best partition into normal values, points and bursts:
     /// `C[t] = max(C[t−1], C[t−1] + x_t² − β_p, max_l C[t−l] + (x_{t−l+1}+…+x_t)²/(l φ_l) − β_c)`.
-    /// Ties: normal before point before the longest burst. Totals are kept relative to the latest,
-    /// so one enormous value does not swallow the digits of the later ones.
+    /// Ties: normal before point before the longest burst. Totals are relative to the latest one, so
+    /// that an enormous value does not cost the later ones their digits.
     #[inline(always)]
     fn solve(&self, ln_n: f64, workspace: &mut BurstWorkspace) {
         let (point_cost, burst_cost) = (self.point_penalty * ln_n, self.burst_penalty * ln_n);
@@ -265,7 +265,7 @@ impl WithSimd for Solve<'_> {
     }
 }
 
-/// The largest value, −∞ of none; in lanes, because a single maximum waits for the one before.
+/// The largest value, −∞ if there is none; in lanes, because a single maximum is a chain.
 #[inline(always)]
 fn largest(values: &[f64]) -> f64 {
     let larger = |a: f64, b: f64| if b > a { b } else { a };

@@ -11,12 +11,12 @@ use crate::base::error::{
 };
 use crate::base::moments::Moments;
 
-/// A test statistic and the probability of a more extreme one when nothing is anomalous.
+/// A test statistic and the probability of a more extreme one without outliers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutlierTest {
     /// The test statistic.
     pub statistic: f64,
-    /// Probability of a statistic at least as large under the hypothesis 'not anomalous'.
+    /// Probability of a statistic at least as large if there is no outlier.
     pub pvalue: f64,
 }
 
@@ -37,7 +37,7 @@ pub enum Test {
     Cochran(f64),
 }
 
-/// Threshold of `test` at significance `significance` for sample size `n`.
+/// Threshold of `test` at this significance for sample size `n`.
 ///
 /// Exact, except for `Grubbs` and `Cochran`: there the significance is Bonferroni's, exact as long as two
 /// values cannot exceed the threshold at once (G > √((N−1)/2), C > 1/2), else not above `significance`.
@@ -66,7 +66,7 @@ pub fn critical_value(n: usize, significance: f64, test: Test) -> Result<f64> {
     })
 }
 
-/// Probability that `test` with threshold `k` calls a clean sample anomalous: the inverse of
+/// Probability that `test` with threshold `k` raises an alarm in a clean sample: the inverse of
 /// [`critical_value`].
 ///
 /// # Errors
@@ -89,7 +89,7 @@ pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
     })
 }
 
-/// The upper limit is where the tails have lost four digits.
+/// Above the upper limit the tails lose more than four digits.
 fn require_degrees(degrees: f64) -> Result<()> {
     let holds = (1.0..=1e9).contains(&degrees);
     require("degrees_of_freedom", degrees, holds, "between 1 and 1e9")
@@ -138,7 +138,7 @@ fn pvalue_against(others: &Moments, x: f64) -> f64 {
     student_two_sided(t, n - 1.0)
 }
 
-/// Is `x` anomalous against n others with these moments, sigma being known (R1)?
+/// Is `x` an outlier against n others with these moments, with known sigma (R1)?
 /// `t = |x − ȳ| / (σ √((n+1)/n))`. O(1).
 ///
 /// # Errors
@@ -151,7 +151,7 @@ pub fn z_test(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
     Ok(OutlierTest { statistic, pvalue: normal_two_sided(statistic) })
 }
 
-/// Is `x` anomalous against n others with these moments, sigma being estimated (R2), (R3)?
+/// Is `x` an outlier against n others with these moments, with estimated sigma (R2), (R3)?
 /// `t = |x − ȳ| / s`. O(1).
 ///
 /// # Errors

@@ -5,18 +5,18 @@ use super::summary::Summary;
 use crate::base::error::{Error, Result, require_count, require_positive};
 use crate::base::moments::Moments;
 
-/// What takes the place of an anomalous value.
+/// What replaces an outlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replacement {
-    /// Mean of the nearest values on both sides that are not anomalous (at an end: the one there is).
+    /// Mean of the nearest good values on both sides (at an end of the sample: the one there is).
     Neighbours,
-    /// Mean of the whole sample, the anomalous values included.
+    /// Mean of the whole sample, outliers included.
     Mean,
     /// Nothing: the value is excluded.
     Excluded,
 }
 
-/// The k-sigma rule and what it does with an anomalous value.
+/// The k-sigma rule, and what it does with outliers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KSigmaRule {
     k: f64,
@@ -24,7 +24,7 @@ pub struct KSigmaRule {
 }
 
 impl KSigmaRule {
-    /// A rule that calls y_i anomalous if `|y_i − M| > k √D`.
+    /// A rule that flags y_i if `|y_i − M| > k √D`.
     ///
     /// # Errors
     /// k ≤ 0.
@@ -33,7 +33,7 @@ impl KSigmaRule {
         Ok(Self { k, replacement })
     }
 
-    /// Screens `y`: marks anomalous values and writes the cleaned sample (nan where excluded). O(N).
+    /// Screens `y`: marks outliers and writes the cleaned sample (nan where excluded). O(N).
     ///
     /// # Errors
     /// Fewer than 2 values, a value that is not finite, deviations out of range, or too few left.
@@ -87,7 +87,7 @@ fn interpolate(outlier: &[bool], cleaned: &mut [f64]) -> Result<()> {
         let value = match (before, after) {
             (Some(a), Some(b)) => a + 0.5 * (b - a),
             (Some(v), None) | (None, Some(v)) => v,
-            (None, None) => return Err(Error::AllAnomalous { kept: 0, count: n }),
+            (None, None) => return Err(Error::TooFewLeft { kept: 0, count: n }),
         };
         cleaned[first..end].fill(value);
         start = end;
@@ -121,6 +121,6 @@ mod tests {
         let (mut outlier, mut cleaned) = ([false; 4], [0.0; 4]);
         let result =
             rule.screen(&[-1.0, -1.0, 1.0, 1.0], &mut outlier, &mut cleaned, &mut Vec::new());
-        assert_eq!(result, Err(Error::AllAnomalous { kept: 0, count: 4 }));
+        assert_eq!(result, Err(Error::TooFewLeft { kept: 0, count: 4 }));
     }
 }

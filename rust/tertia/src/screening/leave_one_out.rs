@@ -5,15 +5,16 @@ use super::summary::Summary;
 use crate::base::error::{Result, require, require_count, require_positive};
 use crate::base::moments::Moments;
 
-/// Repeated passes that replace eat the whole sample below k = 2.1617; refused below this.
+/// Repeated passes that replace outliers consume the whole sample below k = 2.1617; refused below
+/// this.
 const MIN_K_REPLACING_PASSES: f64 = 2.5;
-/// Repeated passes that exclude do so below √3.
+/// Repeated passes that exclude outliers do so below √3.
 const MIN_K_EXCLUDING_PASSES: f64 = 1.732_050_807_568_877_2;
 
-/// Which mean and variance the values of one pass are tested with.
+/// The mean and variance with which the values of one pass are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Statistics {
-    /// Those of the sample as corrected so far: what the paper describes.
+    /// Those of the sample as cleaned so far, as in the paper.
     Sequential,
     /// Those of the sample at the start of the pass.
     Frozen,
@@ -43,7 +44,7 @@ pub(super) fn threshold(k: f64, moments: &Moments) -> f64 {
     (n - 1.0) * (moments.sum_of_squares() / (n * room(k, n))).sqrt()
 }
 
-/// The leave-one-out rule and what it does with an anomalous value.
+/// The leave-one-out rule, and what it does with outliers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeaveOneOutRule {
     k: f64,
@@ -54,11 +55,11 @@ pub struct LeaveOneOutRule {
 }
 
 impl LeaveOneOutRule {
-    /// A rule that calls y_i anomalous if `|M'_i − y_i| > k √D'_i` and replaces it by M'_i or,
+    /// A rule that flags y_i if `|M'_i − y_i| > k √D'_i` and replaces it by M'_i or,
     /// without `replace`, excludes it.
     ///
     /// # Errors
-    /// k ≤ 0, no pass, or several passes with a k at which they would eat the whole sample.
+    /// k ≤ 0, no pass, or several passes with a k at which they would consume the whole sample.
     pub fn try_new(
         k: f64,
         statistics: Statistics,
@@ -78,7 +79,7 @@ impl LeaveOneOutRule {
         Ok(Self { k, statistics, direction, replace, passes })
     }
 
-    /// Screens `y`: marks anomalous values and writes the cleaned sample (nan where excluded).
+    /// Screens `y`: marks outliers and writes the cleaned sample (nan where excluded).
     /// O(N) a pass; each of the few values that dominate the sum of squares costs O(N) more.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use crate::base::error::{Result, require_count, require_positive};
 use crate::base::moments::{BLOCK, Moments};
 use pulp::{Simd, WithSimd};
 
-/// Marks the values that the rule with frozen statistics finds anomalous. O(N); about one read of
+/// Marks the outliers of the rule with frozen statistics. O(N); about one read of
 /// memory where the sample is stationary, never more than two; N/85 bytes of memory.
 ///
 /// ```

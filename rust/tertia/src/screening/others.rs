@@ -25,13 +25,14 @@ pub(super) fn moments_of_kept(cleaned: &[f64], scratch: &mut Vec<f64>) -> Result
 pub(super) fn moments_of_cleaned(cleaned: &[f64], scratch: &mut Vec<f64>) -> Result<Moments> {
     let moments = moments_of_kept(cleaned, scratch)?;
     if moments.count() < 2.0 {
-        return Err(Error::AllAnomalous { kept: moments.count() as usize, count: cleaned.len() });
+        return Err(Error::TooFewLeft { kept: moments.count() as usize, count: cleaned.len() });
     }
     Ok(moments)
 }
 
 /// Moments of all kept values but `cleaned[i]`: by downdating where that is exact to rounding,
-/// anew where `cleaned[i]` makes up more than half of the sum of squares (at most two values can).
+/// otherwise anew, where `cleaned[i]` makes up more than half of the sum of squares (at most two
+/// values can).
 pub(super) fn moments_of_others(
     cleaned: &[f64],
     i: usize,
