@@ -126,8 +126,8 @@ def test_covariances_hold(motion):
     mean = np.nanmean(nees, axis=0)
     # straight flight is easier than the models think; a turn of 2 degrees a second that begins at
     # once is not seen for two scans
-    assert np.all(mean[:20] < 1.3)
-    assert np.all(mean[23:] < (1.6 if motion == "imm" else 2.2))
+    assert np.all(mean[:20] < 1.1)
+    assert np.all(mean[23:] < (1.4 if motion == "imm" else 2.1))
     assert mean.mean() < 1.5
 
 
@@ -139,8 +139,8 @@ def test_a_manoeuvre_is_flagged_soon():
         found = track(plots, [RADAR])
         begins = np.flatnonzero((found.turn_probability > 0.5) & (found.time >= 80.0))
         delays.append(found.time[begins[0]] - 80.0)
-        assert np.mean(found.turn_probability[5:20] > 0.5) < 0.2
-    assert np.median(delays) <= 20.0
+        assert np.mean(found.turn_probability[5:20] > 0.5) < 0.1
+    assert np.median(delays) <= 14.0
 
 
 def test_a_large_error_of_a_plot_is_hardly_a_manoeuvre():
