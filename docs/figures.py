@@ -18,7 +18,7 @@ from studies import (
     instant,
     location,
     paper,
-    report,
+    registration,
     screening,
     smoothing,
     tracker,
@@ -76,8 +76,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "ambiguity": association.ambiguity,
         "updates": association.updates,
     },
-    "report.md": {
-        "coverage": report.coverage,
+    "registration.md": {
+        "coverage": registration.coverage,
     },
     "fusion.md": {
         "paper weights": fusion.paper_weights,

@@ -170,17 +170,23 @@ def passing() -> str:
                         alone = times[at] + one.times[waypoint] - here - passed[waypoint]
                         error = found.time[at, waypoint] - passed[waypoint]
                         errors.append((error, found.sigma[at, waypoint], alone))
-            refined, sigma, alone_ = np.sqrt(np.mean(np.square(errors), axis=0))
+            estimated, sigma, alone_ = np.sqrt(np.mean(np.square(errors), axis=0))
             rows.append(
                 [
                     f"0 to {wind:.0f}",
                     f"{before:.0f}",
                     f"{alone_:.1f}",
-                    f"{refined:.1f}",
+                    f"{estimated:.1f}",
                     f"{sigma:.1f}",
                 ]
             )
-    head = ["wind, m/s", "ahead, s", "by the plan alone: rms, s", "refined: rms, s", "sigma, s"]
+    head = [
+        "wind, m/s",
+        "ahead, s",
+        "plan alone: rms error, s",
+        "estimated: rms error, s",
+        "sigma, s",
+    ]
     return markdown(head, rows)
 
 

@@ -142,21 +142,18 @@ def rounds(plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable) -
     factor, factor_sigma = levels / noise
     history, history_sigma = histories / noise[:, np.newaxis]
     unknown = np.isnan(bias)
-    bias, bias_sigma = np.where(unknown, 0.0, bias), np.where(unknown, np.inf, bias_sigma)
+    value = _by_kind(np.where(unknown, 0.0, bias))
+    spread = _by_kind(np.where(unknown, np.inf, bias_sigma))
     registration = Registration(
         Bias(
-            range=bias[:, 0],
-            azimuth=bias[:, 1],
-            range_sigma=bias_sigma[:, 0],
-            azimuth_sigma=bias_sigma[:, 1],
+            range=value.range,
+            azimuth=value.azimuth,
+            range_sigma=spread.range,
+            azimuth_sigma=spread.azimuth,
         ),
-        ByKind(range=factor[:, 0], azimuth=factor[:, 1]),
-        ByKind(range=factor_sigma[:, 0], azimuth=factor_sigma[:, 1]),
-        NoiseHistory(
-            edges,
-            ByKind(range=history[..., 0], azimuth=history[..., 1]),
-            ByKind(range=history_sigma[..., 0], azimuth=history_sigma[..., 1]),
-        ),
+        _by_kind(factor),
+        _by_kind(factor_sigma),
+        NoiseHistory(edges, _by_kind(history), _by_kind(history_sigma)),
         tuple(sensors),
     )
     return Rounds(registration, stated, found, states)
@@ -207,6 +204,12 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
 def in_stretches(time: FloatArray, edges: FloatArray) -> IntArray:
     """Return in which stretch of time each time is."""
     return np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
+
+
+def _by_kind(columns: FloatArray) -> ByKind:
+    """Return columns (..., 2) of range and azimuth."""
+    range_, azimuth = (np.ascontiguousarray(columns[..., axis]) for axis in range(2))
+    return ByKind(range=range_, azimuth=azimuth)
 
 
 def _edges(plots: Plots, period: float) -> FloatArray:
