@@ -1,6 +1,7 @@
 from typing import Any, final
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.kalman import SingerModel
 
 __all__ = [
     "DEBUG_BUILD",
@@ -20,8 +21,8 @@ __all__ = [
     "common_states",
     "conformance",
     "consistency_bounds",
-    "correlate",
     "correct_states",
+    "correlate",
     "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
@@ -50,9 +51,9 @@ __all__ = [
     "location_accuracy",
     "paper_score",
     "plan_speeds",
+    "plots_to_cartesian",
     "register_biases",
     "register_noise",
-    "plots_to_cartesian",
     "simulated_excess",
     "singer_transition",
     "smooth",
@@ -158,12 +159,8 @@ def simulated_excess(
 def covariance_of_covariance(
     covariance: FloatArray, factor: float, n_threads: int | None
 ) -> FloatArray: ...
-def singer_transition(
-    model: tuple[float, float, bool], dt: float
-) -> tuple[list[float], list[float]]: ...
-def steady_state(
-    model: tuple[float, float, bool], dt: float, variance: float
-) -> tuple[list[float], list[float]]: ...
+def singer_transition(model: SingerModel, dt: float) -> tuple[list[float], list[float]]: ...
+def steady_state(model: SingerModel, variance: float) -> tuple[list[float], list[float]]: ...
 def consistency_bounds(probability: float, count: int, dimension: int) -> list[float]: ...
 def filter_series(
     batch: dict[str, Any], store: str, filled: list[FloatArray], n_threads: int | None

@@ -249,7 +249,7 @@ class TestArrays:
             filter_series(z[:2], R, PRINTED, out=out)
         with pytest.raises(ValueError, match=r'out has an array of shape .*store="mean"'):
             filter_series(z, R, PRINTED, store="mean", out=out)
-        with pytest.raises(ValueError, match='out is of no use with store="final"'):
+        with pytest.raises(ValueError, match='out has no use with store="final"'):
             filter_series(z, R, PRINTED, store="final", out=out)
         with pytest.raises(TypeError, match="out is of type ndarray; it must be a FilteredSeries"):
             filter_series(z, R, PRINTED, out=np.empty((3, 40, 3)))

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, real, samples, threads
-from tertia.kalman import SingerModel, _full, _initial, _intervals, _require_model, _sigma
+from tertia.kalman._batch import _initial, _intervals
+from tertia.kalman._model import SingerModel, _full, _require_model, _sigma
 
 FusionMethod: TypeAlias = Literal[
     "robust",
@@ -193,7 +194,7 @@ def fuse_series(
         "variance": _variances(measurement_variance, tuple(batch), radars, steps),
         "dt": _intervals(time, model, steps, tuple(batch)),
         "initial": None if initial is None else _states(initial, tuple(batch), radars),
-        "model": model._core,
+        "model": model,
         "period": None if period is None else real(period, "period"),
         "method": str(method),
         "change_probability": real(change_probability, "change_probability"),

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer
-from tertia.kalman import SingerModel, _require_model
+from tertia.kalman._model import SingerModel, _require_model
 from tertia.simulate._parameters import _LARGEST, _number, _period, _require, _shape, _wrap
 
 __all__ = ["RadarRecord", "RadarScenario", "ScenarioName", "radar_scenario", "radars"]

@@ -22,11 +22,18 @@ const SMOOTH_NS: f64 = 120.0;
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Threads = Option<NonZero<usize>>;
-/// alpha, acceleration sigma, exact.
-pub type Model = (f64, f64, bool);
 
-pub fn singer((alpha, acceleration_sigma, exact): Model) -> PyResult<Singer> {
-    Singer::try_new(alpha, acceleration_sigma, exact).map_err(value_error)
+/// What is taken from a `SingerModel`.
+#[derive(Clone, Copy, FromPyObject)]
+pub struct Model {
+    dt: f64,
+    alpha: f64,
+    acceleration_sigma: f64,
+    exact: bool,
+}
+
+pub fn singer(model: Model) -> PyResult<Singer> {
+    Singer::try_new(model.alpha, model.acceleration_sigma, model.exact).map_err(value_error)
 }
 
 /// The elements (0, 1), (0, 2), (1, 2), (2, 2) of F, and the upper triangle of Q.
@@ -38,8 +45,8 @@ pub fn singer_transition(model: Model, dt: f64) -> PyResult<([f64; 4], [f64; 6])
 
 /// The gain to which a filter converges, and the upper triangle of the covariance after a plot.
 #[pyfunction]
-pub fn steady_state(model: Model, dt: f64, variance: f64) -> PyResult<([f64; 3], [f64; 6])> {
-    kalman::steady_state(&singer(model)?, dt, variance).map_err(value_error)
+pub fn steady_state(model: Model, variance: f64) -> PyResult<([f64; 3], [f64; 6])> {
+    kalman::steady_state(&singer(model)?, model.dt, variance).map_err(value_error)
 }
 
 /// Bounds of the mean of so many normalised squared errors.
@@ -232,23 +239,13 @@ pub fn fit_noise<'py>(
     Ok((found, array(py, z.shape, outlier)?))
 }
 
-/// What is taken from a `SingerModel`.
-#[derive(FromPyObject)]
-struct Attributes {
-    dt: f64,
-    alpha: f64,
-    acceleration_sigma: f64,
-    exact: bool,
-}
-
 /// The model of a `SingerModel`, and its step.
 pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)> {
-    let attributes: Attributes = model.extract().map_err(|_| {
+    let model: Model = model.extract().map_err(|_| {
         PyTypeError::new_err(format!("model is {model:?}; it must be a SingerModel"))
     })?;
-    let Attributes { dt, alpha, acceleration_sigma, exact } = attributes;
-    let singer = singer((alpha, acceleration_sigma, exact))?;
-    Ok((singer, singer.over(dt).map_err(value_error)?))
+    let singer = singer(model)?;
+    Ok((singer, singer.over(model.dt).map_err(value_error)?))
 }
 
 /// A filter that is fed plot by plot, for embedding.

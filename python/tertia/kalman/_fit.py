@@ -1,0 +1,168 @@
+"""Noise and motion from recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, real, threads
+from tertia.kalman._batch import _batch
+from tertia.kalman._model import SingerModel
+
+Limit: TypeAlias = Literal[
+    "white acceleration", "constant acceleration", "constant rate", "no noise"
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseFit:
+    """Maximum-likelihood noise of the plots and parameters of the motion.
+
+    The likelihood may be largest where a parameter is 0 or infinite; `limits` then names the case:
+
+    - "white acceleration": alpha is infinite. The recording determines only the combination
+      `density` of alpha and `acceleration_sigma`.
+    - "constant acceleration": alpha is 0. Each series has a single acceleration, so
+      `acceleration_sigma` says little about other series.
+    - "constant rate": there is no acceleration. `density` and `acceleration_sigma` are 0.
+    - "no noise": the noise is negligible beside the motion.
+
+    An infinite alpha is then given as 1e6 divided by the usual interval, and a noise of 0 as a tiny
+    number, so that `model` and the filter can be used.
+
+    Attributes
+    ----------
+    alpha, acceleration_sigma, measurement_sigma : float
+        Estimates.
+    sigma : ndarray of shape (3,)
+        Standard uncertainties of these three, to first order: those of the logarithms multiplied by
+        the estimates. inf for what the recording does not determine.
+    log_likelihood : float
+        Log-likelihood at the maximum.
+    count : int
+        Number of plots with an innovation.
+    density_sigma : float
+        Standard uncertainty of `density`, likewise.
+    limits : tuple of str
+        Names of the cases above; empty if no parameter is 0 or infinite.
+    outlier : ndarray of bool, of the shape of the plots
+        Plots that were left out of the fit.
+    """
+
+    alpha: float
+    acceleration_sigma: float
+    measurement_sigma: float
+    sigma: FloatArray
+    log_likelihood: float
+    count: int
+    density_sigma: float
+    limits: tuple[Limit, ...]
+    outlier: BoolArray
+
+    @property
+    def density(self) -> float:
+        """Spectral density of a slowly changing acceleration, `2 acceleration_sigma**2 / alpha`."""
+        if self.acceleration_sigma == 0:
+            return 0.0
+        return 2 * self.acceleration_sigma**2 / self.alpha if self.alpha > 0 else float("inf")
+
+    def model(self, dt: float) -> SingerModel:
+        """Return the fitted motion model, for plots `dt` apart."""
+        return SingerModel(dt, self.alpha, self.acceleration_sigma, exact=True)
+
+    def __repr__(self) -> str:
+        """Return the estimates with their uncertainties; at limits, those that are determined."""
+        names = ["alpha", "acceleration_sigma", "measurement_sigma"]
+        sigmas = dict(zip(names, self.sigma, strict=True))
+        if "white acceleration" in self.limits:
+            sigmas = {"density": self.density_sigma} | sigmas
+        if self.limits:
+            sigmas = {name: sigma for name, sigma in sigmas.items() if np.isfinite(sigma)}
+        estimates = ", ".join(
+            f"{name} {value:.3g} ± {sigma / value:.0%}"
+            for name, sigma in sigmas.items()
+            if (value := getattr(self, name))
+        )
+        limits = ", ".join(self.limits)
+        return f"NoiseFit({': '.join(filter(None, (limits, estimates)))})"
+
+
+def fit_noise(
+    z: npt.ArrayLike,
+    *,
+    dt: float | None = None,
+    time: npt.ArrayLike | None = None,
+    period: float | None = None,
+    outlier_gate: float | None = None,
+    n_threads: int | None = None,
+) -> NoiseFit:
+    """Estimate the noise of the plots and the motion model from a recording.
+
+    Parameters
+    ----------
+    z : array_like of shape (..., steps)
+        Measured angles, at least 10; nan where there is none. Several series share the same
+        parameters.
+    dt : float, optional
+        Time between plots.
+    time : array_like of shape (steps,) or (..., steps), optional
+        Times of the steps, instead of `dt`.
+    period : float, optional
+        360.0 for degrees, 2*pi for radians; None for data that do not wrap.
+    outlier_gate : float, optional
+        Plots that lie more than this many standard deviations off the track through all others are
+        left out and the rest is fitted again, up to ten times. By default all plots are used.
+    n_threads : int, optional
+        Threads to use; by default one for little work and all cores for much.
+
+    Returns
+    -------
+    NoiseFit
+        Parameters of an exact `SingerModel` and the standard deviation of the plots, with their
+        uncertainties.
+
+    Raises
+    ------
+    ValueError
+        Too few plots, plots that a line or parabola fits exactly, shapes that do not fit,
+        decreasing times, or neither or both of `dt` and `time`.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Maximum likelihood: the scale of the noise in closed form, alpha and the ratio of acceleration
+    to noise on a grid and then by Newton's method, about 150 runs of the filter in all. The
+    uncertainties come from the curvature at the maximum. Recordings often say little about alpha,
+    whose uncertainty is then large; where the maximum is at a limit, the uncertainty is inf and
+    `limits` names the limit.
+
+    A batch gives one fit, of the parameters that its series share. For separate fits, call the
+    function once for each series.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.kalman import fit_noise
+    >>> rng = np.random.default_rng(1)
+    >>> angle = 30 + 0.2 * np.arange(200) + 2 * np.sin(np.arange(200) / 30)
+    >>> fit = fit_noise(angle + 0.1 * rng.standard_normal(200), dt=5.0)
+    >>> round(fit.measurement_sigma, 2)
+    0.09
+    """
+    if (dt is None) == (time is None):
+        raise ValueError("give either dt or time")
+    unit = SingerModel(1.0 if dt is None else dt, 0.0, 0.0, exact=True)
+    batch, _ = _batch(z, 1.0, unit, None, time=time, period=period)
+    (estimates, sigma, density_sigma, *value, limits), outlier = _core.fit_noise(
+        batch["z"],
+        batch["dt"],
+        batch["period"],
+        None if outlier_gate is None else real(outlier_gate, "outlier_gate"),
+        threads(n_threads),
+    )
+    return NoiseFit(*estimates, np.array(sigma), *value, density_sigma, tuple(limits), outlier)

@@ -1,0 +1,127 @@
+"""The motion model, and what a filter of it converges to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import FloatArray, flag, real
+
+# the place of every element of a covariance in its upper triangle
+_FULL = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
+
+
+@dataclass(frozen=True, slots=True)
+class SingerModel:
+    """Motion with an acceleration of constant variance and autocorrelation `exp(-alpha |t|)`.
+
+    With `alpha=0` the acceleration is constant, with `acceleration_sigma=0` the rate.
+
+    Attributes
+    ----------
+    dt : float
+        Time between plots, used where no times are given.
+    alpha : float
+        Manoeuvre frequency: the reciprocal of the time in which an acceleration fades.
+    acceleration_sigma : float
+        Standard deviation of the acceleration.
+    exact : bool
+        False: as printed, with `1 - alpha T` for `exp(-alpha T)` and process noise in the
+        acceleration alone; only for `alpha T < 1`. True: the exact discretisation.
+
+    Examples
+    --------
+    >>> from tertia.kalman import SingerModel
+    >>> model = SingerModel(4.0, 0.05, 1.0)
+    >>> model.transition()
+    array([[1. , 4. , 8. ],
+           [0. , 1. , 4. ],
+           [0. , 0. , 0.8]])
+    >>> model.process_noise()[2, 2].round(2)
+    np.float64(0.36)
+    """
+
+    dt: float
+    alpha: float
+    acceleration_sigma: float
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        for name in ("dt", "alpha", "acceleration_sigma"):
+            object.__setattr__(self, name, real(getattr(self, name), name))
+        object.__setattr__(self, "exact", flag(self.exact, "exact"))
+        _core.singer_transition(self, self.dt)
+
+    def transition(self, dt: float | None = None) -> FloatArray:
+        """Return F over a time step, by default `self.dt`: shape (3, 3)."""
+        (f01, f02, f12, f22), _ = self._over(dt)
+        return np.array([[1.0, f01, f02], [0.0, 1.0, f12], [0.0, 0.0, f22]])
+
+    def process_noise(self, dt: float | None = None) -> FloatArray:
+        """Return Q over a time step, by default `self.dt`: shape (3, 3)."""
+        return _full(np.array(self._over(dt)[1]))
+
+    def _over(self, dt: float | None) -> tuple[list[float], list[float]]:
+        return _core.singer_transition(self, self.dt if dt is None else real(dt, "dt"))
+
+
+def steady_state(model: SingerModel, measurement_variance: float) -> tuple[FloatArray, FloatArray]:
+    """Return the gain and the covariance that the filter converges to.
+
+    Parameters
+    ----------
+    model : SingerModel
+        Motion of the target, with a plot every `model.dt`.
+    measurement_variance : float
+        Variance of the plots' noise.
+
+    Returns
+    -------
+    gain : ndarray of shape (3,)
+        Kalman gain.
+    covariance : ndarray of shape (3, 3)
+        Covariance after a plot.
+
+    Raises
+    ------
+    ValueError
+        A variance that is not positive, or so far from the process noise that no digits are left;
+        or a model without process noise, which has no steady state.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    The doubling algorithm (Anderson 1978), in double-double arithmetic.
+
+    Examples
+    --------
+    >>> from tertia.kalman import SingerModel, steady_state
+    >>> steady_state(SingerModel(5.0, 0.05, 0.003), 0.01)[0].round(3)
+    array([0.754, 0.102, 0.005])
+    """
+    variance = real(measurement_variance, "measurement_variance")
+    if not 1e-100 <= variance <= 1e100:
+        raise ValueError(f"measurement_variance is {variance}; it must be a positive number")
+    _require_model(model)
+    gain, upper = _core.steady_state(model, variance)
+    return np.array(gain), _full(np.array(upper))
+
+
+def _full(upper: FloatArray) -> FloatArray:
+    covariance: FloatArray = upper[..., _FULL].reshape(*upper.shape[:-1], 3, 3)
+    return covariance
+
+
+def _sigma(upper: FloatArray) -> FloatArray:
+    sigma: FloatArray = np.sqrt(upper[..., [0, 3, 5]])
+    return sigma
+
+
+def _require_model(model: Any) -> None:
+    if not isinstance(model, SingerModel):
+        raise TypeError(f"model is {model!r}; it must be a SingerModel")
