@@ -115,8 +115,8 @@ def main():
                 command = [sys.executable, __file__, "--measure", str(path), "--runs"]
                 command += [str(chosen.runs), "--aircraft", str(aircraft)]
                 command += ["--threads", str(n_threads), "--clock", chosen.clock]
-                told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-                count, whole, scans, memory = (float(word) for word in told.split())
+                printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+                count, whole, scans, memory = (float(word) for word in printed.split())
                 costs[n_threads, aircraft] = whole / count, scans / count
                 print(
                     f"| {aircraft} | {count:.0f} | {n_threads} | {count / whole:,.0f} "

@@ -33,7 +33,7 @@ METHODS: tuple[tuple[Score, Assignment], ...] = (
 
 
 def gates() -> str:
-    """Tell the thresholds, and how many true plots are within and in each wedge."""
+    """Tabulate the thresholds, and the shares of true plots within gates and in sectors."""
     rng = generator(50)
     covariance = np.array([[9.0, 4.0], [4.0, 6.0]])
     innovation = rng.multivariate_normal([0.0, 0.0], covariance, PLOTS)
@@ -51,10 +51,10 @@ def gates() -> str:
         wedges.items(), (inner, outer, guard), (0.65, 0.95, 0.998), strict=True
     ):
         thresholds = [f"{gate_threshold(probability, m):.4f}" for m in (1, 2, 3)]
-        told = ""
+        sectors = ""
         if wedge is not None:
-            told = ", ".join(f"{np.mean(found == r):.2%}" for r in range(*wedge))
-        rows.append([name, f"{probability:.3f}", *thresholds, f"{share:.4f}", told])
+            sectors = ", ".join(f"{np.mean(found == r):.2%}" for r in range(*wedge))
+        rows.append([name, f"{probability:.3f}", *thresholds, f"{share:.4f}", sectors])
     head = ["gate", "probability", "d², m = 1", "m = 2", "m = 3", "true plots within (m = 2)"]
     return markdown([*head, "ahead, behind, left, right"], rows)
 
@@ -65,7 +65,7 @@ def score_zero(q: float, m: int) -> float:
 
 
 def zeros() -> str:
-    """Tell where the paper's score changes its sign."""
+    """Tabulate where the paper's score changes its sign."""
     rows = [
         [f"{q:g}", f"{score_zero(q, 2):.4f}", f"{score_zero(q, 3):.4f}"]
         for q in (4.0, 10.0, 100.0, 493.7461)
@@ -75,7 +75,7 @@ def zeros() -> str:
 
 @dataclass(frozen=True)
 class Scenes:
-    """Pairs of tracks, far from each other, and what was seen of them."""
+    """Pairs of tracks, far from other pairs, and their plots."""
 
     predicted: FloatArray
     covariance: FloatArray
@@ -85,9 +85,9 @@ class Scenes:
 
 
 def scenes(ratio: float, false_plots: float, *study: int) -> Scenes:
-    """Return tracks side by side, one of them so many times as vague as the other.
+    """Return pairs of tracks, the second with `ratio` times the standard deviation of the first.
 
-    So many false plots are in the guard gate of the vague one on the average.
+    On average `false_plots` are in the guard gate of the second.
     """
     rng = generator(51, *study)
     origin = APART * np.stack(np.divmod(np.arange(SCENES), 200), axis=-1)
@@ -118,7 +118,7 @@ def clutter_density(ratio: float, false_plots: float) -> float:
 
 
 def ambiguity() -> str:
-    """Tell how often each method gives a track a wrong plot, or none although it was seen."""
+    """Tabulate how often a track gets a wrong plot, or none although it was seen."""
     rows = []
     for at, (ratio, false_plots) in enumerate(
         [(1.0, 0.1), (3.0, 0.1), (10.0, 0.1), (1.0, 1.0), (3.0, 1.0), (10.0, 1.0)]
@@ -151,7 +151,7 @@ def errors(plot_of_track: IntArray, drawn: Scenes) -> float:
 
 
 def updates() -> str:
-    """Compare the figures of surveillance with what independent misses make of them."""
+    """Compare figures of surveillance with their expectation for independent misses."""
     period, targets, scans = 4.0, 100, 400
     rows = []
     for at, probability in enumerate((0.90, 0.95, 0.97, 0.99)):

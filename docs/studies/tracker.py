@@ -48,8 +48,8 @@ SCENARIOS: tuple[simulate.FlightScenario, ...] = (
 )
 # motions, with and without flight plans
 MOTIONS = ("imm with plans", "imm", "singer", "cv", "window", "window with plans")
-# how well a wind is known, and what the tracker is told of that, m/s
-WIND_ERROR, WIND_TOLD = 5.0, 6.0
+# error of a known wind, and the wind_sigma that is given for it, m/s
+WIND_ERROR, WIND_SIGMA = 5.0, 6.0
 # radians: a flight that changes its course by less makes no turn of its plan
 TURN = np.radians(15.0)
 # flights at once, and false plots a scan among them
@@ -206,7 +206,7 @@ def outcome(
     after = kept & (record.plots.time > left)
     soon = after & (record.plots.time < left + 120.0)
     straight = kept & ~turning
-    told = {
+    found = {
         "turn": ratio(aided, plain, "position", turning),
         "prediction": ratio(aided, plain, "prediction", turning),
         "whole": ratio(aided, plain, "position", kept),
@@ -219,12 +219,12 @@ def outcome(
         "plain nees": float(np.nanmean(plain.normalised[kept])) / 2,
     }
     if after.any():
-        told["after"] = ratio(aided, plain, "position", after)
-        told["soon"] = ratio(aided, plain, "position", soon)
-        told["blocked"] = block_delay(record, aided)
+        found["after"] = ratio(aided, plain, "position", after)
+        found["soon"] = ratio(aided, plain, "position", soon)
+        found["blocked"] = block_delay(record, aided)
     else:
-        told["wrongly"] = blocked_wrongly(record, aided)
-    return told
+        found["wrongly"] = blocked_wrongly(record, aided)
+    return found
 
 
 def block_delay(record: Recording, found: Errors) -> float:
@@ -402,7 +402,7 @@ def windows(set_up: simulate.SetUpName, scenario: simulate.FlightScenario) -> di
     kept = ~(plain.lost | aided.lost)[record.target]
     turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
     after = kept & (record.plots.time > record.traffic.left[record.target])
-    told = {
+    found = {
         "turn": ratio(aided, plain, "position", turning),
         "prediction": ratio(aided, plain, "prediction", turning),
         "whole": ratio(aided, plain, "position", kept),
@@ -412,8 +412,8 @@ def windows(set_up: simulate.SetUpName, scenario: simulate.FlightScenario) -> di
         "plain nees": float(np.nanmean(plain.normalised[kept])) / 2,
     }
     if after.any():
-        told["after"] = ratio(aided, plain, "position", after)
-    return told
+        found["after"] = ratio(aided, plain, "position", after)
+    return found
 
 
 def paper() -> str:
@@ -434,15 +434,17 @@ def paper() -> str:
 def guards() -> str:
     """Tabulate what the guard acceleration of the window does, alike in all set-ups."""
     rows = []
-    for told in (5.0, 7.0, 9.0, 12.0, None):
+    for acceleration in (5.0, 7.0, 9.0, 12.0, None):
         cells = []
         for set_up in SET_UPS:
             record = recording(set_up, "conforming")
             turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
-            found = errors(record, "window", set_up, guard_acceleration=told)
+            found = errors(record, "window", set_up, guard_acceleration=acceleration)
             missed = np.isnan(found.position[turning, 0])
             cells.append(f"{np.mean(found.lost):.1%}, {np.mean(missed):.1%}")
-        rows.append(["12 to 7, by the scan" if told is None else f"{told:.0f}", *cells])
+        rows.append(
+            ["12 to 7, by the scan" if acceleration is None else f"{acceleration:.0f}", *cells]
+        )
     return markdown(["guard acceleration, m/s²", *SET_UPS], rows)
 
 
@@ -470,14 +472,14 @@ def flags() -> str:
 
 
 def in_known_wind(record: Recording, set_up: simulate.SetUpName) -> Errors:
-    """Track every flight by itself, and tell the tracker its wind with an error."""
+    """Track each flight separately, with its wind known except for an error."""
     rng = generator(112, SET_UPS.index(set_up))
-    told = record.traffic.wind + rng.normal(0.0, WIND_ERROR, record.traffic.wind.shape)
+    winds = record.traffic.wind + rng.normal(0.0, WIND_ERROR, record.traffic.wind.shape)
     parts, order = [], []
     for f, plan in enumerate(record.plans):
         of = np.flatnonzero(record.target == f)
         one = replace(record, plans=[plan], plots=record.plots[of], target=record.target[of])
-        air = PlanModel(wind=tuple(told[f]), wind_sigma=WIND_TOLD)
+        air = PlanModel(wind=winds[f], wind_sigma=WIND_SIGMA)
         parts.append(errors(one, "imm", set_up, plans=one.plans, plan_model=air))
         order.append(of)
     back = np.argsort(np.concatenate(order))
@@ -499,11 +501,11 @@ def wind() -> str:
             turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
             unknown, turns = outcome(set_up, scenario), kept & turning
             known = (ratio(found, plain, name, turns) for name in ("position", "prediction"))
-            told = (unknown["turn"], unknown["prediction"], *known)
+            ratios = (unknown["turn"], unknown["prediction"], *known)
             rows.append(
                 [
                     f"{set_up}, {scenario}",
-                    *(f"{value:.2f}" for value in told),
+                    *(f"{value:.2f}" for value in ratios),
                     f"{np.mean(found.lost):.1%}",
                 ]
             )
@@ -564,7 +566,7 @@ def priors() -> str:
             flown, not_flown = (
                 outcome(set_up, scenario, prior, 150) for scenario in SCENARIOS[:7:6]
             )
-            told = (flown["turn"], not_flown["after"], not_flown["soon"])
-            cells.append(" / ".join(f"{value:.2f}" for value in told))
+            ratios = (flown["turn"], not_flown["after"], not_flown["soon"])
+            cells.append(" / ".join(f"{value:.2f}" for value in ratios))
         rows.append([f"{prior:.1f}", *cells])
     return markdown(["flown_probability", *SET_UPS], rows)

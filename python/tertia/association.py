@@ -1,9 +1,9 @@
 """Association: which plot of a scan belongs to which track.
 
-Source: Glagovskiy, Lavina, Rudelson 2014: gates, regions of a gate and the quality of laying a plot
-to a track, with the usual likelihood in place of the printed score where that is better. Symbols:
-the innovation is a plot less the prediction, S its covariance, `nis = innovation' S^-1 innovation`,
-m its components, x east and y north.
+Source: Glagovskiy, Lavina, Rudelson 2014: gates, their sectors and the score of a plot for a track;
+the usual likelihood ratio replaces the printed score where it is better. Symbols: the innovation is
+a plot less the prediction, S its covariance, `nis = innovation' S^-1 innovation` the normalised
+innovation squared, m the number of components, x east and y north.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _NONE = -1
 
 
 class GateSector(enum.IntEnum):
-    """Where in its gates a plot is; ahead and behind are wedges of 45 degrees to each side."""
+    """Sector of the gates that a plot is in; ahead and behind extend 45 degrees to each side."""
 
     INNER = 0
     AHEAD = 1
@@ -63,7 +63,7 @@ class GateSector(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Plots within the gates of tracks, by track and then by plot.
+    """Plots within the gates of tracks, sorted by track and then by plot.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Pairs:
     plot : ndarray of int, shape (P,)
         Index of the plot.
     nis : ndarray of shape (P,)
-        `nis`, the normalised distance squared.
+        Normalised innovation squared.
     log_determinant : ndarray of shape (P,)
         `ln |S|` of the innovation.
     """
@@ -87,13 +87,13 @@ class Pairs:
         return len(self.track)
 
     def __repr__(self) -> str:
-        """Tell the number of pairs."""
+        """Return the number of pairs, as text."""
         return f"Pairs({len(self)})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Association:
-    """Which plot each track got.
+    """The plot of each track, and the track of each plot.
 
     Attributes
     ----------
@@ -102,9 +102,9 @@ class Association:
     plot_of_track : ndarray of int, shape (T,)
         Index of each track's plot; -1 where it has none.
     score : ndarray of shape (T,)
-        What its plot is worth to each track; nan where it has none.
+        Score of the plot of each track; nan where it has none.
     nis : ndarray of shape (T,)
-        `nis`, the normalised distance squared to its plot; nan where it has none.
+        Normalised innovation squared of its plot; nan where it has none.
     """
 
     track_of_plot: IntArray
@@ -113,31 +113,31 @@ class Association:
     nis: FloatArray
 
     def __repr__(self) -> str:
-        """Tell the number of tracks with a plot."""
+        """Return the number of tracks with a plot, as text."""
         found = np.count_nonzero(self.plot_of_track >= 0)
         tracks, plots = len(self.plot_of_track), len(self.track_of_plot)
         return f"Association({found} of {tracks} tracks, {found} of {plots} plots)"
 
 
 def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2) -> float:
-    """Return the `nis` within which a true plot lies with this probability.
+    """Return the normalised innovation squared within which a true plot lies with this probability.
 
     Parameters
     ----------
     gate_probability : float or {"inner", "outer", "guard"}
-        The probability, or a named gate: .65, .95, .998.
+        The probability, or the name of a gate: .65, .95, .998.
     dimension : int
         Components of the innovation.
 
     Returns
     -------
     float
-        The quantile of chi-square.
+        The quantile of the chi-square distribution.
 
     Raises
     ------
     ValueError
-        A number outside its domain, or a name that is none.
+        A number outside its domain, or an unknown name.
     TypeError
         An argument of the wrong type.
 
@@ -153,7 +153,7 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
 def gate_sectors(
     innovation: npt.ArrayLike, covariance: npt.ArrayLike, velocity: npt.ArrayLike
 ) -> GateSector | IntArray:
-    """Return where in the gates of their tracks plots are.
+    """Return the sectors of the gates that plots are in.
 
     Parameters
     ----------
@@ -167,9 +167,9 @@ def gate_sectors(
     Returns
     -------
     GateSector or ndarray of int, shape (...)
-        Inside the inner gate straight and uniform motion goes on. Between the inner and the outer
-        gate a plot ahead or behind tells that the speed changes, one to the side that the course
-        does. Beyond the outer gate, in the guard gate, it is a manoeuvre.
+        Inside the inner gate the motion is straight and uniform. Between the inner and the outer
+        gate a plot ahead or behind indicates a change of speed, one to the side a change of course.
+        Beyond the outer gate, in the guard gate, it indicates a manoeuvre.
 
     Raises
     ------
@@ -182,9 +182,9 @@ def gate_sectors(
 
     Notes
     -----
-    The angle is that between `S^-1/2 innovation` and `S^-1/2 velocity`, so that each wedge holds a
-    quarter of the true plots. It is the same for every square root of S. Up to 45 degrees is ahead,
-    135 degrees or more behind, both included.
+    The angle is measured between `S^-1/2 innovation` and `S^-1/2 velocity`, so that each sector
+    holds a quarter of the true plots. It is the same for every square root of S. Up to 45 degrees
+    is ahead, 135 degrees or more is behind.
 
     Examples
     --------
@@ -228,18 +228,18 @@ def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> fl
     Parameters
     ----------
     nis : array_like of shape (...)
-        Normalised distances squared.
+        Normalised innovations squared.
     q : float
-        By how much the covariance of a false association is larger, above 1.
+        Factor of the covariance of a false association, above 1.
     dimension : int
         Components of the innovation.
 
     Returns
     -------
     float or ndarray of shape (...)
-        `(1/q - 1) nis / 2 + m/2 ln q`: the log-likelihood ratio of 'belongs' against 'does not'. It
-        ignores the size of the covariance: between tracks that differ in it, `likelihood_score` is
-        better.
+        `(1/q - 1) nis / 2 + m/2 ln q`: the log-likelihood ratio of a true against a false
+        association. It ignores the size of the covariance: between tracks that differ in it,
+        `likelihood_score` is better.
 
     Raises
     ------
@@ -268,18 +268,18 @@ def likelihood_score(
     clutter_density: float,
     detection_probability: float = 0.9,
 ) -> float | FloatArray:
-    """Return the log-likelihood ratio of a plot: of this target against a false one.
+    """Return the log-likelihood ratio of a plot: from this target against a false plot.
 
     Parameters
     ----------
     nis : array_like of shape (...)
-        Normalised distances squared.
+        Normalised innovations squared.
     covariance : array_like of shape (..., m, m)
         Covariances of the innovations.
     clutter_density : float
         False plots in a scan per unit of area (m = 2) or volume (m = 3).
     detection_probability : float
-        How often a target is seen in a scan.
+        Probability that a target is detected in a scan.
 
     Returns
     -------
@@ -345,12 +345,12 @@ def gate(
     plot_covariance : array_like of shape (N, m, m) or (m, m), optional
         Covariances of the plots.
     gate_probability : float or {"inner", "outer", "guard"}
-        How often a true plot lies within its gate.
+        Probability that a true plot lies within its gate.
 
     Returns
     -------
     Pairs
-        Tracks and plots with their distances.
+        Tracks and plots with their normalised innovations.
 
     Raises
     ------
@@ -363,7 +363,7 @@ def gate(
 
     Notes
     -----
-    Plots are looked up in an index of the plane, so the cost is O(T + N) and that of the pairs.
+    Plots are looked up in a spatial index, so the cost is O(T + N) plus that of the pairs.
 
     Examples
     --------
@@ -397,7 +397,7 @@ def associate(
     q: float = _RATIO,
     gate_probability: float | Gate = "guard",
 ) -> Association:
-    """Give each track one plot at most, and each plot one track.
+    """Assign at most one plot to each track, and at most one track to each plot.
 
     Parameters
     ----------
@@ -410,17 +410,18 @@ def associate(
     plot_covariance : array_like of shape (N, m, m) or (m, m), optional
         Covariances of the plots.
     method : {"gnn", "nearest"}
-        The largest sum of gains, or the best pair that is left, again and again.
+        Global nearest neighbour, which maximises the sum of gains; or repeatedly the best
+        remaining pair.
     score : {"likelihood", "paper"}
         `likelihood_score`, or `paper_score`.
     clutter_density : float, optional
-        False plots in a scan per unit of area or volume; needed for the likelihood alone.
+        False plots in a scan per unit of area or volume; required for the likelihood only.
     detection_probability : float
-        How often a target is seen in a scan; for the likelihood alone.
+        Probability that a target is detected in a scan; for the likelihood only.
     q : float
-        For the paper's score alone.
+        For the paper's score only.
     gate_probability : float or {"inner", "outer", "guard"}
-        How often a true plot lies within its gate; none outside is taken.
+        Probability that a true plot lies within its gate; plots outside are never taken.
 
     Returns
     -------
@@ -439,14 +440,14 @@ def associate(
 
     Notes
     -----
-    What is gained by a pair is its likelihood score less `ln(1 - detection_probability)`, the
-    logarithm of how much more likely the scan becomes: without the pair the plot is false and the
-    target was missed. A pair that gains nothing is not made. With the paper's score, where the gate
-    alone accepts a plot, it is the score less that at the edge of the gate.
+    The gain of a pair is its likelihood score less `ln(1 - detection_probability)`, because without
+    the pair the plot is false and the target was missed. A pair without gain is not made. With the
+    paper's score, where only the gate decides whether a plot is accepted, it is the score less that
+    at the edge of the gate.
 
     Examples
     --------
-    The first track is nearer to both plots, and the second one gets the other:
+    The first track is nearer to both plots, but the second track gets one of them:
 
     >>> from tertia.association import associate
     >>> result = associate([[0, 0], [3, 0]], [[1, 0], [0, 1]], [[0.9, 0], [0, 0.5]],
@@ -483,7 +484,7 @@ def associate(
 
 
 def _association(pairs: Pairs, worth: FloatArray, chosen: IntArray, plots: int) -> Association:
-    """Return the result, with what the chosen pairs are worth."""
+    """Return the result, with the scores of the chosen pairs."""
     track_of_plot = np.full(plots, _NONE, dtype=np.int64)
     has_plot = np.flatnonzero(chosen >= 0)
     track_of_plot[chosen[has_plot]] = has_plot
@@ -507,7 +508,7 @@ def _content(gate_probability: float | Gate) -> float:
 
 
 def _squares(nis: npt.ArrayLike) -> FloatArray:
-    """Return normalised distances squared."""
+    """Return normalised innovations squared."""
     distance = finite(nis, "nis")
     if np.any(distance < 0.0):
         raise ValueError("nis must not be negative")

@@ -56,7 +56,7 @@ impl PlotTracker {
         tracker::Tracker::try_new(settings.with(radars, plans)).map(Self).map_err(value_error)
     }
 
-    /// Until when everything is done.
+    /// Time until which everything is processed.
     #[getter]
     fn time(&self) -> f64 {
         self.0.time()
@@ -92,7 +92,7 @@ impl PlotTracker {
         table(py, &found.rows, &statuses)
     }
 
-    /// Numbers of the confirmed tracks, and where they will be so many seconds from now.
+    /// Numbers of the confirmed tracks, and their positions so many seconds from now.
     fn extrapolate<'py>(
         &self,
         py: Python<'py>,
@@ -104,7 +104,7 @@ impl PlotTracker {
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
-    /// Blocks the plan of a confirmed track until it is told otherwise, or lets it be believed again.
+    /// Suspends the plan of a confirmed track, or resumes it.
     fn suspend_plan(&mut self, track: u64, suspended: bool) -> bool {
         self.0.suspend_plan(track, suspended)
     }

@@ -1,15 +1,15 @@
 //! Association: which plot belongs to which track.
 //!
-//! Source: Glagovskiy, Lavina, Rudelson 2014: quality of laying, gates, regions of a gate; with the
-//! usual likelihood in place of the printed score where that is better. Symbols: innovation
+//! Source: Glagovskiy, Lavina, Rudelson 2014: scores, gates and their sectors; the usual likelihood
+//! ratio replaces the printed score where it is better. Symbols: innovation
 //! `ΔZ = plot − prediction`, its covariance Σ, `d² = ΔZᵀ Σ⁻¹ ΔZ`, m components.
 //!
-//! | part | what |
+//! | module | contents |
 //! |---|---|
-//! | `gate` | thresholds, regions of a gate, all pairs of many tracks and many plots |
-//! | `score` | what a pair is worth: the paper's score, the likelihood ratio |
-//! | `grid` | the points near a place |
-//! | `assignment` | each track one plot at most, and each plot one track |
+//! | `gate` | thresholds, sectors of a gate, all pairs of many tracks and many plots |
+//! | `score` | the paper's score, the likelihood ratio |
+//! | `grid` | a spatial index of points |
+//! | `assignment` | at most one plot for each track, and one track for each plot |
 
 pub mod assignment;
 pub mod gate;

@@ -1,22 +1,21 @@
-//! Each row one column at most and each column one row: the best such choice, and a quick one.
+//! At most one column for each row and one row for each column: the best assignment, and a quick one.
 //!
-//! Rows are tracks and columns plots, or the other way round. The best choice is found by shortest
-//! augmenting paths (Jonker, Volgenant 1987) among the pairs alone, so it costs little where few
-//! pairs compete, however many rows and columns there are. A path only goes where pairs lead, so
-//! what has nothing to do with each other (a component) is solved by itself, and a lone pair or a
-//! row with several free columns without any search.
+//! Rows are tracks and columns plots, or vice versa. The best assignment is found by shortest
+//! augmenting paths (Jonker, Volgenant 1987) over the given pairs only, so it costs little where few
+//! pairs compete, however many rows and columns there are. A path follows pairs, so independent
+//! components are solved separately, and a single pair or a row with free columns without a search.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// That a row and a column may be put together, and what it is worth.
+/// A row and a column that may be assigned to each other, and the gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pair {
     /// Index of the row.
     pub row: u32,
     /// Index of the column.
     pub column: u32,
-    /// What it is worth; a pair that is not worth a positive, finite number is left out.
+    /// The gain; a pair without a positive, finite gain is ignored.
     pub gain: f64,
 }
 
@@ -29,8 +28,8 @@ impl Pair {
 /// No row, or no column.
 const NONE: u32 = u32::MAX;
 
-/// The column of each row such that the sum of the gains is largest, with gain 0 for what is left
-/// alone. With equal sums the choice depends on indices alone, not on the order of `pairs`.
+/// The column of each row such that the sum of the gains is largest. Ties are broken by the indices,
+/// not by the order of `pairs`.
 ///
 /// # Panics
 /// An index that is not below `rows` or `columns`.
@@ -39,8 +38,8 @@ pub fn assign(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
     Assigner::default().assign(pairs, rows, columns).to_vec()
 }
 
-/// The column of each row by taking the best pair that is left, again and again; with equal gains
-/// that of the first row, then of the first column. Cost O(P log P).
+/// The column of each row by repeatedly taking the best remaining pair; with equal gains that of the
+/// first row, then of the first column. Cost O(P log P).
 ///
 /// # Panics
 /// An index that is not below `rows` or `columns`.
@@ -83,11 +82,11 @@ impl PartialOrd for Reached {
 enum End {
     /// At a free column.
     Column(u32),
-    /// At a row that is left alone.
+    /// At a row that remains without a column.
     Row(u32),
 }
 
-/// The buffers of [`assign`] and [`nearest`]; used again and again, it allocates nothing more.
+/// The buffers of [`assign`] and [`nearest`]; repeated use allocates nothing more.
 #[derive(Clone, Debug, Default)]
 pub struct Assigner {
     edges: Vec<Edge>,
@@ -97,7 +96,7 @@ pub struct Assigner {
     row_of: Vec<u32>,
     /// The cost of a row's own pair.
     cost_of: Vec<f64>,
-    /// What a column asks beyond its cost, never positive; 0 while it is free.
+    /// Price of a column in addition to its cost, never positive; 0 while it is free.
     price: Vec<f64>,
     distance: Vec<f64>,
     /// The row from which a column was reached.
@@ -149,7 +148,7 @@ impl Assigner {
         refill(&mut self.row_of, columns, NONE);
     }
 
-    /// Sorts the pairs that count by row and column.
+    /// Sorts the valid pairs by row and column.
     fn read(&mut self, pairs: &[Pair]) {
         let (rows, columns) = (self.result.len(), self.row_of.len());
         refill(&mut self.start, rows + 1, 0);
@@ -185,7 +184,7 @@ impl Assigner {
         self.start[row as usize] as usize..self.start[row as usize + 1] as usize
     }
 
-    /// Finds room for one more row.
+    /// Assigns one more row.
     fn place(&mut self, row: u32) {
         // most rows take a column that nobody else wants
         let mut best = Reached { distance: 0.0, column: NONE };

@@ -1,4 +1,4 @@
-//! Gates: how far from its prediction a plot may be, and where in the gate it is.
+//! Gates: how far from its prediction a plot may be, and in which sector it is.
 
 use super::grid::Grid;
 use crate::base::distribution::chi_square_upper_quantile;
@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result, require};
 use crate::base::matrix::read_covariance;
 use nalgebra::SMatrix;
 
-/// Probability of the inner gate: straight and uniform motion goes on.
+/// Probability of the inner gate: the motion is straight and uniform.
 pub const INNER: f64 = 0.65;
 /// Probability of the outer gate: beyond the inner one the speed or the course changes.
 pub const OUTER: f64 = 0.95;
@@ -16,16 +16,16 @@ pub const GUARD: f64 = 0.998;
 /// `1 − p` keeps ten digits of the threshold.
 const SMALLEST_PROBABILITY: f64 = 1e-6;
 const LARGEST_DIMENSION: usize = 1000;
-/// Share of a variance that the components before it must leave unexplained.
+/// Least share of a variance that the components before it leave unexplained.
 const REGULAR: f64 = 1e-13;
-/// More than rounding takes from a half width.
+/// Margin of a half width against rounding.
 const MARGIN: f64 = 1.0 + 1e-12;
 
-/// The d² within which a true plot of so many components lies with this probability: the quantile
-/// of the chi-square distribution.
+/// The d² within which a true plot of this dimension lies with this probability: the quantile of the
+/// chi-square distribution.
 ///
 /// # Errors
-/// A probability or a number of dimension outside its domain.
+/// A probability or a dimension outside its domain.
 pub fn threshold(probability: f64, dimension: usize) -> Result<f64> {
     let holds = (SMALLEST_PROBABILITY..1.0).contains(&probability);
     require("gate_probability", probability, holds, "between 1e-6 and 1 (exclusive)")?;
@@ -40,16 +40,16 @@ pub fn threshold(probability: f64, dimension: usize) -> Result<f64> {
 /// The thresholds of the three named gates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thresholds {
-    /// That of [`INNER`].
+    /// Threshold of [`INNER`].
     pub inner: f64,
-    /// That of [`OUTER`].
+    /// Threshold of [`OUTER`].
     pub outer: f64,
-    /// That of [`GUARD`].
+    /// Threshold of [`GUARD`].
     pub guard: f64,
 }
 
 impl Thresholds {
-    /// Those for so many dimension.
+    /// The thresholds for a dimension.
     ///
     /// # Errors
     /// As [`threshold`].
@@ -62,16 +62,16 @@ impl Thresholds {
     }
 }
 
-/// Where in the gates a plot is. Ahead and behind are the wedges within 45° of the velocity and of
-/// its opposite, angles being those between the whitened innovation and the whitened velocity.
+/// The sector of the gates that a plot is in. Ahead and behind are within 45° of the velocity and of
+/// its opposite, by the angle between the whitened innovation and the whitened velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum GateSector {
     /// In the inner gate.
     Inner = 0,
-    /// Between the inner and the outer gate, ahead: it is getting faster.
+    /// Between the inner and the outer gate, ahead: the target accelerates.
     Ahead = 1,
-    /// Between the inner and the outer gate, behind: it is getting slower.
+    /// Between the inner and the outer gate, behind: the target decelerates.
     Behind = 2,
     /// Between the inner and the outer gate, to the left.
     Left = 3,
@@ -129,7 +129,7 @@ pub struct Factor<const M: usize> {
 }
 
 impl<const M: usize> Factor<M> {
-    /// The factor, if the covariance is regular.
+    /// The factor; none where the covariance is singular.
     #[must_use]
     pub fn try_new(sigma: &[[f64; M]; M]) -> Option<Self> {
         let (mut lower, mut reciprocal) = (*sigma, [0.0; M]);
@@ -274,7 +274,7 @@ impl<const M: usize> Sums<M> {
         }
     }
 
-    /// Half the sides of a box around each gate, whichever plot it is for.
+    /// Half widths of a box around each gate, for any plot.
     fn half_widths(&self, threshold: f64) -> Vec<[f64; 2]> {
         let mut widest = [0.0_f64; 2];
         for noise in self.noises.iter().flatten() {

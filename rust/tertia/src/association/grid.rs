@@ -1,8 +1,8 @@
-//! The points near a place.
+//! A spatial index: the points near a position.
 //!
 //! Square cells cover the plane; cells whose numbers agree in their last bits share a bucket, as if
-//! the plane were wound around a torus. So neither memory nor time depend on how far points are
-//! apart: one plot at 1e9 m costs nothing. A row of neighbouring cells is one stretch of memory.
+//! the plane were wrapped around a torus. Neither memory nor time depend on the distances of points,
+//! so distant outliers cost nothing. A row of neighbouring cells is contiguous in memory.
 
 use crate::base::error::{Error, Result, require};
 
@@ -26,7 +26,7 @@ pub struct Grid {
     start: Vec<u32>,
     /// Buckets along an axis, a power of two, less one.
     mask: usize,
-    /// Cells a metre.
+    /// Cells per metre.
     density: f64,
 }
 
@@ -42,7 +42,7 @@ impl Grid {
         Ok(grid)
     }
 
-    /// Takes other points, in the same memory. After an error the grid is empty.
+    /// Replaces the points, in the same memory. After an error the grid is empty.
     ///
     /// # Errors
     /// As [`Grid::new`].

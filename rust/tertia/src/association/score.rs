@@ -1,13 +1,11 @@
-//! What it is worth to give a plot to a track.
+//! Scores of a plot for a track.
 
 use crate::base::error::{Result, require};
 
-/// How much larger than the covariance that of a false association is, where nothing is said.
-pub const DEFAULT_RATIO: f64 = 100.0;
 const LN_TWO_PI: f64 = 1.837_877_066_409_345_3;
 
-/// `S = ½ (1/Q − 1) d² + m/2 ln Q`: the log-likelihood ratio of 'belongs' against 'does not', where
-/// the covariance of a false association is Q Σ. It ignores ln |Σ|.
+/// `S = ½ (1/Q − 1) d² + m/2 ln Q`: the log-likelihood ratio of a true against a false association,
+/// where the covariance of the latter is Q Σ. It ignores ln |Σ|.
 ///
 /// # Errors
 /// A ratio that is not above 1.
@@ -28,7 +26,7 @@ pub fn log_density(d2: f64, ln_determinant: f64, m: usize) -> f64 {
     -0.5 * (d2 + ln_determinant + m as f64 * LN_TWO_PI)
 }
 
-/// What surrounds a target: how often it is seen, and how many false plots there are.
+/// The conditions of detection: probability of detection and density of false plots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
     ln_ratio: f64,
@@ -36,8 +34,8 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
-    /// With the probability that a target is seen in a scan, and the false plots in a scan per unit
-    /// of area (m = 2) or volume (m = 3).
+    /// From the probability of detection in a scan, and the false plots in a scan per unit of area
+    /// (m = 2) or volume (m = 3).
     ///
     /// # Errors
     /// A probability or density outside its domain.
@@ -50,26 +48,18 @@ impl Surroundings {
         Ok(Self { ln_ratio: pd.ln() - beta.ln(), ln_missed: (-pd).ln_1p() })
     }
 
-    /// `ln(Pd N / β)`: the log-likelihood ratio of a plot of the target against a false one.
+    /// `ln(Pd N / β)`: the log-likelihood ratio of a plot, from the target against a false one.
     #[inline]
     #[must_use]
     pub fn likelihood(&self, log_density: f64) -> f64 {
         log_density + self.ln_ratio
     }
 
-    /// `ln(1 − Pd)`: that of a target that was not seen.
+    /// `ln(1 − Pd)`: the log-likelihood of a missed detection.
     #[inline]
     #[must_use]
     pub fn missed(&self) -> f64 {
         self.ln_missed
-    }
-
-    /// What a pair adds to the likelihood of a whole scan: `ln(Pd N / (β (1 − Pd)))`. Without it
-    /// the plot is false and the target was missed.
-    #[inline]
-    #[must_use]
-    pub fn gain(&self, log_density: f64) -> f64 {
-        self.likelihood(log_density) - self.ln_missed
     }
 }
 
@@ -98,7 +88,6 @@ mod tests {
         assert_within(1e-11, log_density(0.0, 0.0, 2), -(std::f64::consts::TAU.ln()));
         let around = Surroundings::new(0.9, 1e-8).unwrap();
         assert_within(1e-11, around.likelihood(-13.0), (0.9_f64 / 1e-8).ln() - 13.0);
-        assert_within(1e-11, around.gain(-13.0), (0.9_f64 / 1e-9).ln() - 13.0);
         assert_within(1e-11, around.missed(), 0.1_f64.ln());
         for (pd, beta) in [(0.0, 1.0), (1.0, 1.0), (0.5, 0.0), (0.5, f64::NAN), (f64::NAN, 1.0)] {
             assert!(Surroundings::new(pd, beta).is_err());

@@ -1,4 +1,4 @@
-//! Several models of the motion of one target, mixed by how likely they are (interacting multiple
+//! Several models of the motion of one target, mixed by their probabilities (interacting multiple
 //! models; Blom, Bar-Shalom 1988).
 
 use super::estimate::{Estimate, Moments, Plane};
@@ -54,7 +54,7 @@ impl Bank {
         self.probability.iter_mut().for_each(|p| *p *= by);
     }
 
-    /// Mixes the estimates, as models may have changed. A turn that begins has a rate of zero with
+    /// Mixes the estimates for possible changes of the model. A turn begins with a rate of zero and
     /// the variance `rate_variance`.
     pub fn mix(&mut self, transition: &Transition, rate_variance: f64) {
         let before = self.probability;
@@ -76,7 +76,7 @@ impl Bank {
         self.probability = after;
     }
 
-    /// The mixture seen by a model without a rate of turn.
+    /// The mixed initial estimate of a model without a turn rate.
     #[inline]
     fn mixed_straight(&self, into: usize, weight: impl Fn(usize) -> f64) -> Estimate<4> {
         let origin = if into == PLAN && self.probability[PLAN] > 0.0 {
@@ -97,7 +97,7 @@ impl Bank {
         moments.estimate()
     }
 
-    /// The mixture seen by a turn.
+    /// The mixed initial estimate of the turn.
     #[inline]
     fn mixed_turn(&self, weight: impl Fn(usize) -> f64, rate_variance: f64) -> Estimate<5> {
         let mut moments = Moments::about(self.turn.mean);
@@ -113,7 +113,7 @@ impl Bank {
         moments.estimate()
     }
 
-    /// Calls `each` with what every model that counts expects, `total` being all banks' probability.
+    /// Calls `each` with the expected plot of every model that is not negligible.
     #[inline]
     pub fn components(&self, each: &mut impl FnMut(Component)) {
         let models = [
@@ -128,7 +128,7 @@ impl Bank {
         }
     }
 
-    /// Lets time pass for straight flight and turn.
+    /// Predicts straight flight and turn.
     #[inline]
     pub fn predict(&mut self, model: &ImmModel, t: f64, period: f64) {
         kinematics::straight(&mut self.straight, t, model.straight_sigma.powi(2) * period);
@@ -155,7 +155,7 @@ impl Bank {
         }
     }
 
-    /// Adds what all models say of position and velocity.
+    /// Adds position and velocity of all models.
     #[inline]
     pub fn add_to(&self, moments: &mut Moments<4>, scale: f64) {
         let [straight, turn, plan] = self.probability.map(|p| p * scale);
@@ -170,7 +170,7 @@ impl Bank {
         }
     }
 
-    /// Makes a turn as likely as what else there is.
+    /// Makes a turn at least as likely as all other models.
     pub fn expect_turn(&mut self) {
         let total = self.total();
         let others = total - self.probability[TURN];

@@ -11,7 +11,7 @@ pub(super) struct Expected {
     pub seen: f64,
 }
 
-/// So many radars find room in a track itself.
+/// Radars for which a track itself has room.
 const FEW: usize = 4;
 
 /// When each radar should see a target next.

@@ -1,4 +1,4 @@
-//! Which plots a track may claim: where it may be when a radar comes by.
+//! The plots that a track may claim: those near its place when a radar's beam passes.
 
 use super::settings::{MAX_DELAY, Settings};
 use super::track::Track;
@@ -13,23 +13,24 @@ pub(super) struct Claim {
     pub track: u32,
     /// Place of the claim in the order of groups.
     pub rank: u32,
-    /// The first of its plots, by which it is joined to others.
+    /// The first plot of its group.
     pub root: u32,
-    /// By what tracks and plots of all radars are joined.
+    /// Number of the component of competing tracks and plots of all radars.
     pub component: u32,
     pub start: u32,
     pub end: u32,
 }
 
 impl Claim {
-    /// Of a track, among all, for plots from `start` to `end`.
+    /// A claim of a track, by its index among all, to the plots from `start` to `end`.
     pub fn new(track: usize, start: usize, end: usize) -> Self {
         let [track, start, end] = [track, start, end].map(|i| i as u32);
         Self { track, rank: 0, root: 0, component: 0, start, end }
     }
 }
 
-/// Where plots of the track may be, from `begin` to `end`; none where the radar does not come.
+/// Centre and half widths of the box of possible plots from `begin` to `end`; none where the radar
+/// does not see the track in that time.
 #[inline]
 pub(super) fn reach(
     track: &Track,

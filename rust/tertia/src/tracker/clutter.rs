@@ -1,4 +1,4 @@
-//! How many plots belong to nothing.
+//! The density of plots that belong to no track.
 
 use super::plot::Radar;
 use serde::{Deserialize, Serialize};
@@ -8,14 +8,14 @@ use std::f64::consts::PI;
 const MEMORY: f64 = 10.0;
 /// False plots and new targets in a scan, at least.
 const FEWEST: f64 = 1.0;
-/// Where a radar's range is not limited and nothing was seen yet, m.
+/// Range of a radar without limit that has no plots yet, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
 /// The density of false plots of one radar.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clutter {
     known: Option<f64>,
-    /// Plots that belong to nothing, and the scans in which they came: those long ago count less.
+    /// Plots that belong to no track, and the scans in which they came, with fading weights.
     plots: f64,
     scans: f64,
     /// Until when they are counted, s.
@@ -51,8 +51,8 @@ impl Clutter {
         self.farthest = self.farthest.max(distance);
     }
 
-    /// So many plots belonged to nothing from `begin` to `end`, and in the scan before, if nothing
-    /// is known of that.
+    /// Counts plots that belong to no track, from `begin` to `end`, and the scan before where nothing
+    /// has been counted yet.
     pub fn count(&mut self, plots: usize, [begin, end]: [f64; 2], period: f64) {
         let scans = (end - self.until.max(begin - period)).max(0.0) / period;
         self.until = self.until.max(end);
@@ -61,7 +61,7 @@ impl Clutter {
         self.scans = kept * self.scans + scans;
     }
 
-    /// A plot of this time, which had been counted, belongs to a target.
+    /// Removes a plot of this time that was counted but belongs to a target.
     pub fn discount(&mut self, time: f64, period: f64) {
         let age = (self.until - time).max(0.0) / period;
         self.plots = (self.plots - (-age / MEMORY).exp()).max(0.0);

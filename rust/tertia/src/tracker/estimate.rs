@@ -1,9 +1,9 @@
-//! A mean and a covariance: what models of motion predict and plots correct.
+//! A mean and a covariance, which models of motion predict and plots correct.
 
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// Symmetric 2×2 matrix: east, north, and what they have in common.
+/// Symmetric 2×2 matrix of east and north.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
     /// Variance east.
@@ -60,7 +60,7 @@ impl<const N: usize> Estimate<N> {
         &self.covariance.data.0
     }
 
-    /// Corrects by a position with the noise `r`; returns the density of the plot.
+    /// Updates with a position of covariance `r`; returns the probability density of the plot.
     #[inline]
     pub(super) fn correct(&mut self, z: [f64; 2], r: Plane) -> f64 {
         let s = self.position_covariance().plus(r);
@@ -87,7 +87,7 @@ impl<const N: usize> Estimate<N> {
         (-0.5 * inverse.form(y)).exp() / (std::f64::consts::TAU * s.determinant().sqrt())
     }
 
-    /// Adds white noise of acceleration, with so much for each half square of the time.
+    /// Adds white acceleration of a spectral density (m²/s³) over the time `t`.
     #[inline]
     pub(super) fn accelerate(&mut self, noise: Plane, t: f64) {
         let p = &mut self.covariance.data.0;

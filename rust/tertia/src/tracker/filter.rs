@@ -11,14 +11,14 @@ use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// Straight flight and turns, and what a flight plan says of them.
+/// Models of straight flight and turns, and the flight plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Multiple {
     pub bank: Bank,
     pub guide: Option<Guide>,
 }
 
-/// What is known of a target's motion.
+/// State of a target, by the model of its motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Filter {
     Straight(Estimate<4>),
@@ -42,7 +42,7 @@ impl Filter {
         }
     }
 
-    /// Lets so much time pass; `period` is that of the radar's scans.
+    /// Predicts over the time `t`; `period` is that of the radar's scans.
     pub fn predict(&mut self, settings: &Settings, motion: &Motion, t: f64, period: f64) {
         match (self, motion) {
             (Self::Straight(estimate), Motion::Cv(sigma)) => {
@@ -57,7 +57,7 @@ impl Filter {
         }
     }
 
-    /// Calls `each` with every position that a model expects, and how likely it is.
+    /// Calls `each` with the position that each model expects, and its probability.
     #[inline]
     pub fn components(&self, mut each: impl FnMut(Component)) {
         let one = |position, covariance| Component { probability: 1.0, position, covariance };
@@ -121,7 +121,7 @@ impl Filter {
         }
     }
 
-    /// Gives it a plan to follow, if it can, or takes it away.
+    /// Sets the plan to follow, if the model can, or removes it.
     pub fn set_guide(&mut self, guide: Option<Guide>) {
         match self {
             Self::Multiple(multiple) => {
@@ -135,7 +135,7 @@ impl Filter {
         }
     }
 
-    /// Blocks its plan until it is told otherwise, or lets it be believed again.
+    /// Suspends its plan, or resumes it.
     pub fn suspend_plan(&mut self, suspended: bool) {
         let guide = match self {
             Self::Multiple(multiple) => {
@@ -154,8 +154,8 @@ impl Filter {
             Self::Straight(_) | Self::Singer(_) => return,
         };
         match guide {
-            Some(guide) if suspended => guide.hold(),
-            Some(guide) => guide.free(),
+            Some(guide) if suspended => guide.suspend(),
+            Some(guide) => guide.resume(),
             None => {}
         }
     }
@@ -175,8 +175,8 @@ impl Filter {
         }
     }
 
-    /// Widens the estimate, as if the target had accelerated unnoticed by `sigma` for `gap` seconds,
-    /// with this probability. A turn becomes as likely as straight flight, if that is.
+    /// Widens the covariance, as if the target had accelerated unnoticed by `sigma` for `gap` seconds
+    /// with this probability. From a half on, a turn becomes as likely as straight flight.
     pub fn widen(&mut self, sigma: f64, gap: f64, probability: f64) {
         let extra = kinematics::unnoticed(sigma, gap) * probability;
         match self {
@@ -197,7 +197,7 @@ impl Filter {
 }
 
 impl Multiple {
-    /// That of straight flight and free turns, and that in which a planned turn is flown.
+    /// The bank of straight flight and free turns, and the one in which a planned turn is flown.
     fn banks(&self) -> impl Iterator<Item = &Bank> {
         std::iter::once(&self.bank).chain(self.guide.as_ref().and_then(Guide::turning))
     }

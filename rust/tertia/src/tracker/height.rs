@@ -1,4 +1,4 @@
-//! Heights along time: they tell targets apart that are above one another.
+//! Heights over time, by which targets above one another are distinguished.
 
 use super::plot::HEIGHT_SIGMA as SIGMA;
 use serde::{Deserialize, Serialize};
@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 const ACCELERATION: f64 = 0.7;
 /// Standard deviation of the first vertical rate, m/s.
 const CLIMB: f64 = 10.0;
-/// Heights that a wrong one may have, m.
+/// Range of wrong heights, m.
 const SPAN: f64 = 12_000.0;
-/// How often a height is wrong.
+/// Probability that a height is wrong.
 const WRONG: f64 = 1e-3;
 
 /// Height and vertical rate.
@@ -40,7 +40,7 @@ impl Vertical {
         }
     }
 
-    /// Logarithm of how much likelier the height is for this target than for any.
+    /// Log-likelihood ratio of the height: this target against any.
     pub fn score(&self, time: f64, height: f64) -> f64 {
         let now = self.at(time);
         let s = now.variance[0] + SIGMA * SIGMA;

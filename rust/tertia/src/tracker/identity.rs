@@ -1,15 +1,15 @@
-//! What the transponder of a target answers, of which single answers may be wrong.
+//! The identity of a target by the replies of its transponder, single ones of which may be wrong.
 
 use serde::{Deserialize, Serialize};
 
-/// Answers in a row after which a track has another identity.
+/// Equal replies in a row after which a track has another identity.
 const CHANGED_AFTER: u8 = 3;
 
 /// The identity of a target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Identity {
     pub code: i64,
-    /// Another one, and how often in a row it was answered.
+    /// A different code, and how often in a row it was received.
     other: i64,
     times: u8,
 }
@@ -19,7 +19,7 @@ impl Identity {
         Self { code, other: code, times: 0 }
     }
 
-    /// Takes one more answer; the code changes only after several that are alike.
+    /// Processes one more reply; the code changes only after several equal ones.
     pub fn answer(&mut self, code: i64) {
         if code == self.code {
             self.times = 0;

@@ -75,7 +75,7 @@ pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 
-/// Covariance of an acceleration that nobody noticed for `gap` seconds: Γ σ² Γ', Γ = (gap²/2, gap).
+/// Covariance of an acceleration that was not noticed for `gap` seconds: Γ σ² Γ', Γ = (gap²/2, gap).
 pub fn unnoticed(sigma: f64, gap: f64) -> SMatrix<f64, 4, 4> {
     let mut covariance = SMatrix::zeros();
     let square = (sigma * gap).powi(2);
@@ -88,7 +88,7 @@ pub fn unnoticed(sigma: f64, gap: f64) -> SMatrix<f64, 4, 4> {
     covariance
 }
 
-/// `sin(wt)`, `cos(wt)`, their integrals along and across, and those's derivatives by w.
+/// `sin(wt)`, `cos(wt)`, their integrals over t, and the derivatives of the integrals by w.
 pub struct Arc {
     pub sine: f64,
     pub cosine: f64,

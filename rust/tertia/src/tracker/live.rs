@@ -1,4 +1,4 @@
-//! All tracks of a picture, and the plots that change them.
+//! The tracker: all tracks, and the plots that update them.
 
 use super::clutter::Clutter;
 use super::plot::{Measured, Plot, PlotStatus};
@@ -10,24 +10,24 @@ use crate::base::error::{Error, Result, require};
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
 
-/// Share of the shortest scan for which plots wait for those that compete with them.
+/// Share of the shortest scan for which plots wait for others that compete with them.
 const WAITING: f64 = 0.125;
 
-/// So many plots of a scan are worth a thread: they take a millisecond.
+/// Plots of a scan that are worth a thread: they take a millisecond.
 const PLOTS_PER_THREAD: usize = 1000;
 
-/// All tracks, and what they are made with.
+/// All tracks, and the state of the clutter estimate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tracker {
     settings: Settings,
     tracks: Vec<Track>,
     clutter: Vec<Clutter>,
-    /// Until when everything is done.
+    /// Time until which everything is processed.
     time: f64,
     next_number: u64,
     /// Plots given so far.
     plots: usize,
-    /// Of a plot long after the others, that may have had a wrong clock.
+    /// Time of a plot long after the others, perhaps from a wrong clock.
     stray: f64,
 }
 
@@ -56,8 +56,8 @@ impl Tracker {
         postcard::from_bytes(bytes).ok()
     }
 
-    /// Where all confirmed tracks will be so many seconds after `time`: along their plans where these
-    /// are believed, straight on otherwise. Numbers of tracks, and positions.
+    /// Numbers of the confirmed tracks, and their positions so many seconds after `time`: along their
+    /// plans where these are believed, straight on otherwise.
     pub fn extrapolate(&self, seconds: f64) -> Vec<(u64, [f64; 2])> {
         let confirmed = self.tracks.iter().filter(|track| track.is_confirmed());
         confirmed
@@ -70,9 +70,8 @@ impl Tracker {
             .collect()
     }
 
-    /// Blocks the plan of a confirmed track, or of one that finds its plan later, until it is told
-    /// otherwise; or lets it be believed again where the track is back on it. Whether there is such a
-    /// track.
+    /// Suspends the plan of a confirmed track, also one that it finds later, or resumes it. Returns
+    /// whether there is such a track.
     pub fn suspend_plan(&mut self, number: u64, suspended: bool) -> bool {
         let mut tracks = self.tracks.iter_mut();
         let found = tracks.find(|track| track.number == number && track.is_confirmed());
@@ -96,14 +95,14 @@ impl Tracker {
         self.settings.radars.len()
     }
 
-    /// Until when everything is done, s; negative infinity at first.
+    /// Time until which everything is processed, s; negative infinity at first.
     pub fn time(&self) -> f64 {
         self.time
     }
 
-    /// Takes plots, in any order among themselves, but after those that came before; `end` is the
-    /// time until which all plots are there, that of the last one where it is none. What became of
-    /// each plot goes to `statuses`, what became of tracks to `rows`; the same for any number of threads.
+    /// Processes plots, in any order among themselves, but after those that came before; by `end` all
+    /// plots have arrived (none: the time of the last one). The status of each plot goes to
+    /// `statuses`, the rows of tracks to `rows`; the same for any number of threads.
     /// Cost O(P log P + tracks).
     ///
     /// # Errors
@@ -148,8 +147,8 @@ impl Tracker {
                 threads: threads(n_threads, waiting.len()),
             };
             let oldest = hold - WAITING * period;
-            let tell = |plot: usize, status| statuses[plot - first] = status;
-            scan.process(&mut sky, &mut waiting, [oldest, hold], tell);
+            let report = |plot: usize, status| statuses[plot - first] = status;
+            scan.process(&mut sky, &mut waiting, [oldest, hold], report);
             self.finish(hold.min(end), rows);
         }
         self.finish(end, rows);
@@ -200,8 +199,8 @@ impl Tracker {
         measured
     }
 
-    /// Leaves out single plots that come long after the others: with a wrong clock they would end all
-    /// tracks. The next plot at about that time shows that there was a silence.
+    /// Refuses single plots long after the others: with a wrong clock they would end all tracks. A
+    /// second plot at about that time shows that there was a gap.
     fn refuse_strays(&mut self, measured: &mut Vec<Measured>, statuses: &mut [PlotStatus]) {
         let period = self.settings.radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
         let silence = (self.settings.coasting as f64 + 0.5) * period;
@@ -222,7 +221,7 @@ impl Tracker {
         *measured = kept;
     }
 
-    /// Counts what radars missed until `end`.
+    /// Counts missed detections until `end`.
     fn finish<R: Rows>(&mut self, end: f64, rows: &mut R) {
         for track in &mut self.tracks {
             track.miss(end, &self.settings, |track, radar| {
@@ -234,13 +233,13 @@ impl Tracker {
         self.time = self.time.max(end);
     }
 
-    /// Forgets the tracks that have ended.
+    /// Removes the tracks that have ended.
     fn bury(&mut self) {
         self.tracks.retain(|track| track.is_alive(&self.settings));
     }
 }
 
-/// Threads for a scan of so many plots: as many as asked for, or all there are; one for few plots.
+/// Threads for a scan of so many plots: as many as requested, or all cores; one for few plots.
 fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
     let most = plots / PLOTS_PER_THREAD;
     if most < 2 {

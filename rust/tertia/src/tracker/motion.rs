@@ -5,7 +5,7 @@ use crate::base::error::{Result, require};
 use crate::kalman::Singer;
 use serde::{Deserialize, Serialize};
 
-/// Distances squared whose sum tells a manoeuvre from noise.
+/// Distances squared that are summed to detect a manoeuvre.
 pub(super) const SUMMED: usize = 3;
 
 /// How confirmed targets move.

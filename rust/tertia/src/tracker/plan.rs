@@ -1,5 +1,5 @@
-//! A flight plan as one more hypothesis of a track's motion: it is believed as far as the plots bear
-//! it out, and blocked where they do not (Glagovskiy, Lavina, Rudelson 2014, completed).
+//! A flight plan as one more hypothesis of a track's motion: it is believed as far as the plots
+//! confirm it, and blocked where they do not (Glagovskiy, Lavina, Rudelson 2014, completed).
 //!
 //! Near a turn of the plan there are two banks of models: in one the turn is flown, in the other it
 //! is not. Their probabilities follow from the plots alone. On straight legs there is a model that
@@ -17,18 +17,18 @@ use crate::flightplan::{
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// Turns flown and not flown, before any: their weight in turns.
+/// Weight of the prior for turns flown and not flown, in turns.
 const BEFOREHAND: f64 = 2.5;
-/// No more turns are remembered, flown and not.
+/// Largest counts of turns flown and not flown.
 const REMEMBERED: [f64; 2] = [9.0, 4.0];
 /// Below this probability of a planned turn the plan is blocked.
 const LEAST: f64 = 0.05;
 /// Median distance to the waypoint, in leads, at which a turn begins: aircraft roll in first, and bank
 /// less than plans say.
 const START_MEDIAN: f64 = 1.05;
-/// A turn that has this much left is not begun any more, rad.
+/// A turn with this much left is no longer begun, rad.
 const LITTLE: f64 = 4.0 * std::f64::consts::PI / 180.0;
-/// Share of the turns that are begun, while a planned one is ahead, at another rate.
+/// Share of turns at another rate, while a planned one is ahead.
 const OTHER_TURNS: f64 = 0.3;
 /// From a turn at any rate to that of the plan, and back.
 const TO_PLAN: f64 = 0.1;
@@ -39,26 +39,26 @@ const ENDS: f64 = 0.7;
 /// From straight flight to keeping to the leg, and back.
 const TO_LEG: f64 = 0.08;
 const FROM_LEG: f64 = 0.02;
-/// Standard deviation of the velocity across a leg, m/s, and its correlation time, s.
+/// Standard deviation of the cross-track velocity on a leg, m/s, and its correlation time, s.
 const ACROSS: f64 = 1.5;
 const ACROSS_TIME: f64 = 40.0;
-/// Acceleration along and across a planned turn beyond what wind and bank make, m/s².
+/// Acceleration along and across a planned turn in addition to that of wind and bank, m/s².
 const ROUGHNESS: f64 = 0.3;
-/// Share of the rate of turn that is not known.
+/// Relative uncertainty of the turn rate.
 const RATE_SHARE: f64 = 0.15;
-/// A speed that changes shows in the plots along the course: weight of a plot in the mean of their
-/// normalised errors, the mean that is by chance, and the standard deviation of the acceleration per
-/// mean beyond that, m/s²; and that at most.
+/// A change of speed appears in the along-track errors of plots: weight of a plot in their normalised
+/// mean, the mean that is due to chance, the standard deviation of the acceleration per excess of the
+/// mean, m/s², and its limit.
 const LAG_SHARE: f64 = 0.2;
 const LAG_BY_CHANCE: f64 = 0.4;
 const LAG_ACCELERATION: f64 = 2.0;
 const LAG_ACCELERATION_MAX: f64 = 2.0;
-/// A plot's normalised error counts no more than this.
+/// Limit of a plot's normalised error.
 const LAG_LARGEST: f64 = 4.0;
-/// A turn's legs, for a geometry that needs their directions alone, m.
+/// Length of a turn's legs where only their directions matter, m.
 const LONG: f64 = 1e7;
 
-/// The plan of a track, and how far it is believed.
+/// The plan of a track, and its credibility.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guide {
     /// Index of the plan.
@@ -73,12 +73,12 @@ pub(super) struct Guide {
     turning: Option<Box<Bank>>,
     /// Distance to the waypoint at the scan before, in leads.
     ratio: f64,
-    /// Mean of the normalised errors of plots along the course.
+    /// Mean of the normalised along-track errors of plots.
     lag: f64,
 }
 
 impl Guide {
-    /// A track that is on a leg of a plan; `prior` is the probability that its turns are flown.
+    /// The guide of a track on a leg of a plan; `prior` is the probability that its turns are flown.
     pub fn new(plan: usize, leg: usize, prior: f64) -> Self {
         Self {
             plan,
@@ -106,18 +106,18 @@ impl Guide {
         self.turning.as_deref_mut()
     }
 
-    /// Ground speed, as far as it is known by now.
+    /// Ground speed.
     pub fn speed(&self, estimate: &Estimate<4>) -> f64 {
         let (speed, _) = self.history.speed();
         if speed.is_finite() { speed } else { estimate.mean[2].hypot(estimate.mean[3]) }
     }
 
-    /// Whether the plan has a say.
+    /// Whether the plan has influence.
     fn is_believed(&self, settings: &Settings) -> bool {
         self.conforms && settings.flown_probability > 0.0
     }
 
-    /// Learns from a plot, before it corrects, whether the speed changes.
+    /// Compares a plot with the prediction, for changes of speed.
     pub fn compare(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
         let bank = self.turning.as_deref().unwrap_or(bank);
         let is_planned = bank.probability[PLAN] > bank.probability[STRAIGHT];
@@ -137,7 +137,7 @@ impl Guide {
         (LAG_ACCELERATION * beyond).min(LAG_ACCELERATION_MAX)
     }
 
-    /// Lets time pass for both banks.
+    /// Predicts both banks.
     pub fn predict(
         &mut self,
         bank: &mut Bank,
@@ -196,25 +196,25 @@ impl Guide {
         self.ratio = f64::INFINITY;
     }
 
-    /// Ends what the plan has to say.
+    /// Ends the influence of the plan.
     pub fn release(&mut self, bank: &mut Bank) {
         self.leave(bank, false);
         fold_plan(bank);
     }
 
-    /// Blocks the plan until it is freed; a second bank has to be released before.
-    pub fn hold(&mut self) {
+    /// Suspends the plan; a second bank has to be released before.
+    pub fn suspend(&mut self) {
         self.monitor.suspend();
         self.conforms = false;
         self.in_zone = false;
     }
 
-    /// Lets the plan be believed again where the track comes back to it.
-    pub fn free(&mut self) {
+    /// Resumes the plan: it counts once the track is back on it.
+    pub fn resume(&mut self) {
         self.monitor.resume();
     }
 
-    /// Ends the second bank: what it says goes into the first.
+    /// Merges the second bank into the first.
     fn leave(&mut self, bank: &mut Bank, counts: bool) {
         let Some(turning) = self.turning.take() else { return };
         if counts {
@@ -237,7 +237,7 @@ impl Guide {
         let leg = self.monitor.leg();
         if self.turning.as_ref().is_some_and(|turning| turning.total() < LEAST) {
             self.turns[1] = (self.turns[1] + 1.0).min(REMEMBERED[1]);
-            // what was not flown says nothing of where the target is
+            // a turn that was not flown has no information on where the target is
             self.turning = None;
             bank.scale(bank.total().recip());
             self.monitor.block((leg + 1).min(route.legs() - 1));
@@ -249,8 +249,8 @@ impl Guide {
         }
     }
 
-    /// Says where along the plan the track is, and whether it follows it. It turns otherwise than
-    /// planned with the probability `turning`.
+    /// Locates the track along the plan, and checks whether it follows it. `turning` is the probability
+    /// of a turn other than planned.
     pub fn watch(
         &mut self,
         estimate: &Estimate<4>,
@@ -311,7 +311,7 @@ fn parts(estimate: &Estimate<4>) -> ([f64; 2], [f64; 2]) {
     (estimate.position(), [estimate.mean[2], estimate.mean[3]])
 }
 
-/// A turn, and what is not known of how it will be flown.
+/// A turn, and the uncertainty of how it will be flown.
 struct Flown {
     turn: Turn,
     /// Standard deviation of the acceleration along the course, m/s².
@@ -321,7 +321,7 @@ struct Flown {
 }
 
 impl Flown {
-    /// What is left of the turn, radians.
+    /// Remaining angle of the turn, rad.
     fn remaining(&self, position: [f64; 2], velocity: [f64; 2], t: f64) -> f64 {
         capture_in_wind(&self.turn, position, velocity, self.wind, t).remaining
     }
@@ -332,7 +332,7 @@ impl Flown {
     }
 }
 
-/// Lets time pass where the turn is going to be flown; returns the distance to the waypoint.
+/// Predicts the bank in which the turn is flown; returns the distance to the waypoint, in leads.
 fn predict_turning(
     bank: &mut Bank,
     flown: &Flown,
@@ -437,7 +437,7 @@ fn keep_to_leg(estimate: &mut Estimate<4>, course: [f64; 2], t: f64, q: f64) {
     estimate.covariance = p;
 }
 
-/// Puts the plan's model of a bank into straight flight.
+/// Merges the plan's model of a bank into straight flight.
 fn fold_plan(bank: &mut Bank) {
     let [straight, _, plan] = bank.probability;
     if plan > 0.0 {
@@ -450,7 +450,7 @@ fn fold_plan(bank: &mut Bank) {
     }
 }
 
-/// Puts all of another bank into this one, model by model.
+/// Merges another bank into this one, model by model.
 fn merge(bank: &mut Bank, mut other: Bank) {
     fold_plan(&mut other);
     let (mine, theirs) = (bank.probability, other.probability);

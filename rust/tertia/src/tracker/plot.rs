@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
 pub(super) const HEIGHT_SIGMA: f64 = 15.0;
-/// Later, seconds are not told apart well enough (3000 years), and farther is nothing, m.
+/// Largest time, s (3000 years), beyond which the resolution of seconds is lost, and range, m.
 const LATEST: f64 = 1e11;
 const FARTHEST: f64 = 1e9;
-/// Below this share of its range a target is straight above the radar.
+/// Share of the range below which the ground range counts as zero: straight above the radar.
 const LEAST_GROUND_SHARE: f64 = 1e-3;
 
 /// Where a radar is, and how it measures.
@@ -21,11 +21,11 @@ pub struct Radar {
     pub range_sigma: f64,
     /// That of azimuths, rad.
     pub azimuth_sigma: f64,
-    /// Time of a scan, s.
+    /// Time of one rotation, s.
     pub scan_period: f64,
-    /// Farther, nothing is seen; m, may be infinite.
+    /// Largest range, m; may be infinite.
     pub max_range: f64,
-    /// How often a target is seen in a scan.
+    /// Probability that a target is detected in a scan.
     pub detection_probability: f64,
 }
 
@@ -48,8 +48,8 @@ impl Radar {
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }
 
-    /// Covariance of the plot of a target at this position, so much above the radar (not a number
-    /// where that is not known): the slant range is longer, and the height has an error too.
+    /// Covariance of the plot of a target at this position and height above the radar (nan: unknown).
+    /// With a height, the slant range and the error of the height add to it.
     #[inline]
     pub fn noise_at(&self, position: [f64; 2], up: f64) -> Plane {
         let d = [position[0] - self.position[0], position[1] - self.position[1]];
@@ -66,8 +66,8 @@ impl Radar {
         }
     }
 
-    /// East and north of a plot, without the bias that the error of the azimuth makes: on average
-    /// `cos` is smaller by `exp(−σ²/2)`. None where it is straight above the radar.
+    /// East and north of a plot, corrected for the noise of the azimuth, by which sine and cosine are
+    /// smaller by exp(−σ²/2) on average. None where it is straight above the radar.
     pub fn position_of(&self, range: f64, azimuth: f64, height: f64) -> Option<[f64; 2]> {
         let up = if height.is_finite() { height - self.position[2] } else { 0.0 };
         let squared = range * range - up * up;
@@ -80,12 +80,12 @@ impl Radar {
         Some([self.position[0] + ground * sine, self.position[1] + ground * cosine])
     }
 
-    /// Whether a target at this position can be seen.
+    /// Whether a target at this position is within range.
     pub fn covers(&self, position: [f64; 2]) -> bool {
         self.distance(position) <= self.max_range
     }
 
-    /// The distance, quickly: not for results.
+    /// The distance by a faster formula, for bounds only.
     #[inline]
     pub(super) fn about(&self, position: [f64; 2]) -> f64 {
         let [x, y] = [position[0] - self.position[0], position[1] - self.position[1]];
@@ -97,7 +97,7 @@ impl Radar {
     }
 }
 
-/// What a radar saw.
+/// A plot of a radar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plot {
     /// s
@@ -110,7 +110,7 @@ pub struct Plot {
     pub radar: usize,
     /// m; nan where there is none
     pub height: f64,
-    /// What the transponder answered; negative where there is none.
+    /// Reply of the transponder; negative where there is none.
     pub identity: i64,
 }
 
@@ -131,20 +131,20 @@ impl Plot {
     }
 }
 
-/// What became of a plot.
+/// The track of a plot, or why it was not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlotStatus {
     /// It belongs to this track.
     Track(u64),
-    /// A number of it is not finite or enormous, or its range is not positive.
+    /// A number is not finite or too large, or the range is not positive.
     Invalid,
-    /// It is older than what has been processed.
+    /// It is older than plots that were processed before.
     Late,
     /// It is straight above the radar.
     AtSensor,
-    /// It is farther than the radar sees.
+    /// It is beyond the range of the radar.
     OutOfRange,
-    /// It is in every number the one before it.
+    /// It repeats the one before it.
     Duplicate,
     /// It comes alone, long after the others.
     ClockError,

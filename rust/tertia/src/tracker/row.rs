@@ -1,9 +1,9 @@
-//! What a tracker reports of its tracks.
+//! Rows: the states of tracks that a tracker reports.
 
 use super::estimate::{Estimate, Plane};
 use super::track::Track;
 
-/// What is said of a track after a plot, or after a scan without one.
+/// The state of a track after a plot, or after a scan without one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     /// s
@@ -16,7 +16,7 @@ pub struct Row {
     pub plot: Option<usize>,
     /// Position and velocity.
     pub estimate: Estimate<4>,
-    /// Plot less prediction, and its covariance; not numbers where the target was missed.
+    /// Plot less prediction; nan for a missed detection.
     pub innovation: [f64; 2],
     /// Its covariance.
     pub innovation_covariance: Plane,
@@ -26,7 +26,7 @@ pub struct Row {
     pub height: f64,
     /// Vertical rate, up, m/s; nan as the height.
     pub vertical_rate: f64,
-    /// What the transponder answers; negative where it does not.
+    /// Reply of the transponder; negative where there is none.
     pub identity: i64,
     /// Whether the track is confirmed.
     pub confirmed: bool,
@@ -62,9 +62,9 @@ impl Row {
     }
 }
 
-/// What takes the rows that a tracker makes.
+/// Receives the rows of a tracker.
 pub trait Rows {
-    /// Whether it takes rows of confirmed tracks, or of those that are not confirmed yet.
+    /// Whether it takes rows of confirmed or of tentative tracks.
     fn wants(&self, confirmed: bool) -> bool;
     /// Takes one more row.
     fn push(&mut self, row: &Row);

@@ -1,8 +1,8 @@
 //! One scan: which plots belong to which tracks.
 //!
-//! Tracks that compete for plots, of any radar, make a component. Components have nothing to do with
-//! each other, so several threads settle them, and a track is in the cache for all its radars. What
-//! comes out is written in the order of the groups: tracks that compete for plots of one radar.
+//! Tracks that compete for plots, of any radar, form a component. Components are independent, so
+//! several threads settle them, and a track is in the cache for all its radars. Results are written in
+//! the order of the groups: tracks that compete for plots of one radar.
 
 use super::claim::Claim;
 use super::clutter::Clutter;
@@ -13,14 +13,14 @@ use super::share::{Share, Shares};
 use super::track::Track;
 use crate::association::Grid;
 
-/// What has no place yet.
+/// Not placed yet.
 const NOWHERE: u32 = u32::MAX;
 
 /// The buffers of a scan.
 #[derive(Default)]
 pub(super) struct Scan {
     plots: Vec<Measured>,
-    /// Plots that may not be taken any more.
+    /// Plots that already have a track.
     taken: Vec<bool>,
     deferred: Vec<bool>,
     /// The plots of all radars.
@@ -43,7 +43,7 @@ pub(super) struct Scan {
     shares: Shares,
 }
 
-/// What plots can do to the tracks.
+/// All that plots may change.
 pub(super) struct Sky<'a, R> {
     pub settings: &'a Settings,
     pub tracks: &'a mut Vec<Track>,
@@ -54,24 +54,24 @@ pub(super) struct Sky<'a, R> {
 }
 
 impl Scan {
-    /// Gives plots, sorted by time, to tracks, and begins tracks with the others. Plots that compete
-    /// with one that is not before `hold` wait, but for those before `oldest`: they are returned in
-    /// `plots`.
+    /// Assigns plots, sorted by time, to tracks, and begins tracks with the others. Plots that compete
+    /// with one that is not before `hold` wait, unless they are before `oldest`: those that wait are
+    /// returned in `plots`.
     pub fn process<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
         plots: &mut Vec<Measured>,
         [oldest, hold]: [f64; 2],
-        mut tell: impl FnMut(usize, PlotStatus),
+        mut report: impl FnMut(usize, PlotStatus),
     ) {
         self.load(sky, plots);
         for confirmed in [true, false] {
             self.claim(sky, confirmed);
             self.join();
             self.defer(oldest, hold);
-            self.settle(sky, confirmed, &mut tell);
+            self.settle(sky, confirmed, &mut report);
         }
-        self.begin(sky, hold, &mut tell);
+        self.begin(sky, hold, &mut report);
         plots.clear();
         for (plot, _) in self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred) {
             plots.push(*plot);
@@ -122,7 +122,7 @@ impl Scan {
         shares.collect(claims, claimed);
     }
 
-    /// Joins the plots that the same claims want, and sorts claims by group and by component.
+    /// Joins plots that the same track claims, and sorts claims by group and by component.
     fn join(&mut self) {
         let Self { plots, claims, sorted, claimed, joined, last, counts, order, .. } = self;
         joined.clear();
@@ -166,8 +166,8 @@ impl Scan {
         sort(sorted, claims, counts, plots.len(), |claim| claim.component);
     }
 
-    /// Lets plots wait that compete with one that is not before `hold`. Older ones than `oldest` do
-    /// not: with them a target could be among the plots twice.
+    /// Defers plots that compete with one that is not before `hold`, unless they are older than
+    /// `oldest`: with them a target could be among the plots twice.
     fn defer(&mut self, oldest: f64, hold: f64) {
         for i in 0..self.plots.len() {
             let last = self.last[root(&mut self.joined, i as u32) as usize] as usize;
@@ -176,12 +176,12 @@ impl Scan {
         }
     }
 
-    /// Gives the plots to those that claim them, within each group in the order of time.
+    /// Assigns the plots to the tracks that claim them, within each group in the order of time.
     fn settle<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
         confirmed: bool,
-        tell: &mut impl FnMut(usize, PlotStatus),
+        report: &mut impl FnMut(usize, PlotStatus),
     ) {
         if self.claims.is_empty() {
             return;
@@ -221,9 +221,9 @@ impl Scan {
                 }
             }
         });
-        shares.tell(claims.len(), |given, row| {
+        shares.report(claims.len(), |given, row| {
             taken[given.plot as usize] = true;
-            tell(plots[given.plot as usize].index, PlotStatus::Track(given.track));
+            report(plots[given.plot as usize].index, PlotStatus::Track(given.track));
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
             }
@@ -233,12 +233,12 @@ impl Scan {
         });
     }
 
-    /// Begins tracks with the plots that are left, and counts them.
+    /// Begins tracks with the remaining plots, and counts these.
     fn begin<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
         hold: f64,
-        tell: &mut impl FnMut(usize, PlotStatus),
+        report: &mut impl FnMut(usize, PlotStatus),
     ) {
         let mut unused = vec![0; sky.settings.radars.len()];
         for (i, plot) in self.plots.iter().enumerate() {
@@ -250,7 +250,7 @@ impl Scan {
             let false_plots = sky.clutter[plot.radar].plots(&sky.settings.radars[plot.radar]);
             let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             *sky.next_number += 1;
-            tell(plot.index, PlotStatus::Track(track.number));
+            report(plot.index, PlotStatus::Track(track.number));
             if sky.rows.wants(false) {
                 sky.rows.push(&Row::of(&track, plot.radar, Some(plot.index)));
             }

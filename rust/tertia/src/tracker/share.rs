@@ -1,4 +1,4 @@
-//! Tracks and groups of a scan that one thread looks after, and what it finds.
+//! The part of a scan that one thread processes, and its results.
 
 use super::claim::{Claim, reach};
 use super::clutter::Clutter;
@@ -32,7 +32,7 @@ pub(super) struct Given {
 type Seen<'a> = (&'a [Measured], &'a [u32], &'a [bool]);
 type World<'a> = (&'a Settings, &'a [Clutter]);
 
-/// What one thread does at a time, and its buffers.
+/// The work of one thread at a time, and its buffers.
 #[derive(Default)]
 pub(super) struct Share {
     claims: Vec<Claim>,
@@ -51,7 +51,7 @@ pub(super) struct Share {
 }
 
 impl Share {
-    /// Finds the plots near a track that are free, by radar and index.
+    /// Finds the free plots near a track, by radar and index.
     pub fn find(
         &mut self,
         track: &Track,
@@ -96,7 +96,7 @@ impl Share {
         }
     }
 
-    /// A track claims what was found near it, for each radar by itself.
+    /// Claims the plots that were found near a track, separately for each radar.
     pub fn claim(&mut self, track: usize, plots: &[Measured]) {
         let radar = |i: u32| plots[i as usize].radar;
         for own in self.near.chunk_by(|&a, &b| radar(a) == radar(b)) {
@@ -194,7 +194,7 @@ impl Share {
         }
     }
 
-    /// Those that have no plot take the likeliest one that is left in the guard gate.
+    /// Tracks without a plot take the likeliest remaining one in the guard gate.
     pub fn guard(
         &mut self,
         group: &[Claim],
@@ -243,7 +243,7 @@ impl Share {
         self.given.push(Given { place, plot, track: track.number, begun, row });
     }
 
-    /// Forgets what was found.
+    /// Clears the results.
     fn clear(&mut self) {
         self.claims.clear();
         self.claimed.clear();
@@ -260,7 +260,7 @@ fn plots_of<'a>(claim: &Claim, claimed: &'a [u32]) -> std::slice::Iter<'a, u32> 
 #[derive(Default)]
 pub(super) struct Shares {
     shares: Vec<Share>,
-    /// Where what was given at each place is: the share, and the index in it.
+    /// The share and the index in it of the result for each place.
     places: Vec<(u32, u32)>,
 }
 
@@ -298,8 +298,8 @@ impl Shares {
         }
     }
 
-    /// Calls `work` with the claims of each share and the tracks that they name; `same` tells which
-    /// claims must stay together. Both are sorted by that.
+    /// Calls `work` with the claims of each share and their tracks; `same` says which claims must stay
+    /// together. Both are sorted by that.
     pub fn settle(
         &mut self,
         threads: usize,
@@ -328,8 +328,8 @@ impl Shares {
         run(threads, parts, |(claims, tracks, share)| work(share, claims, tracks));
     }
 
-    /// Calls `tell` with every plot that was given, and its row, in the order of groups.
-    pub fn tell(&mut self, claims: usize, mut tell: impl FnMut(&Given, Option<&Row>)) {
+    /// Calls `report` with every assigned plot and its row, in the order of groups.
+    pub fn report(&mut self, claims: usize, mut report: impl FnMut(&Given, Option<&Row>)) {
         self.places.clear();
         self.places.resize(2 * claims, (NOTHING, NOTHING));
         for (index, share) in self.shares.iter().enumerate() {
@@ -341,7 +341,7 @@ impl Shares {
             let share = &self.shares[index as usize];
             let given = &share.given[i as usize];
             let row = (given.row != NOTHING).then(|| &share.rows[given.row as usize]);
-            tell(given, row);
+            report(given, row);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! One track: its filter, its life, and what it answers.
+//! One track: its filter, its stage, its identity and its plan.
 
 use super::beams::{Beams, Expected};
 use super::estimate::{Estimate, Plane};
@@ -15,28 +15,28 @@ use serde::{Deserialize, Serialize};
 
 /// Standard deviation of the acceleration of a track that is not confirmed yet, m/s².
 const FIRST_ACCELERATION: f64 = 1.0;
-/// Emergencies in a row that are believed.
+/// Emergency codes in a row after which the plan is suspended.
 const EMERGENCY_AFTER: u8 = 2;
-/// A plot of the same radar comes no sooner than this share of a scan after the last.
+/// Shortest time between plots of the same radar, as a share of a scan.
 const SOONEST: f64 = 0.45;
-/// How much likelier an identity is for its own target than for any other.
+/// Likelihood ratio of an identity: its own target against any other.
 const IDENTITIES: f64 = 4096.0;
 
-/// Acceleration in the models' own noise, at most, m/s².
+/// Largest acceleration in the noise of the models, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;
-/// No more than one false track is confirmed in so many scans.
+/// Scans in which at most one false track is confirmed.
 const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
-/// How often a target accelerates so much that the guard gate is needed.
+/// Probability that a target accelerates so much that the guard gate is needed.
 const UNNOTICED: f64 = 0.05;
-/// Plots by which the plan of a track is looked for, and after which again.
+/// Plots over which a plan is searched, and after which the search starts again.
 const SEARCH_PLOTS: usize = 10;
 const SEARCH_AGAIN: usize = 20;
 
-/// How far a track is believed.
+/// Whether a track is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Stage {
-    /// So many plots and misses so far, and the logarithm of how much likelier this is a target than
-    /// a chain of false plots, above what is asked for.
+    /// Plots and missed detections so far, and the log-likelihood ratio of a target against a chain of
+    /// false plots, less the one required.
     Tentative {
         hits: usize,
         misses: usize,
@@ -65,15 +65,15 @@ pub(super) struct Track {
     identity: Option<Identity>,
     search: SearchState,
     link: Link,
-    /// What it answered when it was linked to its plan.
+    /// Its identity when it was correlated with its plan.
     linked_as: Option<i64>,
-    /// Whether its plan is blocked until a controller releases it.
+    /// Whether its plan is suspended.
     suspended: bool,
-    /// Emergencies in succession that it answered.
+    /// Emergency codes in a row.
     emergencies: u8,
 }
 
-/// How well plans fit, so far.
+/// The search for a plan: plots so far, and the sums of scores of the plans.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct SearchState {
     plots: usize,
@@ -81,8 +81,8 @@ struct SearchState {
 }
 
 impl Track {
-    /// A track from one plot: any velocity up to about `max_speed`. It will be confirmed as a target
-    /// that is likelier than the chains which so many false plots per scan make.
+    /// A track from one plot, of any velocity up to about `max_speed`. To be confirmed it must be
+    /// likelier than the chains that `false_plots` per scan would form.
     pub fn new(number: u64, plot: &Measured, false_plots: f64, settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
         let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
@@ -125,7 +125,7 @@ impl Track {
         self.stage == Stage::Confirmed
     }
 
-    /// What the transponder answers.
+    /// The identity by the transponder.
     pub fn identity(&self) -> Option<i64> {
         self.identity.map(|identity| identity.code)
     }
@@ -149,7 +149,7 @@ impl Track {
         ([x[0] + t * x[2], x[1] + t * x[3]], covariance)
     }
 
-    /// Lets time pass.
+    /// Predicts to a time.
     pub fn predict(&mut self, time: f64, period: f64, settings: &Settings) {
         if time > self.time {
             let motion = self.motion(settings);
@@ -170,8 +170,8 @@ impl Track {
             .is_none_or(|e| plot.time - e.seen > SOONEST * radar.scan_period)
     }
 
-    /// Where the plot would be at the time of the estimate, and its noise, in which the error of
-    /// the velocity is for a plot that came late.
+    /// The plot moved to the time of the estimate, and its covariance; for a late plot it includes the
+    /// error of the velocity.
     fn brought_here(&self, plot: &Measured, radar: &Radar) -> ([f64; 2], Plane) {
         let t = plot.time - self.time;
         let x = &self.estimate.mean;
@@ -186,8 +186,7 @@ impl Track {
         ([plot.position[0] - t * x[2], plot.position[1] - t * x[3]], r)
     }
 
-    /// Logarithm of how much likelier the plot is of this target than any other; none outside the
-    /// gate.
+    /// Log-likelihood ratio of the plot, of this target against any other; none outside the gate.
     #[inline]
     pub fn score(&self, plot: &Measured, others: f64, settings: &Settings) -> Option<f64> {
         let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
@@ -195,8 +194,8 @@ impl Track {
         (nearest <= settings.guard).then(|| self.likelier(density.ln(), plot, others, settings))
     }
 
-    /// As `score`, perhaps with the target accelerating unnoticed since it was last seen, and the
-    /// probability of that; otherwise the plot has a large error.
+    /// As `score`, in the guard gate: either the target has accelerated since it was last seen, with the
+    /// probability that is returned, or the plot has a large error.
     pub fn guarded_score(
         &self,
         plot: &Measured,
@@ -215,7 +214,7 @@ impl Track {
         }
         let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
         let straight = self.density(z, r).0.ln();
-        // the paper asks no further
+        // the window of the paper is always widened
         let always = matches!(settings.motion, Motion::Window(_));
         let odds = if always { f64::INFINITY } else { (accelerated - straight).exp() };
         let probability = 1.0 - 1.0 / (1.0 + odds);
@@ -237,8 +236,7 @@ impl Track {
         (density, nearest)
     }
 
-    /// Logarithm of how much likelier the plot is of this target than any other, by the logarithm of
-    /// its `density`.
+    /// Log-likelihood ratio of the plot, of this target against any other, by its log `density`.
     #[inline]
     fn likelier(&self, density: f64, plot: &Measured, others: f64, settings: &Settings) -> f64 {
         let p = settings.radars[plot.radar].detection_probability;
@@ -246,7 +244,7 @@ impl Track {
         (p / spread).ln() + density + self.also(plot, settings)
     }
 
-    /// Takes the score of a plot as evidence.
+    /// Adds the score of a plot to the evidence.
     pub fn credit(&mut self, gain: f64) {
         if let Stage::Tentative { evidence, .. } = &mut self.stage {
             *evidence += gain;
@@ -260,7 +258,7 @@ impl Track {
         (sigma, (self.time - self.seen).min(longest))
     }
 
-    /// What height and identity say.
+    /// Log-likelihood ratio of height and identity.
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
             Some(vertical) if plot.height.is_finite() => vertical.score(plot.time, plot.height),
@@ -300,7 +298,7 @@ impl Track {
         self.follow(radar.scan_period, settings);
     }
 
-    /// What the plan says of a scan, and whether there is a plan.
+    /// Follows the plan, or searches one.
     fn follow(&mut self, period: f64, settings: &Settings) {
         if settings.plans.is_empty() || !self.is_confirmed() {
             return;
@@ -323,7 +321,7 @@ impl Track {
         Sighting::new(self.time, [x[0], x[1]], [x[2], x[3]], Some(&covariance), height)
     }
 
-    /// Looks for the plan of the track, by its identity or by where it flies.
+    /// Searches the plan of the track, by its identity or by where it flies.
     fn find_plan(&mut self, settings: &Settings) {
         self.search.plots += 1;
         let plots = self.search.plots;
@@ -401,12 +399,12 @@ impl Track {
         }
     }
 
-    /// Whether its plan is blocked until a controller releases it.
+    /// Whether its plan is suspended.
     pub fn is_suspended(&self) -> bool {
         self.suspended
     }
 
-    /// Blocks its plan until it is told otherwise, or lets it be believed again.
+    /// Suspends its plan, or resumes it.
     pub fn suspend_plan(&mut self, suspended: bool) {
         self.suspended = suspended;
         self.filter.suspend_plan(suspended);
@@ -461,8 +459,8 @@ impl Track {
         }
     }
 
-    /// Variance of a position for which the target accelerated unnoticed since its last plot, and
-    /// by how much it may be farther than the last covariance says.
+    /// Variance of a position after an unnoticed acceleration since the last plot, and the margin for
+    /// the growth of the covariance.
     #[inline]
     pub fn reach(&self, time: f64, (sigma, longest): (f64, f64)) -> (f64, f64) {
         let gap = (time - self.seen).clamp(0.0, longest);

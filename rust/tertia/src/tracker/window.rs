@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 const SIDE_HITS: i32 = 4;
 /// The gate grows for no longer a time without plots, scans.
 const LONGEST_GAP: f64 = 5.0;
-/// Variance of what a planned turn is not, in that of the guard gate: half its acceleration.
+/// Variance of deviations from a planned turn, as a share of the guard gate's: half its acceleration.
 const LATITUDE: f64 = 0.25;
 
 /// A plot of the history.
@@ -53,7 +53,7 @@ pub(super) struct Window {
     whole: bool,
     /// Whether a manoeuvre was detected, a few plots ago at most.
     manoeuvre: bool,
-    /// Whether the plan turns about here, and whether it turned since the last plot.
+    /// Whether the plan turns near here, and whether it has turned since the last plot.
     near_turn: bool,
     on_arc: bool,
     /// Whether the target does something else near the turn of its plan.
@@ -123,7 +123,7 @@ impl Window {
         self.step(0.0, t - before - arc.time);
     }
 
-    /// Lets the line and the plots' relations to it turn at this rate for the time t.
+    /// Moves the line, and the plots relative to it, at this turn rate for the time t.
     fn step(&mut self, rate: f64, t: f64) {
         let arc = Arc::new(rate, t);
         let moved = Matrix2::new(arc.along, -arc.across, arc.across, arc.along);
@@ -148,7 +148,7 @@ impl Window {
         self.guarded = true;
     }
 
-    /// Adds a plot and draws the line anew.
+    /// Adds a plot and fits the line again.
     pub fn correct(&mut self, model: &WindowModel, position: [f64; 2], noise: Plane) {
         let manoeuvre = self.detects(model, position, noise);
         if manoeuvre {
@@ -224,7 +224,7 @@ impl Window {
             || self.side.abs() >= SIDE_HITS
     }
 
-    /// What was taken for a turn was none.
+    /// Treats the turn in the window as straight flight.
     fn straighten(&mut self) {
         self.on_arc = false;
         self.near_turn = false;
@@ -234,7 +234,7 @@ impl Window {
         }
     }
 
-    /// Looks where along the plan the target is. If the plan is blocked, it flew straight.
+    /// Locates the target along the plan. If the plan is blocked, the flight counts as straight.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         let line = self.line;
         let Some(guide) = &mut self.guide else { return };
@@ -243,7 +243,7 @@ impl Window {
         }
     }
 
-    /// Takes what was flown for straight flight: the plan is not followed.
+    /// Treats the flight as straight: the plan is not followed.
     pub fn leave_plan(&mut self) {
         self.straighten();
         if let Some(line) = self.fitted().filter(|_| !self.whole) {
