@@ -255,7 +255,16 @@ class TestEveryMethod:
             errors[true] = turned(estimate.value - true)
         np.testing.assert_allclose(errors[0.0], errors[180.0], atol=1e-9)
         np.testing.assert_allclose(errors[90.0], errors[180.0], atol=1e-9)
-        assert np.sqrt(np.mean(errors[0.0] ** 2)) < 1.1
+        # of 500 records; RMSE of the page on bearings
+        rmse = {
+            "robust": 0.386,
+            "corrected": 0.478,
+            "paper": 0.476,
+            "k-sigma": 0.734,
+            "mean": 0.956,
+        }
+        found = np.sqrt(np.mean(errors[0.0] ** 2))
+        assert found == pytest.approx(rmse[method], rel=4 / np.sqrt(2 * 500))
 
     @pytest.mark.parametrize("turn", [1.0, 33.3, 201.7, 359.0])
     def test_turning_the_measurements_turns_the_bearing(self, method, turn):
@@ -360,8 +369,8 @@ def quantised(n, seed, sigma, true, trials=4000):
     return np.round(np.random.default_rng(seed).normal(true, sigma, (trials, n)))
 
 
-class TestRoundedReadings:
-    """Readings of a rounding that is coarse beside the noise, and nothing wrong with them."""
+class TestRoundedMeasurements:
+    """Good measurements whose rounding is coarse relative to the noise."""
 
     @pytest.mark.parametrize("rounding", [0.0, 1.0])
     @pytest.mark.parametrize("true", [10.2, 10.5])
@@ -372,11 +381,11 @@ class TestRoundedReadings:
         # what the rounding itself does to the mean of infinitely many readings
         expected = quantised(100, 2, sigma, true, 20_000).mean()
         covered = np.mean(np.abs(estimate.value - expected) < 2 * estimate.sigma)
-        assert covered > 0.93
+        assert 0.935 < covered < 0.97
         assert np.all(estimate.sigma > 0)
         plain = estimate_bearing(theta, period=None, method="mean")
         rmse = [np.sqrt(np.mean((e.value - expected) ** 2)) for e in (estimate, plain)]
-        assert rmse[0] < 1.25 * rmse[1]
+        assert rmse[0] < 1.06 * rmse[1]
 
     @pytest.mark.parametrize("n", [30, 100])
     @pytest.mark.parametrize("seed", range(6))
@@ -395,7 +404,7 @@ class TestRoundedReadings:
         s2 = 25 / 99
         assert estimate.sigma == close(np.sqrt(s2 / 100 * (25 / s2 / 9)))
 
-    def test_one_different_reading_tells_the_step(self):
+    def test_one_different_measurement_reveals_the_step(self):
         estimate = estimate_bearing([10.0] * 99 + [11.0])
         assert (estimate.value, estimate.sigma) == close((10.0, 1 / np.sqrt(12)))
         assert estimate.outlier.sum() == 1

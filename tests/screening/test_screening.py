@@ -79,9 +79,10 @@ def check_screening(y, result):
     if batch == ():
         assert isinstance(result.mean, float)
     kept = result.cleaned
-    assert np.allclose(result.mean, np.nanmean(kept, axis=-1), rtol=1e-6, atol=1e-12)
-    spread = np.nanvar(kept, axis=-1, ddof=1)
-    assert np.allclose(result.variance, spread, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(result.mean, np.nanmean(kept, axis=-1), rtol=1e-12, atol=1e-12)
+    # less an offset, which would cost NumPy its digits
+    spread = np.nanvar(kept - np.nanmedian(kept, axis=-1, keepdims=True), axis=-1, ddof=1)
+    np.testing.assert_allclose(result.variance, spread, rtol=PARITY, atol=1e-25)
     assert np.all(result.variance >= 0)
     assert np.all(result.threshold >= 0)
 
@@ -470,7 +471,7 @@ class TestBursts:
     def test_false_alarms_of_clean_records(self):
         """At N = 100: the rate of the documentation."""
         flagged = screening.bursts(rng(7).normal(size=(5000, 100))).outlier.mean()
-        assert flagged < 0.008
+        assert flagged == pytest.approx(0.006, abs=0.0012)
 
     def test_correlated_noise_is_not_a_burst_if_its_correlation_is_given(self):
         y = rng(8).normal(size=(400, 200))
@@ -478,7 +479,8 @@ class TestBursts:
             y[:, t] += 0.6 * y[:, t - 1]
         blind = screening.bursts(y).outlier.mean()
         aware = screening.bursts(y, correlation=0.6).outlier.mean()
-        assert aware < blind / 4
+        assert blind > 0.1
+        assert aware < 0.0015
 
 
 class TestUnwrap:
