@@ -144,7 +144,7 @@ def core_motion(motion: Motion) -> _core.Motion:
         case SingerModel():
             if not motion.exact:
                 raise ValueError("motion is a SingerModel with exact=False; it must be exact")
-            return _core.Motion.singer((motion.alpha, motion.acceleration_sigma, True))
+            return _core.Motion.singer(motion)
         case WindowModel():
             return _core.Motion.window(**asdict(motion))
     raise TypeError(f"motion is {motion!r}; it must be a model, or one of {', '.join(names)}")
