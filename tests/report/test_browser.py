@@ -31,9 +31,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a page with every section."""
     folder = tmp_path_factory.mktemp("scene")
     output = folder / "report.html"
-    told = ["simulate", str(folder), "--set-up", "tma", "--aircraft", "6", "--radars", "2"]
+    command = ["simulate", str(folder), "--set-up", "tma", "--aircraft", "6", "--radars", "2"]
     for arguments in (
-        [*told, "--duration", "300", "--finders", "3"],
+        [*command, "--duration", "300", "--finders", "3"],
         ["report", str(folder / "plots.csv"), "--output", str(output), "--by", "target"]
         + [
             part
@@ -112,8 +112,8 @@ def slider(browser: Any) -> float:
 
 def test_nothing_is_cut_off(opened: Any) -> None:
     """The page is as wide as its window, and texts of figures are within them."""
-    told = opened.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
-    assert told[0] <= told[1]
+    widths = opened.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert widths[0] <= widths[1]
     outside = opened.execute_script(
         """
         const found = [];

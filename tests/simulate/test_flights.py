@@ -45,7 +45,7 @@ def test_slow_aircraft_turn_at_the_largest_rate_of_their_plan():
     assert np.degrees(np.nanmax(traffic.turn_rate)) == pytest.approx(3.0, abs=0.01)
 
 
-def test_banks_differ_as_told():
+def test_banks_differ_as_given():
     traffic = flights([corner(110)] * 400, **STILL | {"bank_sigma": np.radians(2.2)}, rng=2)
     # in the middle of each turn
     middle = [int(np.mean(np.flatnonzero(turning))) for turning in traffic.turning]
@@ -64,7 +64,7 @@ def test_fly_by_turns_follow_the_arcs_of_the_plan(degrees):
     for i in range(len(traffic)):
         # half of the roll, about 500 m, is straight instead of curved, on each side
         assert np.max(off(traffic.position[i, valid(traffic, i)], line)) < 250
-        # it turns from a few seconds before the arc until a few seconds behind it
+        # it turns from a few seconds before the arc until a few seconds after it
         length = GRAVITY * np.tan(BANK) / 220.0
         seconds = np.count_nonzero(traffic.turning[i])
         assert seconds == pytest.approx(np.radians(abs(degrees)) / length, abs=6)
@@ -89,7 +89,7 @@ def test_the_wind_carries_the_aircraft_and_the_legs_are_held():
         legs = ~np.convolve(traffic.turning[i, valid(traffic, i)], np.ones(121), "same").astype(
             bool
         )
-        # the last sample may lie behind the last waypoint
+        # the last sample may lie after the last waypoint
         assert np.max(off(here[:-1][legs[:-1]], straight)) < 15
 
 
@@ -117,7 +117,7 @@ def test_winds_of_a_number_are_uniform_in_speed_and_direction():
     assert stats.kstest(angle, "uniform").pvalue > 0.01
 
 
-def test_navigation_and_speed_err_as_told():
+def test_navigation_and_speed_err_as_given():
     plan = FlightPlan([[0.0, 0.0], [0.0, 100e3]], 200.0)
     traffic = flights([plan] * 300, rng=7)
     assert np.nanstd(traffic.position[:, 0, 0]) == pytest.approx(250, rel=4 / np.sqrt(600))

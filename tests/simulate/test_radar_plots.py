@@ -80,7 +80,7 @@ def errors(traffic, record, tower):
     )
 
 
-def test_noise_is_normal_and_detection_as_probable_as_told(crowd):
+def test_noise_is_normal_and_detection_as_probable_as_stated(crowd):
     tower = Radar(
         (0, 0, 500), range_sigma=100, azimuth_sigma=0.002, scan_period=5, detection_probability=0.8
     )
@@ -150,10 +150,10 @@ def test_replies_are_rounded_missing_and_garbled(crowd):
         rng=7,
     )
     n, plots = len(record), record.plots
-    told = ~np.isnan(plots.height)
-    assert told.mean() == pytest.approx(0.9, abs=4 * 0.3 / np.sqrt(n))
-    np.testing.assert_allclose(plots.height[told] / 30.48, np.round(plots.height[told] / 30.48))
-    wrong = np.abs(plots.height[told] - crowd.height[record.target[told], 0])
+    known = ~np.isnan(plots.height)
+    assert known.mean() == pytest.approx(0.9, abs=4 * 0.3 / np.sqrt(n))
+    np.testing.assert_allclose(plots.height[known] / 30.48, np.round(plots.height[known] / 30.48))
+    wrong = np.abs(plots.height[known] - crowd.height[record.target[known], 0])
     assert 15 < np.max(wrong) <= 15.24 + 1e-9
     answered = plots.identity >= 0
     assert answered.mean() == pytest.approx(0.8, abs=4 * 0.4 / np.sqrt(n))

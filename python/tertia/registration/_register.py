@@ -142,14 +142,13 @@ def rounds(plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable) -
     factor, factor_sigma = levels / noise
     history, history_sigma = histories / noise[:, np.newaxis]
     unknown = np.isnan(bias)
-    value = _by_kind(np.where(unknown, 0.0, bias))
-    spread = _by_kind(np.where(unknown, np.inf, bias_sigma))
+    value, spread = np.where(unknown, 0.0, bias), np.where(unknown, np.inf, bias_sigma)
     registration = Registration(
         Bias(
-            range=value.range,
-            azimuth=value.azimuth,
-            range_sigma=spread.range,
-            azimuth_sigma=spread.azimuth,
+            range=value[:, 0],
+            azimuth=value[:, 1],
+            range_sigma=spread[:, 0],
+            azimuth_sigma=spread[:, 1],
         ),
         _by_kind(factor),
         _by_kind(factor_sigma),

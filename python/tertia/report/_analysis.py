@@ -65,12 +65,12 @@ class Analysis:
 
     @property
     def edges(self) -> FloatArray:
-        """Times between which things are counted, (T + 1,)."""
+        """Times at which stretches of time begin and end, (T + 1,)."""
         return self.registration.history.edges
 
     @property
     def middle(self) -> FloatArray:
-        """Times in the middle between the edges, (T,)."""
+        """Times in the middle of the stretches, (T,)."""
         return (self.edges[:-1] + self.edges[1:]) / 2
 
 

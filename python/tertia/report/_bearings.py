@@ -1,4 +1,4 @@
-"""Emitters that direction finders hear: a bearing from each finder, and the position."""
+"""Emitters located by direction finders: a bearing from each finder, and the position."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from tertia.location import Location, Station, locate
 
 # standard deviations by which the halves of a record differ if the emitter moves
 _MOVED = 4.0
-# bearings that an estimate of a half needs
+# bearings that each half needs for an estimate
 _FEWEST = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Emitter:
-    """What direction finders heard of an emitter.
+    """Bearings of an emitter from several direction finders.
 
     Attributes
     ----------
     name : str
-        How the page calls it.
+        Label on the page.
     time : ndarray of shape (N,)
         Seconds.
     azimuth : ndarray of shape (N, K)
-        Bearings of K stations in radians, clockwise from north; nan where there is none.
+        Bearings from K stations in radians, clockwise from north; nan where there is none.
     """
 
     name: str
@@ -52,8 +52,8 @@ class Emitter:
 class Heard:
     """An emitter, its bearing from each station (radians, nan where unknown), and its position.
 
-    `moves` where the bearings of the two halves of the record differ; then no bearing and no
-    position stands for all of it. `instants` are the positions at the single times, if any.
+    `moves` if the bearings of the two halves of the record differ; then no position is estimated
+    from all of it. `instants` are the positions at single times, if any.
     """
 
     emitter: Emitter
@@ -93,7 +93,7 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
 
 
 def _estimate(azimuth: FloatArray) -> tuple[float, float, BoolArray] | None:
-    """Return bearing, sigma and outliers in radians; None of too few."""
+    """Return bearing, sigma and outliers in radians; None if there are too few bearings."""
     if np.sum(~np.isnan(azimuth)) < _FEWEST:
         return None
     found = estimate_bearing(azimuth, period=2 * np.pi, nan_policy="omit")
@@ -115,6 +115,6 @@ def _instants(stations: Sequence[Station], azimuth: FloatArray) -> Location | No
     stated = [station.azimuth_sigma is not None for station in stations]
     if not any(stated) or len(stations) < 2:
         return None
-    heard = [k for k, told in enumerate(stated) if told]
+    heard = [k for k, known in enumerate(stated) if known]
     found = locate([stations[k] for k in heard], azimuth=azimuth[:, heard])
     return found if np.any(found.success) else None

@@ -1,4 +1,4 @@
-"""The map of a page: what is always there, and what moves with time."""
+"""The map of a page: its fixed parts, and what moves over time."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tertia.tracker import TrackTable
 ROWS, PLOTS, TRUTH = 30_000, 10_000, 15_000
 # points of the path of a plan
 _PATH = 60
-# an ellipse of the middle size takes so much of the picture; factors by which they are enlarged
+# share of the map that an ellipse of median size takes; factors by which ellipses are enlarged
 _SHARE, _FACTORS = 0.012, (1, 2, 5, 10, 20, 50, 100, 200, 500)
 _ELLIPSE = 5.991465
-# share of the extent that is left free around it
+# margin around the map, as a share of its extent
 _ROOM = 0.06
 
 
@@ -46,7 +46,7 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
     first, last = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     layout = plane()
     places = np.array([radar.position[:2] for radar in analysis.radars])
-    # false plots may be farther away
+    # clutter may be farther away
     seen = np.concatenate([own.position, places]) / 1e3
     low, high = seen.min(axis=0), seen.max(axis=0)
     room = _ROOM * max(float(np.max(high - low)), 1.0)
@@ -69,7 +69,7 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
 
 
 def _thinned(table: TrackTable) -> list[IntArray]:
-    """Return the rows of each track, every n-th where there are too many, and the last."""
+    """Return the rows of each track, every n-th if there are too many, and the last."""
     step = max(1, int(np.ceil(len(table) / ROWS)))
     order = np.lexsort((table.time, table.track))
     starts = np.flatnonzero(np.diff(table.track[order], prepend=-1) != 0)
@@ -81,7 +81,7 @@ def _thinned(table: TrackTable) -> list[IntArray]:
 
 
 def _axes(covariance: FloatArray) -> FloatArray:
-    """Return half axes of 95 % ellipses and the angle of the longer, (N, 3)."""
+    """Return semi-major and semi-minor axes of 95 % ellipses and their orientation, (N, 3)."""
     values, vectors = np.linalg.eigh(covariance)
     half = np.sqrt(_ELLIPSE * np.maximum(values, 0.0))
     angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
@@ -124,7 +124,7 @@ def _lines(name: str, table: TrackTable, k: int, *, visible: bool = False) -> di
 
 
 def _chosen_plots(analysis: Analysis) -> tuple[FloatArray, FloatArray]:
-    """Return times and places of plots, every n-th where there are too many."""
+    """Return times and positions of plots, every n-th if there are too many."""
     plots = analysis.plots
     valid = np.isfinite(plots.time) & np.isfinite(plots.range) & np.isfinite(plots.azimuth)
     own = plots[np.flatnonzero(valid)]

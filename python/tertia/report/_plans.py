@@ -51,7 +51,7 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float)
         own = own[np.argsort(table.time[own], kind="stable")]
         known = table.plan[own]
         plan = int(np.argmax(np.bincount(known[known >= 0])))
-        # a plan that was left far behind is no longer the track's
+        # rows before the track was correlated with the plan do not count
         own = own[int(np.argmax(known == plan)) :]
         on = (table.plan[own] == plan) & table.conforms[own]
         path = plans[plan].project(table.position[own])

@@ -23,22 +23,22 @@ __all__ = ["Report", "make"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Report:
-    """A page, and what it tells in numbers.
+    """A page and its summary.
 
     Attributes
     ----------
     html : str
-        The page: one file, without network.
+        The page: one file that needs no network.
     summary : dict
-        The tables of the page and what stands out (`findings`): texts, numbers, lists and
-        dictionaries that JSON can hold, None where something is not known. Names end in units.
+        The tables of the page and its `findings`, as values that JSON can hold; None where
+        something is unknown. Names end in their units.
     """
 
     html: str
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Tell the size of the page, not the page."""
+        """Return the size of the page, not the page."""
         radars, tracks = len(self.summary["radars"]), self.summary["tracks"]
         return f"Report({tracks} tracks, {radars} radars, {len(self.html) / 1e6:.1f} MB)"
 
@@ -48,7 +48,7 @@ class Report:
         Parameters
         ----------
         path : str or Path
-            Where; a file that is there is replaced.
+            The file, which is replaced if it exists.
 
         Raises
         ------

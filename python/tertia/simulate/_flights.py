@@ -1,4 +1,4 @@
-"""Flights along plans, or not, with the dynamics of aircraft."""
+"""Flights that follow or leave their plans, with the dynamics of aircraft."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from tertia.tracker import NO_IDENTITY
 
 __all__ = ["flights"]
 
-# radians per second: mean, standard deviation, and least of the rates of roll
+# rate of roll in radians per second: mean, standard deviation, minimum
 _ROLL, _ROLL_SIGMA, _ROLL_MIN = np.radians([5.0, 1.0, 2.5])
 _BANK_MIN, _BANK_MAX = np.radians([8.0, 45.0])
-# metres per second; share of the airspeed: legs can be held against the wind whatever else varies
+# metres per second; share of the airspeed up to which legs can be held against the wind
 _SPEED_MIN, _WIND_MAX = 30.0, 0.4
 
 
@@ -40,56 +40,56 @@ def flights(
 ) -> Traffic:
     """Simulate aircraft that fly their plans, or leave them.
 
-    Point masses that turn by banking, with a rate of roll, in a constant wind. Turns begin where
-    the pilot estimates that they end on the next leg; legs are held against the wind and met again
-    without oscillation. The wind is not planned: the airspeed is the plan's ground speed and an
-    error.
+    Aircraft are point masses that turn by banking, with a limited rate of roll, in a constant wind.
+    A turn begins where the pilot expects it to end on the next leg; legs are held against the wind
+    and intercepted without oscillation. Plans do not account for the wind: the airspeed is the
+    plan's ground speed plus an error.
 
     Parameters
     ----------
     plans : sequence of F FlightPlan
         The plans. A flight starts at the first waypoint at the plan's time.
     scenario : str or sequence of F str
-        That of all flights, or of each.
+        One for all flights, or one for each.
         "conforming": the plan is flown.
-        "speed": it is flown, from some place on 15 to 30 m/s faster or slower.
-        "shortcut": from a place on a leg directly to a waypoint behind the next.
-        "holding": one or two racetracks at a place on a leg, and on.
-        "vectoring": 12 to 20 km off to one side, along the leg, and back to a waypoint.
-        "hijack": at a place on a leg a turn by 45 to 150 degrees, and away.
+        "speed": the plan is flown, but 15 to 30 m/s faster or slower from some point on.
+        "shortcut": from a point on a leg directly to a waypoint after the next.
+        "holding": one or two racetracks at a point on a leg, then on.
+        "vectoring": 12 to 20 km to one side, along the leg, and back to a waypoint.
+        "hijack": a turn by 45 to 150 degrees at a point on a leg, and away.
         "straight-on": a turn is not flown.
         "wrong-turn": a turn to the other side, or by 30 to 60 degrees too much or too little.
-        "fly-over": a turn begins at its waypoint, and not before.
+        "fly-over": a turn begins at its waypoint instead of before it.
     wind : array_like of shape (), (2,) or (F, 2)
-        Velocity of the air to the east and to the north in metres per second, for all flights or
-        each. A number: every flight has a wind of its own, its speed uniform between 0 and that
-        number and its direction uniform.
+        Velocity of the air, east and north, in metres per second, for all flights or for each. With
+        a number, each flight has its own wind: the speed is uniform between 0 and that number, and
+        the direction uniform.
     bank, bank_sigma : float
-        Mean and standard deviation of the bank angle of turns in radians, normal among flights.
+        Mean and standard deviation of the bank angle in turns, radians, normal across flights.
     navigation_sigma : float
-        Standard deviation in metres of the slowly varying distance to the legs, and of where a turn
-        begins against where it should.
+        Standard deviation in metres of the slowly varying cross-track error, and of the point where
+        a turn begins.
     speed_error : float
-        Largest error of the airspeed in metres per second, uniform among flights.
+        Largest error of the airspeed in metres per second, uniform across flights.
     lasting : float
-        Seconds after which flights that never return to their plan end.
+        Seconds after leaving their plan at which flights that never return end.
     step : float
-        Seconds from sample to sample.
+        Seconds between samples.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed.
 
     Returns
     -------
     Traffic
-        A flight ends at the last waypoint of its route. In "conforming" and "speed" it never leaves
-        its plan.
+        A flight ends at the last waypoint of its route. It never leaves its plan if "conforming" or
+        "speed".
 
     Raises
     ------
     ValueError
-        A scenario unknown, or about a turn where a plan has none; a plan with a leg shorter than a
-        metre; a speed below 30 m/s, an error of more than a
-        quarter of it, a wind of more than 0.4 of the airspeed; a parameter outside its domain.
+        An unknown scenario, or one with a turn where a plan has none; a leg shorter than a metre; a
+        speed below 30 m/s, a speed error above a quarter of the speed, a wind above 0.4 of the
+        airspeed; a parameter outside its domain.
     TypeError
         A parameter of the wrong type.
 
@@ -178,7 +178,7 @@ def _scenarios(scenario: Any, plans: Sequence[FlightPlan]) -> list[FlightScenari
 
 
 def _winds(wind: Any, limits: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Return the wind of each flight, none above its limit."""
+    """Return the wind of each flight, which must not exceed its limit."""
     n = len(limits)
     given = finite(wind, "wind")
     if given.shape == ():

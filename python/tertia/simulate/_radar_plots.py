@@ -1,4 +1,4 @@
-"""What rotating radars see of traffic."""
+"""Plots of traffic by rotating radars."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ _CODE_BITS = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarPlots:
-    """Simulated plots, sorted by time, and what they are of.
+    """Simulated plots, sorted by time, and their truth.
 
     Attributes
     ----------
     plots : Plots
-        What the tracker gets.
+        The plots, as a tracker takes them.
     target : ndarray of int, shape (N,)
-        The flight that a plot is of; -1: clutter.
+        Index of the flight that caused the plot; -1: clutter.
     outlier : ndarray of bool, shape (N,)
         Which plots are outliers.
     duplicate : ndarray of bool, shape (N,)
-        Which plots repeat another of the same scan.
+        Which plots repeat another plot of the same scan.
     phase : ndarray of shape (K,)
-        Time at which the beam of each radar points to the north.
+        Time at which the beam of each radar points north.
     """
 
     plots: Plots
@@ -53,7 +53,7 @@ class RadarPlots:
         return len(self.target)
 
     def __repr__(self) -> str:
-        """Tell the number of plots, and how many of them are clutter."""
+        """Return the number of plots, and how many are clutter."""
         return f"RadarPlots({len(self)}, {int(np.sum(self.target == CLUTTER))} of them clutter)"
 
     def __getitem__(self, index: slice | IntArray | BoolArray) -> RadarPlots:
@@ -67,7 +67,7 @@ class RadarPlots:
         )
 
     def alone(self, flight: int) -> RadarPlots:
-        """Return the plots of one flight with all clutter from its first plot to its last."""
+        """Return the plots of one flight, with all clutter between its first and last plot."""
         own = self.target == flight
         span = np.flatnonzero(own)
         if not len(span):
@@ -93,31 +93,31 @@ def radar_plots(
     identity_garbled_probability: float = 0.0,
     rng: np.random.Generator | int | None = None,
 ) -> RadarPlots:
-    """Simulate what rotating radars see of traffic.
+    """Simulate the plots that rotating radars make of traffic.
 
-    A beam turns clockwise, once in the radar's period. An aircraft is seen when the beam passes it,
-    with the radar's probability and within its range; range and azimuth have normal noise. The
-    range is the slant range where the flight has a height, even if the plot lacks it. Clutter is
-    uniform over the area of the radar's range, Poisson in number, and answers nothing.
+    The beam turns clockwise, once per scan period. An aircraft within range is detected with the
+    radar's probability when the beam passes it; range and azimuth have normal noise. The range is
+    the slant range if the flight has a height, even if the plot lacks it. Clutter is uniform over
+    the area within range, Poisson in number, and has no identity.
 
     Parameters
     ----------
     traffic : Traffic
         The aircraft.
     radars : sequence of K Radar
-        The radars. Those whose position has no height are at height 0.
+        The radars; their height is 0 where the position has none.
     clutter : array_like of shape () or (K,)
-        Mean number of false plots per scan. Needs a finite `max_range`.
+        Mean number of false plots per scan; needs a finite `max_range`.
     phase : array_like of shape () or (K,), optional
-        A time at which the beam points to the north; by default uniform over a scan.
+        A time at which the beam points north; by default uniform over a scan.
     bias : array_like of shape (), (2,) or (K, 2)
-        Added to ranges in metres and to azimuths in radians.
+        Biases added to ranges (metres) and azimuths (radians).
     outlier_probability : float
         Probability that a plot is an outlier.
     outlier_size : float
-        Standard deviation of its errors, in units of those of the noise.
+        Standard deviation of its errors, relative to the noise.
     duplicate_probability : float
-        Probability that a plot comes twice, with another noise.
+        Probability that a plot comes twice, with different noise.
     height_missing_probability, identity_missing_probability : float
         Probability that the reply is missing.
     identity_garbled_probability : float
@@ -128,12 +128,12 @@ def radar_plots(
     Returns
     -------
     RadarPlots
-        Plots and truth; heights are rounded to 100 ft.
+        Plots and their truth; heights are rounded to 100 ft.
 
     Raises
     ------
     ValueError
-        A parameter outside its domain, shapes that do not fit, or clutter without a range.
+        A parameter outside its domain, shapes that do not match, or clutter without a range.
     TypeError
         A parameter of the wrong type.
 
@@ -156,7 +156,7 @@ def radar_plots(
         north = random.uniform(size=count) * periods
     else:
         north = _per_radar(phase, "phase", (count,))
-    faults = _Faults(
+    defects = _Defects(
         _number(outlier_probability, "outlier_probability", 0.0, 1.0),
         _number(outlier_size, "outlier_size", 0.0),
         _number(duplicate_probability, "duplicate_probability", 0.0, 1.0),
@@ -168,7 +168,7 @@ def radar_plots(
     for k, radar in enumerate(stations):
         flight, time = _meetings(traffic, radar, float(north[k]))
         parts += [
-            _seen(traffic, radar, flight, time, bias=shift[k], faults=faults, random=random),
+            _seen(traffic, radar, flight, time, bias=shift[k], defects=defects, random=random),
             _clutter(traffic, radar, mean=float(false[k]), north=float(north[k]), random=random),
         ]
         numbers.append(np.full(len(parts[-2]["time"]) + len(parts[-1]["time"]), k))
@@ -181,8 +181,8 @@ def radar_plots(
 
 
 @dataclass(frozen=True, slots=True)
-class _Faults:
-    """Probabilities of what goes wrong, and the size of outliers."""
+class _Defects:
+    """Probabilities of bad plots, and the size of outliers."""
 
     outlier: float
     size: float
@@ -230,10 +230,10 @@ def _seen(
     time: FloatArray,
     *,
     bias: FloatArray,
-    faults: _Faults,
+    defects: _Defects,
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the plots of the aircraft that are within the range and detected."""
+    """Return the plots of aircraft that are within range and detected."""
     position, _, height = traffic._state(flight, time)
     offset = position - radar.position[:2]
     place = radar.position[2] if len(radar.position) == 3 else 0.0
@@ -241,35 +241,35 @@ def _seen(
     distance = np.where(np.isnan(height), distance, np.hypot(distance, height - place))
     seen = random.uniform(size=len(flight)) < radar.detection_probability
     seen &= distance <= radar.max_range
-    twice = seen & (random.uniform(size=len(flight)) < faults.duplicate)
+    twice = seen & (random.uniform(size=len(flight)) < defects.duplicate)
     rows = np.concatenate([np.flatnonzero(seen), np.flatnonzero(twice)])
     n = len(rows)
-    outlier = random.uniform(size=n) < faults.outlier
-    error = random.standard_normal((2, n)) * np.where(outlier, faults.size, 1.0)
+    outlier = random.uniform(size=n) < defects.outlier
+    error = random.standard_normal((2, n)) * np.where(outlier, defects.size, 1.0)
     azimuth = np.arctan2(*offset[rows].T) + bias[1] + radar.azimuth_sigma * error[1]
     # transponders report hundreds of feet
     reported = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL
-    reported[random.uniform(size=n) < faults.no_height] = np.nan
+    reported[random.uniform(size=n) < defects.no_height] = np.nan
     return {
         "time": time[rows],
         "range": np.abs(distance[rows] + bias[0] + radar.range_sigma * error[0]),
         "azimuth": azimuth % (2 * np.pi),
         "height": reported,
-        "identity": _identity(traffic.identity[flight[rows]], faults, random),
+        "identity": _identity(traffic.identity[flight[rows]], defects, random),
         "target": flight[rows],
         "outlier": outlier,
         "duplicate": np.arange(n) >= np.count_nonzero(seen),
     }
 
 
-def _identity(identity: IntArray, faults: _Faults, random: np.random.Generator) -> IntArray:
-    """Return what the transponders answer, some of it missing or garbled."""
+def _identity(identity: IntArray, defects: _Defects, random: np.random.Generator) -> IntArray:
+    """Return the replies of transponders, some of them missing or garbled."""
     n = len(identity)
-    garbled = random.uniform(size=n) < faults.garbled
+    garbled = random.uniform(size=n) < defects.garbled
     bits = random.integers(1, 2**_CODE_BITS, n)
-    missing = (identity == NO_IDENTITY) | (random.uniform(size=n) < faults.no_identity)
-    answer = np.where(garbled, identity ^ bits, identity)
-    return np.where(missing, NO_IDENTITY, answer)
+    missing = (identity == NO_IDENTITY) | (random.uniform(size=n) < defects.no_identity)
+    reply = np.where(garbled, identity ^ bits, identity)
+    return np.where(missing, NO_IDENTITY, reply)
 
 
 def _clutter(
@@ -280,7 +280,7 @@ def _clutter(
     north: float,
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
-    """Return false plots while there is traffic: the beam has their azimuths at their times."""
+    """Return false plots while there is traffic, at times when the beam has their azimuths."""
     if mean == 0.0 or not len(traffic):
         return _nothing()
     limit = radar.max_range
@@ -295,7 +295,7 @@ def _clutter(
 
 
 def _nothing(n: int = 0) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the columns of plots of which nothing is known."""
+    """Return the columns of plots without measurements."""
     unknown = np.full(n, np.nan)
     return {
         "time": unknown,

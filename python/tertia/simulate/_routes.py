@@ -1,4 +1,4 @@
-"""What is flown instead of a plan: each scenario is another route for the same pilot."""
+"""Routes that are flown instead of a plan, one for each scenario."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _DIRECT_ANGLE = np.radians(110.0)
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The waypoints that are flown, the speed behind each, and how each is passed.
+    """The waypoints that are flown, the speed after each, and how each is passed.
 
     The plan is left where the waypoint `leave` is passed, and is valid again from the waypoint
     `rejoin` on; NEVER: neither.
@@ -157,7 +157,7 @@ def _speed(plan: _Planned, lasting: float, random: np.random.Generator) -> Route
 
 
 def _shortcut(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Fly from a place on a leg to a waypoint behind the next."""
+    """Fly from a point on a leg to a waypoint after the next."""
     leg = int(random.integers(len(plan) - 2))
     place, share = plan.spot(leg, random)
     target = min(_ahead(plan, place, plan.along[leg], leg, leg + 2), len(plan) - 1)
@@ -207,7 +207,7 @@ def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Rout
     place, share = plan.spot(leg, random)
     angle = random.uniform(*_HIJACK_ANGLE) * random.choice([-1.0, 1.0])
     along, side = plan.along[leg], np.sign(angle) * right(plan.along[leg])
-    # behind the arc of the turn, so that its course is as drawn
+    # after the arc of the turn, so that its course is as drawn
     arc = plan.radii[leg] * (np.sin(abs(angle)) * along + (1 - np.cos(angle)) * side)
     away = place + arc + lasting * plan.speeds[leg] * rotate(along, angle)
     return plan.route(
@@ -271,7 +271,7 @@ _BUILDERS: dict[str, Callable[[_Planned, float, np.random.Generator], Route]] = 
     "wrong-turn": _wrong_turn,
     "fly-over": _fly_over,
 }
-# those that are about a turn
+# scenarios that need a turn
 TURNS = frozenset({"shortcut", "straight-on", "wrong-turn", "fly-over"})
 
 

@@ -1,4 +1,4 @@
-"""Air traffic: where aircraft are along time."""
+"""Air traffic: aircraft over time."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ EncounterName: TypeAlias = Literal["crossing", "formation", "in-trail"]
 
 # five nautical miles
 _SPACING = 9260.0
-# radians per second: those of an airliner's turn, half to twice of it
+# rates of turn of airliners, radians per second
 _TURN_RATES = (np.radians(0.75), np.radians(3.0))
 _HEIGHTS = (3000.0, 12_000.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traffic:
-    """Aircraft along time, each on its own grid of equal steps.
+    """Aircraft over time, each sampled at equal steps.
 
-    Sample k of flight i is at the time `start[i] + k * step`. Flights end at different times: the
-    samples behind their end are nan (False in `turning`).
+    Sample k of flight i is at time `start[i] + k * step`. Flights end at different times: samples
+    after their end are nan (False in `turning`).
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Traffic:
     count : ndarray of int, shape (F,)
         Number of samples, two or more.
     step : float
-        Seconds from sample to sample.
+        Seconds between samples.
     position : ndarray of shape (F, S, 2)
         East and north in metres.
     velocity : ndarray of shape (F, S, 2)
@@ -50,13 +50,13 @@ class Traffic:
     height : ndarray of shape (F, S)
         Metres; nan where flights have no heights.
     identity : ndarray of int, shape (F,)
-        What the transponder answers; -1 where there is none.
+        Reply of the transponder; -1 where there is none.
     wind : ndarray of shape (F, 2)
         Velocity of the air.
     left, returned : ndarray of shape (F,)
-        Time at which the flight leaves its plan, and that at which it is on it again; nan: never.
+        Times at which the flight leaves its plan, and at which it is back on it; nan: never.
     plans : tuple of FlightPlan
-        The plans; empty where aircraft fly without.
+        The plans; empty if aircraft fly without plans.
     """
 
     start: FloatArray
@@ -78,7 +78,7 @@ class Traffic:
         return len(self.start)
 
     def __repr__(self) -> str:
-        """Tell the number of flights, and how long they last."""
+        """Return the number of flights, and their duration."""
         if not len(self):
             return "Traffic(0 flights)"
         return f"Traffic({len(self)} flights, {np.min(self.start):g} to {np.max(self.end):g} s)"
@@ -111,7 +111,7 @@ class Traffic:
 
     @property
     def time(self) -> FloatArray:
-        """Time of every sample, shape (F, S); nan behind the end of a flight."""
+        """Time of every sample, shape (F, S); nan after the end of a flight."""
         sample = np.arange(self.position.shape[1])
         return np.where(
             sample < self.count[:, np.newaxis],
@@ -122,7 +122,7 @@ class Traffic:
     def at(self, flight: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return position and velocity of flights at any times.
 
-        Between the samples stands the cubic that has their positions and velocities.
+        Cubic interpolation between the positions and velocities of the samples.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class Traffic:
         Returns
         -------
         position, velocity : ndarray of shape (..., 2)
-            nan before the start and behind the end of a flight.
+            nan before the start and after the end of a flight.
 
         Raises
         ------
@@ -187,7 +187,7 @@ class Traffic:
         return columns | {"step": self.step}
 
     def _flights(self, flight: npt.ArrayLike) -> IntArray:
-        """Return numbers of flights, counted from the start."""
+        """Return indices of flights, negative ones counted from the end."""
         who = np.asarray(flight)
         if who.dtype.kind not in "iu":
             raise TypeError(f"flight has dtype {who.dtype}; it must hold integers")
@@ -209,16 +209,16 @@ def dense_traffic(
 ) -> Traffic:
     """Simulate many aircraft quickly: straight flights, and some with one turn.
 
-    In the middle of the time their places are uniform over a rectangle about the origin. Courses
-    are uniform over the circle, speeds and levels (3 to 12 km) uniform. A turn has a constant rate
-    of .75 to 3 degrees per second, changes the course by 20 to 110 degrees, and begins at any time.
+    Halfway through, positions are uniform over a rectangle about the origin. Courses, speeds and
+    heights (3 to 12 km) are uniform. A turn has a constant rate of 0.75 to 3 degrees per second,
+    changes the course by 20 to 110 degrees, and begins at any time.
 
     Parameters
     ----------
     n : int
         Number of aircraft.
     area : (float, float)
-        Extent to the east and to the north in metres.
+        Extent east and north in metres.
     speed : (float, float)
         Lowest and highest speed in metres per second.
     turning_share : float
@@ -226,14 +226,14 @@ def dense_traffic(
     duration : float
         Seconds.
     step : float
-        Seconds from sample to sample.
+        Seconds between samples.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed.
 
     Returns
     -------
     Traffic
-        All flights start at the time 0. The identity is the number of the aircraft.
+        All flights start at time 0. The identity is the index of the aircraft.
 
     Raises
     ------
@@ -284,8 +284,8 @@ def encounter(
     Parameters
     ----------
     name : str
-        "crossing": all are at the same place in the middle of the time; the course of each is
-        turned by `angle` against that of the one before.
+        "crossing": all are at the same position halfway through; the course of each differs by
+        `angle` from that of the one before.
         "formation": abreast, `spacing` apart.
         "in-trail": one behind the other, `spacing` apart.
     n : int
@@ -297,22 +297,22 @@ def encounter(
     angle : float
         Radians between the courses of neighbours in a crossing.
     middle : array_like of shape (2,)
-        Where their centre is in the middle of the time: east and north in metres.
+        Position of their centre halfway through: east and north in metres.
     course : float
-        The mean of their courses in radians, clockwise from north.
+        Mean course in radians, clockwise from north.
     height : float
-        Metres, that of all of them.
+        Metres, the same for all.
     duration : float
         Seconds.
     step : float
-        Seconds from sample to sample.
+        Seconds between samples.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed: the aircraft are numbered in a random order.
+        Source of randomness, or its seed; aircraft are numbered in random order.
 
     Returns
     -------
     Traffic
-        All flights start at the time 0. The identity is the number of the aircraft.
+        All flights start at time 0. The identity is the index of the aircraft.
 
     Raises
     ------
@@ -365,8 +365,8 @@ def _smooth_flights(
 ) -> Traffic:
     """Return flights with one turn each; east and north are real and imaginary parts.
 
-    `velocity` is that before the turn, `middle` the place in the middle of the time. A turn has a
-    rate (clockwise), a beginning and an end; one that is not flown begins at infinity.
+    `velocity` is the velocity before the turn, `middle` the position halfway through. A turn has a
+    rate (clockwise), a beginning and an end; a turn that is not flown begins at infinity.
     """
     rate, begin, end = turn
     end_time = time[-1]

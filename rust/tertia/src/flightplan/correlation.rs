@@ -1,25 +1,24 @@
-//! Which plan a track belongs to: by what it answers, or by where, whither, how fast and when it
-//! flies.
+//! Which plan a track flies: by its identity, or by position, course, speed and time.
 
 use super::plane::{Vector, between, dot, left, norm, unit};
 use super::route::Route;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// What separates a flight from its plan, standard deviations: metres aside, radians of course, m/s,
+/// Standard deviations of a flight from its plan: metres across track, radians of course, m/s,
 /// seconds, metres of height.
 const OFFSET_SIGMA: f64 = 700.0;
 const COURSE_SIGMA: f64 = 3.0 * PI / 180.0;
 const SPEED_SIGMA: f64 = 12.0;
 const TIME_SIGMA: f64 = 120.0;
 const HEIGHT_SIGMA: f64 = 150.0;
-/// Least score of a plan with the same identity, and of one without.
+/// Smallest score of a plan with the same identity, and without it.
 const LEAST_SAME: f64 = -25.0;
 const LEAST: f64 = -8.0;
-/// By how much it must be better than the next one, on how many plots.
+/// Margin to the next best plan, and the plots that it needs.
 const MARGIN: f64 = 3.0;
 const PLOTS: usize = 5;
-/// After so many scores below the least one in succession a link is given up.
+/// Successive scores below the smallest after which a link is given up.
 const LOW_SCANS: u32 = 5;
 
 /// A track at an instant.
@@ -116,12 +115,12 @@ pub fn mean_scores(routes: &[&Route], seen: &[Sighting], scores: &mut [f64]) -> 
     count
 }
 
-/// What scores say of a track.
+/// How a plan was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
     /// No plan fits.
     None = 0,
-    /// More than one fits, or the track is too short to tell.
+    /// More than one fits, or the track is too short to decide.
     Ambiguous = 1,
     /// One fits, and no other nearly as well.
     Accepted = 2,
@@ -168,8 +167,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// Takes the score of a scan, and whether the track now answers something else than before. False
-    /// where it does, or the score was below −25 for 5 scans in succession.
+    /// Takes the score of a scan, and whether the identity of the track has changed. False if it has, or
+    /// if the score was below −25 for 5 successive scans.
     pub fn holds(&mut self, score: f64, has_changed: bool) -> bool {
         self.low = if score < LEAST_SAME { self.low + 1 } else { 0 };
         !has_changed && self.low < LOW_SCANS

@@ -1,5 +1,5 @@
-//! Whether a track still follows its plan. A plan that is not followed is worse than none, so it is
-//! blocked, and believed again only where the track is on one of its legs for some scans.
+//! Whether a track follows its plan. A plan that is not followed is worse than none, so it is blocked
+//! until the track is back on one of its legs for several scans.
 
 use super::correlation::Sighting;
 use super::plane::{Vector, between, norm};
@@ -11,21 +11,21 @@ use std::f64::consts::PI;
 /// Deviations that count: standard deviations of the distance (metres) and the course (radians).
 const OFFSET_SIGMA: f64 = 350.0;
 const COURSE_SIGMA: f64 = 5.0 * PI / 180.0;
-/// Room in a turn: metres, and a share of its lead.
+/// Tolerance in a turn: metres, and a share of its lead.
 const ROOM: f64 = 500.0;
 const ROOM_LEAD: f64 = 0.35;
 /// No turn begins earlier than this before its start: a share of the lead, and metres.
 const EARLY_LEAD: f64 = 0.3;
 const EARLY: f64 = 600.0;
-/// What a turn that is certain counts, where none is planned.
+/// Deviation of a certain turn where none is planned.
 const UNPLANNED: f64 = 5.0;
-/// A deviation counts no more than this, and less this each scan.
+/// Largest deviation that counts, and what is subtracted each scan.
 const LARGEST: f64 = 20.0;
 const FORGIVEN: f64 = 4.0;
 /// The sum above which the plan is blocked, and that at a new start.
 const BLOCKING: f64 = 14.0;
 const FRESH: f64 = 4.0;
-/// Back on a leg: metres aside, radians off its course, scans in succession.
+/// Back on a leg: metres across track, radians off its course, successive scans.
 const BACK_OFFSET: f64 = 1200.0;
 const BACK_COURSE: f64 = 6.0 * PI / 180.0;
 const BACK_SCANS: u32 = 5;
@@ -43,7 +43,7 @@ pub struct Monitor {
     back: Option<(usize, u32)>,
 }
 
-/// What a scan says.
+/// The result of a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
     /// Whether the plan can be believed: it is not blocked, and its end is ahead.
@@ -117,7 +117,7 @@ impl Monitor {
         self.suspended = true;
     }
 
-    /// Lets the plan be believed again where the track comes back to it.
+    /// Lets the plan be believed again once the track is back on it.
     pub fn resume(&mut self) {
         self.suspended = false;
     }
@@ -127,7 +127,7 @@ impl Monitor {
     /// `q = max(|e| − tolerance, 0)²/(350² + P) + course error²/(5°² + σψ²) + 5 μ²` make
     /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked where B > 14. Where a turn may be
     /// flown, there is a tolerance; from 0.3 d + 600 m before its arc on, its courses are no errors,
-    /// and μ counts nothing.
+    /// and μ does not count.
     pub fn update(
         &mut self,
         route: &Route,

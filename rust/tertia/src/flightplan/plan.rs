@@ -12,6 +12,6 @@ pub struct Plan {
     pub bank: f64,
     /// Largest rate of its turns, rad/s.
     pub turn_rate: f64,
-    /// What the transponder answers; negative where it is not known.
+    /// Reply of the transponder; negative where it is unknown.
     pub identity: i64,
 }
