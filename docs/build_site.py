@@ -148,6 +148,28 @@ def reference(name: str) -> str:
     )
 
 
+def public(name: str) -> list[str]:
+    """List the public names of a module."""
+    path = PACKAGE / f"{name}.py"
+    tree = ast.parse(
+        (path if path.is_file() else PACKAGE / name / "__init__.py").read_text("utf-8")
+    )
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return list(ast.literal_eval(node.value))
+    return []
+
+
+def listing() -> str:
+    """Write a page with the public names of all modules."""
+    lines = ["# Reference", "", "All public names; each page has their documentation.", ""]
+    lines += ["| module | names |", "|---|---|"]
+    for name in modules():
+        names = ", ".join(f"`{one}`" for one in public(name))
+        lines.append(f"| [`tertia.{name}`]({name}.md) | {names} |")
+    return "\n".join(lines) + "\n"
+
+
 def heading(text: str) -> str:
     """Return the title of a page: its first line, up to a colon."""
     return text.splitlines()[0].removeprefix("# ").partition(":")[0]
@@ -169,6 +191,7 @@ def main() -> None:
     write("gallery.md", gallery())
     shutil.copytree(DOCS / "img", PAGES / "img", dirs_exist_ok=True)
     shutil.copy(DOCS / "site.css", PAGES)
+    write("reference/index.md", listing())
     for name in modules():
         write(f"reference/{name}.md", reference(name))
     concepts = [name for name in sorted(pages) if name not in START | MORE and "/" not in name]
@@ -176,7 +199,7 @@ def main() -> None:
     nav = [
         *({title: name} for name, title in START.items()),
         {"Concepts": [{heading(pages[name].read_text("utf-8")): name} for name in concepts]},
-        {"Reference": [f"reference/{name}.md" for name in modules()]},
+        {"Reference": ["reference/index.md", *(f"reference/{name}.md" for name in modules())]},
         {"More": [{title: name} for name, title in MORE.items()]},
         {"Decisions": ["decisions/index.md", *decisions]},
     ]
