@@ -90,10 +90,8 @@ def indicators(
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit, or a number that is not finite or outside its domain.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        As `match_tracks`, and an `update_interval` that is not positive.
 
     Notes
     -----

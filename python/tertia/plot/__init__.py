@@ -1,8 +1,9 @@
 """Pictures: what was measured, what was flagged, and the result.
 
-Needs the extra `plot` (Matplotlib), and raises ImportError without it. Nothing is shown or saved:
-the functions return the axes. Outliers differ in shape as well as in colour; the colours are those
-of Okabe and Ito, which colour-blind readers can distinguish.
+Needs the extra `plot` (Matplotlib); without it the functions raise ImportError, and for an argument
+of the wrong type TypeError. Nothing is shown or saved: they return the axes. Outliers differ in
+shape as well as in colour; the colours are those of Okabe and Ito, which colour-blind readers can
+distinguish.
 """
 
 from tertia.plot._axes import rounded as rounded

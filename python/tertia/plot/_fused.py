@@ -67,8 +67,6 @@ def fused(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         A batch, `estimates` or `covariances` that do not fit `result`, components that are the same
         or do not exist, or a probability that is not between 0 and 1.

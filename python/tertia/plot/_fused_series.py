@@ -77,8 +77,6 @@ def fused_series(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         A batch, or arguments that do not fit `result`.
 

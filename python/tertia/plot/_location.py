@@ -67,8 +67,6 @@ def location(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         A batch, shapes that do not fit, or a probability that is not between 0 and 1.
 
@@ -143,8 +141,6 @@ def accuracy_map(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         Shapes that do not fit, or no position that is determined.
 

@@ -66,8 +66,6 @@ def bearing(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         `theta` is not one sample, or `theta` or `block_size` do not fit `estimate`.
 

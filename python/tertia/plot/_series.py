@@ -60,8 +60,6 @@ def smoothing(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         A batch, or arguments that do not fit `result`.
 
@@ -144,8 +142,6 @@ def consistency(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         No steps, only nan, times that do not fit, or a number outside its domain.
 

@@ -73,8 +73,6 @@ def tracks(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         Plots of radars that are not given, or a probability that is not between 0 and 1.
 
@@ -126,11 +124,7 @@ def tracks(
 
 
 def update_probability(
-    table: TrackTable,
-    radars: Sequence[Radar],
-    *,
-    legend: bool = True,
-    ax: "Axes | None" = None,
+    table: TrackTable, radars: Sequence[Radar], *, ax: "Axes | None" = None, legend: bool = True
 ) -> "Axes":
     """Draw how often radars update the confirmed tracks, over their range.
 
@@ -153,8 +147,6 @@ def update_probability(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         A table with a radar that is not given.
 

@@ -69,9 +69,9 @@ def trajectory(
         Probability with which an ellipse holds the true position, for normal errors. About ten are
         drawn.
     legend : bool
-        Whether to draw one, below the panels.
+        Whether to name what all panels show.
     figure : matplotlib.figure.Figure or SubFigure, optional
-        Where to draw; by default a new figure.
+        Where to draw; by default on a new one.
 
     Returns
     -------
@@ -83,8 +83,6 @@ def trajectory(
 
     Raises
     ------
-    TypeError
-        An argument of the wrong type.
     ValueError
         Not one batch of positions, arguments that do not fit `result`, or a probability that is not
         between 0 and 1.
