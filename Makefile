@@ -11,10 +11,10 @@ COMPARED := $(wildcard $(addprefix tests/,association bearing flightplan fusion 
 
 .PHONY: demo test test-baseline lint docs figures bench clean
 
-# a recording of your own: make demo PLOTS="a.csv b.csv" RADARS=radars.toml, and if there are any PLANS=,
-# TRUTH=, and OPTIONS= as tertia report --help tells them
+# a recording of your own: make demo PLOTS="a.csv b.csv" SENSORS=sensors.toml, and if there are any PLANS=,
+# TRUTH=, and OPTIONS= as in tertia report --help
 PLOTS :=
-RADARS :=
+SENSORS :=
 PLANS :=
 TRUTH :=
 OPTIONS :=
@@ -22,12 +22,12 @@ OPTIONS :=
 demo: $(WHEEL)
 ifeq ($(PLOTS),)
 	$(BIN)/tertia simulate demo
-	$(BIN)/tertia report demo/plots.csv --radars demo/radars.toml --plans demo/plans.json \
-		--truth demo/truth.csv --bearings demo/bearings.csv --stations demo/stations.toml --by target \
+	$(BIN)/tertia report demo/plots.csv --sensors demo/sensors.toml --plans demo/plans.json \
+		--truth demo/truth.csv --bearings demo/bearings.csv --by target \
 		--output demo/report.html
 else
 	mkdir -p demo
-	$(BIN)/tertia report $(PLOTS) $(if $(RADARS),--radars $(RADARS)) $(if $(PLANS),--plans $(PLANS)) \
+	$(BIN)/tertia report $(PLOTS) $(if $(SENSORS),--sensors $(SENSORS)) $(if $(PLANS),--plans $(PLANS)) \
 		$(if $(TRUTH),--truth $(TRUTH)) $(OPTIONS) --output demo/report.html
 endif
 	@echo "The report is in demo/report.html: open it in a browser"

@@ -29,13 +29,13 @@ GROUP, PLOTS, CHUNK = 100, 10_000, 1_000_000
 NOISE = {"sigma": 0.2, "alpha": 0.05, "acceleration_sigma": 0.003}
 TASKS = {
     "screen": partial(
-        tables.stream, tables.screen, column="bearing_deg", by="record", period=360.0
+        tables.stream, tables.screen, values="azimuth_deg", by="record", period=360.0
     ),
-    "bearings": partial(tables.stream, tables.bearings, column="bearing_deg", by="record"),
+    "bearings": partial(tables.stream, tables.bearing, values="azimuth_deg", by="record"),
     "fuse": partial(
         tables.stream,
-        tables.fuse,
-        column="bearing_deg",
+        tables.fuse_series,
+        values="azimuth_deg",
         by="target",
         sensors=["north", "south"],
         **NOISE,
@@ -58,7 +58,7 @@ def chunks(rows):
                 "sensor": pa.DictionaryArray.from_arrays(
                     (number % 2).astype(np.int8), ["north", "south"]
                 ).cast(pa.string()),
-                "bearing_deg": angle % 360.0,
+                "azimuth_deg": angle % 360.0,
             }
         )
 

@@ -143,7 +143,7 @@ def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> 
         writer.writerows(rows)
 
 
-PLOT_HEADER = ("time_s", "radar", "range_m", "azimuth_deg", "flight_level", "mode_3a")
+PLOT_HEADER = ("time_s", "sensor", "range_m", "azimuth_deg", "flight_level", "mode_3a")
 TRUTH_HEADER = ("time_s", "target", "east_m", "north_m")
 
 if __name__ == "__main__":

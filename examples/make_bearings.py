@@ -55,5 +55,5 @@ def _record(target: str, rng: np.random.Generator) -> list[str]:
 if __name__ == "__main__":
     with Path(__file__).with_name("bearings.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "target", "bearing_deg"])
+        writer.writerow(["time_s", "target", "azimuth_deg"])
         writer.writerows(rows())

@@ -70,5 +70,5 @@ def rows() -> Iterator[tuple[str, str, str]]:
 if __name__ == "__main__":
     with Path(__file__).with_name("radars.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "radar", "azimuth_deg"])
+        writer.writerow(["time_s", "sensor", "azimuth_deg"])
         writer.writerows(rows())

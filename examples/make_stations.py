@@ -113,5 +113,5 @@ if __name__ == "__main__":
     here.with_name("stations.toml").write_text(toml(), encoding="utf-8")
     with here.with_name("measurements.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "station", "range_m", "azimuth_deg", "elevation_deg"])
+        writer.writerow(["time_s", "sensor", "range_m", "azimuth_deg", "elevation_deg"])
         writer.writerows(rows())

@@ -7,6 +7,7 @@ import pytest
 from flightplan.cases import WAY
 from pyproj import Geod
 
+from tertia.geo import LocalFrame
 from tertia.io import read_plans
 
 
@@ -18,7 +19,7 @@ class TestFiles:
             "A,0,0,9000,220,17,A320\nA,0,50000,9000,210,,\nA,0,50000,9000,205,,\n"
             "A,40000,70000,9300,,,\n\nB,0,0,,180,,\nB,100,70000,,,,\n"
         )
-        first, second = read_plans(file, banks={"A320": 0.35})
+        first, second = read_plans(file, types={"A320": 0.35})
         np.testing.assert_array_equal(first.waypoints, [[0, 0], [0, 5e4], [4e4, 7e4]])
         np.testing.assert_array_equal(first.speeds, [220, 205])
         np.testing.assert_array_equal(first.heights, [9000, 9000, 9300])
@@ -49,7 +50,7 @@ class TestFiles:
             "geometry": {"type": "LineString", "coordinates": points},
         }
         file.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-        (one,) = read_plans(file, origin=(41.3, 2.1))
+        (one,) = read_plans(file, frame=LocalFrame(41.3, 2.1))
         geod = Geod(ellps="WGS84")
         for place, (longitude, latitude, _) in zip(one.waypoints, points, strict=True):
             azimuth, _, distance = geod.inv(2.1, 41.3, longitude, latitude)

@@ -31,18 +31,17 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a page with every section."""
     folder = tmp_path_factory.mktemp("scene")
     output = folder / "report.html"
-    command = ["simulate", str(folder), "--set-up", "tma", "--aircraft", "6", "--radars", "2"]
+    command = ["simulate", str(folder), "--set-up", "tma", "--aircraft", "6", "--radar-count", "2"]
     for arguments in (
-        [*command, "--duration", "300", "--finders", "3"],
+        [*command, "--duration", "300", "--station-count", "3"],
         ["report", str(folder / "plots.csv"), "--output", str(output), "--by", "target"]
         + [
             part
             for name, file in (
-                ("radars", "radars.toml"),
+                ("sensors", "sensors.toml"),
                 ("plans", "plans.json"),
                 ("truth", "truth.csv"),
                 ("bearings", "bearings.csv"),
-                ("stations", "stations.toml"),
             )
             for part in (f"--{name}", str(folder / file))
         ],

@@ -18,7 +18,7 @@ from tertia.tracker import Plots, Radar
 pytest.importorskip("plotly")
 pytest.importorskip("jinja2")
 
-PLOTS = (EXAMPLES / "air_plots.csv", "--radars", EXAMPLES / "air_radars.toml")
+PLOTS = (EXAMPLES / "air_plots.csv", "--sensors", EXAMPLES / "air_radars.toml")
 
 
 class Run(NamedTuple):
@@ -43,9 +43,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def summary(scene: Path) -> dict[str, Any]:
     """Return the summary of the page with everything."""
     done = run(
-        *("report", scene / "plots.csv", "--radars", scene / "radars.toml"),
+        *("report", scene / "plots.csv", "--sensors", scene / "sensors.toml"),
         *("--plans", scene / "plans.json", "--truth", scene / "truth.csv"),
-        *("--bearings", scene / "bearings.csv", "--stations", scene / "stations.toml"),
+        *("--bearings", scene / "bearings.csv"),
         *("--by", "target", "--output", scene / "page.html", "--json"),
     )
     assert done.code == 0, done.err
@@ -62,7 +62,7 @@ def test_radars_are_as_good_as_they_were_made(scene: Path, summary: dict[str, An
             off = row[f"{kind}_{unit}"] - row[f"{kind}_stated_{unit}"]
             assert abs(off) < 4 * row[f"{kind}_error_{unit}"], row["radar"]
         assert abs(row["range_bias_m"]) < 4 * row["range_bias_sigma_m"]
-    last, fault = summary["radars"][2], made["radar_faults"]["radar-3"]
+    last, fault = summary["radars"][2], made["radars"]["radar-3"]
     between = (fault["range_bias_m"] - last["range_bias_m"]) / last["range_bias_sigma_m"]
     assert abs(between) < 4
     assert last["azimuth_sigma_stated_deg"] * 1.3 < last["azimuth_sigma_deg"]
@@ -81,7 +81,7 @@ def test_fusion_is_better_than_any_radar_alone(summary: dict[str, Any]) -> None:
 
 
 def test_who_left_the_plan_is_found(scene: Path, summary: dict[str, Any]) -> None:
-    made = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["left_their_plan_s"]
+    made = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["left_plan_s"]
     found = {row["plan"]: row["left_s"] for row in summary["conformance"] if row["left_s"]}
     assert set(found) == set(made)
     for name, time in made.items():
@@ -98,7 +98,7 @@ def test_emitters_are_where_they_were_put(scene: Path, summary: dict[str, Any]) 
 
 def test_figures_are_those_of_evaluate(scene: Path, summary: dict[str, Any]) -> None:
     tracks = scene / "tracks.parquet"
-    options = ("--radars", scene / "radars.toml", "--plans", scene / "plans.json")
+    options = ("--sensors", scene / "sensors.toml", "--plans", scene / "plans.json")
     assert run("track", scene / "plots.csv", *options, "--output", tracks).code == 0
     judged = json.loads(run("evaluate", tracks, "--truth", scene / "truth.csv", "--json").out)
     page = {row["figure"]: row["all radars together"] for row in summary["evaluation"]}
@@ -130,12 +130,12 @@ def test_without_truth_plans_and_bearings(tmp_path: Path) -> None:
     html = output.read_text(encoding="utf-8")
     assert '<section id="fusion">' in html
     assert not any(f'<section id="{name}">' in html for name in ("truth", "plans", "finders"))
-    plots = pl.read_csv(PLOTS[0], infer_schema=False).filter(pl.col("radar") == "west")
-    plots.drop("radar").write_csv(tmp_path / "west.csv")
+    plots = pl.read_csv(PLOTS[0], infer_schema=False).filter(pl.col("sensor") == "west")
+    plots.drop("sensor").write_csv(tmp_path / "west.csv")
     radars = Path(PLOTS[2]).read_text(encoding="utf-8").split("[[radar]]")
     (tmp_path / "west.toml").write_text("[[radar]]".join(radars[:2]), encoding="utf-8")
     done = run(
-        "report", tmp_path / "west.csv", "--radars", tmp_path / "west.toml", "--output", output
+        "report", tmp_path / "west.csv", "--sensors", tmp_path / "west.toml", "--output", output
     )
     assert done.code == 0, done.err
     assert '<section id="fusion">' not in output.read_text(encoding="utf-8")
@@ -144,18 +144,18 @@ def test_without_truth_plans_and_bearings(tmp_path: Path) -> None:
 def test_dates_and_hostile_names(tmp_path: Path) -> None:
     """Times are since a midnight, and a name cannot end a script or begin a tag."""
     name = "</script><b>&"
-    plots = pl.read_csv(PLOTS[0], infer_schema=False).filter(pl.col("radar") == "west")
+    plots = pl.read_csv(PLOTS[0], infer_schema=False).filter(pl.col("sensor") == "west")
     start = pl.datetime(2024, 5, 1, 23, 58)
     time = start + pl.duration(milliseconds=pl.col("time_s").cast(pl.Float64) * 1000)
     moments = time.dt.to_string("%Y-%m-%dT%H:%M:%S%.3f")
-    plots.with_columns(moments.alias("time_s"), pl.lit(name).alias("radar")).write_csv(
+    plots.with_columns(moments.alias("time_s"), pl.lit(name).alias("sensor")).write_csv(
         tmp_path / "plots.csv"
     )
     radars = Path(PLOTS[2]).read_text(encoding="utf-8").split("[[radar]]")
     (tmp_path / "radars.toml").write_text(
         "[[radar]]".join(radars[:2]).replace("west", name), encoding="utf-8"
     )
-    options = ("--radars", tmp_path / "radars.toml", "--output", tmp_path / "page.html")
+    options = ("--sensors", tmp_path / "radars.toml", "--output", tmp_path / "page.html")
     assert run("report", tmp_path / "plots.csv", *options).code == 0
     html = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "time (s since 2024-05-01 00:00)" in html
@@ -190,8 +190,7 @@ def test_an_emitter_that_moves_has_no_position() -> None:
     ("options", "message"),
     [
         (("--output", "page.pdf"), "cannot write page.pdf: its name must end in .html, .htm"),
-        (("--bearings", "b.csv"), "--bearings and --stations belong together"),
-        (("--distance", "0"), "--distance is 0; it must be a positive number"),
+        (("--max-distance", "0"), "max_distance is 0.0; it must be a positive number"),
         (("--truth", "nothing.csv"), "there is no file nothing.csv"),
     ],
 )

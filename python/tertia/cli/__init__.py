@@ -1,6 +1,7 @@
 """Command line: recordings in files. Needs the extra `cli`.
 
-The numbers come from the library; here they are read, laid out and written.
+A command parses its options, calls `tertia.tables` once, prints and writes: `commands` has them,
+`files` what reads and writes, `terminal` what they print and how they end.
 """
 
 import sys
@@ -11,25 +12,35 @@ import tertia
 try:
     import typer
 
-    from tertia.cli import (
-        _bearing,
-        _evaluate,
-        _fuse,
-        _locate,
-        _report,
-        _simulate,
-        _track,
-        _trajectory,
-        _weights,
+    from tertia.cli.commands import (
+        bearing,
+        evaluate,
+        fuse_series,
+        locate,
+        reconstruct,
+        report,
+        simulate,
+        track,
+        weights,
     )
-    from tertia.cli._command import command, written_out
+    from tertia.cli.terminal.command import command, written_out
 except ModuleNotFoundError:
     # here and not in `main`, because the commands are declared with these libraries
     sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
 
 __all__ = ["main"]
 
-_COMMANDS = (_bearing, _fuse, _locate, _trajectory, _weights, _track, _evaluate, _report, _simulate)
+_COMMANDS = {
+    bearing.bearing: bearing.EXAMPLES,
+    fuse_series.fuse_series: fuse_series.EXAMPLES,
+    locate.locate: locate.EXAMPLES,
+    reconstruct.reconstruct: reconstruct.EXAMPLES,
+    weights.weights: weights.EXAMPLES,
+    track.track: track.EXAMPLES,
+    evaluate.evaluate: evaluate.EXAMPLES,
+    report.report: report.EXAMPLES,
+    simulate.simulate: simulate.EXAMPLES,
+}
 
 app = typer.Typer(
     name="tertia",
@@ -57,7 +68,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog=_epilog(*(command.EXAMPLES[0] for command in _COMMANDS)))
+@app.callback(epilog=_epilog(*(examples[0] for examples in _COMMANDS.values())))
 def _tertia(
     version: Annotated[
         bool,
@@ -67,12 +78,5 @@ def _tertia(
     """One estimate with an error bar from measurements that are sometimes wrong."""
 
 
-app.command(epilog=_epilog(*_bearing.EXAMPLES))(command(_bearing.bearing))
-app.command(epilog=_epilog(*_fuse.EXAMPLES))(command(_fuse.fuse))
-app.command(epilog=_epilog(*_locate.EXAMPLES))(command(_locate.locate))
-app.command(epilog=_epilog(*_trajectory.EXAMPLES))(command(_trajectory.trajectory))
-app.command("weights", epilog=_epilog(*_weights.EXAMPLES))(command(_weights.weigh))
-app.command(epilog=_epilog(*_track.EXAMPLES))(command(_track.track))
-app.command(epilog=_epilog(*_evaluate.EXAMPLES))(command(_evaluate.evaluate))
-app.command(epilog=_epilog(*_report.EXAMPLES))(command(_report.report))
-app.command(epilog=_epilog(*_simulate.EXAMPLES))(command(_simulate.simulate))
+for _function, _examples in _COMMANDS.items():
+    app.command(epilog=_epilog(*_examples))(command(_function))

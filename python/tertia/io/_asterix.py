@@ -1,4 +1,4 @@
-"""Recordings of radars in ASTERIX: plots, what radars say of themselves, tracks, ADS-B."""
+"""Recordings of radars in ASTERIX: plots, service messages of radars, system tracks, ADS-B."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DETECTIONS = (
     "mode-s-roll-call+psr",
 )
 _TEXT, _NUMBER, _FLAG = "String", "Float64", "Boolean"
-_COMMON = {"time_s": _NUMBER, "radar": _TEXT}
+_COMMON = {"time_s": _NUMBER, "sensor": _TEXT}
 _IDENTITY = {"icao_address": _TEXT, "mode_3a": _TEXT, "callsign": _TEXT}
 _PLACE = {"latitude_deg": _NUMBER, "longitude_deg": _NUMBER, "height_m": _NUMBER}
 _MOTION = {"speed_m_s": _NUMBER, "course_deg": _NUMBER}
@@ -71,7 +71,7 @@ _COLUMNS = {
         "callsign": _TEXT,
     },
 }
-_RADARS = {"radar": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plots": "Int64"}
+_SENSORS = {"sensor": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plot_count": "Int64"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,18 +81,18 @@ class AsterixRecording:
     Attributes
     ----------
     plots : DataFrame
-        Target reports of radars (category 48): `time_s`, `radar`, `range_nm`, `azimuth_deg`,
+        Target reports of radars (category 48): `time_s`, `sensor`, `range_nm`, `azimuth_deg`,
         `flight_level`, `icao_address`, `mode_3a`, `callsign`, `detection`, `simulated`,
         `field_monitor`, `track_number`, `speed_m_s`, `course_deg`.
-    radars : DataFrame
-        One row per radar that sent plots or service messages (category 34): `radar`,
+    sensors : DataFrame
+        One row per radar that sent plots or service messages (category 34): `sensor`,
         `latitude_deg`, `longitude_deg`, `height_m`, `scan_period_s`, `plots`.
     tracks : DataFrame
-        System tracks (category 62): `time_s`, `radar`, `target`, `latitude_deg`, `longitude_deg`,
+        System tracks (category 62): `time_s`, `sensor`, `target`, `latitude_deg`, `longitude_deg`,
         `height_m`, `flight_level`, `east_m`, `north_m`, `speed_m_s`, `course_deg`,
         `icao_address`, `mode_3a`, `callsign`.
     reports : DataFrame
-        ADS-B reports (category 21): `time_s`, `radar`, `target`, `latitude_deg`,
+        ADS-B reports (category 21): `time_s`, `sensor`, `target`, `latitude_deg`,
         `longitude_deg`, `height_m`, `flight_level`, `speed_m_s`, `course_deg`, `icao_address`,
         `callsign`.
     skipped : dict of int to int
@@ -104,7 +104,7 @@ class AsterixRecording:
     """
 
     plots: pl.DataFrame
-    radars: pl.DataFrame
+    sensors: pl.DataFrame
     tracks: pl.DataFrame
     reports: pl.DataFrame
     skipped: dict[int, int]
@@ -112,15 +112,15 @@ class AsterixRecording:
     other_packets: int
 
     def __repr__(self) -> str:
-        """Tell how much there is."""
+        """Show how much there is."""
         parts = {
             "plots": self.plots,
-            "radars": self.radars,
+            "sensors": self.sensors,
             "tracks": self.tracks,
             "reports": self.reports,
         }
-        told = ", ".join(f"{table.height} {name}" for name, table in parts.items())
-        return f"AsterixRecording({told})"
+        listed = ", ".join(f"{table.height} {name}" for name, table in parts.items())
+        return f"AsterixRecording({listed})"
 
 
 def read_asterix(path: str | Path) -> AsterixRecording:
@@ -130,7 +130,7 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     ----------
     path : str or Path
         Data blocks one after the other, or a recording of a network that carried them by UDP (pcap,
-        pcapng). Which of both it is, its first bytes tell.
+        pcapng). The first bytes say which of both it is.
 
     Returns
     -------
@@ -165,8 +165,8 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     ...     _ = path.write_bytes(block)
     ...     recording = read_asterix(path)
     >>> recording
-    AsterixRecording(1 plots, 1 radars, 0 tracks, 0 reports)
-    >>> recording.plots.select("radar", "range_nm", "azimuth_deg", "mode_3a").row(0)
+    AsterixRecording(1 plots, 1 sensors, 0 tracks, 0 reports)
+    >>> recording.plots.select("sensor", "range_nm", "azimuth_deg", "mode_3a").row(0)
     ('23/2', 64.0, 45.0, '2322')
     """
     path = Path(path)
@@ -238,17 +238,17 @@ class _Reader:
         while at < len(contents):
             category, left = contents[at], len(contents) - at
             length = int.from_bytes(contents[at + 1 : at + _HEADER], "big")
-            told = f"{self.path}, {where}byte {at}"
+            place = f"{self.path}, {where}byte {at}"
             if category in self.known and left < max(length, _HEADER):
                 raise ValueError(
-                    f"{told}: the last data block is cut off; what is before it can be had with "
+                    f"{place}: the last data block is cut off; what is before it can be had with "
                     f"head -c {at}"
                 )
             if category not in self.known or length <= _HEADER:
                 there = contents[at : at + 8].hex()
                 raise ValueError(
-                    f"{told}: there is no data block of ASTERIX, but {there}; the file is damaged, "
-                    "or in another format"
+                    f"{place}: there is no data block of ASTERIX, but {there}; the file is "
+                    "damaged, or in another format"
                 )
             self.blocks += 1
             if category in _COLUMNS or category == _SERVICE:
@@ -275,8 +275,8 @@ class _Reader:
             self._take_record(category, _Items(record))
 
     def _take_record(self, category: int, items: _Items) -> None:
-        told = (items.number(item, "s") for item in _TIMES[category])
-        time = next((one for one in told if one is not None), None)
+        times = (items.number(item, "s") for item in _TIMES[category])
+        time = next((one for one in times if one is not None), None)
         time = None if time is None else self._since_the_first_day(time)
         source = items.whole("010", "SAC"), items.whole("010", "SIC")
         radar = None if None in source else "{}/{}".format(*source)
@@ -284,7 +284,7 @@ class _Reader:
             if radar is not None:
                 self._take_service(radar, time, items)
             return
-        row = {"time_s": time, "radar": radar, **_ROWS[category](items)}
+        row = {"time_s": time, "sensor": radar, **_ROWS[category](items)}
         self.rows[category].append(row)
 
     def _since_the_first_day(self, time: float) -> float:
@@ -295,12 +295,12 @@ class _Reader:
 
     def _take_service(self, radar: str, time: float | None, items: _Items) -> None:
         place = self.places.setdefault(radar, {})
-        told = {
+        found = {
             "latitude_deg": items.number("120", "°", "LAT"),
             "longitude_deg": items.number("120", "°", "LON"),
             "height_m": items.number("120", "m", "HGT"),
         }
-        place.update({name: value for name, value in told.items() if value is not None})
+        place.update({name: value for name, value in found.items() if value is not None})
         turn = items.number("041", "s")
         if turn:
             self.turns[radar].append(turn)
@@ -317,19 +317,19 @@ class _Reader:
             )
             for category, columns in _COLUMNS.items()
         }
-        counts = Counter(tables[_PLOTS]["radar"].drop_nulls().to_list())
+        counts = Counter(tables[_PLOTS]["sensor"].drop_nulls().to_list())
         rows = [
             {
-                "radar": radar,
+                "sensor": radar,
                 **self.places.get(radar, {}),
                 "scan_period_s": self._period(radar),
-                "plots": counts[radar],
+                "plot_count": counts[radar],
             }
             for radar in sorted({*counts, *self.places}, key=_codes)
         ]
         return AsterixRecording(
             plots=tables[_PLOTS],
-            radars=pl.DataFrame(rows, _schema(_RADARS)),
+            sensors=pl.DataFrame(rows, _schema(_SENSORS)),
             tracks=tables[_TRACKS],
             reports=tables[_REPORTS],
             skipped=dict(sorted(self.skipped.items())),

@@ -26,8 +26,8 @@ _PLURAL = {"height_m": "heights_m", "time_s": "times_s", "speed_m_s": "speeds_m_
 def read_plans(
     path: str | Path,
     *,
-    origin: tuple[float, float] | None = None,
-    banks: Mapping[str, float] | None = None,
+    frame: LocalFrame | None = None,
+    types: Mapping[str, float] | None = None,
     speed: float | None = None,
 ) -> list[FlightPlan]:
     """Read flight plans from a file.
@@ -36,10 +36,9 @@ def read_plans(
     ----------
     path : str or Path
         A file whose name ends in `.csv`, `.json` or `.geojson`.
-    origin : (float, float), optional
-        Latitude and longitude of the origin of the local coordinates in degrees (WGS 84), needed
-        where the file has geodetic positions. East and north are those of `tertia.geo.LocalFrame`.
-    banks : mapping of str to float, optional
+    frame : tertia.geo.LocalFrame, optional
+        The local coordinates, needed where the file has geodetic positions.
+    types : mapping of str to float, optional
         Bank angles in radians by aircraft type, for plans that have a type and no bank.
     speed : float, optional
         Ground speed in metres per second of plans that have neither speeds nor times.
@@ -90,7 +89,7 @@ def read_plans(
     for at, fields in enumerate(reader(path)):
         called = f"plan {fields['name']}" if fields.get("name") else f"plan {at}"
         try:
-            plans.append(_plan(fields, origin, banks or {}, speed))
+            plans.append(_plan(fields, frame, types or {}, speed))
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}, {called}: {error}") from None
     return plans
@@ -98,13 +97,13 @@ def read_plans(
 
 def _plan(
     fields: dict[str, Any],
-    origin: tuple[float, float] | None,
-    banks: Mapping[str, float],
+    frame: LocalFrame | None,
+    types: Mapping[str, float],
     speed: float | None,
 ) -> FlightPlan:
     places = np.array([pair[:2] for pair in fields["waypoints"]], dtype=np.float64).reshape(-1, 2)
     if fields.get("geodetic"):
-        places = _local(places, origin)
+        places = _local(places, frame)
     # the same place twice is one waypoint
     kept = np.ones(len(places), dtype=bool)
     kept[1:] = np.any(places[1:] != places[:-1], axis=1)
@@ -113,8 +112,8 @@ def _plan(
     times, speeds = fields.get("times_s"), fields.get("speeds_m_s")
     if times is None and speeds is None:
         speeds = speed
-    if radius is None and bank is None and kind is not None and kind in banks:
-        bank = math.degrees(banks[kind])
+    if radius is None and bank is None and kind is not None and kind in types:
+        bank = math.degrees(types[kind])
     identity = fields.get("identity")
     return FlightPlan(
         places[kept],
@@ -136,11 +135,11 @@ def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
     return np.asarray(value, dtype=np.float64)[kept[1:] if of_legs else kept]
 
 
-def _local(degrees: FloatArray, origin: tuple[float, float] | None) -> FloatArray:
-    """Return east and north of longitudes and latitudes, as `LocalFrame` has them."""
-    if origin is None:
-        raise ValueError("its positions are geodetic; origin must be given")
-    local: FloatArray = LocalFrame(*origin).to_local(degrees[:, 1], degrees[:, 0])[:, :2]
+def _local(degrees: FloatArray, frame: LocalFrame | None) -> FloatArray:
+    """Return east and north of longitudes and latitudes."""
+    if frame is None:
+        raise ValueError("its positions are geodetic: give a frame, or the origin of one")
+    local: FloatArray = frame.to_local(degrees[:, 1], degrees[:, 0])[:, :2]
     return local
 
 

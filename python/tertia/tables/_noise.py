@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tertia._arrays import FloatArray
 from tertia.kalman import SingerModel
 from tertia.tables._fit import SensorFit, best_motion, fit_sensor
-from tertia.tables._plots import Group
+from tertia.tables._records import RecordError
+
+if TYPE_CHECKING:
+    from tertia.tables._fuse_series import Target
 
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What the caller says: sigmas by sensor (None: all others), or one for each plot."""
+    """What the caller says: sigmas by sensor (None: all others), and of the motion."""
 
     sigmas: dict[str | None, float]
-    sigma_column: str | None
     alpha: float | None
     acceleration_sigma: float | None
 
-    def unknown(self, sensors: list[str]) -> list[str]:
-        """Return the sensors whose sigma is not given."""
-        if self.sigma_column is not None or None in self.sigmas:
-            return []
-        return [name for name in sensors if name not in self.sigmas]
+    def sigma(self, sensor: str) -> float | None:
+        """Return the sigma of a sensor, None where none is given."""
+        return self.sigmas.get(sensor, self.sigmas.get(None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,49 +44,48 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """The motion of the targets, and the sigmas of sensors that do not state one per plot."""
+    """The motion of the targets, the sigmas that replace those of plots, and what was fitted."""
 
     model: SingerModel
     sigmas: dict[str, float]
     fitted: list[Fitted]
 
-    def variance(self, group: Group) -> FloatArray:
-        """Return the variances of the plots of a group, (K, steps)."""
-        sigma = group.sigma.copy()
-        for k, name in enumerate(group.sensors):
-            own = sigma[k]
+    def variance(self, sensors: Sequence[str], sigma: FloatArray) -> FloatArray:
+        """Return variances of plots whose own sigmas are (K, steps), nan where there is none."""
+        found = sigma.copy()
+        for own, name in zip(found, sensors, strict=True):
             known = own[~np.isnan(own)]
             # a step without a plot needs some positive number, too
-            usual = float(np.median(known)) if known.size else 1.0
-            own[np.isnan(own)] = self.sigmas.get(name, usual)
-        variance: FloatArray = sigma**2
+            own[np.isnan(own)] = float(np.median(known)) if known.size else 1.0
+            if name in self.sigmas:
+                own[:] = self.sigmas[name]
+        variance: FloatArray = found**2
         return variance
 
 
-class NotFittedError(ValueError):
-    """Too little to fit what is not given: the sigma of a sensor, or (None) the motion."""
-
-    def __init__(self, problem: str, sensor: str | None) -> None:
-        wanted = "alpha and acceleration_sigma" if sensor is None else f"the sigma of {sensor}"
-        super().__init__(f"{problem}: give {wanted}")
-        self.problem, self.sensor = problem, sensor
-
-
 def settle(
-    groups: list[Group], sensors: list[str], given: Given, angle: str, period: float | None
+    targets: Sequence[Target], sensors: Sequence[str], given: Given, period: float | None
 ) -> Noise:
-    """Fit what is not given; raises NotFittedError where there is too little for that."""
-    unknown = given.unknown(sensors)
+    """Fit what is not given; raises RecordError where there is too little for that."""
+    sigmas = {name: given.sigma(name) for name in sensors}
+    stated = {
+        name
+        for target in targets
+        for name, own in zip(target.sensors, target.sigma, strict=True)
+        if not np.all(np.isnan(own))
+    }
+    unknown = [name for name in sensors if sigmas[name] is None and name not in stated]
     alpha, acceleration_sigma = given.alpha, given.acceleration_sigma
     seek_motion = alpha is None or acceleration_sigma is None
-    fits, problems = _fit(groups, sensors if seek_motion else unknown, angle, period)
+    fits, problems = _fit(targets, sensors if seek_motion else unknown, period)
     for name in unknown:
         if name in problems:
-            raise NotFittedError(problems[name], name)
-    fitted = [_sigma(fits[name]) for name in unknown]
+            raise RecordError(f"{problems[name]}: give the sigma of {name}")
+    fitted = [_sigma(fits[name]) for name in unknown if name in fits]
     if seek_motion:
         if not fits:
-            raise NotFittedError(next(iter(problems.values())), None)
+            reason = next(iter(problems.values()), "there are no plots")
+            raise RecordError(f"{reason}: give alpha and acceleration_sigma")
         best = best_motion(list(fits.values()))
         if alpha is None:
             alpha = best.noise.alpha
@@ -92,32 +93,29 @@ def settle(
         if acceleration_sigma is None:
             acceleration_sigma = best.noise.acceleration_sigma
             fitted.append(_motion("acceleration sigma", acceleration_sigma, 1, best))
-    sigmas = {name: fits[name].noise.measurement_sigma for name in unknown}
-    if given.sigma_column is None:
-        sigmas |= {
-            n: given.sigmas.get(n, given.sigmas.get(None, math.nan))
-            for n in sensors
-            if n not in sigmas
-        }
+    found = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    found |= {name: fits[name].noise.measurement_sigma for name in unknown if name in fits}
     model = SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True)
-    return Noise(model, sigmas, fitted)
+    return Noise(model, found, fitted)
 
 
 def _fit(
-    groups: list[Group], sensors: list[str], angle: str, period: float | None
+    targets: Sequence[Target], sensors: Sequence[str], period: float | None
 ) -> tuple[dict[str, SensorFit], dict[str, str]]:
     """Return the fits of sensors that can be fitted, and why others cannot."""
     fits, problems = {}, {}
     for name in sensors:
         series = [
-            (group.times, group.z[group.sensors.index(name)])
-            for group in groups
-            if name in group.sensors
+            (target.times, target.z[target.sensors.index(name)])
+            for target in targets
+            if name in target.sensors
         ]
+        if not series:
+            continue
         try:
             fits[name] = fit_sensor(name, series, period)
         except ValueError as error:
-            problems[name] = f"{angle} of {name} {str(error).removeprefix('z ')}"
+            problems[name] = f"the noise of {name} cannot be fitted, {error}"
     return fits, problems
 
 

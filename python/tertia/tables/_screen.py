@@ -1,18 +1,19 @@
-"""Anomalous measurements of groups, marked in the table."""
+"""Outliers of groups of measurements, marked in the table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import polars as pl
 
 from tertia import screening
-from tertia._arrays import BoolArray
+from tertia._arrays import BoolArray, IntArray
 from tertia.screening import Screening
-from tertia.tables._columns import as_names, by_length, layout, numbers
-from tertia.tables._kinds import Table, take
+from tertia.tables._frames import Table, extended
+from tertia.tables._groups import as_names, by_length, layout
+from tertia.tables._records import Field, read, source_of
 
 Rule: TypeAlias = Literal["bursts", "leave-one-out", "k-sigma"]
 
@@ -25,25 +26,27 @@ _RULES: dict[str, Callable[..., Screening]] = {
 
 def screen(
     table: Table,
-    column: str,
     *,
+    columns: Mapping[str, str] | None = None,
+    values: str = "azimuth_deg",
     by: str | Sequence[str] = (),
     rule: Rule = "bursts",
     period: float | None = None,
     name: str = "outlier",
     **options: Any,
 ) -> Table:
-    """Tell which measurements are anomalous.
+    """Mark the measurements that are outliers.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement, those of a group in the order in which they came.
-    column : str
+    columns : mapping of str to str, optional
+        How columns are called in the table, by the names that they have here.
+    values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str
-        Columns whose values tell the groups, each of which is a sample; by default all rows are
-        one.
+        Columns by whose values the rows are grouped into samples; by default all rows are one.
     rule : {"bursts", "leave-one-out", "k-sigma"}
         The function of `tertia.screening`.
     period : float, optional
@@ -57,38 +60,40 @@ def screen(
     Returns
     -------
     table of the same kind
-        The same rows with one more column: whether each measurement is anomalous; null where it is
-        missing, or where its group has too few to be judged.
+        The same rows with one more column: whether each measurement is an outlier; null where it
+        is missing, or where its group is too small for the rule.
 
     Raises
     ------
+    RecordError
+        A column that is not there or holds no numbers, or a measurement that is infinite.
     ValueError
-        A column that is not there, or there already, a measurement that is infinite, an unknown
-        rule, or an option outside its domain.
+        A column of this name that is there already, an unknown rule, or an option outside its
+        domain.
     TypeError
-        A table of another kind, a column without numbers, or an option of the wrong type.
+        A table of another kind, or an option of the wrong type.
 
     Examples
     --------
     >>> import polars as pl
     >>> from tertia.tables import screen
     >>> table = pl.DataFrame({"m": [9.8, 10.1, None, 10.0, 25.0, 10.2, 9.9]})
-    >>> screen(table, "m", rule="leave-one-out")["outlier"].to_list()
+    >>> screen(table, values="m", rule="leave-one-out")["outlier"].to_list()
     [False, False, None, False, True, False, False]
     """
     if rule not in _RULES:
         raise ValueError(f"rule is {rule!r}; it must be one of {', '.join(_RULES)}")
-    _RULES[rule]([0.0, 1.0, 0.0, 1.0, 0.0], **options)
-    keys = as_names(by)
-    taken = take(table, [*keys, column])
-    groups = layout(taken.frame, keys)
-    values = numbers(taken.frame[column])[groups.order]
-    present = ~np.isnan(values)
+    _RULES[rule](np.empty((0, 5)), **options)
+    schema = {"value": Field("number", {values: 1.0}, required=True)}
+    records = read(source_of(table), schema, columns=columns, by=as_names(by))
+    groups = layout(records.by, records.rows.height)
+    ordered = records.rows["value"].to_numpy()[groups.order]
+    present = ~np.isnan(ordered)
     count = np.bincount(groups.group[present], minlength=len(groups.lengths))
-    rows, there = groups.order[present], values[present]
-    outlier, judged = np.zeros((2, len(values)), dtype=bool)
+    rows, there = groups.order[present], ordered[present]
+    outlier, judged = np.zeros((2, len(ordered)), dtype=bool)
 
-    def mask(elements: Any) -> tuple[Any, BoolArray]:
+    def mask(elements: IntArray) -> tuple[IntArray, BoolArray]:
         sample = there[elements]
         if period is not None:
             sample = screening.unwrap_about_median(sample, period)
@@ -98,4 +103,4 @@ def screen(
         if not isinstance(found, ValueError):
             outlier[found[0]], judged[found[0]] = found[1], True
     column_of_masks = pl.Series(outlier).set(pl.Series(~judged), None)
-    return taken.extended(pl.DataFrame({name: column_of_masks}))  # type: ignore[no-any-return]
+    return extended(table, pl.DataFrame({name: column_of_masks}))  # type: ignore[no-any-return]

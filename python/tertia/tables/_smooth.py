@@ -1,27 +1,29 @@
-"""Positions of targets, smoothed along time."""
+"""Positions of targets, smoothed over time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from tertia import smoothing
-from tertia._arrays import FloatArray, finite, real
-from tertia.tables._columns import as_names, by_length, known, layout, numbers, seconds, times
-from tertia.tables._kinds import Table, take
+from tertia._arrays import FloatArray, IntArray, finite, real
+from tertia.tables._frames import Table, extended
+from tertia.tables._groups import as_names, by_length, column_name, known, layout
+from tertia.tables._records import TIME, Clock, Field, Schema, read, source_of
 
-_QUANTITIES = ("smoothed", "rate", "acceleration")
+# what becomes of a quantity, and what its unit is divided by
+_QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
 
 
 def smooth(
     table: Table,
-    columns: str | Sequence[str] = ("east_m", "north_m"),
     *,
+    columns: Mapping[str, str] | None = None,
+    values: str | Sequence[str] = ("east_m", "north_m"),
     sigma: float | str | Sequence[float | str],
-    time: str = "time_s",
     by: str | Sequence[str] = (),
     jerk: float | None = None,
 ) -> Table:
@@ -31,32 +33,37 @@ def smooth(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order; null and nan are missing.
-    columns : str or sequence of str
+    columns : mapping of str to str, optional
+        How columns are called in the table, by the names that they have here: `time_s` (seconds,
+        or dates with time), and those of the other arguments.
+    values : str or sequence of str
         Columns of the axes.
     sigma : float, str or sequence of these
         Standard deviation of the plots, or the column that has it: for all axes, or for each.
-    time : str
-        Column of the time: seconds, or dates with time.
     by : str or sequence of str
-        Columns whose values tell the targets; by default all plots are of one.
+        Columns by whose values the rows are grouped into targets; by default all are of one.
     jerk : float, optional
         Intensity of the white jerk; by default that which makes each track most likely.
 
     Returns
     -------
     table of the same kind
-        The same rows with more columns, for each axis: `_smoothed`, `_rate` and `_acceleration`
-        after its name, each followed by one that ends in `_sigma`; null where nothing is known.
+        The same rows with more columns, for each axis: the smoothed value, rate and acceleration,
+        each followed by its sigma, as `east_smoothed_m`, `east_smoothed_sigma_m`, `east_rate_m_s`
+        and `east_acceleration_m_s2`; null where nothing is known.
 
     Raises
     ------
+    RecordError
+        A column that is not there or holds no numbers, a measurement that is infinite, or a time
+        that is missing.
     ValueError
-        A column that is not there, or there already, a measurement that is infinite, a time that
-        is missing, a sigma that is not positive, or a negative jerk.
+        A column of a result that is there already, a sigma that is not positive, or a negative
+        jerk.
     numpy.linalg.LinAlgError
         Sigmas that are lost to rounding beside each other.
     TypeError
-        A table of another kind, or a column or option of the wrong type.
+        A table of another kind, or an option of the wrong type.
 
     Examples
     --------
@@ -64,52 +71,56 @@ def smooth(
     >>> from tertia.tables import smooth
     >>> time = np.arange(20.0)
     >>> table = pl.DataFrame({"time_s": time, "east_m": 100 * time + 10 * (-1) ** np.arange(20)})
-    >>> track = smooth(table, "east_m", sigma=10.0, jerk=0.0)
-    >>> [round(value, 2) for value in track.select("east_m_rate", "east_m_rate_sigma").row(9)]
+    >>> track = smooth(table, values="east_m", sigma=10.0, jerk=0.0)
+    >>> [round(v, 2) for v in track.select("east_rate_m_s", "east_rate_sigma_m_s").row(9)]
     [99.85, 0.4]
     """
-    axes, keys = as_names(columns), as_names(by)
-    told = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
-    if len(told) != len(axes):
-        raise ValueError(f"sigma has {len(told)} elements; there are {len(axes)} columns")
-    of_columns = [one for one in told if isinstance(one, str)]
+    axes = as_names(values)
+    sigmas = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
+    if len(sigmas) != len(axes):
+        raise ValueError(f"sigma has {len(sigmas)} elements; there are {len(axes)} columns")
     intensity = None if jerk is None else real(jerk, "jerk")
-    taken = take(table, [*axes, time, *of_columns, *keys])
-    frame = taken.frame
-    groups = layout(frame, keys)
-    t = seconds(times(frame[time]))
+    schema: Schema = {"time": TIME} | {
+        name: Field("number", {name: 1.0}, required=True)
+        for name in [*axes, *(one for one in sigmas if isinstance(one, str))]
+    }
+    records = read(source_of(table), schema, columns=columns, by=as_names(by))
+    frame = records.rows
+    groups = layout(records.by, frame.height)
+    t = Clock.of(frame["time"]).seconds(frame["time"])
     rows = groups.order[np.lexsort((t[groups.order], groups.group))]
-    y = np.column_stack([numbers(frame[name]) for name in axes])[rows]
-    variance = np.column_stack([_sigmas(frame, one) for one in told])[rows] ** 2
+    y = frame.select(axes).to_numpy()[rows]
+    variance = np.column_stack([_sigmas(frame, one) for one in sigmas])[rows] ** 2
     moments = t[rows]
-    values, sigmas = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
+    found, spread = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
 
-    def tracks(elements: Any) -> tuple[Any, smoothing.SmoothedPositions]:
-        found = smoothing.smooth(
+    def track(elements: IntArray) -> tuple[IntArray, Any]:
+        one = smoothing.smooth(
             y[elements], variance[elements], time=moments[elements], jerk=intensity
         )
-        return rows[elements], found
+        return rows[elements], one
 
-    for _, found in by_length(groups.lengths, tracks):
-        if isinstance(found, ValueError):
-            raise found
-        places, track = found
-        values[places], sigmas[places] = track.mean, track.sigma
-    return taken.extended(_added(values, sigmas, axes))  # type: ignore[no-any-return]
+    for _, one in by_length(groups.lengths, track):
+        if isinstance(one, ValueError):
+            raise one
+        places, smoothed = one
+        found[places], spread[places] = smoothed.mean, smoothed.sigma
+    return extended(table, _added(found, spread, axes))  # type: ignore[no-any-return]
 
 
 def _sigmas(frame: pl.DataFrame, sigma: float | str) -> FloatArray:
     if isinstance(sigma, str):
-        return numbers(frame[sigma])
+        return frame[sigma].to_numpy()
     return np.full(frame.height, finite(real(sigma, "sigma"), "sigma"))
 
 
-def _added(values: FloatArray, sigmas: FloatArray, axes: Sequence[str]) -> pl.DataFrame:
+def _added(found: FloatArray, spread: FloatArray, axes: Sequence[str]) -> pl.DataFrame:
     added = {}
     for d, axis in enumerate(axes):
-        for q, quantity in enumerate(_QUANTITIES):
-            column, name = q * len(axes) + d, f"{axis}_{quantity}"
-            told = np.isfinite(sigmas[:, column])
-            added[name] = known(values[:, column], told)
-            added[f"{name}_sigma"] = known(sigmas[:, column], told)
+        for q, (quantity, per) in enumerate(_QUANTITIES.items()):
+            column = q * len(axes) + d
+            there = np.isfinite(spread[:, column])
+            added[column_name(axis, quantity, per=per)] = known(found[:, column], there)
+            sigma = column_name(axis, quantity, "sigma", per=per)
+            added[sigma] = known(spread[:, column], there)
     return pl.DataFrame(added)

@@ -7,8 +7,9 @@ from typing import Any
 
 import polars as pl
 
-from tertia.tables._columns import as_names
-from tertia.tables._kinds import Table, height, joined, part, take
+from tertia.tables._frames import Table, height, joined, part
+from tertia.tables._groups import as_names
+from tertia.tables._records import Part, Reader
 
 
 def stream(
@@ -25,13 +26,13 @@ def stream(
     Parameters
     ----------
     function : callable
-        `bearings`, `screen`, `fuse` or `smooth`.
+        `bearing`, `screen`, `fuse_series` or `smooth`.
     batches : iterable of tables of one kind
         Consecutive rows. Those of a group come one after the other, in as many batches as they
         take.
     by : str or sequence of str
-        Columns whose values tell the groups; by default all rows are one, which is complete when
-        the batches end.
+        Columns by whose values the rows are grouped; by default all rows are one group, which is
+        complete when the batches end.
     **options
         As of the function.
 
@@ -50,12 +51,12 @@ def stream(
     Examples
     --------
     >>> import polars as pl
-    >>> from tertia.tables import bearings, stream
+    >>> from tertia.tables import bearing, stream
     >>> rows = [("A", 10.0)] * 3 + [("A", 11.0)] * 3 + [("B", 50.0)] * 6
-    >>> table = pl.DataFrame(rows, ["station", "bearing_deg"], orient="row")
+    >>> table = pl.DataFrame(rows, ["sensor", "azimuth_deg"], orient="row")
     >>> batches = [table[:5], table[5:7], table[7:]]
-    >>> for found in stream(bearings, batches, by="station", method="mean"):
-    ...     print(found["station"].to_list(), found["value"].round(1).to_list())
+    >>> for found in stream(bearing, batches, by="sensor", method="mean"):
+    ...     print(found["sensor"].to_list(), found["azimuth_deg"].round(1).to_list())
     ['A'] [10.5]
     ['B'] [50.0]
     """
@@ -63,7 +64,7 @@ def stream(
     held: list[Table] = []
     last: str | None = None
     for batch in batches:
-        frame = take(batch, keys).frame
+        frame = Reader(Part(batch), {}, options.get("columns") or {}).groups(keys)
         if not height(batch):
             continue
         starts, groups = _runs(frame, keys)
@@ -81,7 +82,7 @@ def stream(
 
 
 def _runs(frame: pl.DataFrame, by: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return where the groups of a batch begin, and what they are called."""
+    """Return where the groups of a batch begin, and their names."""
     if not by:
         return [0], [""]
     run = frame.select(pl.struct(by).rle_id().alias("")).get_column("")

@@ -2,34 +2,152 @@
 
 from __future__ import annotations
 
-import math
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from tertia import tracker
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import FloatArray
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
-from tertia.tables._columns import numbers, times
-from tertia.tables._kinds import Table, names, take
-from tertia.tables._track_rows import IDENTITIES, Clock, Identities, track_rows
-from tertia.tracker import NO_IDENTITY, Plots
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import known, named
+from tertia.tables._records import (
+    IDENTITIES,
+    SENSOR,
+    TIME,
+    Clock,
+    Field,
+    RecordError,
+    Schema,
+    Source,
+    identity_texts,
+    read,
+    source_of,
+)
+from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tracker import Plots, PlotStatus, TrackTable
 
-# columns of which one is taken, the first that is there, and their units
-_RANGES = {"range_m": 1.0, "range_nm": NAUTICAL_MILE}
-_HEIGHTS = {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}
-_TIME, _AZIMUTH, _RADAR = "time_s", "azimuth_deg", "radar"
-_NAMES = (_TIME, _AZIMUTH, _RADAR, *_RANGES, *_HEIGHTS, *IDENTITIES)
+PLOTS: Schema = {
+    "time": TIME,
+    "range": Field("number", {"range_m": 1.0, "range_nm": NAUTICAL_MILE}, required=True),
+    "azimuth": Field("number", {"azimuth_deg": 1.0}, required=True),
+    "sensor": SENSOR,
+    "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
+    "identity": Field("identity", IDENTITIES),
+}
+# hijack, no radio, emergency
+_EMERGENCIES = (0o7500, 0o7600, 0o7700)
+# components of the state: how their columns begin, and their units
+_STATE = (
+    ("east", "m"),
+    ("north", "m"),
+    ("velocity_east", "m_s"),
+    ("velocity_north", "m_s"),
+)
+_PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Plots, their radars, what their times are, and the column of their identities."""
+
+    plots: Plots
+    sensors: Sensors[Radar]
+    clock: Clock
+    identity: str
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """A recording, its tracks, and how long they took."""
+
+    recording: Recording
+    plans: Sequence[FlightPlan]
+    table: TrackTable
+    seconds: float
+
+    @property
+    def rows(self) -> pl.DataFrame:
+        """The rows of the tracks as they are in files."""
+        of = self.recording
+        return track_rows(self.table, of.clock, of.identity, of.sensors, self.plans)
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """How many plots could not be used, by the reason."""
+        statuses, counts = np.unique(self.table.track_of_plot, return_counts=True)
+        pairs = zip(statuses.tolist(), counts.tolist(), strict=True)
+        return {PlotStatus(status).message: count for status, count in pairs if status < 0}
+
+    @property
+    def sensors(self) -> pl.DataFrame:
+        """One row per radar; scans that missed a target are those of confirmed tracks."""
+        table, sensor = self.table, self.recording.plots.sensor
+        refused = table.track_of_plot < 0
+        used = np.zeros(len(sensor), dtype=bool)
+        used[table.plot[table.plot >= 0]] = True
+        rows = []
+        for k, name in enumerate(self.recording.sensors.names):
+            own, seen = sensor == k, (table.sensor == k) & table.confirmed
+            updates = int(np.sum(seen & (table.plot >= 0)))
+            missed = int(np.sum(seen & (table.plot < 0)))
+            parts = (own, own & used, own & ~used & ~refused, own & refused)
+            share = updates / (updates + missed) if updates + missed else None
+            rows.append((name, *(int(np.sum(one)) for one in parts), missed, share))
+        counts = ["plot", "in_track", "in_none", "refused", "missed_scan"]
+        schema: dict[str, Any] = {"sensor": pl.String}
+        schema |= {f"{name}_count": pl.Int64 for name in counts}
+        return pl.DataFrame(rows, schema | {"update_probability": pl.Float64}, orient="row")
+
+    def summary(self) -> dict[str, Any]:
+        """Return figures of the whole."""
+        table, plots = self.table, self.recording.plots
+        followed = table.plan >= 0
+        moments = plots.time[np.isfinite(plots.time)]
+        return {
+            "plot_count": len(plots),
+            "in_track_count": int(np.sum(table.plot >= 0)),
+            "refused_count": self.refused,
+            "duration_s": float(np.ptp(moments)),
+            "track_count": len(np.unique(table.track)),
+            "row_count": len(table),
+            "missed_scan_count": int(np.sum(table.plot < 0)),
+            "turn_share": float(np.mean(table.turn_probability > 0.5)) if len(table) else 0.0,
+            "plan_count": len(self.plans),
+            "planned_track_count": len(np.unique(table.track[followed])),
+            "left_plan_count": len(np.unique(table.track[followed & ~table.conforms])),
+            "tracking_s": self.seconds,
+        }
+
+    def tracks(self, rows: pl.DataFrame) -> pl.DataFrame:
+        """Return one row per track."""
+        hit, sure = pl.col("plot").is_not_null(), pl.col("confirmed")
+        return (
+            rows.sort("track", "time_s", maintain_order=True)
+            .group_by("track", maintain_order=True)
+            .agg(
+                pl.col("time_s").first().alias("first_time_s"),
+                pl.col("time_s").last().alias("last_time_s"),
+                hit.sum().cast(pl.Int64).alias("plot_count"),
+                (~hit).sum().cast(pl.Int64).alias("missed_scan_count"),
+                (hit & sure).sum().truediv(sure.sum()).alias("update_probability"),
+                pl.col(self.recording.identity).drop_nulls().last(),
+                pl.col("plan").drop_nulls().last(),
+                pl.col("conforms", "turn_probability", "speed_m_s", "height_m").mean(),
+            )
+        )
 
 
 def track(
     table: Table,
-    radars: Sequence[Radar],
     *,
+    sensors: Sequence[Radar] | Sensors[Radar],
     columns: Mapping[str, str] | None = None,
     plans: Sequence[FlightPlan] = (),
     **options: Any,
@@ -40,113 +158,145 @@ def track(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order: `time_s` (seconds, or dates with time), `range_m` or
-        `range_nm`, and `azimuth_deg`; `radar`, its name, if there are several; and, if known,
+        `range_nm`, and `azimuth_deg`; `sensor`, its name, if there are several; and, if known,
         `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
         `identity`.
-    radars : sequence of Radar
+    sensors : sequence of Radar
         The radars. One without a name is called by its index.
     columns : mapping of str to str, optional
-        How columns are called in the table, by these names.
+        How columns are called in the table, by the names that they have here.
     plans : sequence of FlightPlan
-        Where targets have said they will fly.
+        Where targets intend to fly.
     **options
-        As of `tertia.tracker.Tracker`.
+        As of `tertia.tracker.Tracker`. With `mode_3a`, 7500, 7600 and 7700 are emergency codes by
+        default.
 
     Returns
     -------
     table of the same kind
-        One row for every plot of a confirmed track and for every scan that missed it, with time,
-        track, radar, index of the plot, position and velocity with their covariance, and what is
-        known of turn, height, identity and plan; null where nothing is.
+        One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
+        `track`, `sensor`, `plot` (its index), position and velocity with their covariance,
+        `course_deg`, `speed_m_s`, `turn_probability`, `height_m`, `vertical_rate_m_s`, the
+        identity, `plan`, `conforms` and `confirmed`; null where nothing is known.
 
     Raises
     ------
+    RecordError
+        A column that is not there, a time that is missing, a sensor that is not among `sensors`, or
+        a cell that cannot be understood.
     ValueError
-        A column that is not there, a time that is missing, a radar that is not among `radars`, an
-        identity that is none, or an option outside its domain.
+        An option outside its domain.
     TypeError
-        A table of another kind, a column of the wrong type, or an option of the wrong type.
+        A table of another kind, or an option of the wrong type.
 
     Examples
     --------
     >>> import numpy as np, polars as pl
-    >>> from tertia.tables import track
-    >>> from tertia.tracker import Radar
+    >>> from tertia import tables
+    >>> from tertia.sensors import Radar
     >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
     >>> time = np.arange(0.0, 100.0, 4.0)
-    >>> plots = pl.DataFrame({"time_s": time, "range_m": 50e3 + 200 * time}).with_columns(
-    ...     azimuth_deg=30.0
-    ... )
-    >>> found = track(plots, [radar])
+    >>> plots = pl.DataFrame({"time_s": time, "range_m": 50e3 + 200 * time, "azimuth_deg": 30.0})
+    >>> found = tables.track(plots, sensors=[radar])
     >>> found.height, found["track"].unique().to_list()
     (25, [1])
     """
-    called = dict(columns or {})
-    for name in called:
-        if name not in _NAMES:
-            raise ValueError(f"columns has {name!r}; it must have some of {', '.join(_NAMES)}")
-    there = {
-        name: called.get(name, name) for name in _NAMES if called.get(name, name) in names(table)
+    found = tracks_of(recording_of(source_of(table), sensors, columns), plans, **options)
+    return result(table, found.rows)  # type: ignore[no-any-return]
+
+
+def recording_of(
+    source: Source,
+    sensors: Sequence[Radar] | Sensors[Radar],
+    columns: Mapping[str, str] | None = None,
+) -> Recording:
+    """Return the plots of a table or of files."""
+    radars = sensors_of(sensors)
+    records = read(source, PLOTS, columns=columns, sensors=radars.names)
+    clock = Clock.of(records.rows["time"], midnight=True)
+    identity = records.column.get("identity", "identity")
+    return Recording(plots_of(records.rows, clock, radars), radars, clock, identity)
+
+
+def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Radar]) -> Plots:
+    """Return rows that were read by the schema of plots as the library takes them."""
+    sensor = rows["sensor"].to_numpy()
+    return Plots(
+        clock.seconds(rows["time"]),
+        rows["range"].to_numpy(),
+        np.radians(rows["azimuth"].to_numpy()) + sensors.norths[sensor],
+        sensor=sensor,
+        height=rows["height"].to_numpy(),
+        identity=rows["identity"].to_numpy(),
+    )
+
+
+def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options: Any) -> Tracking:
+    """Return the tracks of a recording."""
+    plots, radars = recording.plots, recording.sensors
+    if options.get("clock_period") is not None and recording.clock.dated:
+        raise ValueError("clock_period is for seconds; these plots have dates")
+    if recording.identity == "mode_3a":
+        options = {"emergency_codes": _EMERGENCIES} | options
+    start = time.perf_counter()
+    table = tracker.track(plots, radars.items, plans=plans, **options)
+    found = Tracking(recording, plans, table, time.perf_counter() - start)
+    if len(plots) and np.all(table.track_of_plot < 0):
+        raise RecordError(f"no plot can be used: {'; '.join(found.refused)}")
+    return found
+
+
+def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
+    """Return how plans are called: by their names, or by numbers from 1 on."""
+    return [str(k) if one.name is None else one.name for k, one in enumerate(plans, start=1)]
+
+
+def track_rows(
+    table: TrackTable,
+    clock: Clock,
+    identity: str,
+    sensors: Sensors[Radar],
+    plans: Sequence[FlightPlan],
+) -> pl.DataFrame:
+    """Return one row per row of the table, null for what is not known."""
+    followed = table.plan >= 0
+    return pl.DataFrame(
+        {
+            "time_s": clock.moments(table.time),
+            "track": table.track,
+            "sensor": named(table.sensor, sensors.names),
+            "plot": known(table.plot, table.plot >= 0),
+            **_state(table),
+            **sensors.geodetic(table.position),
+            "course_deg": np.degrees(np.arctan2(*table.velocity.T)) % 360.0,
+            "speed_m_s": np.hypot(*table.velocity.T),
+            "turn_probability": table.turn_probability,
+            "height_m": known(table.height),
+            "vertical_rate_m_s": known(table.vertical_rate),
+            identity: identity_texts(table.identity, identity),
+            "plan": named(table.plan, plan_names(plans)),
+            "conforms": known(table.conforms, followed),
+            "confirmed": table.confirmed,
+        }
+    )
+
+
+def covariance_columns() -> dict[tuple[int, int], str]:
+    """Return the columns of the covariances between two components of the state."""
+    return {
+        (i, j): f"covariance_{first}_{second}_{_PRODUCTS[unit, other]}"
+        for i, (first, unit) in enumerate(_STATE)
+        for j, (second, other) in enumerate(_STATE)
+        if i < j
     }
-    distance, height, identity = (
-        next((name for name in kinds if name in called), None)
-        or next((name for name in kinds if name in there), None)
-        for kinds in (_RANGES, _HEIGHTS, IDENTITIES)
-    )
-    if distance is None:
-        raise ValueError(f"the table has no column {' or '.join(_RANGES)}")
-    wanted = [_TIME, _AZIMUTH, *filter(None, [distance, height, identity])]
-    if _RADAR in there or _RADAR in called or len(radars) > 1:
-        wanted.append(_RADAR)
-    taken = take(table, [called.get(name, name) for name in wanted])
-    frame = taken.frame.rename({called.get(name, name): name for name in wanted})
-    moments = times(frame[_TIME])
-    clock = Clock.of(moments)
-    named = [str(k) if radar.name is None else radar.name for k, radar in enumerate(radars)]
-    identities = Identities(identity or "identity")
-    plots = Plots(
-        clock.seconds(moments),
-        numbers(frame[distance]) * _RANGES[distance],
-        np.radians(numbers(frame[_AZIMUTH])),
-        sensor=_radar_numbers(frame, named),
-        height=_heights(frame, height),
-        identity=_identities(frame, identities) if identity else NO_IDENTITY,
-    )
-    found = tracker.track(plots, radars, plans=plans, **options)
-    rows = track_rows(
-        found, clock=clock, identities=identities, radars=named, plans=plans, geodetic={}
-    )
-    return taken.result(rows)  # type: ignore[no-any-return]
 
 
-def _heights(frame: pl.DataFrame, name: str | None) -> FloatArray | float:
-    return math.nan if name is None else numbers(frame[name]) * _HEIGHTS[name]
-
-
-def _radar_numbers(frame: pl.DataFrame, named: Sequence[str]) -> IntArray | int:
-    if _RADAR not in frame.columns:
-        return 0
-    column = frame[_RADAR].cast(pl.String)
-    unknown = (~column.is_in(list(named)).fill_null(False)).arg_true()
-    if len(unknown):
-        raise ValueError(
-            f"radar[{unknown[0]}] is {column[unknown[0]]}; the radars are {', '.join(named)}"
-        )
-    found = column.replace_strict(named, list(range(len(named))), return_dtype=pl.Int64)
-    return np.asarray(found.to_numpy())
-
-
-def _identities(frame: pl.DataFrame, identities: Identities) -> IntArray:
-    column = frame[identities.name]
-    if column.dtype.is_float():
-        column = column.fill_nan(None).cast(pl.Int64)
-    text = column.cast(pl.String)
-    found = identities.numbers(text)
-    wrong = (text.is_not_null() & found.is_null()).arg_true()
-    if len(wrong):
-        base = IDENTITIES[identities.name]
-        raise ValueError(
-            f"{identities.name}[{wrong[0]}] is {text[wrong[0]]!r}; it must be a number of base "
-            f"{base}"
-        )
-    return np.asarray(found.fill_null(NO_IDENTITY).to_numpy())
+def _state(table: TrackTable) -> dict[str, FloatArray]:
+    values = np.hstack([table.position, table.velocity])
+    columns = {}
+    for i, (name, unit) in enumerate(_STATE):
+        columns[f"{name}_{unit}"] = values[:, i]
+        columns[f"{name}_sigma_{unit}"] = np.sqrt(table.covariance[:, i, i])
+    for (i, j), name in covariance_columns().items():
+        columns[name] = table.covariance[:, i, j]
+    return columns

@@ -1,0 +1,1 @@
+"""The commands: each parses its options, calls `tertia.tables` once, prints and writes."""

@@ -1,0 +1,139 @@
+"""`tertia bearing`: bearings with their sigmas."""
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tertia import plot
+from tertia._arrays import FloatArray
+from tertia.bearing import BearingEstimate, Method
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    By,
+    ColumnNames,
+    Output,
+    Period,
+    PlotFile,
+    Recording,
+    Threads,
+    Value,
+    column_names,
+)
+from tertia.cli.terminal.say import FAILED, as_text, counted, note, print_table, working
+from tertia.tables._bearing import bearings_of
+from tertia.tables._groups import column_name
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+EXAMPLES = (
+    "tertia bearing recording.csv",
+    "tertia bearing recording.csv --column azimuth_deg=az --by sensor --by target",
+    "tertia bearing recording.csv --by target --output out.parquet --plot out.png",
+    "tertia bearing ranges.csv --value range_m --period 0 --method corrected",
+)
+_MAX_PANELS = 16
+
+
+def bearing(
+    file: Recording,
+    *,
+    value: Value = "azimuth_deg",
+    column: ColumnNames = None,
+    by: By = None,
+    method: Annotated[Method, typer.Option(help="How to estimate.")] = "robust",
+    period: Period = 360.0,
+    block_size: Annotated[int, typer.Option(help="Measurements per block.")] = 10,
+    k: Annotated[
+        float, typer.Option(help="Threshold of the methods corrected, paper and k-sigma.")
+    ] = 2.5,
+    n_threads: Threads = None,
+    output: Output = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Estimate a bearing and its sigma per group, and count the outliers.
+
+    The measurements of a group must be in the order in which they came. Missing ones (empty, NA,
+    nan, null, None, -) are left out and counted.
+    """
+    write.check_suffixes(output, plot_file)
+    with working("Estimating"):
+        found = bearings_of(
+            read.tables(file),
+            columns=column_names(column),
+            values=value,
+            by=by or [],
+            period=period or None,
+            method=method,
+            block_size=block_size,
+            k=k,
+            n_threads=n_threads,
+        )
+    rows = found.rows
+    failed = rows["note"].count()
+    if output is None:
+        shown = rows if failed else rows.drop("note")
+        limited = "groups are shown: --output writes all"
+        print_table(shown, _cells(value), text=[*(by or []), "note"], limited=limited)
+    else:
+        write.write(rows, output)
+    if plot_file is not None and failed < rows.height:
+        if rows.height - failed > _MAX_PANELS:
+            note(f"only the first {_MAX_PANELS} of {rows.height - failed} groups are drawn")
+        drawn = list(found.estimates(_MAX_PANELS))
+        write.save(_figure(drawn, value, period or None, block_size), plot_file)
+    missing, present = (sum(rows[name]) for name in ("missing", "count"))
+    if missing:
+        note(f"{missing} of {counted(missing + present, 'measurement')} missing")
+    if failed:
+        groups = counted(rows.height, "group")
+        note(f"{failed} of {groups} could not be estimated: see the column note")
+    if failed == rows.height:
+        raise typer.Exit(FAILED)
+    return {"groups": rows.to_dicts()}
+
+
+def _cells(value: str) -> Any:
+    """Return what makes text of a row, with digits as far as they are known."""
+    sigma = column_name(value, "sigma")
+
+    def cells(row: dict[str, object]) -> dict[str, str]:
+        found = {name: as_text(cell) for name, cell in row.items()}
+        estimate, error = row[value], row[sigma]
+        if isinstance(estimate, float) and isinstance(error, float):
+            found[value], found[sigma] = plot.rounded(estimate, error)
+            found["polarity"] = f"{row['polarity']:+.3f}"
+        return found
+
+    return cells
+
+
+def _figure(
+    drawn: list[tuple[str, FloatArray, BearingEstimate]],
+    column: str,
+    period: float | None,
+    block_size: int,
+) -> "Figure":
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    columns = math.ceil(math.sqrt(len(drawn)))
+    rows = math.ceil(len(drawn) / columns)
+    figure = Figure(figsize=(max(8, 4.5 * columns), max(4.5, 3 * rows)), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    legend: dict[str, Artist] = {}
+    for i, (name, theta, estimate) in enumerate(drawn):
+        ax = plot.bearing(
+            theta, estimate, period=period, block_size=block_size, legend=False, ax=axes[i]
+        )
+        ax.set_title(": ".join(filter(None, [name, ax.get_title()])), fontsize="medium")
+        ax.set_ylabel("" if i % columns else column)
+        if i + columns < len(drawn):
+            ax.set_xlabel("")
+        handles, labels = ax.get_legend_handles_labels()
+        legend |= dict(zip(labels, handles, strict=True))
+    for ax in axes[len(drawn) :]:
+        ax.set_axis_off()
+    figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=len(legend))
+    return figure

@@ -1,0 +1,120 @@
+"""`tertia evaluate`: tracks versus truth."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    TRUTH,
+    ColumnNames,
+    MaxDistance,
+    Origin,
+    Output,
+    PlotFile,
+    UpdateInterval,
+    column_names,
+    pair,
+)
+from tertia.cli.terminal.say import note, print_table, working
+from tertia.metrics._evaluation import PARTS, Judged
+from tertia.tables._evaluate import evaluation_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+EXAMPLES = (
+    "tertia evaluate tracks.csv --truth truth.csv",
+    "tertia evaluate tracks.parquet --truth truth.csv --update-interval 4 --output figures.json",
+    "tertia evaluate tracks.csv --truth truth.csv --targets targets.csv --plot errors.png",
+)
+_KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
+
+
+def evaluate(
+    tracks: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TRACKS", readable=False, help="Tracks, as tertia track writes them."
+        ),
+    ],
+    *,
+    truth: Annotated[Path, typer.Option(metavar="FILE", readable=False, help=TRUTH)],
+    column: ColumnNames = None,
+    origin: Origin = None,
+    update_interval: UpdateInterval = None,
+    max_distance: MaxDistance = 1000.0,
+    output: Output = None,
+    targets: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write one row per target.")
+    ] = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Compare tracks with the truth: how often, how well, and how many false ones.
+
+    Confirmed tracks count, and of them the rows with a plot. Between its times a target flies
+    straight; before its first and after its last it is not there.
+    """
+    write.check_suffixes(output, plot_file, targets)
+    with working("Comparing the tracks"):
+        found = evaluation_of(
+            read.tables(tracks),
+            read.truth(truth),
+            columns=column_names(column),
+            origin=pair(origin, "--origin", float),
+            max_distance=max_distance,
+            update_interval=update_interval,
+        )
+    print_table(found.rows, text=["figure", "unit"], limited="figures are shown")
+    if not np.any(found.judged.indicators.matching.matched):
+        note(f"no track is within {max_distance:g} m of a target: are the origins the same?")
+    if output is not None:
+        write.write(found.rows, output)
+    if targets is not None:
+        write.write(found.targets, targets)
+    if plot_file is not None:
+        _draw(found.judged, plot_file)
+    return {"figures": found.rows.to_dicts()}
+
+
+def _draw(judged: Judged, path: Path) -> None:
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
+    panels = figure.subplot_mosaic([["plan", "gospa"], ["plan", "errors"]])
+    _draw_plan(panels["plan"], judged)
+    for name, values, line in zip(PARTS, judged.gospa.T, ("-", ":", "--", "-."), strict=True):
+        panels["gospa"].plot(judged.instants, values, line, linewidth=1, label=name)
+    panels["gospa"].set(ylabel="GOSPA and roots of its parts (m)", ylim=(0.0, None))
+    for label, values, mark in (
+        ("along track", judged.along, "."),
+        ("cross track", judged.across, "x"),
+    ):
+        panels["errors"].plot(judged.time, values, mark, markersize=3, label=label)
+    panels["errors"].set(xlabel="time (s)", ylabel="error (m)")
+    panels["errors"].sharex(panels["gospa"])
+    for ax in panels.values():
+        ax.legend(fontsize="small")
+    write.save(figure, path)
+
+
+def _draw_plan(ax: "Axes", judged: Judged) -> None:
+    rows, matched = judged.rows, judged.indicators.matching.matched
+    for k, (_, _, position) in enumerate(judged.truth):
+        ax.plot(*position.T / 1e3, color=_TRUE, linewidth=3, label="_truth" if k else "truth")
+    places = rows.position[rows.updated] / 1e3
+    for chosen, colour, mark, label in (
+        (matched, _KEPT, ".", "update"),
+        (~matched, _WRONG, "x", "false update"),
+    ):
+        if np.any(chosen):
+            ax.plot(*places[chosen].T, mark, color=colour, markersize=3, label=label)
+    ax.set(
+        title=f"probability of update {judged.indicators.probability_of_update:.3f}, "
+        f"RMSE {judged.indicators.rmse:.3g} m",
+        xlabel="east (km)",
+        ylabel="north (km)",
+    )
+    ax.set_aspect("equal", adjustable="datalim")

@@ -1,0 +1,178 @@
+"""`tertia fuse-series`: one track from the plots of several sensors."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import polars as pl
+import typer
+
+from tertia import plot
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    By,
+    ColumnNames,
+    Output,
+    Period,
+    PlotFile,
+    Recordings,
+    Threads,
+    Value,
+    column_names,
+)
+from tertia.cli.terminal.say import (
+    MAX_ROWS,
+    WRONG_USAGE,
+    as_text,
+    counted,
+    fail,
+    note,
+    print_table,
+    progress,
+)
+from tertia.fusion import FusionMethod
+from tertia.tables._fuse_series import FusedTarget, fusion_of
+from tertia.tables._noise import Fitted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
+
+EXAMPLES = (
+    "tertia fuse-series plots.csv --column sensor=radar",
+    "tertia fuse-series north.csv south.csv --sigma north=0.1 --sigma south=0.25",
+    "tertia fuse-series plots.csv --by target --output track.csv --plot track.png",
+    "tertia fuse-series plots.parquet --value elevation_deg --period 0",
+)
+_MAX_GROUPS_DRAWN = 4
+
+
+def fuse_series(
+    files: Recordings,
+    *,
+    value: Value = "azimuth_deg",
+    column: ColumnNames = None,
+    by: By = None,
+    period: Period = 360.0,
+    sigma: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]VALUE",
+            help="Stated sigma of the plots of a sensor, or of all others; may be repeated. "
+            "What neither this nor the files say is fitted.",
+        ),
+    ] = None,
+    method: Annotated[FusionMethod, typer.Option(help="How to fuse.")] = "robust",
+    alpha: Annotated[
+        float | None,
+        typer.Option(help="One over the time in which accelerations fade; by default fitted."),
+    ] = None,
+    acceleration_sigma: Annotated[
+        float | None, typer.Option(help="Sigma of the acceleration; by default fitted.")
+    ] = None,
+    n_threads: Threads = None,
+    output: Output = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Fuse the plots of several sensors into one track, and show what each sensor is worth.
+
+    One row per plot, in any order: time_s, sensor (by default each file is one, of its name),
+    azimuth_deg, and perhaps azimuth_sigma_deg. A missing plot (empty, NA, nan, null, None, -)
+    leaves a time at which the track is estimated all the same.
+    """
+    write.check_suffixes(output, plot_file)
+    found = fusion_of(
+        read.tables(*files),
+        columns=column_names(column),
+        values=value,
+        by=by or [],
+        sigma=_stated(sigma or []),
+        alpha=alpha,
+        acceleration_sigma=acceleration_sigma,
+        period=period or None,
+        method=method,
+        n_threads=n_threads,
+        progress=progress("Fusing"),
+    )
+    if found.fitted:
+        _print_fitted(found.fitted)
+    print_table(found.sensors, text=[*(by or []), "sensor"])
+    for one in found.targets[:MAX_ROWS]:
+        sigmas = one.result.sigma[:, 0]
+        middle = np.median(sigmas[np.isfinite(sigmas)]) if np.any(np.isfinite(sigmas)) else math.nan
+        steps = counted(one.target.times.size, "step")
+        typer.echo(f"{one.target.name or 'fused'}: {steps}, median sigma of {value} {middle:.3g}")
+    if output is not None:
+        write.write(found.rows, output)
+    if plot_file is not None:
+        _draw(found.targets, plot_file, value, period or None)
+    sensors = found.sensors["sensor"].unique()
+    if len(sensors) == 1:
+        note(f"{sensors[0]} is the only sensor: its filtered track, nothing to fuse")
+    return {"sensors": found.sensors.to_dicts()}
+
+
+def _stated(options: Sequence[str]) -> dict[Any, float]:
+    """Return what `--sigma` says, by sensor; None is for all others."""
+    stated: dict[str | None, float] = {}
+    for option in options:
+        name, separator, text = option.rpartition("=")
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not 0 < number < math.inf:
+            fail(
+                f"--sigma is {option!r}; it must be a positive number, or NAME=NUMBER", WRONG_USAGE
+            )
+        stated[name if separator else None] = number
+    return stated
+
+
+def _print_fitted(fitted: Sequence[Fitted]) -> None:
+    names = ["fitted", "value", "relative error", "from the plots of", "left out"]
+    table = pl.DataFrame([astuple(one) for one in fitted], names, orient="row")
+
+    def cells(row: dict[str, object]) -> dict[str, str]:
+        texts = {name: as_text(cell) for name, cell in row.items()}
+        number, error = row["value"], row["relative error"]
+        if isinstance(number, float) and isinstance(error, float):
+            texts["value"] = f"{number:.3g}"
+            texts["relative error"] = f"{error:.0%}" if math.isfinite(error) else "unknown"
+        return texts
+
+    print_table(table, cells, text=["fitted", "from the plots of"])
+
+
+def _draw(fused: Sequence[FusedTarget], path: Path, value: str, period: float | None) -> None:
+    """Draw one column of panels per target."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    drawn = fused[:_MAX_GROUPS_DRAWN]
+    count = len(drawn)
+    if len(fused) > count:
+        note(f"only the first {count} of {len(fused)} groups are drawn")
+    figure = Figure(figsize=(9.0 if count == 1 else 6.0 * count, 8.0), layout="constrained")
+    parts: Sequence[FigureBase] = (
+        [figure] if count == 1 else figure.subfigures(1, count, squeeze=False)[0].tolist()
+    )
+    for at, (part, one) in enumerate(zip(parts, drawn, strict=True)):
+        target = one.target
+        top, middle, bottom = plot.fused_series(
+            target.z,
+            one.result,
+            measurement_variance=one.variance,
+            time=target.moments.to_numpy(),
+            period=period,
+            sensors=target.sensors,
+            figure=part,
+        )
+        top.set_title(": ".join(filter(None, [target.name, top.get_title()])))
+        top.set_ylabel(f"{value}, plot − fused")
+        bottom.set_xlabel("time_s")
+        if at:
+            for ax in (top, middle, bottom):
+                ax.set_ylabel("")
+    write.save(figure, path)

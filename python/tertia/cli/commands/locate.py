@@ -1,0 +1,148 @@
+"""`tertia locate`: positions of single instants from what several stations measured."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import polars as pl
+import typer
+
+from tertia import plot
+from tertia.cli.commands import positions
+from tertia.cli.files import maps, read, write
+from tertia.cli.terminal.options import (
+    By,
+    ColumnNames,
+    MapOutput,
+    MeasurementOutput,
+    PlotFile,
+    Recordings,
+    SensorFile,
+    column_names,
+)
+from tertia.cli.terminal.say import FAILED, WRONG_USAGE, fail, progress
+from tertia.location import Location, LocationMethod
+from tertia.sensors import ByKind, Kind
+from tertia.tables._groups import group_name
+from tertia.tables._locate import locations_of
+from tertia.tables._measurements import UNITS
+from tertia.tables._positions import Located, Positions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
+
+EXAMPLES = (
+    "tertia locate measurements.csv --sensors stations.toml --output positions.csv",
+    "tertia locate bearings.csv --sensors stations.csv --by target --plot positions.png",
+    "tertia locate ranges.csv --sensors two.toml --initial 1200,3400 --method least-squares",
+)
+# what a picture of one instant shows
+_DRAWN: tuple[Kind, ...] = ("azimuth", "range")
+
+
+def locate(
+    files: Recordings,
+    *,
+    sensors: SensorFile,
+    column: ColumnNames = None,
+    by: By = None,
+    method: Annotated[LocationMethod, typer.Option(help="How to locate.")] = "robust",
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EAST,NORTH[,UP]",
+            help="A position in metres near the target, where several explain the measurements.",
+        ),
+    ] = None,
+    output: MapOutput = None,
+    measurements: MeasurementOutput = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Locate a target at every instant by ranges, azimuths, elevations or range differences.
+
+    One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
+    one per measurement, with kind and value. Measurements of equal times make an instant.
+    """
+    write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
+    stations = read.read_stations(sensors)
+    maps.check(output, stations)
+    found = locations_of(
+        read.tables(*files),
+        sensors=stations,
+        columns=column_names(column),
+        by=by or [],
+        method=method,
+        initial=_start(initial, stations.dimension),
+        progress=progress("Locating"),
+    )
+    positions.print_all(found, by or [])
+    for one in found.targets:
+        positions.say_located(one)
+        _say_sigma(one)
+    positions.write_all(found, output, measurements, lambda: _points(found, by or []), "position")
+    if plot_file is not None:
+        positions.draw(found, plot_file, lambda one, figure: _draw(found, one, figure))
+    if not any(np.any(one.result.success) for one in found.targets):
+        raise typer.Exit(FAILED)
+    return {"sensors": found.sensors.to_dicts()}
+
+
+def _start(text: str | None, dimension: int) -> list[float] | None:
+    if text is None:
+        return None
+    try:
+        start = [float(part) for part in text.split(",")]
+    except ValueError:
+        start = []
+    if len(start) != dimension or not np.all(np.isfinite(start)):
+        fail(
+            f"--initial is {text!r}; it must be {dimension} numbers, as many as sensors have "
+            "coordinates",
+            WRONG_USAGE,
+        )
+    return start
+
+
+def _say_sigma(one: Located[Location]) -> None:
+    """Say what sigma was estimated, if none was stated."""
+    if one.result.measurement_sigma is None:
+        return
+    [kind] = one.target.values
+    unit, factor = UNITS[kind]
+    sigma = np.asarray(one.result.measurement_sigma)
+    known = sigma[np.isfinite(sigma)]
+    if known.size:
+        typer.echo(
+            f"  sigma of {kind} was not stated: estimated at each instant, median "
+            f"{np.median(known) / factor:.3g} {unit}"
+        )
+
+
+def _points(found: Positions[Any], by: Sequence[str]) -> list[maps.Feature | None]:
+    """Return positions as points on a map."""
+    rows: pl.DataFrame = found.rows
+    return [
+        maps.feature(row, group_name(row.select(*by, "time_s")), row.row(0, named=True))
+        for row in rows.iter_slices(1)
+    ]
+
+
+def _draw(found: Positions[Location], one: Located[Location], figure: "FigureBase") -> None:
+    target, result = one.target, one.result
+    stations = found.stations.items
+    if target.times.size > 1 or not np.all(result.success):
+        panels = plot.trajectory(stations, result, time=target.moments.to_numpy(), figure=figure)
+        positions.name_panels(panels, one)
+        return
+    # the rays and arcs that the only position was made of
+    marks = (getattr(result.outlier, kind) for kind in UNITS)
+    only = replace(
+        result,
+        position=result.position[0],
+        covariance=result.covariance[0],
+        outlier=ByKind(*(None if mark is None else mark[0] for mark in marks)),
+    )
+    azimuth, ranges = (target.values[kind][0] if kind in target.values else None for kind in _DRAWN)
+    ax = plot.location(stations, only, azimuth=azimuth, range=ranges, ax=figure.subplots())
+    ax.set_title(": ".join(filter(None, [target.name, ax.get_title()])))

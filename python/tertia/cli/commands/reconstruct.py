@@ -1,0 +1,144 @@
+"""`tertia reconstruct`: positions, velocities and accelerations over time."""
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import typer
+
+from tertia import plot
+from tertia.cli.commands import positions
+from tertia.cli.files import maps, read, write
+from tertia.cli.terminal.options import (
+    By,
+    ColumnNames,
+    MapOutput,
+    MeasurementOutput,
+    PlotFile,
+    Recordings,
+    SensorFile,
+    Threads,
+    column_names,
+)
+from tertia.cli.terminal.say import WRONG_USAGE, fail, progress
+from tertia.sensors import Bias
+from tertia.tables._positions import Located
+from tertia.tables._reconstruct import paths_of
+from tertia.trajectory import Order, Smoother, Spatial, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
+
+EXAMPLES = (
+    "tertia reconstruct measurements.csv --sensors stations.toml --output track.csv",
+    "tertia reconstruct measurements.csv --sensors stations.toml --bias azimuth --plot track.png",
+    "tertia reconstruct plots.parquet --sensors radars.csv --by target --order temporal-first",
+)
+_BIASED = ("range", "azimuth", "elevation")
+
+
+def reconstruct(
+    files: Recordings,
+    *,
+    sensors: SensorFile,
+    column: ColumnNames = None,
+    by: By = None,
+    spatial: Annotated[Spatial, typer.Option(help="How to locate an instant.")] = "robust",
+    order: Annotated[
+        Order, typer.Option(help="Locate instants, then smooth over time; or the reverse.")
+    ] = "spatial-first",
+    smoother: Annotated[Smoother, typer.Option(help="How to smooth over time.")] = "rts",
+    window: Annotated[int, typer.Option(help="Instants per local polynomial, odd.")] = 13,
+    degree: Annotated[
+        str, typer.Option(help="Degree of the local polynomials, or adaptive.")
+    ] = "adaptive",
+    jerk: Annotated[
+        float | None,
+        typer.Option(help="Intensity of the white jerk for rts in m²/s⁵; by default fitted."),
+    ] = None,
+    bias: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND[,KIND]",
+            help="Estimate constant biases of the sensors: range, azimuth, elevation.",
+        ),
+    ] = None,
+    n_threads: Threads = None,
+    output: MapOutput = None,
+    measurements: MeasurementOutput = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Reconstruct a path from ranges, azimuths, elevations or range differences.
+
+    One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
+    one per measurement, with kind and value. Measurements of equal times make an instant.
+    """
+    write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
+    options: dict[str, Any] = {"degree": _degree(degree), "bias": _bias(bias)}
+    stations = read.read_stations(sensors)
+    maps.check(output, stations)
+    found = paths_of(
+        read.tables(*files),
+        sensors=stations,
+        columns=column_names(column),
+        by=by or [],
+        spatial=spatial,
+        order=order,
+        smoother=smoother,
+        window=window,
+        jerk=jerk,
+        n_threads=n_threads,
+        progress=progress("Reconstructing"),
+        **options,
+    )
+    positions.print_all(found, by or [])
+    for one in found.targets:
+        positions.say_located(one)
+        _say_jerk(one.result)
+    positions.write_all(
+        found, output, measurements, lambda: [_line(one) for one in found.targets], "line"
+    )
+    if plot_file is not None:
+
+        def draw(one: Located[Trajectory], figure: "FigureBase") -> None:
+            moments = one.target.moments.to_numpy()
+            panels = plot.trajectory(stations.items, one.result, time=moments, figure=figure)
+            positions.name_panels(panels, one)
+
+        positions.draw(found, plot_file, draw)
+    return {"sensors": found.sensors.to_dicts()}
+
+
+def _bias(text: str | None) -> Bias | None:
+    kinds = [part.strip() for part in (text or "").split(",") if part.strip()]
+    for kind in kinds:
+        if kind not in _BIASED:
+            fail(f"--bias has {kind!r}; it must be of {', '.join(_BIASED)}", WRONG_USAGE)
+    estimated: dict[str, Any] = {f"{kind}_sigma": None for kind in kinds}
+    return Bias(**estimated) if kinds else None
+
+
+def _degree(text: str) -> int | Literal["adaptive"]:
+    if text == "adaptive":
+        return "adaptive"
+    try:
+        return int(text)
+    except ValueError:
+        fail(f"--degree is {text!r}; it must be adaptive or a whole number", WRONG_USAGE)
+
+
+def _say_jerk(path: Trajectory) -> None:
+    if path.smoothed is None:
+        return
+    jerk, sigma = float(path.smoothed.jerk), float(path.smoothed.jerk_sigma)
+    error = sigma / jerk if sigma and jerk else sigma
+    said = "given" if error == 0 else f"fitted, relative error {error:.0%}"
+    if not np.isfinite(error):
+        said = "fitted, but the measurements hardly determine it"
+    typer.echo(f"  jerk {jerk:.3g} ({said})")
+
+
+def _line(one: Located[Trajectory]) -> maps.Feature | None:
+    """Return a path as a line on a map."""
+    keys = one.target.keys.row(0, named=True) if one.target.keys.width else {}
+    counts = one.rows.select("measurement_count", "outlier_count").sum().row(0, named=True)
+    return maps.feature(one.rows, one.target.name or "path", {**keys, **counts})

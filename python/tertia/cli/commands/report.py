@@ -1,0 +1,173 @@
+"""`tertia report`: a recording of radars on one page."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import polars as pl
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+from tertia import report as pages
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    TRUTH,
+    By,
+    ClockPeriod,
+    ColumnNames,
+    MaxDistance,
+    Origin,
+    PlanFile,
+    PlotFiles,
+    SensorFile,
+    UpdateInterval,
+    column_names,
+    pair,
+)
+from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
+from tertia.report import Emitter, Report
+from tertia.sensors import Station
+from tertia.tables._evaluate import truth_of
+from tertia.tables._measurements import read_targets
+from tertia.tables._records import Clock, Source
+from tertia.tables._sensors import Sensors
+from tertia.tables._track import recording_of
+from tertia.tracker import MotionName
+
+EXAMPLES = (
+    "tertia report plots.csv --sensors sensors.toml --output report.html",
+    "tertia report plots.csv --sensors sensors.toml --plans plans.json --truth truth.csv "
+    "--bearings bearings.csv --by target --output report.html",
+)
+_SUFFIXES = (".html", ".htm")
+_SHOWN = {
+    "radar": "sensor",
+    "plots": "plots",
+    "range_sigma_stated_m": "stated (m)",
+    "range_sigma_m": "found (m)",
+    "azimuth_sigma_stated_deg": "stated (°)",
+    "azimuth_sigma_deg": "found (°)",
+    "range_bias_m": "bias (m)",
+    "azimuth_bias_deg": "bias (°)",
+    "probability_of_update": "updates",
+}
+
+
+def report(
+    files: PlotFiles = None,
+    *,
+    sensors: SensorFile,
+    plans: PlanFile = None,
+    truth: Annotated[Path | None, typer.Option(metavar="FILE", readable=False, help=TRUTH)] = None,
+    bearings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Azimuths by the stations, as tertia locate reads them."),
+    ] = None,
+    by: By = None,
+    origin: Origin = None,
+    column: ColumnNames = None,
+    motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
+    clock_period: ClockPeriod = None,
+    update_interval: UpdateInterval = None,
+    max_distance: MaxDistance = 1000.0,
+    output: Annotated[Path, typer.Option(metavar="FILE", help="Write the page, .html.")] = Path(
+        "report.html"
+    ),
+) -> dict[str, Any]:
+    """Show a recording on one page: tracks, radars, fusion, plans, errors.
+
+    Plots, radars and plans are those of tertia track, the truth that of tertia evaluate; bearings
+    are those of the stations of the sensors file, as in tertia locate, and --by is for them. The
+    page needs no network.
+    """
+    if output.suffix.lower() not in _SUFFIXES:
+        fail(f"cannot write {output}: its name must end in {', '.join(_SUFFIXES)}", WRONG_USAGE)
+    if not files:
+        fail("give files of plots", WRONG_USAGE)
+    place = pair(origin, "--origin", float)
+    plots = read.plots(*files)
+    radars = read.read_radars(sensors, plots)
+    filed = read.read_plans(plans, place, radars)
+    recording = recording_of(plots, radars, column_names(column))
+    clock = recording.clock
+    if clock_period is not None and clock.dated:
+        raise ValueError("clock_period is for seconds; these plots have dates")
+    stations = None if bearings is None else read.read_stations(sensors).flat()
+    emitters = []
+    if stations is not None and bearings is not None:
+        emitters = _emitters(read.tables(bearings), stations, by or [])
+    if place is None and radars.frame is not None:
+        place = radars.frame.latitude, radars.frame.longitude
+    with _bar() as tell:
+        page = pages.make(
+            recording.plots,
+            radars.items,
+            motion=motion,
+            plans=filed,
+            truth=None if truth is None else truth_of(read.truth(truth), clock, place),
+            stations=[] if stations is None else stations.items,
+            bearings=emitters,
+            max_distance=max_distance,
+            update_interval=update_interval,
+            title=f"Report on {', '.join(path.name for path in files)}",
+            since=_since(clock),
+            progress=tell,
+            clock_period=clock_period,
+        )
+    _say(page)
+    write.write_text(page.html, output)
+    typer.echo(f"wrote {len(page.html.encode()) / 1e6:.1f} MB to {output}")
+    return page.summary
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[str, float], None]]:
+    """Show what is done, and how much of it all, if somebody can see it."""
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda what, share: bar.update(task, description=what, completed=share)
+
+
+def _emitters(source: Source, stations: Sensors[Station], by: list[str]) -> list[Emitter]:
+    heard = [
+        Emitter(
+            ", ".join(str(cell) for cell in target.keys.row(0)) if by else "the emitter",
+            target.times,
+            target.values["azimuth"],
+        )
+        for target in read_targets(source, stations, by=by)
+        if "azimuth" in target.values
+    ]
+    if not heard:
+        fail(f"{source[0].file} has no azimuths")
+    return heard
+
+
+def _since(clock: Clock) -> str | None:
+    """Return the midnight from which dates are counted."""
+    if not clock.dated:
+        return None
+    midnight = clock.moments(np.zeros(1)).dt.strftime("%Y-%m-%d").item()
+    return f"{midnight} 00:00"
+
+
+def _say(page: Report) -> None:
+    found = page.summary
+    rows = [{title: row[key] for key, title in _SHOWN.items()} for row in found["radars"]]
+    print_table(pl.DataFrame(rows), text=["sensor"], limited="sensors are shown")
+    if found["fusion"]:
+        print_table(pl.DataFrame(found["fusion"]), text=["tracks"])
+    typer.echo(f"{found['tracks']} tracks of {found['plots']} plots in {found['duration_s']:.6g} s")
+    for finding in found["findings"]:
+        typer.echo(f"  {finding}")

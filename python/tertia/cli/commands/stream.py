@@ -1,0 +1,357 @@
+"""`tertia track --stream`: plots that come line by line, tracks that go row by row."""
+
+import csv
+import json
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO, Literal, TypeAlias
+
+import numpy as np
+import polars as pl
+import typer
+
+from tertia.cli.files.read import has_lines
+from tertia.cli.files.write import as_lines
+from tertia.cli.terminal.pipe import Lines, Quiet
+from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note
+from tertia.flightplan import FlightPlan
+from tertia.sensors import Radar
+from tertia.tables._records import Clock, Part, Reader, doubt_unit
+from tertia.tables._sensors import Sensors
+from tertia.tables._track import PLOTS, plots_of, track_rows
+from tertia.tracker import PlotStatus, Tracker, TrackTable
+
+Rows: TypeAlias = Literal["csv", "jsonl"]
+Cells: TypeAlias = Mapping[str, Any]
+
+STDIN = Path("-")
+# of the shortest scan
+_USUAL_LATENCY = 0.25
+# so many plots of a scan show whether a unit is right, and more are not kept for that
+_ENOUGH, _DOUBTED = 100, 1000
+# rows that are written at once while plots come faster than they are tracked
+_WRITTEN = 1000
+
+
+def source(files: Sequence[Path], latency: float | None) -> Path:
+    """Return where a stream comes from, or fail."""
+    if sys.stdout is sys.stderr:
+        # where --json has put what else is printed
+        fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
+    if latency is not None and not 0 <= latency < np.inf:
+        fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
+    if len(files) > 1:
+        fail("a stream is one file, or standard input", WRONG_USAGE)
+    path = files[0] if files else STDIN
+    if not has_lines(path):
+        fail(f"cannot stream {path}: a stream has lines of CSV or JSON", WRONG_USAGE)
+    return path
+
+
+def run(
+    path: Path,
+    sensors: Sensors[Radar],
+    plans: Sequence[FlightPlan],
+    columns: Mapping[str, str],
+    options: Mapping[str, Any],
+    *,
+    latency: float | None,
+    rows: Rows | None,
+) -> None:
+    """Track what comes from a file, or from standard input."""
+    tracker = Tracker(sensors.items, plans=plans, **options)
+    name = "standard input" if path == STDIN else str(path)
+    stream = _Stream(tracker, _Plots(name, columns, sensors), latency, rows)
+    out = typer.get_binary_stream("stdout")
+    if path == STDIN:
+        stream.run(sys.stdin.fileno(), out)
+        return
+    try:
+        with path.open("rb") as file:
+            stream.run(file.fileno(), out)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror}")
+
+
+class _Plots:
+    """Makes plots of lines; the first line shows whether they are CSV or JSON.
+
+    `line` and `row` count lines and those of them that may be plots, and `bad` those that are none.
+    """
+
+    def __init__(self, name: str, columns: Mapping[str, str], sensors: Sensors[Radar]) -> None:
+        self.name, self.sensors = name, sensors
+        self.clock: Clock | None = None
+        self.kind: Rows | None = None
+        self.line = self.row = self.bad = 0
+        self._columns = columns
+        # how the columns of each quantity may be called here, those first that are given
+        self._choices = {
+            quantity: [columns[name] for name in one.columns if name in columns]
+            or [columns.get(name, name) for name in one.columns]
+            for quantity, one in PLOTS.items()
+        }
+        self._chosen: dict[str, str] = {}
+        self._header: list[str] | None = None
+        self._doubted: list[pl.DataFrame] | None = []
+
+    @property
+    def identity(self) -> str:
+        """The name of the column of identities."""
+        called = self._chosen.get("identity")
+        names = (name for name in PLOTS["identity"].columns)
+        return next((n for n in names if self._columns.get(n, n) == called), "identity")
+
+    def of(self, lines: Sequence[bytes]) -> pl.DataFrame:
+        """Return the plots of lines by the schema, `row` counted from the first of all."""
+        numbers, found = [], []
+        for cells in self._cells(lines):
+            numbers.append((self.line, self.row))
+            self.row += 1
+            found.append(cells)
+        problems = {at: one for at, one in enumerate(found) if isinstance(one, str)}
+        good = [{} if isinstance(one, str) else one for one in found]
+        self._choose(good)
+        for at, cells in enumerate(good):
+            if at not in problems and self._chosen.get("range") not in cells:
+                problems[at] = f"there is no {' or '.join(self._choices['range'])}"
+        text = pl.DataFrame(
+            {name: [_text(cells.get(name)) for cells in good] for name in self._chosen.values()},
+            dict.fromkeys(self._chosen.values(), pl.String),
+        )
+        rows = self._read(text, problems)
+        if problems and not self.bad:
+            at = min(problems)
+            note(
+                f"tertia: {self.name}, line {numbers[at][0]}: {problems[at]}; such lines are left "
+                "out"
+            )
+        self.bad += len(problems)
+        kept = [at for at in range(len(found)) if at not in problems]
+        rows = rows[kept].with_columns(
+            row=pl.Series([numbers[at][1] for at in kept], dtype=pl.Int64)
+        )
+        self._doubt(text[kept])
+        return rows
+
+    def _cells(self, lines: Sequence[bytes]) -> Iterator[Cells | str]:
+        """Yield the cells of each line, or why there are none."""
+        for line in lines:
+            self.line += 1
+            text = line.decode("utf-8-sig" if self.line == 1 else "utf-8", "replace").strip()
+            if not text:
+                continue
+            if self.kind is None:
+                self.kind = "jsonl" if text.startswith("{") else "csv"
+                if self.kind == "csv":
+                    self._begin(text)
+                    continue
+            yield _of_json(text) if self._header is None else _of_csv(text, self._header)
+
+    def _begin(self, line: str) -> None:
+        """Take the header, which must have the columns that are needed."""
+        self._header = [name.strip() for name in next(csv.reader([line]))]
+        part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
+        Reader(part, PLOTS, self._columns, self.sensors.names).rows()
+        for quantity, choices in self._choices.items():
+            there = [name for name in choices if name in self._header]
+            if there:
+                self._chosen[quantity] = there[0]
+
+    def _choose(self, cells: Sequence[Cells]) -> None:
+        """Choose the columns of quantities that did not come before."""
+        there = set().union(*cells) if self._header is None else set()
+        for quantity, choices in self._choices.items():
+            known = [name for name in choices if name in there]
+            if known:
+                self._chosen.setdefault(quantity, known[0])
+
+    def _read(self, text: pl.DataFrame, problems: dict[int, str]) -> pl.DataFrame:
+        """Read texts by the schema; what cannot be read is a problem."""
+        names = self.sensors.names
+        absent = [
+            choices[0]
+            for quantity, choices in self._choices.items()
+            if quantity not in self._chosen
+            and (PLOTS[quantity].required or (quantity == "sensor" and len(names) > 1))
+        ]
+        text = text.with_columns(pl.lit(None, pl.String).alias(name) for name in absent)
+        called = {name: one for name, one in self._columns.items() if one in text.columns}
+        if self.clock is None:
+            self._learn_times(text, called, problems)
+        like = None if self.clock is None else self.clock.dtype
+        part = Part(text, self.name)
+        return Reader(part, PLOTS, called, names, like=like, problems=problems).rows()
+
+    def _learn_times(
+        self, text: pl.DataFrame, called: Mapping[str, str], problems: Mapping[int, str]
+    ) -> None:
+        """Learn what times look like of the first one that is good."""
+        column = text[self._choices["time"][0]]
+        for at in range(len(column)):
+            wrong: dict[int, str] = {}
+            reader = Reader(Part(text, self.name), PLOTS, called, problems=wrong)
+            moment = reader.times(column[at : at + 1])
+            if at not in problems and not wrong and moment.null_count() == 0:
+                self.clock = Clock.of(moment, midnight=True)
+                return
+
+    def _doubt(self, text: pl.DataFrame, *, last: bool = False) -> None:
+        """Warn once, when there are enough plots or no more, where a unit looks wrong."""
+        if self._doubted is None:
+            return
+        self._doubted.append(text)
+        count = sum(part.height for part in self._doubted)
+        if count < _ENOUGH and not last:
+            return
+        texts, self._doubted = pl.concat(self._doubted, how="diagonal"), None
+        for quantity in ("azimuth", "range", "height"):
+            called = self._chosen.get(quantity)
+            if called is not None and called in texts.columns:
+                names = (n for n in PLOTS[quantity].columns if self._columns.get(n, n) == called)
+                doubt_unit(next(names), texts[called].cast(pl.Float64, strict=False))
+
+    def end(self) -> None:
+        """Fail if there was no plot, and say how many lines were left out."""
+        if not self.row:
+            fail(f"{self.name} is empty")
+        if self.bad == self.row:
+            fail(f"{self.name}: no line can be used, of {counted(self.row, 'line')}")
+        self._doubt(pl.DataFrame(), last=True)
+        if self.bad:
+            note(f"{self.bad} of {counted(self.row, 'line')} left out")
+
+
+def _of_json(text: str) -> Cells | str:
+    try:
+        cells = json.loads(text)
+    except ValueError:
+        cells = None
+    return cells if isinstance(cells, dict) else "it is no JSON object"
+
+
+def _of_csv(text: str, header: Sequence[str]) -> Cells | str:
+    cells = next(csv.reader([text]))
+    if len(cells) != len(header):
+        return f"it has {counted(len(cells), 'field')}, the header has {len(header)}"
+    return dict(zip(header, cells, strict=True))
+
+
+def _text(value: object) -> str | None:
+    """Return a value of JSON as a cell of CSV."""
+    whole = isinstance(value, float) and value.is_integer()
+    return None if value is None else str(int(value) if whole else value)  # type: ignore[call-overload]
+
+
+class _Stream:
+    """Tracks plots as their lines come, and writes the rows of confirmed tracks.
+
+    Plots are gathered for `latency` seconds of their own time, by default a quarter of the shortest
+    scan, or until nothing has come for as long.
+    """
+
+    def __init__(
+        self, tracker: Tracker, plots: _Plots, latency: float | None, rows: Rows | None
+    ) -> None:
+        periods = [radar.scan_period for radar in plots.sensors.items]
+        self._tracker, self._plots, self._rows = tracker, plots, rows
+        self._latency = _USUAL_LATENCY * min(periods) if latency is None else latency
+        self._scan = max(periods)
+        self._gathered: list[pl.DataFrame] = []
+        self._since = 0.0
+        self._ready: list[TrackTable] = []
+        self._given = 0
+        self._statuses: Counter[int] = Counter()
+        self._headed = False
+
+    def run(self, descriptor: int, out: BinaryIO) -> None:
+        """Read until nobody writes any more, or nobody reads, or somebody interrupts."""
+        code = 0
+        try:
+            try:
+                for lines in Lines(descriptor, max(self._latency, 1e-3)):
+                    if not isinstance(lines, Quiet):
+                        self._take(self._plots.of(lines), out)
+                        continue
+                    if lines is Quiet.LONG:
+                        self._flush(out)
+                    self._write(out)
+            except KeyboardInterrupt:
+                code = INTERRUPTED
+            self._flush(out)
+            self._write(out)
+        except BrokenPipeError:
+            # nothing more can be written there when the program ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except OSError as error:
+            fail(f"cannot read {self._plots.name}: {error.strerror}")
+        self._plots.end()
+        for status, count in sorted(self._statuses.items(), reverse=True):
+            note(f"{counted(count, 'plot')} refused: {PlotStatus(status).message}")
+        if code:
+            raise typer.Exit(code)
+
+    def _take(self, rows: pl.DataFrame, out: BinaryIO) -> None:
+        """Gather plots, and track those that are complete."""
+        clock, period = self._plots.clock, self._tracker.clock_period
+        if clock is None:
+            return
+        if period is not None and clock.dated:
+            fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
+        begin = 0
+        for at, time in enumerate(clock.seconds(rows["time"]).tolist()):
+            since = time - self._since
+            if period is not None:
+                since -= period * round(since / period)
+            # what is older than a scan is not of this stretch either: a clock has leapt
+            if not -self._scan <= since < self._latency and (self._gathered or at > begin):
+                self._gathered += [rows[begin:at]] if at > begin else []
+                self._flush(out)
+                begin = at
+            if not self._gathered and at == begin:
+                self._since = time
+        if begin < rows.height:
+            self._gathered.append(rows[begin:])
+
+    def _flush(self, out: BinaryIO) -> None:
+        """Track what was gathered, and write what became of it."""
+        gathered, self._gathered = self._gathered, []
+        clock = self._plots.clock
+        if not gathered or clock is None:
+            return
+        rows = pl.concat(gathered)
+        table = self._tracker.update(plots_of(rows, clock, self._plots.sensors))
+        self._statuses.update(table.track_of_plot[table.track_of_plot < 0].tolist())
+        numbers = np.append(rows["row"].to_numpy(), -1)
+        own = np.where(table.plot < 0, -1, table.plot - self._given)
+        self._given += rows.height
+        self._ready.append(replace(table, plot=numbers[own]))
+        if sum(map(len, self._ready)) >= _WRITTEN:
+            self._write(out)
+
+    def _write(self, out: BinaryIO) -> None:
+        """Write the rows that are ready."""
+        ready, self._ready = self._ready, []
+        if not ready or (self._headed and not any(map(len, ready))):
+            return
+        columns = {
+            name: np.concatenate([getattr(one, name) for one in ready])
+            for name in TrackTable.__slots__
+        }
+        plots = self._plots
+        clock = plots.clock or Clock(pl.Float64())
+        rows = track_rows(
+            TrackTable(**columns), clock, plots.identity, plots.sensors, self._tracker.plans
+        )
+        if (self._rows or plots.kind) == "jsonl":
+            out.write(as_lines(rows))
+        else:
+            out.write(rows.write_csv(include_header=not self._headed).encode())
+        self._headed = True
+        out.flush()

@@ -1,0 +1,185 @@
+"""`tertia track`: tracks of the plots of radars."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tertia import plot
+from tertia.cli.commands import stream as streams
+from tertia.cli.files import maps, read, write
+from tertia.cli.terminal.options import (
+    ClockPeriod,
+    ColumnNames,
+    MapOutput,
+    Origin,
+    PlanFile,
+    PlotFile,
+    PlotFiles,
+    SensorFile,
+    Threads,
+    column_names,
+    pair,
+)
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
+from tertia.tables._track import Tracking, recording_of, tracks_of
+from tertia.tracker import MotionName, PlanModel
+
+EXAMPLES = (
+    "tertia track plots.csv --sensors sensors.toml --output tracks.csv --plot tracks.png",
+    "tertia track plots.csv --sensors sensors.toml --plans plans.json --output tracks.parquet",
+    "tail -f plots.csv | tertia track --stream --sensors sensors.toml",
+    "tertia track north.csv south.csv --sensors radars.csv --column range_nm=rho --coasting 3",
+)
+_FIGURE_SIZE = (11.0, 9.0)
+
+
+def track(
+    files: PlotFiles = None,
+    *,
+    sensors: SensorFile,
+    plans: PlanFile = None,
+    origin: Origin = None,
+    column: ColumnNames = None,
+    motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
+    flown_probability: Annotated[
+        float, typer.Option(help="Probability that a planned turn is flown.")
+    ] = 0.8,
+    wind: Annotated[
+        str,
+        typer.Option(metavar="EAST,NORTH", help="Velocity of the air to the east and north, m/s."),
+    ] = "0,0",
+    wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
+    confirmation: Annotated[
+        str,
+        typer.Option(metavar="M,N", help="M plots in N scans confirm a track."),
+    ] = "3,4",
+    coasting: Annotated[
+        int, typer.Option(help="Scans without a plot after which a track ends.")
+    ] = 5,
+    clutter_density: Annotated[
+        float | None,
+        typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
+    ] = None,
+    max_speed: Annotated[float, typer.Option(help="No target is faster, in m/s.")] = 350.0,
+    gate_probability: Annotated[
+        float, typer.Option(help="Probability that a target's plot is within its gate.")
+    ] = 0.998,
+    clock_period: ClockPeriod = None,
+    n_threads: Threads = None,
+    output: MapOutput = None,
+    plot_file: PlotFile = None,
+    stream: Annotated[
+        bool,
+        typer.Option(
+            "--stream",
+            help="Track plots as they come: lines of CSV or JSON on standard input, or of one "
+            "file; rows of confirmed tracks go to standard output.",
+        ),
+    ] = False,
+    latency: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds for which a stream gathers plots; by default a quarter of a scan."
+        ),
+    ] = None,
+    rows: Annotated[
+        streams.Rows | None,
+        typer.Option(help="What a stream writes; by default what it reads."),
+    ] = None,
+) -> dict[str, Any]:
+    """Track the targets that one radar or several see, along their flight plans if they have any.
+
+    One row per plot: time_s, range_m or range_nm, azimuth_deg; sensor, if there are several; and,
+    if known, height_m or flight_level, and icao_address, mode_3a or identity. Rows in any order.
+    """
+    columns = column_names(column)
+    place = pair(origin, "--origin", float)
+    options: dict[str, Any] = {
+        "motion": motion,
+        "plan_model": PlanModel(flown_probability, pair(wind, "--wind", float), wind_sigma),
+        "confirmation": pair(confirmation, "--confirmation", int),
+        "coasting": coasting,
+        "clutter_density": clutter_density,
+        "max_speed": max_speed,
+        "gate_probability": gate_probability,
+        "clock_period": clock_period,
+        "n_threads": n_threads,
+    }
+    given = files or []
+    if stream:
+        if output is not None or plot_file is not None:
+            fail("a stream goes to standard output; it has no --output or --plot")
+        source = streams.source(given, latency)
+        radars = read.read_radars(sensors)
+        filed = read.read_plans(plans, place, radars)
+        streams.run(source, radars, filed, columns, options, latency=latency, rows=rows)
+        return {}
+    if latency is not None or rows is not None:
+        fail("--latency and --rows are for --stream", WRONG_USAGE)
+    if not given or streams.STDIN in given:
+        fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
+    write.check_suffixes(output, plot_file, maps=maps.SUFFIXES)
+    plots = read.plots(*given)
+    radars = read.read_radars(sensors, plots)
+    maps.check(output, radars)
+    filed = read.read_plans(plans, place, radars)
+    recording = recording_of(plots, radars, columns)
+    with working(f"Tracking {counted(len(recording.plots), 'plot')}"):
+        tracking = tracks_of(recording, filed, **options)
+    print_table(tracking.sensors, text=["sensor"], limited="sensors are shown")
+    summary = tracking.summary()
+    _say(tracking, summary)
+    if output is not None and maps.is_map(output):
+        maps.write(_lines(tracking), output, "track")
+    elif output is not None:
+        write.write(tracking.rows, output)
+    if plot_file is not None:
+        _draw(tracking, plot_file)
+    return summary | {"sensors": tracking.sensors.to_dicts()}
+
+
+def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
+    origin = tracking.recording.sensors.origin()
+    if origin is not None:
+        typer.echo(origin)
+    tracks, rows = summary["track_count"], summary["row_count"]
+    typer.echo(
+        f"{counted(tracks, 'track')}, {counted(rows, 'row')} in {summary['duration_s']:.6g} s, "
+        f"{summary['turn_share']:.1%} of them in a turn"
+    )
+    if tracking.plans:
+        typer.echo(
+            f"  {counted(summary['planned_track_count'], 'track')} with one of "
+            f"{counted(len(tracking.plans), 'plan')}, {summary['left_plan_count']} of them left it"
+        )
+    for reason, count in summary["refused_count"].items():
+        typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
+    rate = summary["plot_count"] / summary["tracking_s"]
+    typer.echo(f"  {rate:,.0f} plots tracked per second")
+    if not tracks:
+        note("no track was confirmed")
+
+
+def _lines(tracking: Tracking) -> list[maps.Feature | None]:
+    """Return the tracks as lines on a map."""
+    rows = tracking.rows
+    groups = rows.partition_by("track", as_dict=True)
+    return [
+        maps.feature(groups[(row["track"],)], f"track {row['track']}", row)
+        for row in tracking.tracks(rows).iter_rows(named=True)
+    ]
+
+
+def _draw(tracking: Tracking, path: Path) -> None:
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    figure = Figure(figsize=_FIGURE_SIZE, layout="constrained")
+    plot.tracks(
+        tracking.table,
+        tracking.recording.sensors.items,
+        plots=tracking.recording.plots[tracking.table.track_of_plot >= 0],
+        plans=tracking.plans,
+        ax=figure.subplots(),
+    )
+    write.save(figure, path)

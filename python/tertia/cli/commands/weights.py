@@ -1,0 +1,89 @@
+"""`tertia weights`: what each sensor's estimate of the same thing is worth."""
+
+from typing import Annotated, Any
+
+import numpy as np
+import polars as pl
+import typer
+
+from tertia import plot
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import ColumnNames, Output, Recording, column_names
+from tertia.cli.terminal.say import print_table, working
+from tertia.tables._groups import column_name
+from tertia.tables._weights import weights_of
+
+EXAMPLES = (
+    "tertia weights estimates.csv --value east_m --value north_m",
+    "tertia weights ranges.csv --column sensor=station --value range_m --differences --loss 0.02",
+)
+
+
+def weights(
+    file: Recording,
+    *,
+    value: Annotated[
+        list[str],
+        typer.Option(
+            metavar="COLUMN", help="Column of a component of what is measured; may be repeated."
+        ),
+    ],
+    column: ColumnNames = None,
+    differences: Annotated[
+        bool,
+        typer.Option(
+            "--differences", help="What is measured moves slowly: noise of successive differences."
+        ),
+    ] = False,
+    loss: Annotated[
+        float, typer.Option(help="Relative loss for which the measurements are counted.")
+    ] = 0.05,
+    output: Output = None,
+) -> dict[str, Any]:
+    """Weigh sensors that measured the same thing many times, by how much each of them scatters.
+
+    One row per measurement, with the sensor and all components; incomplete rows are left out. The
+    weights come from estimated covariances; what that costs is printed.
+    """
+    write.check_suffixes(output)
+    values = list(dict.fromkeys(value))
+    with working("Weighing"):
+        found = weights_of(
+            read.tables(file),
+            columns=column_names(column),
+            values=values,
+            differences=differences,
+            loss=loss,
+        )
+    if output is None:
+        rows = pl.DataFrame([_rounded(row, values) for row in found.rows.to_dicts()])
+        print_table(rows, text=["sensor"])
+    else:
+        write.write(found.rows, output)
+    fused = _rounded(found.rows.row(-1, named=True), values)
+    listed = [f"{name} {fused[name]} ± {fused[column_name(name, 'sigma')]}" for name in values]
+    cost = float(np.asarray(found.loss.loss))
+    typer.echo(f"fused: {', '.join(listed)}")
+    typer.echo(
+        f"  if the covariances were known, the probability of means that differ more would be "
+        f"{found.fused.pvalue:.3g}"
+    )
+    typer.echo(
+        f"  estimating the weights costs {cost:.2%} of the mean squared error; {found.required} "
+        f"measurements per sensor would keep that below {loss:.3g}"
+    )
+    return {
+        "sensors": found.rows.to_dicts(),
+        "pvalue": float(found.fused.pvalue),
+        "loss": cost,
+        "required_count": found.required,
+    }
+
+
+def _rounded(row: dict[str, Any], values: list[str]) -> dict[str, Any]:
+    """Return a row with digits as far as they are known."""
+    row = dict(row)
+    for name in values:
+        sigma = column_name(name, "sigma")
+        row[name], row[sigma] = plot.rounded(row[name], row[sigma])
+    return row

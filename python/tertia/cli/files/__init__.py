@@ -1,0 +1,1 @@
+"""Files: tables, recordings, descriptions of sensors and plans, maps, pictures."""

@@ -1,0 +1,77 @@
+"""Recordings in ASTERIX, as the commands take them."""
+
+from pathlib import Path
+
+import polars as pl
+
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
+from tertia.io import AsterixRecording, read_asterix
+from tertia.tables._records import Part, doubt
+from tertia.tables._sensors import GEODETIC
+
+# recordings of radars, not tables
+SUFFIXES = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
+_IDENTITIES = ("icao_address", "mode_3a")
+
+
+def _read(path: Path) -> AsterixRecording:
+    try:
+        return read_asterix(path)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror or error}")
+    except (ImportError, ValueError) as error:
+        fail(str(error))
+
+
+def plots(path: Path) -> Part:
+    """Return the plots of a recording that were measured, and what it says of its radars."""
+    found = _read(path)
+    left_out = pl.col("simulated") | pl.col("field_monitor") | (pl.col("detection") == "none")
+    measured = found.plots.filter(~left_out.fill_null(False))
+    if measured.is_empty():
+        fail(f"{path} has no plots (category 48) of targets, but {_contents(found)}")
+    for count, noun, why in (
+        (found.repeated, "plot", "the same as one before"),
+        (
+            found.plots.height - measured.height,
+            "plot",
+            "simulated, of a field monitor, or without a detection",
+        ),
+        (found.other_packets, "packet", "no ASTERIX"),
+    ):
+        if count:
+            doubt(f"{path}: {counted(count, noun)} left out: {why}")
+    # an identity that nobody has is none
+    empty = [name for name in _IDENTITIES if measured[name].null_count() == measured.height]
+    said = {
+        row["sensor"]: {name: value for name, value in row.items() if value is not None}
+        for row in found.sensors.drop("plot_count").iter_rows(named=True)
+    }
+    return Part(measured.drop(empty), str(path), path.stem, sensors=said)
+
+
+def truth(path: Path) -> Part:
+    """Return where targets were, by their ADS-B reports or else by system tracks."""
+    found = _read(path)
+    rows = found.tracks if found.reports.is_empty() else found.reports
+    if rows.is_empty():
+        fail(f"{path} has neither ADS-B reports (category 21) nor system tracks (62)")
+    rows = rows.drop_nulls(["time_s", "target", *GEODETIC[:2]])
+    if rows.is_empty():
+        fail(f"{path} has no latitudes and longitudes of targets")
+    places = rows.select("time_s", "target", *GEODETIC).unique(
+        ["time_s", "target"], keep="first", maintain_order=True
+    )
+    return Part(places, str(path), path.stem)
+
+
+def _contents(found: AsterixRecording) -> str:
+    counts = {
+        "simulated or fixed": found.plots.height,
+        "system tracks (62)": found.tracks.height,
+        "ADS-B reports (21)": found.reports.height,
+        **{f"blocks of category {number}": count for number, count in found.skipped.items()},
+    }
+    return ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "nothing else"

@@ -1,0 +1,157 @@
+"""Tracks and positions for maps: GeoJSON and KML."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import typer
+
+from tertia._arrays import FloatArray
+from tertia.cli.files.write import write_text
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
+from tertia.tables._sensors import GEODETIC, Sensors
+
+GEOJSON, KML = SUFFIXES = (".geojson", ".kml")
+# what seconds count from in KML, which knows dates alone
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+# eight digits are a millimetre
+_DIGITS, _HEIGHT_DIGITS = 8, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A line over time, or the place of an instant, with its properties.
+
+    `times` are dates or seconds; `places` longitudes, latitudes and perhaps heights, (N, 2) or
+    (N, 3).
+    """
+
+    name: str
+    times: Sequence[datetime | float]
+    places: FloatArray
+    properties: Mapping[str, Any]
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether it has heights."""
+        return int(self.places.shape[1]) > 2
+
+    def coordinates(self, *, unwrapped: bool) -> list[list[float]]:
+        """Return the places as files have them; `unwrapped`: no leap at 180 degrees."""
+        places = self.places.copy()
+        if unwrapped:
+            places[:, 0] = np.unwrap(places[:, 0], period=360.0)
+        return [
+            [*(round(x, _DIGITS) for x in row[:2]), *(round(x, _HEIGHT_DIGITS) for x in row[2:])]
+            for row in places.tolist()
+        ]
+
+
+def is_map(path: Path | None) -> bool:
+    """Return whether a result is for a map."""
+    return path is not None and path.suffix.lower() in SUFFIXES
+
+
+def check(output: Path | None, sensors: Sensors[Any]) -> None:
+    """Fail before the work if positions would not be on the earth."""
+    if output is None or not is_map(output):
+        return
+    if sensors.frame is None:
+        fail(
+            f"cannot write {output}: positions are only local: give {GEODETIC[0]} and "
+            f"{GEODETIC[1]} in {sensors.file}",
+            WRONG_USAGE,
+        )
+    if output.suffix.lower() == KML and find_spec("simplekml") is None:
+        fail(f"{output} needs the extra kml: pip install 'tertia[kml]'")
+
+
+def feature(rows: pl.DataFrame, name: str, properties: Mapping[str, Any]) -> Feature | None:
+    """Return the line of rows in order of time, None without a position.
+
+    Where some heights are unknown, they are the nearest known ones in time.
+    """
+    rows = rows.drop_nulls(list(GEODETIC[:2])).sort("time_s", maintain_order=True)
+    if rows.is_empty():
+        return None
+    columns = [GEODETIC[1], GEODETIC[0]]
+    if GEODETIC[2] in rows.columns and rows[GEODETIC[2]].count():
+        filled = pl.col(GEODETIC[2]).fill_null(strategy="forward").fill_null(strategy="backward")
+        rows = rows.with_columns(filled)
+        columns.append(GEODETIC[2])
+    return Feature(name, rows["time_s"].to_list(), rows.select(columns).to_numpy(), properties)
+
+
+def write(features: Sequence[Feature | None], path: Path, noun: str) -> None:
+    """Write lines and points in the format that the name of the file says, and say so."""
+    there = [one for one in features if one is not None]
+    writers: dict[str, Callable[[Sequence[Feature]], str]] = {GEOJSON: _geojson, KML: _kml}
+    text = writers[path.suffix.lower()](there)
+    write_text(text, path)
+    typer.echo(f"wrote {counted(len(there), noun)} to {path}")
+
+
+def _geojson(features: Sequence[Feature]) -> str:
+    document = {
+        "type": "FeatureCollection",
+        "features": [_geojson_feature(one) for one in features],
+    }
+    return json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+
+
+def _geojson_feature(one: Feature) -> dict[str, Any]:
+    coordinates, times = one.coordinates(unwrapped=True), [_plain(time) for time in one.times]
+    line = len(times) > 1
+    return {
+        "type": "Feature",
+        "geometry": {
+            "type": "LineString" if line else "Point",
+            "coordinates": coordinates if line else coordinates[0],
+        },
+        "properties": {
+            "name": one.name,
+            **{name: _plain(value) for name, value in one.properties.items()},
+            "times": times,
+        },
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it."""
+    if isinstance(value, datetime):
+        return value.isoformat().replace("+00:00", "Z")
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _kml(features: Sequence[Feature]) -> str:
+    simplekml = import_module("simplekml")
+    document = simplekml.Kml()
+    modes = simplekml.AltitudeMode
+    for one in features:
+        mode = modes.absolute if one.has_heights else modes.clamptoground
+        moments = [_moment(time) for time in one.times]
+        coordinates = one.coordinates(unwrapped=False)
+        if len(moments) > 1:
+            placemark = document.newgxtrack(name=one.name, altitudemode=mode)
+            placemark.newwhen(moments)
+            placemark.newgxcoord(coordinates)
+        else:
+            placemark = document.newpoint(name=one.name, coords=coordinates, altitudemode=mode)
+            placemark.timestamp.when = moments[0]
+        for name, value in one.properties.items():
+            if (cell := _plain(value)) is not None:
+                placemark.extendeddata.newdata(name=name, value=str(cell))
+    return str(document.kml())
+
+
+def _moment(time: datetime | float) -> str:
+    """Return a time as KML has it."""
+    moment = time if isinstance(time, datetime) else _EPOCH + timedelta(seconds=float(time))
+    return moment.replace(tzinfo=None).isoformat(timespec="milliseconds") + "Z"

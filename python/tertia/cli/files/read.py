@@ -1,0 +1,212 @@
+"""Tables, recordings, sensors and plans read from files, as `tertia.tables` takes them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import polars as pl
+
+from tertia import io
+from tertia.cli.files import asterix
+from tertia.cli.terminal.say import WRONG_USAGE, fail
+from tertia.tables._records import Part, Source
+from tertia.tables._sensors import Sensors, radars, stations
+
+if TYPE_CHECKING:
+    from tertia.flightplan import FlightPlan
+    from tertia.location import Station
+    from tertia.tracker import Radar
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+JSON_LINES = (".jsonl", ".ndjson")
+ARROW = (".arrow", ".feather")
+# what Polars unpacks while it reads
+_PACKED = (".gz", ".zst")
+# what holds types, so that no row is blank
+_BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
+_ORIGIN = "origin"
+
+
+def kind_of(path: Path) -> str:
+    """Return how the name of a file ends, in small letters, without that of its packing."""
+    suffix = path.suffix.lower()
+    return path.with_suffix("").suffix.lower() if suffix in _PACKED else suffix
+
+
+def has_lines(path: Path) -> bool:
+    """Return whether a file has lines of CSV or JSON, not packed, as far as its name says."""
+    packed = path.suffix.lower() in _PACKED
+    return not packed and kind_of(path) not in {*_BINARY, *asterix.SUFFIXES, ".json"}
+
+
+def tables(*paths: Path) -> Source:
+    """Return the tables in files."""
+    return _filled([_table(path) for path in paths], paths)
+
+
+def plots(*paths: Path) -> Source:
+    """Return the plots in files: tables, or recordings in ASTERIX."""
+    return _filled(
+        [asterix.plots(one) if kind_of(one) in asterix.SUFFIXES else _table(one) for one in paths],
+        paths,
+    )
+
+
+def truth(path: Path) -> Source:
+    """Return the truth in a file: a table, or a recording in ASTERIX."""
+    found = asterix.truth(path) if kind_of(path) in asterix.SUFFIXES else _table(path)
+    return _filled([found], [path])
+
+
+def _filled(parts: list[Part], paths: Sequence[Path]) -> Source:
+    """Fail if no file has any rows."""
+    if not any(part.table.height for part in parts):
+        listed = " and ".join(map(str, paths))
+        fail(f"{listed} {'is' if len(paths) == 1 else 'are'} empty")
+    return parts
+
+
+def _table(path: Path) -> Part:
+    """Return the table in a file; columns of CSV are text, so that 007 remains 007."""
+    kind, frame = kind_of(path), _frame(path)
+    if kind in _BINARY:
+        return Part(frame, str(path), path.stem)
+    if kind in JSON_LINES:
+        return Part(frame, str(path), path.stem, 1)
+    # a blank line of a CSV file is no row
+    there = frame.select(~pl.all_horizontal(pl.all().is_null())).to_series()
+    if there.all():
+        return Part(frame, str(path), path.stem, 2)
+    return Part(frame.filter(there), str(path), path.stem, 2, there.arg_true().to_numpy())
+
+
+def _frame(path: Path) -> pl.DataFrame:
+    kind = kind_of(path)
+    if path.is_dir():
+        fail(f"cannot read {path}: it is a folder")
+    if kind in asterix.SUFFIXES:
+        fail(
+            f"cannot read {path}: ASTERIX is for tertia track and report, and for the truth of "
+            "evaluate"
+        )
+    if kind == ".json":
+        fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")
+    try:
+        if kind in JSON_LINES:
+            with path.open("rb") as file:
+                return pl.read_ndjson(file, infer_schema_length=None)
+        if kind in ARROW:
+            with path.open("rb") as file:
+                return pl.read_ipc(file)
+        if kind in _BINARY:
+            return pl.read_parquet(path, glob=False)
+        return pl.read_csv(path, infer_schema=False, glob=False)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        if path.exists() and path.stat().st_size == 0:
+            fail(f"{path} is empty")
+        fail(f"cannot read {path}: {error.strerror or str(error).splitlines()[0]}")
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        _say_why(path, str(error).partition("\n")[0])
+
+
+def _say_why(path: Path, error: str) -> NoReturn:
+    """Fail, and say what is wrong with a file that Polars does not understand."""
+    if path.stat().st_size == 0:
+        fail(f"{path} is empty")
+    kind = kind_of(path)
+    if kind in _BINARY:
+        fail(f"cannot read {path}: it is no {_BINARY[kind]} file, or cut off: {error}")
+    if kind in JSON_LINES and path.suffix.lower() not in _PACKED:
+        for number, line in enumerate(path.read_bytes().splitlines(), start=1):
+            if line.strip() and not _is_object(line):
+                fail(f"{path}, line {number}: each line must be a JSON object with the columns")
+    fail(f"cannot read {path}: {error}")
+
+
+def _is_object(line: bytes) -> bool:
+    try:
+        return isinstance(json.loads(line), dict)
+    except ValueError:
+        return False
+
+
+def read_radars(path: Path, source: Source = ()) -> Sensors[Radar]:
+    """Return the radars of a sensors file, completed by what recordings say of them."""
+    rows, origin = _described(path, "radar")
+    # the first recording counts
+    found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
+    sensors = radars(rows, origin=origin, file=str(path), found=found or None)
+    for part in source:
+        seen = part.table["sensor"].unique().drop_nulls() if part.sensors else ()
+        unknown = sorted(name for name in seen if name not in sensors.names)
+        if unknown:
+            fail(
+                f"{part.file} has plots of {', '.join(unknown)}: add [[radar]] tables with these "
+                f"names to {path}, with range_sigma_m and azimuth_sigma_deg"
+            )
+    return sensors
+
+
+def read_stations(path: Path) -> Sensors[Station]:
+    """Return the stations of a sensors file."""
+    rows, origin = _described(path, "station")
+    return stations(rows, origin=origin, file=str(path))
+
+
+def _described(
+    path: Path, noun: str
+) -> tuple[Sequence[Mapping[str, Any]], Mapping[str, Any] | None]:
+    """Return the tables `[[noun]]` of TOML, or the rows of a table, and the table `[origin]`."""
+    if path.suffix.lower() != ".toml":
+        part = _table(path)
+        part.require("name")
+        return part.table.to_dicts(), None
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror}")
+    except ValueError as error:
+        # also what is no UTF-8
+        fail(f"cannot read {path}: {error}")
+    rows, origin = document.get(noun, []), document.get(_ORIGIN)
+    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
+        fail(f"{path}: {noun} is no list of tables; each must begin with [[{noun}]]")
+    if origin is not None and not isinstance(origin, Mapping):
+        fail(f"{path}: {_ORIGIN} is no table; it must begin with [{_ORIGIN}]")
+    return rows, origin
+
+
+def read_plans(
+    path: Path | None, origin: tuple[float, float] | None, sensors: Sensors[Any]
+) -> list[FlightPlan]:
+    """Return the plans of a file, one at least; their east and north are those of the sensors."""
+    if path is None:
+        return []
+    frame = sensors.frame
+    if origin is not None:
+        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
+
+        frame = LocalFrame(*origin)
+    try:
+        plans = io.read_plans(path, frame=frame)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror}")
+    except (ImportError, ValueError) as error:
+        fail(str(error))
+    if not plans:
+        fail(f"{path} has no plans")
+    return plans

@@ -1,0 +1,129 @@
+"""Tables, texts and pictures written to files: whole, or not at all."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import polars as pl
+import polars.selectors as cs
+import typer
+
+from tertia.cli.files.read import ARROW, JSON_LINES
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _with_iso_dates(table: pl.DataFrame) -> pl.DataFrame:
+    """Return dates as text with a T between date and time, as in CSV."""
+    return table.with_columns(cs.datetime().dt.to_string("iso:strict"))
+
+
+def _write_json(table: pl.DataFrame, file: BinaryIO) -> None:
+    file.write(_with_iso_dates(table).write_json().encode())
+
+
+def as_lines(table: pl.DataFrame) -> bytes:
+    """Return one JSON object per row and line."""
+    return _with_iso_dates(table).write_ndjson().encode()
+
+
+def _write_lines(table: pl.DataFrame, file: BinaryIO) -> None:
+    file.write(as_lines(table))
+
+
+WRITERS: dict[str, Callable[[pl.DataFrame, BinaryIO], object]] = {
+    ".csv": pl.DataFrame.write_csv,
+    ".json": _write_json,
+    ".parquet": pl.DataFrame.write_parquet,
+    **dict.fromkeys(ARROW, pl.DataFrame.write_ipc),
+    **dict.fromkeys(JSON_LINES, _write_lines),
+}
+
+
+def check_suffixes(
+    output: Path | None,
+    plot_file: Path | None = None,
+    *others: Path | None,
+    maps: Sequence[str] = (),
+) -> None:
+    """Fail before the work if a result, of which each is a file, could not be written after it.
+
+    The first may be one of the `maps`, too.
+    """
+    tables = [path for path in (output, *others) if path is not None]
+    for at, path in enumerate(tables):
+        _check_suffix(path, [*WRITERS, *(maps if path is output else ())])
+        if path in tables[:at]:
+            fail(f"two results would be written to {path}", WRONG_USAGE)
+    if plot_file is not None:
+        if find_spec("matplotlib") is None:
+            fail("--plot needs the extra plot: pip install 'tertia[plot]'")
+        from matplotlib.backend_bases import FigureCanvasBase  # noqa: PLC0415  # slow to import
+
+        _check_suffix(plot_file, [f".{name}" for name in FigureCanvasBase.filetypes])
+
+
+def _check_suffix(path: Path, known: Iterable[str]) -> None:
+    if path.suffix.lower() not in known:
+        fail(f"cannot write {path}: its name must end in {', '.join(known)}", WRONG_USAGE)
+    wrong = errno.EISDIR if path.is_dir() else 0 if path.parent.is_dir() else errno.ENOENT
+    if wrong:
+        fail(f"cannot write {path}: {os.strerror(wrong)}")
+
+
+def write(table: pl.DataFrame, path: Path) -> None:
+    """Write a table in the format that the name of the file says, and say so."""
+    with _whole(path) as file:
+        WRITERS[path.suffix.lower()](table, file)
+    typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
+
+
+def write_json(document: Mapping[str, object], path: Path) -> None:
+    """Write a document as JSON."""
+    write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a text."""
+    with _whole(path) as file:
+        file.write(text.encode())
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder if it is not there, or fail."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(f"cannot make {path}: {error.strerror or error}")
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a picture."""
+    with _whole(path) as file:
+        figure.savefig(file, dpi=120, format=path.suffix[1:].lower())
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[BinaryIO]:
+    """Open a file beside this one, which takes its place when it is complete, or fail."""
+    target = path.resolve()
+    part = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        with part.open("wb") as file:
+            yield file
+        part.replace(target)
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror or error}")
+    except pl.exceptions.PolarsError as error:
+        fail(f"cannot write {path}: {error}")
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,119 @@
+"""What all commands have in common: results for machines, and ends that are no errors of theirs."""
+
+import contextlib
+import errno
+import functools
+import inspect
+import json
+import math
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
+from tertia.tables import ColumnError, RecordError, RecordWarning
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
+_Json = Annotated[
+    bool,
+    typer.Option("--json", help="Print the results as JSON on stdout; all else goes to stderr."),
+]
+
+
+def command(function: Callable[..., Any]) -> Callable[..., None]:
+    """Return a command whose mistakes are one line each, and which ends so if interrupted.
+
+    If the function returns something, the command has the option --json, which prints that.
+    """
+    signature = inspect.signature(function)
+    machine = signature.return_annotation is not None
+
+    @functools.wraps(function)
+    def run(**options: Any) -> None:
+        as_json = options.pop("json", False)
+        try:
+            with _mistakes():
+                if not as_json:
+                    function(**options)
+                    return
+                with contextlib.redirect_stdout(sys.stderr):
+                    found = function(**options)
+            typer.echo(json.dumps(_plain(found), ensure_ascii=False, allow_nan=False))
+        except KeyboardInterrupt:
+            note("tertia: interrupted")
+            raise typer.Exit(INTERRUPTED) from None
+
+    if machine:
+        option = inspect.Parameter(
+            "json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=_Json
+        )
+        parameters = [*signature.parameters.values(), option]
+        run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = function.__annotations__ | {"json": _Json}
+    return run
+
+
+@contextlib.contextmanager
+def _mistakes() -> Iterator[None]:
+    """Say what looks wrong in records, and end in one line where something is wrong.
+
+    What the records are worth is known by then, so what the library refuses is an option.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RecordWarning)
+        show = warnings.showwarning
+
+        def say(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, RecordWarning):
+                note(str(message))
+            else:
+                show(message, category, *where, **more)
+
+        warnings.showwarning = say  # type: ignore[assignment]
+        try:
+            yield
+        except ColumnError as error:
+            fail(str(error), WRONG_USAGE)
+        except (RecordError, np.linalg.LinAlgError, ImportError) as error:
+            fail(str(error))
+        except ValueError as error:
+            fail(str(error), WRONG_USAGE)
+
+
+@contextlib.contextmanager
+def written_out() -> Iterator[None]:
+    """End in one line where what is printed cannot be written, silently where nobody reads it."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        # what is left in the buffer must not fail again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno != errno.EPIPE:
+            note(f"tertia: cannot write the output: {error.strerror}")
+        sys.exit(FAILED)
+
+
+def _plain(value: Any) -> Any:
+    """Return numbers, texts, lists and dictionaries that JSON has; None in place of nan."""
+    if isinstance(value, dict):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    # dates
+    return str(value)

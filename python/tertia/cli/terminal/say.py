@@ -1,0 +1,104 @@
+"""What is said on the terminal: errors, progress, tables."""
+
+import math
+from collections.abc import Callable, Collection, Iterable
+from contextlib import AbstractContextManager, nullcontext
+from typing import NoReturn, TypeVar
+
+import polars as pl
+import typer
+from rich import box
+from rich.console import Console
+from rich.measure import Measurement
+from rich.progress import track
+from rich.table import Table
+from rich.text import Text
+
+FAILED, WRONG_USAGE, INTERRUPTED = 1, 2, 130
+# a person reads no more, and rich takes a millisecond per row
+MAX_ROWS = 1000
+_UNLIMITED = 10_000
+
+T = TypeVar("T")
+
+
+def fail(message: str, code: int = FAILED) -> NoReturn:
+    """Say on stderr why, and leave."""
+    note(f"tertia: {message}")
+    raise typer.Exit(code)
+
+
+def note(message: str) -> None:
+    """Say something on stderr."""
+    typer.echo(message, err=True)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number of things as text."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def as_text(value: object) -> str:
+    """Return a cell as text."""
+    return "" if value is None else str(value)
+
+
+def shown(row: dict[str, object]) -> dict[str, str]:
+    """Return a row as text, numbers to three digits."""
+    return {
+        name: as_text(value) if not isinstance(value, float) else _number(value)
+        for name, value in row.items()
+    }
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
+
+
+def progress(what: str) -> Callable[[Collection[T]], Iterable[T]]:
+    """Return what shows a progress bar over items, if somebody can see it."""
+
+    def over(items: Collection[T]) -> Iterable[T]:
+        console = Console(stderr=True)
+        return track(
+            items,
+            what,
+            total=len(items),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+
+    return over
+
+
+def working(what: str) -> AbstractContextManager[object]:
+    """Show that something is under way, if somebody can see it."""
+    console = Console(stderr=True)
+    return console.status(what) if console.is_terminal else nullcontext()
+
+
+def print_table(
+    table: pl.DataFrame,
+    cells: Callable[[dict[str, object]], dict[str, str]] = shown,
+    *,
+    text: Collection[str],
+    limited: str = "rows are shown",
+) -> None:
+    """Print a table whose rows `cells` turns into text.
+
+    The columns `text` are left-justified; `limited` ends the sentence on rows that are not shown.
+    """
+    out = Table(box=box.SIMPLE_HEAD)
+    for name in table.columns:
+        is_text = name in text
+        out.add_column(Text(name), justify="left" if is_text else "right", no_wrap=not is_text)
+    for row in table.head(MAX_ROWS).iter_rows(named=True):
+        out.add_row(*map(Text, cells(row).values()))
+    console = Console()
+    width = Measurement.get(console, console.options.update(width=_UNLIMITED), out)
+    # wrap on a terminal, never in a pipe, and truncate nowhere
+    console.width = max(console.width, width.minimum) if console.is_terminal else width.maximum
+    console.print(out)
+    if table.height > MAX_ROWS:
+        note(f"only the first {MAX_ROWS} of {table.height} {limited}")

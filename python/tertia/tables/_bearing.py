@@ -1,0 +1,143 @@
+"""Bearings of groups of measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray
+from tertia.bearing import BearingEstimate, estimate_bearing
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import Layout, as_names, by_length, column_name, group_name, layout
+from tertia.tables._records import Field, Source, read, source_of
+
+# measurements of an empty batch, by which the library judges the options alone
+_NONE = np.empty((0, 5))
+
+
+@dataclass(frozen=True, slots=True)
+class Bearings:
+    """The estimates of all groups, a row each, and the measurements that they were made of."""
+
+    rows: pl.DataFrame
+    groups: Layout
+    theta: FloatArray
+    options: Mapping[str, Any]
+
+    def estimates(self, most: int) -> Iterator[tuple[str, FloatArray, BearingEstimate]]:
+        """Yield names, measurements and estimates of the first groups that have one."""
+        ends = np.cumsum(self.groups.lengths)
+        for k in self.rows["note"].is_null().arg_true()[:most]:
+            sample = self.theta[ends[k] - self.groups.lengths[k] : ends[k]]
+            estimate = estimate_bearing(sample, nan_policy="omit", **self.options)
+            yield group_name(self.groups.keys[k : k + 1]), sample, estimate
+
+
+def bearing(
+    table: Table,
+    *,
+    columns: Mapping[str, str] | None = None,
+    values: str = "azimuth_deg",
+    by: str | Sequence[str] = (),
+    **options: Any,
+) -> Table:
+    """Estimate a bearing and its sigma per group, as the command `tertia bearing`.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        One row per measurement, those of a group in the order in which they came.
+    columns : mapping of str to str, optional
+        How columns are called in the table, by the names that they have here.
+    values : str
+        Column of the measurements; missing ones (null, nan) are left out and counted.
+    by : str or sequence of str
+        Columns by whose values the rows are grouped; by default all rows are one group.
+    **options
+        As of `tertia.bearing.estimate_bearing`, but `nan_policy`.
+
+    Returns
+    -------
+    table of the same kind
+        A row per group, in the order of their first measurements: `by`, then `count` and `missing`
+        measurements, the estimate and its sigma (`azimuth_deg`, `azimuth_sigma_deg`),
+        `outlier_count`, `polarity`, and a `note` if there is no estimate. Without rows where there
+        were none.
+
+    Raises
+    ------
+    RecordError
+        A column that is not there, has the name of a result or holds no numbers, or a measurement
+        that is infinite.
+    ValueError
+        An option outside its domain.
+    TypeError
+        A table of another kind, or an option of the wrong type.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> from tertia import tables
+    >>> from tertia.simulate import direction_finder
+    >>> table = pl.concat(
+    ...     pl.DataFrame({"sensor": name, "azimuth_deg": record.theta})
+    ...     for name, angle in [("A", 359.0), ("B", 80.0)]
+    ...     for record in [direction_finder(60, bearing=angle, rng=1)]
+    ... )
+    >>> found = tables.bearing(table, by="sensor")
+    >>> found.select("sensor", "count", "outlier_count", "note").rows()
+    [('A', 60, 4, None), ('B', 60, 4, None)]
+    """
+    found = bearings_of(source_of(table), columns=columns, values=values, by=by, **options)
+    return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
+
+
+def bearings_of(
+    source: Source,
+    *,
+    columns: Mapping[str, str] | None = None,
+    values: str = "azimuth_deg",
+    by: str | Sequence[str] = (),
+    **options: Any,
+) -> Bearings:
+    """Return the estimates of all groups with what they were made of; see `bearing`."""
+    estimate_bearing(_NONE, **options)
+    keys, sigma = as_names(by), column_name(values, "sigma")
+    names = ("count", "missing", values, sigma, "outlier_count", "polarity", "note")
+    # the measurements may be in any unit, which their name does not tell
+    schema = {"theta": Field("number", {values: 1.0}, required=True)}
+    records = read(source, schema, columns=columns, by=keys, results=names)
+    groups = layout(records.by, records.rows.height)
+    theta = records.rows["theta"].to_numpy()[groups.order]
+    rows = pl.concat([groups.keys, _estimates(groups, theta, names, options)], how="horizontal")
+    return Bearings(rows, groups, theta, options)
+
+
+def _estimates(
+    groups: Layout, theta: FloatArray, names: Sequence[str], options: dict[str, Any]
+) -> pl.DataFrame:
+    present = ~np.isnan(theta)
+    count = np.bincount(groups.group[present], minlength=len(groups.lengths))
+    estimates, sigmas, polarities = np.full((3, len(count)), np.nan)
+    outliers = np.zeros(len(count), dtype=np.int64)
+    notes: list[str | None] = [None] * len(count)
+    there = theta[present]
+    for which, found in by_length(count, lambda i: estimate_bearing(there[i], **options)):
+        if isinstance(found, ValueError):
+            notes[which[0]] = str(found)
+            continue
+        estimates[which], sigmas[which] = found.value, found.sigma
+        polarities[which] = found.polarity
+        outliers[which] = np.count_nonzero(found.outlier, axis=-1)
+    note = pl.Series(notes, dtype=pl.String)
+    missing = groups.lengths - count
+    cells = (count, missing, estimates, sigmas, outliers, polarities, note)
+    found_columns = pl.DataFrame(dict(zip(names, cells, strict=True)))
+    estimated = pl.col(names[-1]).is_null()
+    return found_columns.with_columns(
+        pl.when(estimated).then(name).alias(name) for name in names[2:-1]
+    )

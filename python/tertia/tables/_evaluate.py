@@ -1,0 +1,274 @@
+"""Tracks versus truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray, IntArray, positive, real
+from tertia.metrics import Truth
+from tertia.metrics._evaluation import Judged, Rows, figures, judge, rmse, usual_periods
+from tertia.tables._frames import Table, names, result
+from tertia.tables._groups import known
+from tertia.tables._records import (
+    TIME,
+    Clock,
+    Field,
+    RecordError,
+    Records,
+    Schema,
+    Source,
+    kind_of_times,
+    number,
+    read,
+    source_of,
+)
+from tertia.tables._sensors import GEODETIC, LOCAL
+
+_VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
+_SPREAD = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
+_PLACE = {name: number(name, required=True, whole=True) for name in LOCAL[:2]}
+TRACKS: Schema = {
+    "time": TIME,
+    "track": Field("name", {"track": 1.0}, required=True, whole=True),
+    "seen_by": Field("name", {"sensor": 1.0}),
+    "plot": number("plot"),
+    "confirmed": Field("flag", {"confirmed": 1.0}),
+    **_PLACE,
+    **{name: number(name) for name in (*_VELOCITY, *_SPREAD)},
+}
+_TARGET: Schema = {
+    "time": TIME,
+    "target": Field("name", {"target": 1.0}, required=True, whole=True),
+}
+TRUTH: Schema = {**_TARGET, **_PLACE}
+_TRUTH_ON_EARTH: Schema = {
+    **_TARGET,
+    **{name: number(name, required=True, whole=True) for name in GEODETIC[:2]},
+    GEODETIC[2]: number(GEODETIC[2]),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Figures of all tracks (`figure`, `value`, `unit`), a row per target, and their sources."""
+
+    rows: pl.DataFrame
+    targets: pl.DataFrame
+    judged: Judged
+
+
+def evaluate(
+    table: Table,
+    truth: Any,
+    *,
+    columns: Mapping[str, str] | None = None,
+    origin: tuple[float, float] | None = None,
+    max_distance: float = 1000.0,
+    update_interval: float | None = None,
+) -> Table:
+    """Compare tracks with the truth, as the command `tertia evaluate`.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        Tracks as `track` returns them: `time_s`, `track`, `east_m`, `north_m`; and if they are
+        there, `plot`, `confirmed`, `sensor`, velocities, sigmas and the covariance.
+    truth : table
+        Where targets were: `time_s`, `target`, and `east_m` and `north_m`, or `latitude_deg` and
+        `longitude_deg`.
+    columns : mapping of str to str, optional
+        How columns of the tracks are called in their table, by these names.
+    origin : (float, float), optional
+        Latitude and longitude in degrees where east and north of the tracks are zero, for a truth
+        in degrees.
+    max_distance : float
+        A track farther from a target, in metres, is not its track.
+    update_interval : float, optional
+        Required seconds between updates; by default those of the fastest sensor.
+
+    Returns
+    -------
+    table of the same kind
+        Names of the figures, their values, and units.
+
+    Raises
+    ------
+    RecordError
+        A column that is not there, a cell that cannot be understood, or a covariance that is not
+        positive definite.
+    ValueError
+        An argument outside its domain, or one that is needed.
+    TypeError
+        A table of another kind.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> from tertia import tables
+    >>> way = pl.DataFrame({"time_s": [0.0, 4.0, 8.0], "east_m": [0.0, 4e2, 8e2], "north_m": 5e3})
+    >>> found = tables.evaluate(
+    ...     way.with_columns(track=pl.lit(1)), way.with_columns(target=pl.lit("A"))
+    ... )
+    >>> found.filter(figure="probability of update")["value"].item()
+    1.0
+    """
+    found = evaluation_of(
+        source_of(table),
+        source_of(truth),
+        columns=columns,
+        origin=origin,
+        max_distance=max_distance,
+        update_interval=update_interval,
+    )
+    return result(table, found.rows)  # type: ignore[no-any-return]
+
+
+def evaluation_of(
+    tracks: Source,
+    truth: Source,
+    *,
+    columns: Mapping[str, str] | None = None,
+    origin: tuple[float, float] | None = None,
+    max_distance: float = 1000.0,
+    update_interval: float | None = None,
+) -> Evaluation:
+    """Return the figures of all tracks and of each target; see `evaluate`."""
+    distance = float(positive(real(max_distance, "max_distance"), "max_distance"))
+    interval = update_interval
+    if interval is not None:
+        interval = float(positive(real(interval, "update_interval"), "update_interval"))
+    shown, real_places = read(tracks, TRACKS, columns=columns), _read_truth(truth)
+    times = [shown.rows["time"], real_places.rows["time"]]
+    kinds = [kind_of_times(one) for one in times]
+    if kinds[0] != kinds[1]:
+        one, two = tracks[0].called, truth[0].called
+        reason = f"time_s of {one} holds {kinds[0]}, that of {two} {kinds[1]}"
+        raise RecordError(reason, column="time_s")
+    both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
+    clock = Clock.of(both["time"])
+    rows = _rows(shown, clock)
+    usual = usual_periods(rows)
+    if interval is None and not usual:
+        raise ValueError("no track has two updates by one sensor: give update_interval")
+    required = usual[0] if interval is None else interval
+    periods = required, max([required, *usual])
+    try:
+        judged = judge(rows, _truth(real_places, clock, origin), periods, distance)
+    except np.linalg.LinAlgError as error:
+        raise RecordError("a covariance of the tracks is not positive definite") from error
+    kinds: Any = {"figure": pl.String, "value": pl.Float64, "unit": pl.String}
+    told = pl.DataFrame(figures(judged, required), kinds, orient="row", strict=False)
+    return Evaluation(told, _by_target(judged), judged)
+
+
+def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = None) -> Truth:
+    """Return the truth in the seconds of plots; `origin` is that of their east and north."""
+    records = _read_truth(source)
+    times = records.rows["time"]
+    if isinstance(times.dtype, pl.Datetime) != clock.dated:
+        kinds = ("dates", "numbers") if clock.dated else ("numbers", "dates")
+        raise RecordError(
+            f"time_s of the plots holds {kinds[0]}, that of {source[0].called} {kinds[1]}",
+            column="time_s",
+        )
+    return _truth(records, clock, origin)
+
+
+def _read_truth(source: Source) -> Records:
+    there = set(names(source[0].table))
+    local = set(LOCAL[:2]) <= there or not set(GEODETIC[:2]) <= there
+    return read(source, TRUTH if local else _TRUTH_ON_EARTH)
+
+
+def _truth(records: Records, clock: Clock, origin: tuple[float, float] | None) -> Truth:
+    rows = records.rows
+    again = ~rows.select(pl.struct("time", "target").is_first_distinct()).to_series()
+    records.refuse(again, "a second position of target {target} at time_s {time}", "time_s")
+    if LOCAL[0] in rows.columns:
+        places = rows.select(LOCAL[:2]).to_numpy()
+    else:
+        places = _in_the_plane(rows, records.source, origin)
+    return Truth(clock.seconds(rows["time"]), rows["target"].to_numpy().astype(str), places)
+
+
+def _in_the_plane(
+    rows: pl.DataFrame, source: Source, origin: tuple[float, float] | None
+) -> FloatArray:
+    """Return east and north of latitudes and longitudes."""
+    if origin is None:
+        raise ValueError(
+            f"{source[0].called} has latitudes and longitudes: give origin, where east and north "
+            "of the tracks are zero"
+        )
+    try:
+        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
+    except ImportError as error:
+        raise ImportError(
+            f"{GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'"
+        ) from error
+    latitude, longitude, height = (rows[name].to_numpy() for name in GEODETIC)
+    local: FloatArray = LocalFrame(*origin).to_local(latitude, longitude, np.nan_to_num(height))
+    return local[:, :2]
+
+
+def _numbers(column: pl.Series) -> IntArray:
+    """Return a number for each name, in the order of the names."""
+    _, numbers = np.unique(column.fill_null("").to_numpy().astype(str), return_inverse=True)
+    return numbers.astype(np.int64)
+
+
+def _rows(records: Records, clock: Clock) -> Rows:
+    """Return the rows of confirmed tracks."""
+    rows, there = records.rows, records.column
+    sure, updated = (np.ones(rows.height, dtype=bool) for _ in range(2))
+    if "confirmed" in there:
+        sure = rows["confirmed"].fill_null(False).to_numpy()
+    if "plot" in there:
+        updated = rows["plot"].is_not_nan().to_numpy()
+    if not np.any(sure & updated):
+        raise RecordError("there is no update of a confirmed track", file=records.source[0].file)
+    velocity = np.zeros((rows.height, 2))
+    if set(_VELOCITY) <= set(there):
+        velocity = np.nan_to_num(rows.select(_VELOCITY).to_numpy())
+    covariance = None
+    if set(_SPREAD) <= set(there):
+        east, north, both = rows.select(_SPREAD).to_numpy().T
+        covariance = np.stack([east**2, both, both, north**2], axis=-1).reshape(-1, 2, 2)[sure]
+    return Rows(
+        clock.seconds(rows["time"])[sure],
+        _numbers(rows["track"])[sure],
+        _numbers(rows["seen_by"])[sure],
+        rows.select(LOCAL[:2]).to_numpy()[sure],
+        velocity[sure],
+        covariance,
+        updated[sure],
+    )
+
+
+def _by_target(judged: Judged) -> pl.DataFrame:
+    told, matching = judged.indicators, judged.indicators.matching
+    track = judged.rows.track[judged.rows.updated]
+    rows = []
+    for k, name in enumerate(judged.truth.targets.tolist()):
+        own = matching.target == k
+        expected, missed = int(told.expected_updates[k]), int(told.missed_updates[k])
+        rows.append(
+            {
+                "target": name,
+                "update_count": int(np.sum(own)),
+                "track_count": len(np.unique(track[own])),
+                "switch_count": int(matching.switches[k]),
+                "update_probability": (expected - missed) / expected if expected else None,
+                "latency_s": float(told.latency[k]),
+                "rmse_m": rmse(np.hypot(*matching.error[own].T)),
+                "rmse_along_track_m": rmse(judged.along[own]),
+                "rmse_cross_track_m": rmse(judged.across[own]),
+            }
+        )
+    found = pl.DataFrame(rows)
+    return found.with_columns(known(found["latency_s"].to_numpy()).alias("latency_s"))

@@ -1,0 +1,138 @@
+"""Tables of pandas, Polars and pyarrow: their columns, and the way back."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import polars as pl
+
+Table = TypeVar("Table")
+
+
+def result(table: Any, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Any:
+    """Return a result as a table of the same kind; `keys` have the types that they have there."""
+    if isinstance(table, (pl.DataFrame, list)):
+        return frame
+    if _is_of("pandas", "DataFrame", table):
+        return _to_pandas(table, frame, keys)
+    return _like(table, _to_arrow(table, frame, keys))
+
+
+def extended(table: Any, columns: pl.DataFrame) -> Any:
+    """Return the same rows with more columns, in the order of the table."""
+    there = set(columns.columns) & set(names(table))
+    if there:
+        raise ValueError(f"the table has a column {sorted(there)[0]} already")
+    if isinstance(table, pl.DataFrame):
+        return table.hstack(columns)
+    if _is_of("pandas", "DataFrame", table):
+        added = _to_pandas(table, columns, ())
+        return table.assign(**{name: added[name].array for name in added.columns})
+    found, arrow = table, _to_arrow(table, columns, ())
+    for field, column in zip(arrow.schema, arrow.columns, strict=True):
+        found = found.append_column(field, _like_column(table, column))
+    return found
+
+
+def _to_pandas(table: Any, frame: pl.DataFrame, keys: Sequence[str]) -> Any:
+    import pandas as pd  # noqa: PLC0415  # the caller has it
+    import pyarrow as pa  # noqa: PLC0415  # pandas gets strings and dates through it
+
+    # the types must not depend on whether something is missing
+    nullable = {pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
+    found = frame.to_arrow().to_pandas(types_mapper=nullable.get)
+    kinds = {name: table[name].dtype for name in keys if name in found.columns}
+    return found.astype(kinds)
+
+
+def _to_arrow(table: Any, frame: pl.DataFrame, keys: Sequence[str]) -> Any:
+    import pyarrow as pa  # noqa: PLC0415  # the caller has it
+
+    plain = frame.with_columns(pl.col(pl.Categorical).cast(pl.String))
+    found = plain.to_arrow(compat_level=pl.CompatLevel.oldest())
+    kinds = {field.name: field.type for field in table.schema if field.name in keys}
+    fields = [
+        pa.field(field.name, kinds.get(field.name, _usual(field.type))) for field in found.schema
+    ]
+    return found.cast(pa.schema(fields))
+
+
+def series(table: Any, column: str) -> pl.Series:
+    """Return a column of a table."""
+    if isinstance(table, pl.DataFrame):
+        return table[column]
+    if _is_of("pandas", "DataFrame", table):
+        return pl.from_pandas(table[column])
+    found = pl.from_arrow(table.select([column]))
+    assert isinstance(found, pl.DataFrame)  # columns would be a Series
+    return found[column]
+
+
+def height(table: Any) -> int:
+    """Return the number of rows."""
+    return len(table) if hasattr(table, "__len__") else int(table.num_rows)
+
+
+def part(table: Table, start: int, stop: int | None = None) -> Table:
+    """Return consecutive rows."""
+    rows = slice(start, stop)
+    if _is_of("pandas", "DataFrame", table):
+        return table.iloc[rows]  # type: ignore[attr-defined,no-any-return]
+    return table[rows]  # type: ignore[index,no-any-return]
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Return the rows of tables of one kind."""
+    first: Any = tables[0]
+    if len(tables) == 1:
+        return tables[0]
+    if isinstance(first, pl.DataFrame):
+        return pl.concat(tables)  # type: ignore[type-var]
+    if _is_of("pandas", "DataFrame", first):
+        import pandas as pd  # noqa: PLC0415  # the caller has it
+
+        return pd.concat(tables)  # type: ignore[no-any-return]
+    import pyarrow as pa  # noqa: PLC0415  # the caller has it
+
+    if _is_of("pyarrow", "Table", first):
+        return pa.concat_tables(tables)  # type: ignore[no-any-return]
+    return _like(first, pa.Table.from_batches(tables))  # type: ignore[no-any-return]
+
+
+def names(table: Any) -> list[Any]:
+    """Return the names of the columns."""
+    if isinstance(table, pl.DataFrame) or _is_of("pandas", "DataFrame", table):
+        return list(table.columns)
+    if any(_is_of("pyarrow", name, table) for name in ("Table", "RecordBatch")):
+        return list(table.schema.names)
+    hint = "; collect it first" if isinstance(table, pl.LazyFrame) else ""
+    raise TypeError(
+        f"table is a {type(table).__name__}; it must be a DataFrame of Polars or pandas, or a "
+        f"Table or RecordBatch of pyarrow{hint}"
+    )
+
+
+def _is_of(library: str, name: str, table: Any) -> bool:
+    """Return whether it is a table of a library, which is not imported for that."""
+    module = sys.modules.get(library)
+    return module is not None and isinstance(table, getattr(module, name))
+
+
+def _like(table: Any, result: Any) -> Any:
+    """Return a pyarrow Table as what `table` is."""
+    if _is_of("pyarrow", "Table", table):
+        return result
+    whole = result.combine_chunks().to_batches()
+    return whole[0] if whole else type(table).from_pylist([], schema=result.schema)
+
+
+def _like_column(table: Any, column: Any) -> Any:
+    return column if _is_of("pyarrow", "Table", table) else column.combine_chunks()
+
+
+def _usual(kind: Any) -> Any:
+    import pyarrow as pa  # noqa: PLC0415  # the caller has it
+
+    return pa.string() if pa.types.is_large_string(kind) else kind

@@ -1,0 +1,131 @@
+"""Groups of rows, and columns of results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from tertia._arrays import BoolArray, IntArray
+
+Found = TypeVar("Found")
+T = TypeVar("T")
+# how somebody who waits is shown what is under way: an iterable goes in, and comes out
+Progress: TypeAlias = Callable[[Sequence[T]], Iterable[T]]
+# units in which names of columns end, the longer ones first
+UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which rows belong to which group: `order` has those of the first group, then the next."""
+
+    keys: pl.DataFrame
+    order: IntArray
+    lengths: IntArray
+
+    @property
+    def group(self) -> IntArray:
+        """Group of each element of `order`."""
+        return np.repeat(np.arange(len(self.lengths)), self.lengths)
+
+    def __iter__(self) -> Iterator[tuple[pl.DataFrame, IntArray]]:
+        """Yield the keys of each group, one row, and its rows."""
+        ends = np.cumsum(self.lengths)
+        for k, end in enumerate(ends):
+            yield self.keys[k : k + 1], self.order[end - self.lengths[k] : end]
+
+
+def as_names(by: str | Sequence[str]) -> list[str]:
+    """Return the names of columns, each once."""
+    return [by] if isinstance(by, str) else list(dict.fromkeys(by))
+
+
+def layout(frame: pl.DataFrame, count: int) -> Layout:
+    """Lay rows out by the values of columns, in the order in which these first appear."""
+    if not frame.width or not count:
+        lengths = np.array([count] if count else [], dtype=np.int64)
+        return Layout(frame.head(len(lengths)), np.arange(count), lengths)
+    row = pl.int_range(pl.len(), dtype=pl.Int64).alias("")
+    groups = frame.with_columns(row).group_by(frame.columns, maintain_order=True).agg("")
+    rows = groups.get_column("")
+    return Layout(
+        groups.select(frame.columns),
+        rows.explode().to_numpy(),
+        rows.list.len().cast(pl.Int64).to_numpy(),
+    )
+
+
+def group_name(keys: pl.DataFrame) -> str:
+    """Return what a group is called: the columns it was made by, with their values."""
+    cells = zip(keys.columns, keys.row(0), strict=True) if keys.width else ()
+    return ", ".join(f"{column} {'' if v is None else v}" for column, v in cells)
+
+
+def prefixed(name: str, error: object) -> str:
+    """Return a message that begins with the name of a group, if it has one."""
+    return ": ".join(filter(None, [name, str(error)]))
+
+
+def beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
+    """Return the table with the keys of its group in every row."""
+    return keys.join(table, how="cross") if keys.width else table
+
+
+def known(values: npt.ArrayLike, there: BoolArray | None = None) -> pl.Series:
+    """Return numbers, null where they are not known: by default where they are not finite."""
+    array = np.asarray(values)
+    absent = ~np.isfinite(array) if there is None else ~np.asarray(there)
+    return pl.Series(array).set(pl.Series(absent), None)
+
+
+def named(numbers: IntArray, names: Sequence[str]) -> pl.Series:
+    """Return names by their numbers, null where the number is -1."""
+    # the last one is that of -1
+    chosen = np.array([*names, None], dtype=object)[numbers]
+    return pl.Series(chosen.tolist(), dtype=pl.String)
+
+
+def column_name(column: str, *qualifiers: str, per: str = "") -> str:
+    """Return the name of a column with qualifiers before its unit: azimuth_sigma_deg.
+
+    `per` is what is added to the unit, as `_s` for a rate.
+    """
+    unit = next((unit for unit in UNITS if column.endswith(f"_{unit}")), None)
+    if unit is None:
+        return "_".join([column, *qualifiers])
+    return "_".join([column.removesuffix(f"_{unit}"), *qualifiers, unit + per])
+
+
+def by_length(
+    lengths: IntArray, call: Callable[[IntArray], Found]
+) -> Iterator[tuple[IntArray, Found | ValueError]]:
+    """Call with the elements of groups of the same length at once, `(groups, length)`.
+
+    Where this fails, each group is called with alone, `(1, length)`: one bad group is no reason to
+    do nothing for the others. Yields which groups, and the result or why there is none.
+    """
+    starts = np.cumsum(lengths) - lengths
+    ranked = np.argsort(lengths, kind="stable")
+    for groups in np.split(ranked, np.flatnonzero(np.diff(lengths[ranked])) + 1):
+        if len(groups):
+            elements = starts[groups, np.newaxis] + np.arange(lengths[groups[0]])
+            yield from _each(groups, elements, call)
+
+
+def _each(
+    groups: IntArray, elements: IntArray, call: Callable[[IntArray], Found]
+) -> Iterator[tuple[IntArray, Found | ValueError]]:
+    try:
+        yield groups, call(elements)
+        return
+    except ValueError as error:
+        if len(groups) == 1:
+            yield groups, error
+            return
+    for k in range(len(groups)):
+        yield from _each(groups[k : k + 1], elements[k : k + 1], call)

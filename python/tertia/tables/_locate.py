@@ -1,0 +1,144 @@
+"""Positions at single instants from what several stations measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+
+from tertia.location import Location, LocationMethod
+from tertia.location import locate as locate_instants
+from tertia.sensors import Station
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import Progress, as_names, beside, prefixed
+from tertia.tables._measurements import Target, read_targets, taken
+from tertia.tables._positions import (
+    Located,
+    Positions,
+    coordinates,
+    covariances,
+    of_instants,
+    of_measurements,
+    of_sensors,
+    result_names,
+)
+from tertia.tables._records import RecordError, Source, source_of
+from tertia.tables._sensors import Sensors, sensors_of
+
+
+def locate(
+    table: Table,
+    *,
+    sensors: Sequence[Station] | Sensors[Station],
+    columns: Mapping[str, str] | None = None,
+    by: str | Sequence[str] = (),
+    method: LocationMethod = "robust",
+    initial: npt.ArrayLike | None = None,
+) -> Table:
+    """Locate targets at every instant, as the command `tertia locate`.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        One row per sensor and time, in any order: `time_s` (seconds, or dates with time), `sensor`,
+        and any of `range_m`, `azimuth_deg`, `elevation_deg` and `range_difference_m` (to the first
+        sensor), with their sigmas (`range_sigma_m`) where they are not those of the sensor; or one
+        row per measurement, with `kind`, `value` and `sigma`. Measurements of equal times make an
+        instant.
+    sensors : sequence of Station
+        The stations, with the names that the table has.
+    columns : mapping of str to str, optional
+        How columns are called in the table, by the names that they have here.
+    by : str or sequence of str
+        Columns by whose values the rows are grouped into targets; by default all are of one.
+    method : str
+        As of `tertia.location.locate`.
+    initial : array_like, optional
+        A position near the targets, where several explain the measurements.
+
+    Returns
+    -------
+    table of the same kind
+        One row per target and time: `by`, `time_s`, the position with its sigmas and covariances
+        (`east_m`, `east_sigma_m`, `covariance_east_north_m2`), `measurement_count`,
+        `degrees_of_freedom`, `pvalue`, `outlier_count`, `outlier_measurement` (which), and a
+        `status` where there is no position; null where nothing is known.
+
+    Raises
+    ------
+    RecordError
+        A column that is not there, a cell that cannot be understood, a measurement that cannot be
+        or comes twice, or a sigma that is not stated.
+    ValueError
+        An option outside its domain.
+    TypeError
+        A table of another kind.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> from tertia import tables
+    >>> from tertia.sensors import Station
+    >>> places = {"A": (0.0, 0.0), "B": (4e3, 0.0), "C": (0.0, 3e3)}
+    >>> stations = [Station(p, name=name, range_sigma=1.0) for name, p in places.items()]
+    >>> table = pl.DataFrame({"time_s": 0.0, "sensor": list("ABC"), "range_m": [5e3, 3e3, 4e3]})
+    >>> tables.locate(table, sensors=stations).select("east_m", "north_m").row(0)
+    (4000.0, 3000.0)
+    """
+    found = locations_of(
+        source_of(table), sensors=sensors, columns=columns, by=by, method=method, initial=initial
+    )
+    return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
+
+
+def locations_of(
+    source: Source,
+    *,
+    sensors: Sequence[Station] | Sensors[Station],
+    columns: Mapping[str, str] | None = None,
+    by: str | Sequence[str] = (),
+    method: LocationMethod = "robust",
+    initial: npt.ArrayLike | None = None,
+    progress: Progress[Target] = iter,
+) -> Positions[Location]:
+    """Return the positions of all targets with what they were made of; see `locate`."""
+    stations = sensors_of(sensors)
+    targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
+    start = None if initial is None else np.asarray(initial, dtype=np.float64)
+    located = [_locate(one, stations, method, start) for one in progress(targets)]
+    return Positions(located, stations)
+
+
+def _locate(
+    target: Target, stations: Sensors[Station], method: LocationMethod, start: Any
+) -> Located[Location]:
+    if not target.values:
+        raise RecordError(f"{target.name}: nothing was measured")
+    sigmas = target.all_sigmas(stations, optional=True)
+    # their sigmas are those that are given
+    bare = [Station(one.position, name=one.name, axes=one.axes) for one in stations.items]
+    options: dict[str, Any] = target.measured()
+    options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
+    try:
+        found = locate_instants(bare, **options, method=method, initial=start)
+    except ValueError as error:
+        raise RecordError(prefixed(target.name, error)) from error
+    measured = of_measurements(target, stations, found.residual, found.outlier, found)
+    rows = {
+        "time_s": target.moments,
+        **coordinates(found.position, found.covariance),
+        **stations.geodetic(found.position),
+        **covariances(found.covariance),
+        **of_instants(target, measured, found),
+    }
+    return Located(
+        target,
+        found,
+        found,
+        measured,
+        beside(target.keys, pl.DataFrame(rows)),
+        of_sensors(target, measured),
+    )

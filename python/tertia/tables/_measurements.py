@@ -1,0 +1,240 @@
+"""Measurements of several stations, laid out by target, time and station."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.sensors import Kind, Station
+from tertia.tables._frames import names
+from tertia.tables._groups import as_names, column_name, group_name, layout
+from tertia.tables._records import (
+    SENSOR,
+    TIME,
+    Clock,
+    ColumnError,
+    Field,
+    Part,
+    RecordError,
+    Records,
+    Schema,
+    Source,
+    doubt_unit,
+    number,
+    read,
+)
+from tertia.tables._sensors import Sensors
+
+# what one unit of the columns is in those of the library
+UNITS: dict[Kind, tuple[str, float]] = {
+    "range": ("m", 1.0),
+    "azimuth": ("deg", math.pi / 180),
+    "elevation": ("deg", math.pi / 180),
+    "range_difference": ("m", 1.0),
+}
+VALUES: dict[Kind, str] = {kind: f"{kind}_{unit}" for kind, (unit, _) in UNITS.items()}
+SIGMAS: dict[Kind, str] = {kind: column_name(name, "sigma") for kind, name in VALUES.items()}
+# a row has measurements of several kinds, or says of which kind its value is
+SCHEMA: Schema = {
+    "time": TIME,
+    "sensor": Field("name", SENSOR.columns, required=True, whole=True),
+    **{str(kind): number(name) for kind, name in VALUES.items()},
+    **{f"{kind}_sigma": number(name, positive=True) for kind, name in SIGMAS.items()},
+    "kind": Field("name", {"kind": 1.0}),
+    "value": number("value"),
+    "sigma": number("sigma", positive=True),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What was measured of one target at N times by K stations, in metres and radians.
+
+    `rows` has the measurements one by one, in the units of the columns, with `step` and `site`.
+    `values` and `sigmas` are (N, K) for each kind, nan where there is none.
+    """
+
+    name: str
+    keys: pl.DataFrame
+    moments: pl.Series
+    times: FloatArray
+    rows: pl.DataFrame
+    values: dict[Kind, FloatArray]
+    sigmas: dict[Kind, FloatArray]
+
+    def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
+        """Yield each kind with the times and stations of its measurements, and which rows."""
+        for kind in self.values:
+            own = (self.rows["kind"] == kind).to_numpy()
+            rows = self.rows.filter(own)
+            yield kind, rows["step"].to_numpy(), rows["site"].to_numpy(), own
+
+    def measured(self) -> dict[str, FloatArray]:
+        """Return the measurements as the library takes them."""
+        return {str(kind): taken(kind, values) for kind, values in self.values.items()}
+
+    def all_sigmas(
+        self, sensors: Sensors[Station], *, optional: bool = False
+    ) -> dict[Kind, FloatArray]:
+        """Return a sigma for every measurement, (N, K): its own, or that of its station.
+
+        Where `optional`, nothing is returned if none is stated for the only kind that was measured.
+        """
+        found = {}
+        for kind, values in self.values.items():
+            stated = np.where(
+                np.isnan(self.sigmas[kind]), _stated(sensors, kind), self.sigmas[kind]
+            )
+            missing = ~np.isnan(values) & np.isnan(stated)
+            if optional and len(self.values) == 1 and not np.any(~np.isnan(values) & ~missing):
+                return {}
+            if np.any(missing):
+                name = sensors.names[int(np.flatnonzero(missing.any(axis=0))[0])]
+                raise sensors.error(f"{name} has no {SIGMAS[kind]}, but measures {kind}")
+            # where nothing is measured any number will do
+            found[kind] = np.where(np.isnan(stated), np.nanmin(stated), stated)
+        return found
+
+
+def taken(kind: Kind, array: FloatArray) -> FloatArray:
+    """Return the columns that the library takes: differences are those to the first station."""
+    return array[:, 1:] if kind == "range_difference" else array
+
+
+def _stated(sensors: Sensors[Station], kind: Kind) -> FloatArray:
+    """Return the sigma of each station, nan where none is stated."""
+    if kind == "range_difference":
+        return sensors.range_difference_sigma
+    each = [getattr(one, f"{kind}_sigma") for one in sensors.items]
+    return np.array([np.nan if one is None else one for one in each], dtype=np.float64)
+
+
+def read_targets(
+    source: Source,
+    sensors: Sensors[Station],
+    *,
+    columns: Mapping[str, str] | None = None,
+    by: str | Sequence[str] = (),
+    results: Sequence[str] = (),
+) -> list[Target]:
+    """Return what was measured of each target, sorted by time.
+
+    A row in which nothing was measured remains for its time.
+    """
+    records = read(
+        source, SCHEMA, columns=columns, by=as_names(by), sensors=sensors.names, results=results
+    )
+    for part in source:
+        _require_kinds(part, columns or {})
+    measured = _one_by_one(records)
+    if not measured["kind"].count():
+        raise RecordError("nothing was measured: all values are missing")
+    if sensors.dimension == 2 and (measured["kind"] == "elevation").any():
+        column = "up_m" if sensors.frame is None else "height_m"
+        where = f" in {sensors.file}" if sensors.file else ""
+        raise RecordError(f"an elevation needs heights: give {column} of the sensors{where}")
+    _refuse_impossible(measured, records)
+    # seconds from one origin, the earliest of all
+    clock = Clock.of(records.rows["time"])
+    measured = measured.with_columns(pl.Series("seconds", clock.seconds(measured["time"])))
+    groups = layout(records.by, records.rows.height)
+    group = np.empty(records.rows.height, dtype=np.int64)
+    group[groups.order] = groups.group
+    measured = measured.with_columns(group=group[measured["record"].to_numpy()])
+    return [
+        _target(rows, groups.keys[k : k + 1], len(sensors.names))
+        for k, rows in enumerate(measured.partition_by("group", maintain_order=True))
+    ]
+
+
+def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
+    """Refuse a table without any column of measurements."""
+    there = names(part.table)
+
+    def has(name: str) -> bool:
+        return columns.get(name, name) in there
+
+    if not any(has(name) for name in VALUES.values()) and not (has("kind") and has("value")):
+        raise ColumnError(
+            f"{part.called} has no column of measurements: {', '.join(VALUES.values())}, or kind "
+            f"and value; {part.listed()}",
+            column=next(iter(VALUES.values())),
+        )
+
+
+def _one_by_one(records: Records) -> pl.DataFrame:
+    """Return one row per measurement, and of a record without any one without a kind."""
+    rows = records.rows.with_row_index("record").rename({"sensor": "site"})
+    place = ["record", "part", "row", "time", "site"]
+    long = rows.filter(pl.col("kind").is_not_null() | pl.col("value").is_not_nan())
+    wrong = pl.col("value").is_not_nan() & ~pl.col("kind").is_in(list(UNITS)).fill_null(False)
+    kinds = ", ".join(UNITS)
+    records.refuse(wrong, f"kind is {{kind!r}}; it must be one of {kinds}", "kind")
+    doubt_unit("azimuth_deg", long.filter(pl.col("kind") == "azimuth")["value"])
+    parts = [long.select(*place, "kind", "value", "sigma")]
+    if "kind" not in records.column or "value" not in records.column:
+        parts = []
+    else:
+        rows = rows.filter(pl.col("kind").is_null())
+    for kind in UNITS:
+        cells = pl.lit(str(kind)).alias("kind"), pl.col(kind).alias("value")
+        parts.append(rows.select(*place, *cells, pl.col(f"{kind}_sigma").alias("sigma")))
+    measured = pl.concat(parts).filter(pl.col("value").is_not_nan())
+    every = records.rows.with_row_index("record").rename({"sensor": "site"}).select(place)
+    empty = every.join(measured, on="record", how="anti").with_columns(
+        kind=pl.lit(None, pl.String), value=pl.lit(math.nan), sigma=pl.lit(math.nan)
+    )
+    return pl.concat([measured, empty]).sort("record", maintain_order=True)
+
+
+def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
+    """Refuse what is outside its domain, a second measurement, or no difference."""
+    rows = measured.filter(pl.col("kind").is_not_null())
+    one = Records(rows, records.column, records.source, records.by)
+    kind, value = pl.col("kind"), pl.col("value")
+    one.refuse((kind == "range") & (value <= 0), "range is {value:g}; it must be positive", "range")
+    one.refuse(
+        (kind == "elevation") & (value.abs() > 180),
+        "elevation is {value:g}; it must be between -180 and 180 degrees",
+    )
+    one.refuse(
+        (kind == "range_difference") & (pl.col("site") == 0),
+        "the first sensor has a range difference; they are those of the others to it",
+    )
+    keys = pl.concat(
+        [
+            rows.select("site", "time", "kind"),
+            records.by[rows["record"]] if records.by.width else records.by,
+        ],
+        how="horizontal",
+    )
+    again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
+    reason = (
+        "a second {kind} of the same sensor at time_s {time}: group several targets by a column"
+    )
+    one.refuse(again, reason)
+
+
+def _target(rows: pl.DataFrame, keys: pl.DataFrame, count: int) -> Target:
+    times, first, step = np.unique(
+        rows["seconds"].to_numpy(), return_index=True, return_inverse=True
+    )
+    moments = rows["time"][first]
+    rows = rows.with_columns(step=pl.Series(step, dtype=pl.Int64))
+    rows = rows.filter(pl.col("kind").is_not_null())
+    values: dict[Kind, FloatArray] = {}
+    sigmas: dict[Kind, FloatArray] = {}
+    for kind, (_, unit) in UNITS.items():
+        own = rows.filter(pl.col("kind") == kind)
+        if own.is_empty():
+            continue
+        at = own["step"].to_numpy(), own["site"].to_numpy()
+        for found, name in ((values, "value"), (sigmas, "sigma")):
+            found[kind] = np.full((times.size, count), np.nan)
+            found[kind][at] = own[name].to_numpy() * unit
+    return Target(group_name(keys), keys, moments, times, rows, values, sigmas)

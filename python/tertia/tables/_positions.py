@@ -1,0 +1,190 @@
+"""Positions of targets in tables: coordinates, residuals, outliers, times without a position."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray
+from tertia.location import Location, LocationStatus
+from tertia.sensors import ByKind, Station
+from tertia.tables._groups import beside, known
+from tertia.tables._measurements import UNITS, Target
+from tertia.tables._sensors import GEODETIC, Sensors
+
+_AXES = ("east", "north", "up")
+_SUMMARY = (
+    "sensor",
+    "kind",
+    "measurement_count",
+    "outlier_count",
+    "residual_mean",
+    "residual_rms",
+)
+_OF_INSTANTS = (
+    "measurement_count",
+    "degrees_of_freedom",
+    "pvalue",
+    "outlier_count",
+    "outlier_measurement",
+    "status",
+)
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Located(Generic[R]):
+    """A target, what the library found, how its instants were located, and its measurements.
+
+    `measurements` have whitened residuals and whether they are outliers, null where not known;
+    `step` numbers the times. `rows` has one row per time, and `sensors` one per sensor and kind.
+    """
+
+    target: Target
+    result: R
+    fixes: Location
+    measurements: pl.DataFrame
+    rows: pl.DataFrame
+    sensors: pl.DataFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Positions(Generic[R]):
+    """What was found of all targets."""
+
+    targets: list[Located[R]]
+    stations: Sensors[Station]
+
+    @property
+    def rows(self) -> pl.DataFrame:
+        """One row per target and time."""
+        return pl.concat([one.rows for one in self.targets])
+
+    @property
+    def sensors(self) -> pl.DataFrame:
+        """One row per target, sensor and kind."""
+        return pl.concat([one.sensors for one in self.targets])
+
+    @property
+    def measurements(self) -> pl.DataFrame:
+        """One row per measurement."""
+        names = ("time_s", "sensor", "kind", "value", "residual", "outlier")
+        return pl.concat(
+            [beside(one.target.keys, one.measurements.select(names)) for one in self.targets]
+        )
+
+
+def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
+    """Return the names of columns of results, with those of further vectors (prefix, unit)."""
+    space = np.zeros((0, 3, 3))
+    vectors = [coordinates(space[..., 0], space, *form) for form in [("", "m"), *motion]]
+    return [
+        *(name for vector in vectors for name in vector),
+        *covariances(space),
+        *GEODETIC,
+        *_OF_INSTANTS,
+        *_SUMMARY,
+        *("value", "residual", "outlier", "time_s", "bias"),
+    ]
+
+
+def coordinates(
+    values: FloatArray, covariance: FloatArray, prefix: str = "", unit: str = "m"
+) -> dict[str, pl.Series]:
+    """Return columns of vectors (N, D) and their sigmas, null where unknown."""
+    columns = {}
+    for i, axis in enumerate(_AXES[: values.shape[1]]):
+        columns[f"{prefix}{axis}_{unit}"] = known(values[:, i])
+        columns[f"{prefix}{axis}_sigma_{unit}"] = known(np.sqrt(covariance[:, i, i]))
+    return columns
+
+
+def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
+    """Return columns of the covariances between the coordinates (N, D, D)."""
+    d = covariance.shape[-1]
+    there = np.isfinite(covariance).all(axis=(1, 2))
+    return {
+        f"covariance_{_AXES[i]}_{_AXES[j]}_m2": known(covariance[:, i, j], there)
+        for i in range(d)
+        for j in range(i + 1, d)
+    }
+
+
+def of_measurements(
+    target: Target,
+    stations: Sensors[Station],
+    residuals: ByKind,
+    outliers: ByKind,
+    fixes: Location,
+) -> pl.DataFrame:
+    """Return the measurements with their residuals, and whether they are outliers."""
+    residual = np.full(target.rows.height, np.nan)
+    outlier = np.zeros(target.rows.height, dtype=bool)
+    for kind, step, site, own in target.by_kind():
+        first = int(kind == "range_difference")
+        residual[own] = getattr(residuals, kind)[step, site - first]
+        outlier[own] = getattr(outliers, kind)[step, site - first]
+    decided = np.asarray(fixes.success)[target.rows["step"].to_numpy()]
+    return target.rows.select(
+        "step",
+        "site",
+        pl.col("site").replace_strict(dict(enumerate(stations.names))).alias("sensor"),
+        pl.col("time").alias("time_s"),
+        "kind",
+        "value",
+        known(residual).alias("residual"),
+        pl.Series(outlier).set(pl.Series(~decided), None).alias("outlier"),
+    )
+
+
+def of_instants(target: Target, measurements: pl.DataFrame, fixes: Location) -> dict[str, Any]:
+    """Return columns of how each instant was located, null where it was not."""
+    located = pl.Series(np.asarray(fixes.success))
+    outliers = measurements.filter("outlier")
+    listed = outliers.group_by("step").agg(
+        pl.format("{} {}", "sensor", "kind").str.join("; ").alias("which")
+    )
+    steps = pl.DataFrame({"step": pl.int_range(target.times.size, eager=True)})
+    which = steps.join(listed, on="step", how="left").sort("step")["which"]
+    counts = [
+        pl.Series(np.bincount(table["step"], minlength=target.times.size), dtype=pl.Int64)
+        for table in (measurements, outliers)
+    ]
+    degrees = pl.Series(np.asarray(fixes.degrees_of_freedom))
+    status = [reason(one) for one in np.asarray(fixes.status).tolist()]
+    cells = (
+        counts[0],
+        degrees.set(~located, None),
+        known(np.asarray(fixes.pvalue)),
+        counts[1].set(~located, None),
+        which,
+        pl.Series(status, dtype=pl.String),
+    )
+    return dict(zip(_OF_INSTANTS, cells, strict=True))
+
+
+def reason(status: int) -> str | None:
+    """Return why an instant was not located, None if it was."""
+    return LocationStatus(status).message if status else None
+
+
+def of_sensors(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
+    """Return one row per sensor and kind: mean and rms are those without outliers."""
+    kept = pl.col("residual").filter(~pl.col("outlier").fill_null(False))
+    order = {kind: number for number, kind in enumerate(UNITS)}
+    found = (
+        measurements.group_by("site", "sensor", "kind")
+        .agg(
+            pl.len().cast(pl.Int64).alias("measurement_count"),
+            pl.col("outlier").sum().cast(pl.Int64).alias("outlier_count"),
+            kept.mean().alias("residual_mean"),
+            (kept**2).mean().sqrt().alias("residual_rms"),
+        )
+        .sort("site", pl.col("kind").replace_strict(order))
+    )
+    return beside(target.keys, found.select(_SUMMARY))

@@ -1,0 +1,199 @@
+"""Paths of targets from what several stations measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray
+from tertia.sensors import Kind, Station
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import Progress, as_names, beside, prefixed
+from tertia.tables._measurements import UNITS, Target, read_targets
+from tertia.tables._positions import (
+    Located,
+    Positions,
+    coordinates,
+    covariances,
+    of_instants,
+    of_measurements,
+    of_sensors,
+    result_names,
+)
+from tertia.tables._records import RecordError, Source, source_of
+from tertia.tables._sensors import Sensors, sensors_of
+from tertia.trajectory import Trajectory
+from tertia.trajectory import reconstruct as reconstruct_path
+
+_BIASED: tuple[Kind, ...] = ("range", "azimuth", "elevation")
+# how their columns begin, and their units
+_MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
+
+
+def reconstruct(
+    table: Table,
+    *,
+    sensors: Sequence[Station] | Sensors[Station],
+    columns: Mapping[str, str] | None = None,
+    by: str | Sequence[str] = (),
+    **options: Any,
+) -> Table:
+    """Reconstruct the paths of targets, as the command `tertia reconstruct`.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        One row per sensor and time, or per measurement, as for `locate`. A sensor and kind has one
+        sigma.
+    sensors : sequence of Station
+        The stations, with the names that the table has.
+    columns : mapping of str to str, optional
+        How columns are called in the table, by the names that they have here.
+    by : str or sequence of str
+        Columns by whose values the rows are grouped into targets; by default all are of one.
+    **options
+        As of `tertia.trajectory.reconstruct`.
+
+    Returns
+    -------
+    table of the same kind
+        One row per target and time: the columns of `locate`, and `velocity_east_m_s`,
+        `velocity_east_sigma_m_s`, `acceleration_east_m_s2` and so on.
+
+    Raises
+    ------
+    RecordError
+        As `locate`; or sigmas that change, or too little to reconstruct a path.
+    ValueError
+        An option outside its domain.
+    TypeError
+        A table of another kind, or an option of the wrong type.
+
+    Examples
+    --------
+    >>> import numpy as np, polars as pl
+    >>> from tertia import tables
+    >>> from tertia.sensors import Station
+    >>> places = {"A": (0.0, 0.0), "B": (4e3, 0.0), "C": (0.0, 3e3)}
+    >>> stations = [Station(p, name=name, range_sigma=1.0) for name, p in places.items()]
+    >>> way = np.column_stack([10.0 * np.arange(9), np.full(9, 1e3)])
+    >>> table = pl.concat(
+    ...     pl.DataFrame({"time_s": np.arange(9.0), "range_m": np.linalg.norm(way - p, axis=1)})
+    ...     .with_columns(sensor=pl.lit(name))
+    ...     for name, p in places.items()
+    ... )
+    >>> path = tables.reconstruct(table, sensors=stations, jerk=0.0)
+    >>> [round(v, 3) for v in path.select("velocity_east_m_s", "velocity_north_m_s").row(4)]
+    [10.0, 0.0]
+    """
+    found = paths_of(source_of(table), sensors=sensors, columns=columns, by=by, **options)
+    return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
+
+
+def paths_of(
+    source: Source,
+    *,
+    sensors: Sequence[Station] | Sensors[Station],
+    columns: Mapping[str, str] | None = None,
+    by: str | Sequence[str] = (),
+    progress: Progress[Target] = iter,
+    **options: Any,
+) -> Positions[Trajectory]:
+    """Return the paths of all targets with what they were made of; see `reconstruct`."""
+    stations = sensors_of(sensors)
+    results = result_names(_MOTION)
+    targets = read_targets(source, stations, columns=columns, by=by, results=results)
+    return Positions([_path(one, stations, options) for one in progress(targets)], stations)
+
+
+def _path(
+    target: Target, sensors: Sensors[Station], options: Mapping[str, Any]
+) -> Located[Trajectory]:
+    if not target.values:
+        raise RecordError(f"{target.name}: nothing was measured")
+    sigmas = _constant(target, sensors)
+    stations = [
+        Station(
+            one.position,
+            name=one.name,
+            axes=one.axes,
+            **{f"{kind}_sigma": _stated(sigmas, kind, k) for kind in _BIASED},
+        )
+        for k, one in enumerate(sensors.items)
+    ]
+    measured: dict[str, Any] = dict(target.measured())
+    if "range_difference" in sigmas:
+        measured["range_difference_sigma"] = sigmas["range_difference"][1:]
+    try:
+        found = reconstruct_path(stations, target.times, **measured, **options)
+    except ValueError as error:
+        raise RecordError(prefixed(target.name, error)) from error
+    judged = of_measurements(target, sensors, found.residual, found.outlier, found.fixes)
+    return Located(
+        target,
+        found,
+        found.fixes,
+        judged,
+        _rows(target, sensors, found, judged),
+        _with_bias(of_sensors(target, judged), found, sensors.names),
+    )
+
+
+def _stated(sigmas: Mapping[Kind, FloatArray], kind: Kind, k: int) -> float | None:
+    return float(sigmas[kind][k]) if kind in sigmas else None
+
+
+def _constant(target: Target, sensors: Sensors[Station]) -> dict[Kind, FloatArray]:
+    """Return the standard deviation of each station, (K,); it must not change."""
+    constant = {}
+    for kind, sigma in target.all_sigmas(sensors).items():
+        own = np.where(np.isnan(target.values[kind]), np.nan, sigma)
+        least, largest = np.fmin.reduce(own), np.fmax.reduce(own)
+        changing = np.flatnonzero(largest > least)
+        if changing.size:
+            raise RecordError(
+                f"the sigma of the {kind.replace('_', ' ')} of {sensors.names[changing[0]]} "
+                "changes over time; a path takes one for each sensor and kind"
+            )
+        constant[kind] = np.where(np.isnan(least), sigma[0], least)
+    return constant
+
+
+def _rows(
+    target: Target, sensors: Sensors[Station], found: Trajectory, measured: pl.DataFrame
+) -> pl.DataFrame:
+    """Return one row per time, null for what is not known."""
+    d = found.position.shape[1]
+    parts = [found.covariance[:, i * d : (i + 1) * d, i * d : (i + 1) * d] for i in range(3)]
+    rows = {
+        "time_s": target.moments,
+        **coordinates(found.position, parts[0]),
+        **sensors.geodetic(found.position),
+        **coordinates(found.velocity, parts[1], *_MOTION[0]),
+        **coordinates(found.acceleration, parts[2], *_MOTION[1]),
+        **covariances(parts[0]),
+        **of_instants(target, measured, found.fixes),
+    }
+    return beside(target.keys, pl.DataFrame(rows))
+
+
+def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> pl.DataFrame:
+    """Return the sensors with the biases that were estimated, in the units of the columns."""
+    if found.bias is None:
+        return table
+    cells: dict[tuple[str, str], tuple[float, float]] = {}
+    for kind in _BIASED:
+        values, sigmas = (getattr(found.bias, name) for name in (kind, f"{kind}_sigma"))
+        if np.any(sigmas):
+            factor = UNITS[kind][1]
+            for name, value, sigma in zip(names, values / factor, sigmas / factor, strict=True):
+                if np.isfinite(sigma):
+                    cells[name, kind] = float(value), float(sigma)
+    pairs = [cells.get(key, (None, None)) for key in table.select("sensor", "kind").iter_rows()]
+    return table.with_columns(
+        pl.Series("bias", [one for one, _ in pairs], dtype=pl.Float64),
+        pl.Series("bias_sigma", [other for _, other in pairs], dtype=pl.Float64),
+    )

@@ -1,0 +1,566 @@
+"""Records of every kind: one reader for tables and files, by a schema, and one error.
+
+A schema names the quantities of a record, the columns that may hold each, and their units. What a
+table calls its columns otherwise, `columns` says.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray, IntArray
+from tertia.tables._frames import height, names, series
+from tertia.tracker import NO_IDENTITY
+
+PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+# bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
+IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
+_DIGITS = {16: "{:06X}", 8: "{:04o}"}
+_SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
+# cells of text that hold nothing
+MARKS = ("", "-", "na", "nan", "null", "none")
+_DAY = 86_400
+_AS_OTHERS = "a number of seconds or a date with time, as the others are"
+# %.f is a fraction of a second or nothing, %#z an offset or Z
+_LOCAL_TIMES = ("%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
+_ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z")
+_OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
+# so many values show whether a unit is right
+_DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
+# medians above which a unit is hardly right, the unit, and the one that it probably is
+_MOST = {
+    "range_nm": (1000.0, "nautical miles", "metres"),
+    "height_m": (20_000.0, "metres", "feet"),
+    "flight_level": (1000.0, "hundreds of feet", "feet"),
+}
+
+Kind: TypeAlias = Literal["number", "time", "name", "identity", "flag"]
+
+
+class RecordError(ValueError):
+    """A record that cannot be used.
+
+    Attributes
+    ----------
+    reason : str
+        What is wrong.
+    file : str or None
+        The file; None for a table in memory.
+    row : int or None
+        The row, from 0 on; None where the file or table as a whole is wrong.
+    line : int or None
+        The line of a text file, from 1 on.
+    column : str or None
+        The column, as it is called there.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        file: str | None = None,
+        row: int | None = None,
+        line: int | None = None,
+        column: str | None = None,
+    ) -> None:
+        super().__init__(reason)
+        self.reason, self.file, self.row, self.line, self.column = reason, file, row, line, column
+
+    def __str__(self) -> str:
+        """Begin with the place."""
+        where = None
+        if self.line is not None:
+            where = f"line {self.line}"
+        elif self.row is not None:
+            # people count rows of files from 1 on
+            where = f"row {self.row if self.file is None else self.row + 1}"
+        place = ", ".join(filter(None, [self.file, where]))
+        return f"{place}: {self.reason}" if place else self.reason
+
+
+class ColumnError(RecordError):
+    """A column that is not there, or that is given for two purposes."""
+
+
+class RecordWarning(UserWarning):
+    """Records that look wrong, as radians in a column of degrees."""
+
+
+def doubt(message: str) -> None:
+    """Warn that records look wrong."""
+    warnings.warn(message, RecordWarning, stacklevel=2)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A quantity: the columns that may hold it, of which the first that is there counts.
+
+    Each column has the factor to the unit of the library (for identities the base). `required`:
+    one of the columns must be there. `whole`: no cell may be missing. `positive`: numbers must be.
+    """
+
+    kind: Kind
+    columns: Mapping[str, float]
+    required: bool = False
+    whole: bool = False
+    positive: bool = False
+
+
+Schema: TypeAlias = Mapping[str, Field]
+
+
+def number(*columns: str, **options: bool) -> Field:
+    """Return a field of numbers in the units of the library."""
+    return Field("number", dict.fromkeys(columns, 1.0), **options)
+
+
+TIME = Field("time", {"time_s": 1.0}, required=True, whole=True)
+SENSOR = Field("name", {"sensor": 1.0}, whole=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A table, or the rows of one file.
+
+    `line` is the line of the first row where a file has lines, `rows` are the places of the rows in
+    the file where some were left out. `sensors` is what the file tells of its sensors, by name.
+    """
+
+    table: Any
+    file: str | None = None
+    name: str | None = None
+    line: int | None = None
+    rows: IntArray | None = None
+    sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def called(self) -> str:
+        """The file, or 'the table'."""
+        return self.file or "the table"
+
+    def error(self, reason: str, row: int | None = None, column: str | None = None) -> RecordError:
+        """Return an error with the place of a row."""
+        place = row if row is None or self.rows is None else int(self.rows[row])
+        line = None if place is None or self.line is None else place + self.line
+        return RecordError(reason, file=self.file, row=place, line=line, column=column)
+
+    def require(self, *columns: str) -> None:
+        """Refuse a table in which none of the columns is there."""
+        if not any(column in names(self.table) for column in columns):
+            raise ColumnError(
+                f"{self.called} has no column {' or '.join(columns)}; {self.listed()}",
+                column=columns[0],
+            )
+
+    def listed(self) -> str:
+        """Return which columns there are, in words."""
+        there = [str(name) for name in names(self.table)]
+        listed = f"it has {', '.join(there)}"
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(there) == 1 and separator in there[0]:
+                listed += f": put commas between columns, not {name}"
+        return listed
+
+
+Source: TypeAlias = Sequence[Part]
+
+
+def source_of(table: Any) -> Source:
+    """Return the parts of what may be a table, or files that were read."""
+    if isinstance(table, list) and all(isinstance(one, Part) for one in table):
+        return table
+    names(table)  # refuses what is no table
+    return [Part(table)]
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """The rows of all parts by quantity, in the units of the library; numbers are nan if missing.
+
+    `rows` has `part` and `row` besides, where each row is. `column` says in which column of the
+    files a quantity is, and `by` has the columns that group the rows.
+    """
+
+    rows: pl.DataFrame
+    column: Mapping[str, str]
+    source: Source
+    by: pl.DataFrame
+
+    def refuse(self, wrong: pl.Series | pl.Expr, reason: str, column: str | None = None) -> None:
+        """Refuse the first row that is wrong; `reason` is formatted with its quantities."""
+        at = self.rows.select(wrong).to_series().arg_true()
+        if len(at):
+            row = self.rows.row(at[0], named=True)
+            said = reason.format(**row)
+            raise self.source[row["part"]].error(said, row["row"], column)
+
+
+def read(
+    source: Source,
+    schema: Schema,
+    *,
+    columns: Mapping[str, str] | None = None,
+    by: Sequence[str] = (),
+    sensors: Sequence[str] | None = None,
+    results: Sequence[str] = (),
+) -> Records:
+    """Read records by their schema; `columns` says what a table calls them.
+
+    With the names of `sensors`, the quantity `sensor` is their number. `results` are names that
+    columns of `by` must not have.
+    """
+    called = _called(schema, columns, by, results)
+    readers = [Reader(part, schema, called, sensors) for part in source]
+    frames = [reader.rows(number) for number, reader in enumerate(readers)]
+    for reader in readers[1:]:
+        _require_alike(readers[0], reader)
+    rows = pl.concat(frames, how="vertical_relaxed")
+    groups = pl.concat(_alike([reader.groups(by) for reader in readers]), how="vertical_relaxed")
+    return Records(rows, readers[0].taken, source, groups)
+
+
+def _called(
+    schema: Schema,
+    columns: Mapping[str, str] | None,
+    by: Sequence[str],
+    results: Sequence[str],
+) -> dict[str, str]:
+    """Return what columns are called, and refuse names for two purposes."""
+    called = dict(columns or {})
+    known = list(dict.fromkeys([name for one in schema.values() for name in one.columns]))
+    for name in called:
+        if name not in known and name not in by:
+            raise ColumnError(
+                f"columns has {name!r}; it must be one of {', '.join([*known, *by])}", column=name
+            )
+    needed = [
+        called.get(name, name)
+        for one in schema.values()
+        for name in one.columns
+        if one.required or name in called
+    ] + [called.get(name, name) for name in by]
+    for at, name in enumerate(needed):
+        if name in needed[:at]:
+            raise ColumnError(f"the column {name} is given for two purposes", column=name)
+    for name in by:
+        if name in results:
+            raise ColumnError(
+                f"cannot group by {name}: the results have a column of this name", column=name
+            )
+    return called
+
+
+def _require_alike(first: Reader, other: Reader) -> None:
+    """Refuse files whose times or identities are of different kinds."""
+    one, two = first.part.called, other.part.called
+    if first.times_are != other.times_are:
+        name = first.taken["time"]
+        reason = f"{name} of {one} holds {first.times_are}, that of {two} {other.times_are}"
+        raise RecordError(reason, column=name)
+    kinds = [each.taken.get("identity") for each in (first, other)]
+    if kinds[0] != kinds[1]:
+        raise RecordError(
+            f"{one} has {kinds[0] or 'no identities'}, {two} {kinds[1] or 'none'}; all must have "
+            "the same kind"
+        )
+
+
+def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
+    """Return columns as text where not all files agree on what they are."""
+    for name in frames[0].columns:
+        if len({frame[name].dtype for frame in frames}) > 1:
+            frames = [frame.with_columns(pl.col(name).cast(pl.String)) for frame in frames]
+    return frames
+
+
+def kind_of_times(times: pl.Series) -> str:
+    """Return what times are, in words."""
+    if not isinstance(times.dtype, pl.Datetime):
+        return "numbers"
+    return "dates" if times.dtype.time_zone is None else "dates with a time zone"
+
+
+class Reader:
+    """Reads the columns of one part.
+
+    `problems` is None where the first bad row is an error, otherwise it takes the reason of each.
+    `like` are times whose kind those of this part must have.
+    """
+
+    def __init__(
+        self,
+        part: Part,
+        schema: Schema,
+        called: Mapping[str, str],
+        sensors: Sequence[str] | None = None,
+        *,
+        like: pl.DataType | None = None,
+        problems: dict[int, str] | None = None,
+    ) -> None:
+        self.part, self.schema, self.called, self.sensors = part, schema, called, sensors
+        self.like, self.problems = like, problems
+        self.taken: dict[str, str] = {}
+        self.times_are = ""
+
+    def rows(self, number: int = 0) -> pl.DataFrame:
+        """Return the quantities of all rows, with the number of the part and the row."""
+        count = height(self.part.table)
+        found = {name: self._column(name, one, count) for name, one in self.schema.items()}
+        place = {
+            "part": pl.repeat(number, count, dtype=pl.Int64, eager=True),
+            "row": pl.int_range(count, dtype=pl.Int64, eager=True),
+        }
+        return pl.DataFrame(found | place)
+
+    def groups(self, by: Sequence[str]) -> pl.DataFrame:
+        """Return the columns that group the rows, as they are."""
+        for name in by:
+            self.part.require(self.called.get(name, name))
+        return pl.DataFrame(
+            {name: series(self.part.table, self.called.get(name, name)) for name in by}
+        )
+
+    def _column(self, quantity: str, one: Field, count: int) -> pl.Series:
+        given = [name for name in one.columns if name in self.called]
+        there = names(self.part.table)
+        if given or (one.required and not set(one.columns) & set(there)):
+            self.part.require(*(self.called.get(name, name) for name in given or one.columns))
+        name = next(iter(given or [name for name in one.columns if name in there]), None)
+        if quantity == "sensor" and self.sensors is not None:
+            return self._sensors(name, count)
+        if name is None and quantity == "sensor":
+            # each file is a sensor
+            if self.part.name is None:
+                self.part.require("sensor")
+            return pl.repeat(self.part.name, count, dtype=pl.String, eager=True)
+        if name is None:
+            return _absent(one.kind, count)
+        column = self.called.get(name, name)
+        self.taken[quantity] = name if one.kind == "identity" else column
+        values = series(self.part.table, column).alias(column)
+        return self._values(values, one, name)
+
+    def _values(self, values: pl.Series, one: Field, name: str) -> pl.Series:
+        if one.kind == "time":
+            found = self.times(values)
+            self.times_are = kind_of_times(found)
+        elif one.kind == "name":
+            found = without_marks(values.cast(pl.String))
+        elif one.kind == "flag":
+            found = values.cast(pl.String).str.to_lowercase() == "true"
+        elif one.kind == "identity":
+            found = self.identities(values, name)
+        else:
+            found = self.numbers(values, positive=one.positive)
+            if self.problems is None:
+                doubt_unit(name, found)
+            if one.columns[name] != 1.0:
+                found = found * one.columns[name]
+        if one.whole:
+            missing = found.is_nan() if one.kind == "number" else found.is_null()
+            self.refuse(missing, f"{values.name} is missing", values.name)
+        return found
+
+    def _sensors(self, name: str | None, count: int) -> pl.Series:
+        """Return the numbers of sensors; the only one needs no column."""
+        known = list(self.sensors or ())
+        if name is None:
+            if len(known) != 1:
+                self.part.require(*(self.called.get(one, one) for one in SENSOR.columns))
+            return pl.repeat(0, count, dtype=pl.Int64, eager=True)
+        column = self.called.get(name, name)
+        found = without_marks(series(self.part.table, column).cast(pl.String))
+        self.refuse(found.is_null(), f"{column} is missing", column)
+        unknown = ~found.is_in(known) & found.is_not_null()
+        self.refuse(unknown, f"{column} is {{!r}}; the sensors are {', '.join(known)}", found)
+        numbers = dict(zip(known, range(len(known)), strict=True))
+        return found.replace_strict(numbers, default=None, return_dtype=pl.Int64)
+
+    def refuse(self, wrong: pl.Series, reason: str, values: pl.Series | str) -> None:
+        """Refuse rows that are wrong; `reason` is formatted with the value."""
+        rows = wrong.fill_null(False).arg_true()
+        if not len(rows):
+            return
+        column = values if isinstance(values, str) else values.name
+
+        def said(row: int) -> str:
+            return reason if isinstance(values, str) else reason.format(values[row])
+
+        if self.problems is not None:
+            for row in rows.to_list():
+                self.problems.setdefault(row, said(row))
+            return
+        more = f" ({len(rows)} such rows)" if len(rows) > 1 and "{" in reason else ""
+        raise self.part.error(said(rows[0]) + more, rows[0], column)
+
+    def numbers(self, values: pl.Series, *, positive: bool = False) -> pl.Series:
+        """Return numbers, nan where missing."""
+        if values.dtype == pl.String:
+            values = without_marks(values)
+        elif not (values.dtype.is_numeric() or values.dtype == pl.Null):
+            raise self.part.error(
+                f"{values.name} holds {values.dtype}, not numbers", None, values.name
+            )
+        found = values.cast(pl.Float64, strict=False)
+        if values.dtype.is_float():
+            values = values.fill_nan(None)
+        bad = values.is_not_null() & ~found.is_finite().fill_null(False)
+        self.refuse(bad, f"{values.name} is {{!r}}; it must be a finite number", values)
+        if positive:
+            self.refuse(found <= 0, f"{values.name} is {{:g}}; it must be positive", found)
+        return found.fill_null(math.nan)
+
+    def times(self, values: pl.Series) -> pl.Series:
+        """Return times as numbers or as dates, null where missing."""
+        name = values.name
+        if isinstance(values.dtype, (pl.Date, pl.Datetime)):
+            moments = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
+            zoned = self.part.file is not None and moments.dtype.time_zone is not None  # type: ignore[attr-defined]
+            return moments.dt.convert_time_zone("UTC") if zoned else moments
+        if values.dtype != pl.String:
+            if not (values.dtype.is_numeric() or values.dtype == pl.Null):
+                raise self.part.error(
+                    f"{name} holds {values.dtype}, neither numbers nor dates", None, name
+                )
+            # an integer remains one
+            found = values.fill_nan(None) if values.dtype.is_float() else values
+            bad = found.is_not_null() & ~found.is_finite()
+            self.refuse(bad, f"{name} is {{!r}}; it must be a finite number", found)
+            return found.cast(pl.Float64) if found.dtype == pl.Null else found
+        values = without_marks(values)
+        first = values.drop_nulls().head(1)
+        numeric = not first.cast(pl.Float64, strict=False).null_count()
+        if self.like is not None:
+            numeric = not isinstance(self.like, pl.Datetime)
+        if numeric:
+            found = values.cast(pl.Float64, strict=False)
+            known = found.is_finite()
+        else:
+            zoned = self.like.time_zone is not None if isinstance(self.like, pl.Datetime) else None
+            found = _moments(values, first.item(), zoned)
+            known = found.is_not_null()
+        bad = values.is_not_null() & ~known.fill_null(False)
+        self.refuse(bad, f"{name} is {{!r}}; it must be {_AS_OTHERS}", values)
+        return found
+
+    def identities(self, values: pl.Series, name: str) -> pl.Series:
+        """Return identities as numbers, -1 where there is none."""
+        if values.dtype.is_float():
+            values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
+        text = without_marks(values.cast(pl.String)).alias(values.name)
+        base = IDENTITIES[name]
+        found = text.str.to_integer(base=base, strict=False)
+        bad = text.is_not_null() & ~(found >= 0).fill_null(False)
+        self.refuse(bad, f"{text.name} is {{!r}}; it must be {_SPELLING[base]}", text)
+        return found.set(bad, None).fill_null(NO_IDENTITY)
+
+
+def _absent(kind: Kind, count: int) -> pl.Series:
+    """Return the cells of a column that is not there."""
+    if kind == "number":
+        return pl.repeat(math.nan, count, dtype=pl.Float64, eager=True)
+    if kind == "identity":
+        return pl.repeat(NO_IDENTITY, count, dtype=pl.Int64, eager=True)
+    return pl.repeat(None, count, dtype=pl.Boolean if kind == "flag" else pl.String, eager=True)
+
+
+def _moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Series:
+    """Return dates with times of ISO 8601, of the kind that the first one is; null elsewhere."""
+    column = column.str.replace(" ", "T", literal=True)
+    if zoned is None:
+        zoned = pl.Series([(first or "").replace(" ", "T")]).str.contains(_OFFSET)[0]
+    column = column.set((column.str.contains(_OFFSET) != zoned).fill_null(False), None)
+    tried = [
+        column.str.to_datetime(form, time_unit="us", strict=False)
+        for form in (_ZONED_TIMES if zoned else _LOCAL_TIMES)
+    ]
+    return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
+
+
+def without_marks(column: pl.Series) -> pl.Series:
+    """Return text without spaces around it, null where it says that there is nothing."""
+    column = column.str.strip_chars()
+    return column.set(column.str.to_lowercase().is_in(MARKS).fill_null(False), None)
+
+
+def is_mark(text: str) -> bool:
+    """Return whether a text says that there is nothing."""
+    return text.strip().lower() in MARKS
+
+
+def doubt_unit(name: str, values: pl.Series) -> None:
+    """Warn where the unit of a column looks wrong."""
+    if name not in {"azimuth_deg", "range_m", *_MOST}:
+        return
+    known = values.drop_nans().drop_nulls().to_numpy()
+    if len(known) < _DOUBTFUL_COUNT:
+        return
+    if name == "azimuth_deg":
+        if np.all(np.abs(known) <= 2 * math.pi) and np.ptp(known) > _DOUBTFUL_SPREAD:
+            doubt("all azimuths are within 6.3 degrees: are they radians? Files hold degrees")
+        return
+    typical = float(np.median(np.abs(known)))
+    if name == "range_m" and typical < _LEAST_RANGE:
+        doubt(
+            f"half of the ranges are below {typical:.3g}: are they kilometres or nautical miles? "
+            "range_m is in metres"
+        )
+    most, unit, other = _MOST.get(name, (math.inf, "", ""))
+    if typical > most:
+        doubt(f"{name} is {typical:.6g} in the median: is it in {other}? It should be in {unit}")
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Times of records, and the seconds that stand for them: those since `origin`, if dates."""
+
+    dtype: Any
+    origin: int = 0
+    ticks: float = 1.0
+
+    @property
+    def dated(self) -> bool:
+        """Whether the times are dates."""
+        return isinstance(self.dtype, pl.Datetime)
+
+    @classmethod
+    def of(cls, moments: pl.Series, *, midnight: bool = False) -> Clock:
+        """Return the clock that begins with the first of some dates, or the midnight before it."""
+        if not isinstance(moments.dtype, pl.Datetime) or moments.is_empty():
+            return cls(moments.dtype)
+        ticks = PER_SECOND[moments.dtype.time_unit]
+        first, day = int(moments.to_physical().to_numpy().min()), int(_DAY * ticks)
+        return cls(moments.dtype, first // day * day if midnight else first, ticks)
+
+    def seconds(self, moments: pl.Series) -> FloatArray:
+        """Return times as seconds."""
+        if not self.dated:
+            return np.asarray(moments.to_numpy(), dtype=np.float64)
+        same = moments if moments.dtype == self.dtype else moments.cast(self.dtype)
+        since: FloatArray = (same.to_physical().to_numpy() - self.origin) / self.ticks
+        return since
+
+    def moments(self, seconds: FloatArray) -> pl.Series:
+        """Return seconds as times."""
+        if not self.dated:
+            return pl.Series(seconds)
+        ticks = self.origin + np.rint(seconds * self.ticks).astype(np.int64)
+        moments: pl.Series = pl.Series(ticks).cast(self.dtype)
+        return moments
+
+
+def identity_texts(numbers: IntArray, name: str) -> pl.Series:
+    """Return identities as they are written in a column, null where there is none."""
+    digits = _DIGITS.get(IDENTITIES[name])
+    if digits is None:
+        return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)
+    texts = [None if n == NO_IDENTITY else digits.format(n) for n in numbers.tolist()]
+    return pl.Series(texts, dtype=pl.String)

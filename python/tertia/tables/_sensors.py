@@ -1,0 +1,351 @@
+"""Sensors described in rows: where they are, how they measure, how fast they turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+
+import numpy as np
+
+from tertia._arrays import FloatArray
+from tertia.sensors import Radar, Station
+from tertia.tables._groups import known
+from tertia.tables._records import RecordError, doubt, is_mark
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from tertia.geo import LocalFrame
+
+# the cells of one sensor, by column
+Row: TypeAlias = Mapping[str, Any]
+S = TypeVar("S", Radar, Station)
+
+LOCAL = ("east_m", "north_m", "up_m")
+GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
+_DOMAINS = {"latitude_deg": (-90, 90), "longitude_deg": (-180, 360)}
+# in metres; so far from the origin azimuths in the plane are 0.4 degrees wrong
+_REACH_OF_A_PLANE = 1e6
+# what is known of a radar, by column, and what its unit is in those of the library
+_RADAR = {
+    "range_sigma": ("range_sigma_m", 1.0),
+    "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
+    "scan_period": ("scan_period_s", 1.0),
+}
+_OPTIONAL = {"max_range": "max_range_m", "detection_probability": "detection_probability"}
+_STATION = {
+    "range_sigma": ("range_sigma_m", 1.0),
+    "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
+    "elevation_sigma": ("elevation_sigma_deg", math.pi / 180),
+}
+_RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
+# no radar that watches aircraft is as good, in degrees
+_DOUBTFUL_SIGMA = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors(Generic[S]):
+    """Radars or stations, and what their own class does not hold.
+
+    `norths` are radians to add to azimuths: not 0 for a radar on the earth, away from the origin of
+    the plane. `range_difference_sigma` is in metres, nan where none is stated. `frame` is that of
+    latitudes and longitudes. `file` is where all this is from.
+    """
+
+    items: Sequence[S]
+    norths: FloatArray
+    range_difference_sigma: FloatArray
+    frame: LocalFrame | None = None
+    file: str | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """The names; one without is called by its number."""
+        return [str(k) if one.name is None else one.name for k, one in enumerate(self.items)]
+
+    @property
+    def dimension(self) -> int:
+        """The number of coordinates."""
+        return len(self.items[0].position)
+
+    def error(self, reason: str) -> RecordError:
+        """Return an error in the description of the sensors."""
+        return RecordError(reason, file=self.file)
+
+    def geodetic(self, position: FloatArray) -> dict[str, pl.Series]:
+        """Return latitude, longitude and in space height of positions, (N, D), by column.
+
+        Positions in the plane are on the ellipsoid; null where a position is none on the earth.
+        Without a frame there are no columns.
+        """
+        if self.frame is None:
+            return {}
+        if position.shape[1] == len(LOCAL):
+            found: Iterable[Any] = self.frame.to_geodetic(position)
+        else:
+            found = _on_the_ellipsoid(self.frame, position)
+        return {name: known(cells) for name, cells in zip(GEODETIC, found, strict=False)}
+
+    def origin(self) -> str | None:
+        """Return where the origin is, in words; None where nobody knows."""
+        if self.frame is None:
+            return None
+        place = f"latitude {self.frame.latitude:.10g}, longitude {self.frame.longitude:.10g}"
+        if self.dimension < len(LOCAL):
+            return f"origin of east and north: {place}"
+        return f"origin of east, north and up: {place}, height {self.frame.height:.10g} m"
+
+    def flat(self) -> Sensors[Station]:
+        """Return stations without their heights: bearings have no use for them."""
+        if self.dimension == 2:
+            return self  # type: ignore[return-value]
+        if self.frame is not None:
+            raise self.error("bearings are for stations in the plane: leave out height_m")
+        stations = [
+            Station(one.position[:2], name=one.name, azimuth_sigma=one.azimuth_sigma)
+            for one in self.items
+        ]
+        return Sensors(stations, self.norths, self.range_difference_sigma, None, self.file)
+
+
+def sensors_of(items: Sequence[S] | Sensors[S]) -> Sensors[S]:
+    """Return sensors that may be a plain sequence."""
+    if isinstance(items, Sensors):
+        return items
+    return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan))
+
+
+def radars(
+    rows: Sequence[Row],
+    *,
+    origin: Row | None = None,
+    file: str = "the table",
+    found: Mapping[str, Row] | None = None,
+) -> Sensors[Radar]:
+    """Return the radars that rows describe.
+
+    `origin` is where east and north of latitudes and longitudes are zero. What recordings say of
+    positions and scan periods (`found`) counts where the rows say nothing.
+    """
+    described = _named(rows, "radar", file)
+    if found is not None:
+        described = {
+            name: _completed(_Cells(row, name, file), found.get(name, {}))
+            for name, row in described.items()
+        }
+    cells = [_Cells(row, name, file) for name, row in described.items()]
+    positions, axes, frame = _places(cells, origin, file)
+    norths = np.zeros(len(cells))
+    if axes is not None:
+        norths = np.arctan2(axes[:, 1, 0], axes[:, 1, 1])
+        # heights are those above the sea, as plots have them, not above the plane
+        positions[:, 2:] = [[one.number(GEODETIC[2]) or 0.0] for one in cells]
+    items = [_radar(one, place) for one, place in zip(cells, positions, strict=True)]
+    return Sensors(items, norths, np.full(len(items), np.nan), frame, file)
+
+
+def stations(
+    rows: Sequence[Row], *, origin: Row | None = None, file: str = "the table"
+) -> Sensors[Station]:
+    """Return the stations that rows describe; see `radars`."""
+    cells = [_Cells(row, name, file) for name, row in _named(rows, "station", file).items()]
+    positions, axes, frame = _places(cells, origin, file)
+    items = []
+    for k, one in enumerate(cells):
+        sigmas = {
+            key: None if (sigma := one.sigma(column)) is None else sigma * unit
+            for key, (column, unit) in _STATION.items()
+        }
+        own = None if axes is None else axes[k]
+        items.append(Station(positions[k], name=one.name, axes=own, **sigmas))
+    differences = [one.sigma(_RANGE_DIFFERENCE_SIGMA) for one in cells]
+    sigma = np.array([np.nan if one is None else one for one in differences])
+    return Sensors(items, np.zeros(len(items)), sigma, frame, file)
+
+
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """What is said of one sensor."""
+
+    row: Row
+    name: str
+    file: str
+
+    def error(self, reason: str) -> RecordError:
+        return RecordError(reason, file=self.file)
+
+    def number(self, column: str) -> float | None:
+        """Return a number, None where it is missing."""
+        value = self.row.get(column)
+        if value is None or is_mark(str(value)):
+            return None
+        try:
+            found = math.nan if isinstance(value, bool) else float(value)
+        except (TypeError, ValueError):
+            found = math.nan
+        if not math.isfinite(found):
+            raise self.error(f"{column} of {self.name} is {value!r}; it must be a finite number")
+        low, high = _DOMAINS.get(column, (-math.inf, math.inf))
+        if not low <= found <= high:
+            raise self.error(
+                f"{column} of {self.name} is {found:g}; it must be between {low} and {high}"
+            )
+        return found
+
+    def required(self, column: str) -> float:
+        """Return a number that must be there."""
+        found = self.number(column)
+        if found is None:
+            raise self.error(f"{column} of {self.name} is missing")
+        return found
+
+    def sigma(self, column: str) -> float | None:
+        """Return a positive number, None where it is missing."""
+        found = self.number(column)
+        if found is not None and found <= 0:
+            raise self.error(f"{column} of {self.name} is {found:g}; it must be positive")
+        return found
+
+
+def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
+    """Return the rows by their names."""
+    if not rows:
+        raise RecordError(f"there are no {noun}s", file=file)
+    found: dict[str, Row] = {}
+    for at, row in enumerate(rows, start=1):
+        name = str(row.get("name") or "").strip()
+        if not name:
+            raise RecordError(f"{noun} {at} has no name", file=file)
+        if name in found:
+            raise RecordError(f"there are two {noun}s {name}", file=file)
+        found[name] = row
+    return found
+
+
+def _completed(cells: _Cells, found: Row) -> Row:
+    """Return what is known of a radar: what the rows say, and what a recording says."""
+
+    def has(*columns: str) -> bool:
+        return any(cells.number(column) is not None for column in columns)
+
+    period = _RADAR["scan_period"][0]
+    added = {} if has(period) or period not in found else {period: found[period]}
+    if not has(*LOCAL, *GEODETIC):
+        if GEODETIC[0] not in found:
+            raise cells.error(
+                f"{cells.name} has no position, and its recording has none (I034/120): "
+                f"give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
+            )
+        added |= {column: found[column] for column in GEODETIC if column in found}
+    if period not in {*cells.row, *added}:
+        raise cells.error(f"give {period} of {cells.name}: its recording has none (I034/041)")
+    return {**cells.row, **added}
+
+
+def _radar(cells: _Cells, place: FloatArray) -> Radar:
+    options = {}
+    for key, (column, unit) in _RADAR.items():
+        cells.required(column)
+        options[key] = (cells.sigma(column) or 0.0) * unit
+    for key, column in _OPTIONAL.items():
+        value = cells.number(column)
+        if value is not None:
+            options[key] = value
+    sigma = math.degrees(options["azimuth_sigma"])
+    if sigma < _DOUBTFUL_SIGMA:
+        doubt(
+            f"azimuth_sigma_deg of {cells.name} is {sigma:.3g} degrees: is it in radians? Files "
+            "hold degrees"
+        )
+    try:
+        return Radar(place, name=cells.name, **options)
+    except ValueError as error:
+        raise cells.error(f"{cells.name}: {error}") from None
+
+
+def _places(
+    cells: Sequence[_Cells], origin: Row | None, file: str
+) -> tuple[FloatArray, FloatArray | None, LocalFrame | None]:
+    """Return positions, (K, D), in the plane, or in space if any sensor has a height.
+
+    Of latitudes and longitudes the frame is at the origin, by default at the first sensor, and the
+    east, north and up of each are the rows of `axes`, (K, D, D); otherwise there are none.
+    """
+    local, geodetic = (_first_given(cells, form) for form in (LOCAL, GEODETIC))
+    if local and geodetic:
+        raise RecordError(
+            f"there are {local} and {geodetic}; all places must be given in the same form",
+            file=file,
+        )
+    if geodetic:
+        return _on_the_earth(cells, origin, file)
+    if origin is not None:
+        reason = f"an origin needs places with {GEODETIC[0]} and {GEODETIC[1]}"
+        raise RecordError(reason, file=file)
+    return _coordinates(cells, LOCAL), None, None
+
+
+def _first_given(cells: Sequence[_Cells], form: Iterable[str]) -> str | None:
+    """Return which coordinate of this form is given first, and of whom."""
+    given = (
+        f"{column} of {one.name}"
+        for one in cells
+        for column in form
+        if one.number(column) is not None
+    )
+    return next(given, None)
+
+
+def _coordinates(cells: Sequence[_Cells], form: tuple[str, str, str]) -> FloatArray:
+    """Return the coordinates, (K, 2), or (K, 3) if any sensor has a height."""
+    in_space = any(one.number(form[2]) is not None for one in cells)
+    columns = form if in_space else form[:2]
+    return np.array([[one.required(column) for column in columns] for one in cells])
+
+
+def _on_the_earth(
+    cells: Sequence[_Cells], origin: Row | None, file: str
+) -> tuple[FloatArray, FloatArray, LocalFrame]:
+    if find_spec("pyproj") is None:
+        raise ImportError(f"{file}: {GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'")
+    from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
+
+    given = _coordinates(cells, GEODETIC)
+    at = given[0]
+    if origin is not None:
+        at = _coordinates([_Cells(origin, "the origin", file)], GEODETIC)[0]
+    if at.size > given.shape[1]:
+        raise RecordError(f"the origin has {GEODETIC[2]}, but no place has", file=file)
+    frame = LocalFrame(*at)
+    sites = [frame.station(*place) for place in given]
+    positions = np.array([site.position for site in sites])
+    axes = np.array([site.axes for site in sites])
+    if given.shape[1] == len(GEODETIC):
+        return positions, axes, frame
+    for one, distance in zip(cells, np.linalg.norm(positions, axis=1), strict=True):
+        if distance > _REACH_OF_A_PLANE:
+            raise one.error(
+                f"{one.name} is {distance / 1e3:.0f} km from the origin; places in a plane, "
+                f"without {GEODETIC[2]}, must be within {_REACH_OF_A_PLANE / 1e3:.0f} km"
+            )
+    return positions[:, :2], _in_the_plane(axes), frame
+
+
+def _in_the_plane(axes: FloatArray) -> FloatArray:
+    """Return the rotations about the vertical that are nearest to axes, (K, 2, 2)."""
+    angle = np.arctan2(axes[:, 0, 1] - axes[:, 1, 0], axes[:, 0, 0] + axes[:, 1, 1])
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.stack([cosine, sine, -sine, cosine], axis=-1).reshape(-1, 2, 2)
+
+
+def _on_the_ellipsoid(frame: LocalFrame, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return latitude and longitude of what lies below or above positions in the plane."""
+    from pyproj import Proj  # noqa: PLC0415  # only here is pyproj needed
+
+    # east and north of a place on the ellipsoid are its orthographic projection
+    plane = Proj(proj="ortho", lat_0=frame.latitude, lon_0=frame.longitude, ellps="WGS84")
+    longitude, latitude = plane(position[:, 0], position[:, 1], inverse=True)
+    return np.asarray(latitude), np.asarray(longitude)

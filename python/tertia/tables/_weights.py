@@ -1,0 +1,175 @@
+"""What each sensor's estimate of the same thing is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia import weights as weighting
+from tertia._arrays import FloatArray
+from tertia.fusion import FusedEstimate, fuse
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import UNITS, as_names, column_name, layout
+from tertia.tables._records import (
+    SENSOR,
+    ColumnError,
+    Field,
+    RecordError,
+    Source,
+    doubt,
+    read,
+    source_of,
+)
+from tertia.weights import FusionLoss
+
+FUSED = "fused"
+_LOSSES = (1e-6, 1e6)
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """The sensors, a row each, and last the fused estimate; what estimating the weights costs."""
+
+    rows: pl.DataFrame
+    fused: FusedEstimate
+    loss: FusionLoss
+    required: int
+
+
+def weights(
+    table: Table,
+    *,
+    columns: Mapping[str, str] | None = None,
+    values: str | Sequence[str],
+    differences: bool = False,
+    loss: float = 0.05,
+) -> Table:
+    """Weigh sensors that measured the same thing many times, as the command `tertia weights`.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        One row per measurement: `sensor`, and all components; incomplete rows are left out.
+    columns : mapping of str to str, optional
+        How columns are called in the table, by the names that they have here.
+    values : str or sequence of str
+        Columns of the components of what is measured.
+    differences : bool
+        Whether the noise is that of successive differences, because what is measured moves slowly.
+    loss : float
+        Relative loss of precision for which the measurements are counted.
+
+    Returns
+    -------
+    table of the same kind
+        A row per sensor, and the last one, `fused`: `sensor`, `measurement_count`, means with their
+        sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each two components
+        `weight_east_north`).
+
+    Raises
+    ------
+    RecordError
+        A column that is not there or holds no numbers, a sensor without a name, fewer than two
+        sensors, or a sensor whose measurements have no scatter.
+    ValueError
+        A loss outside its domain.
+    numpy.linalg.LinAlgError
+        A covariance that is singular.
+    TypeError
+        A table of another kind.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> from tertia import tables
+    >>> table = pl.DataFrame({"sensor": list("AABBAABB"), "m": [1.0, 3, 0, 8, 2, 1, 3, 1]})
+    >>> tables.weights(table, values="m").select("sensor", "measurement_count").rows()
+    [('A', 4), ('B', 4), ('fused', 8)]
+    """
+    found = weights_of(
+        source_of(table), columns=columns, values=values, differences=differences, loss=loss
+    )
+    return result(table, found.rows)  # type: ignore[no-any-return]
+
+
+def weights_of(
+    source: Source,
+    *,
+    columns: Mapping[str, str] | None = None,
+    values: str | Sequence[str],
+    differences: bool = False,
+    loss: float = 0.05,
+) -> Weighed:
+    """Return the weights with what estimating them costs; see `weights`."""
+    if not _LOSSES[0] <= loss <= _LOSSES[1]:
+        raise ValueError(f"loss is {loss:g}; it must be between {_LOSSES[0]:g} and {_LOSSES[1]:g}")
+    components = as_names(values)
+    samples = _samples(source, columns, components)
+    counts = [len(sample) for sample in samples.values()]
+    means = np.array([sample.mean(axis=0) for sample in samples.values()])
+    # of the means
+    covariances = np.array(
+        [
+            weighting.sample_covariance(sample, differences=differences) / len(sample)
+            for sample in samples.values()
+        ]
+    )
+    convention: weighting.Convention = "differences" if differences else "sample-mean"
+    fused = fuse(means, covariances)
+    values_of = np.vstack([means, fused.mean])
+    sigmas = np.sqrt([np.diagonal(one) for one in (*covariances, fused.covariance)])
+    rows: dict[str, Any] = {
+        "sensor": [*samples, FUSED],
+        "measurement_count": [*counts, sum(counts)],
+    }
+    for i, name in enumerate(components):
+        rows[name], rows[column_name(name, "sigma")] = values_of[:, i], sigmas[:, i]
+    short = [_without_unit(name) for name in components]
+    for i, row in enumerate(short):
+        for j, column in enumerate(short):
+            of = [row, column] if len(components) > 1 else []
+            rows["_".join(["weight", *of])] = [*fused.weights[:, i, j], None]
+    return Weighed(
+        pl.DataFrame(rows),
+        fused,
+        weighting.fusion_loss(covariances, counts, convention=convention),
+        int(weighting.required_samples(covariances, loss, convention=convention)),
+    )
+
+
+def _samples(
+    source: Source, columns: Mapping[str, str] | None, components: Sequence[str]
+) -> dict[str, FloatArray]:
+    """Return the measurements of each sensor, (n, m), in the order of the table."""
+    if "sensor" in components:
+        raise ColumnError("the column sensor is given for two purposes", column="sensor")
+    schema = {"sensor": Field("name", SENSOR.columns, required=True)}
+    schema |= {name: Field("number", {name: 1.0}, required=True) for name in components}
+    rows = read(source, schema, columns=columns).rows.select(list(schema))
+    whole = rows.with_columns(pl.col(components).fill_nan(None)).drop_nulls()
+    if left_out := rows.height - whole.height:
+        doubt(f"{left_out} of {rows.height} rows are incomplete")
+    groups = layout(whole.select("sensor"), whole.height)
+    samples = {str(keys.item()): whole[own].select(components).to_numpy() for keys, own in groups}
+    if len(samples) < 2:
+        there = "is 1 sensor" if samples else "are no sensors"
+        raise RecordError(f"there {there}; two are needed", file=source[0].file)
+    for name, sample in samples.items():
+        if len(sample) < 2:
+            raise RecordError(f"sensor {name} has 1 measurement; its weight needs two at least")
+        same = np.ptp(sample, axis=0) == 0
+        if np.any(same):
+            column = components[int(np.flatnonzero(same)[0])]
+            raise RecordError(
+                f"sensor {name}: {column} is always the same; its weight needs a scatter"
+            )
+    return samples
+
+
+def _without_unit(column: str) -> str:
+    unit = next((unit for unit in UNITS if column.endswith(f"_{unit}")), None)
+    return column if unit is None else column.removesuffix(f"_{unit}")

@@ -1,0 +1,468 @@
+"""The command `tertia reconstruct`: numbers equal to those of the library, errors in one line."""
+
+import re
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import polars as pl
+import pytest
+from pyproj import Geod
+from typer.testing import CliRunner
+
+from tertia import cli, metrics, simulate
+from tertia.geo import LocalFrame
+from tertia.location import LocationStatus
+from tertia.sensors import Bias, Station
+from tertia.tables import _sensors
+from tertia.trajectory import Trajectory, reconstruct
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+EXAMPLE = (EXAMPLES / "measurements.csv", "--sensors", EXAMPLES / "stations.toml")
+NAN = float("nan")
+AXES = ("east", "north", "up")
+UNITS = {"range": ("m", 1.0), "azimuth": ("deg", np.pi / 180), "elevation": ("deg", np.pi / 180)}
+PLACES = {"A": (0.0, 0.0, 10.0), "B": (3000.0, 0.0, 0.0), "C": (0.0, 4000.0, 20.0)}
+SIGMA = {"range": 10.0, "azimuth": 0.3, "elevation": 0.2}
+NAMES = list(PLACES)
+STEPS = 40
+TIMES = np.arange(float(STEPS))
+HEAD = "time_s,sensor,range_m,azimuth_deg,elevation_deg"
+
+FloatArray = npt.NDArray[np.float64]
+Write = Callable[..., Path]
+
+
+class Run(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+def run(*arguments: object) -> Run:
+    told = ["reconstruct", *map(str, arguments)]
+    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
+    return Run(result.exit_code, result.stdout, result.stderr)
+
+
+def track(*arguments: object, folder: Path) -> pl.DataFrame:
+    """Return the trajectory with full precision; the run must succeed."""
+    output = folder / "track.parquet"
+    done = run(*arguments, "--output", output)
+    assert done.code == 0, done.err
+    return pl.read_parquet(output)
+
+
+def table(out: str) -> list[list[str]]:
+    """Return the cells of the printed table, header first."""
+    lines = [line for line in out.splitlines() if line.startswith("  ") and line.strip()]
+    rows = [re.split(r"\s{2,}", line.strip()) for line in lines]
+    return [row for row in rows if len(row) > 1]
+
+
+def sites() -> list[Station]:
+    told = {f"{kind}_sigma": value * UNITS[kind][1] for kind, value in SIGMA.items()}
+    return [Station(place, name=name, **told) for name, place in PLACES.items()]
+
+
+def truth() -> FloatArray:
+    return np.column_stack([500 + 20 * TIMES, 1500 + 0.3 * TIMES**2, 400 + 0 * TIMES])
+
+
+def recording(seed: int = 5) -> dict[str, FloatArray]:
+    """Return measurements in the units of files, one instant empty, one range with a fault."""
+    found = simulate.stations(sites(), truth(), missing_probability=0.05, rng=seed).measurements
+    for values in found.values():
+        values[7] = NAN
+    found["range"][[20, 21], 1] += 200.0
+    return {kind: np.round(values / UNITS[kind][1], 4) for kind, values in found.items()}
+
+
+Z = recording()
+
+
+def lines(values: dict[str, FloatArray] = Z, extra: str = "") -> list[str]:
+    def text(value: float) -> str:
+        return "" if np.isnan(value) else repr(float(value))
+
+    return [
+        ",".join([f"{TIMES[i]}", name, *(text(v[i, k]) for v in values.values())]) + extra
+        for i in range(STEPS)
+        for k, name in enumerate(NAMES)
+    ]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def to_file(rows: list[str], header: str = HEAD, name: str = "m.csv") -> Path:
+        path = tmp_path / name
+        path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+        return path
+
+    return to_file
+
+
+@pytest.fixture
+def stations(write: Write) -> Path:
+    header = "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg,elevation_sigma_deg"
+    rows = [",".join(map(str, [name, *p, *SIGMA.values()])) for name, p in PLACES.items()]
+    return write(rows, header, "stations.csv")
+
+
+def rebuilt(values: dict[str, FloatArray] = Z, **options: Any) -> Trajectory:
+    measured: dict[str, Any] = {kind: v * UNITS[kind][1] for kind, v in values.items()}
+    return reconstruct(sites(), TIMES, **measured, **options)
+
+
+def same(found: pl.Series, expected: npt.ArrayLike) -> None:
+    """Check a column, null where the number is unknown."""
+    numbers = np.asarray(expected, dtype=np.float64)
+    known = np.isfinite(numbers)
+    assert found.is_not_null().to_list() == known.tolist()
+    np.testing.assert_array_equal(found.drop_nulls().to_numpy(), numbers[known])
+
+
+def check(frame: pl.DataFrame, result: Trajectory) -> None:
+    """Check every column of a trajectory but the time."""
+    sigma = np.sqrt(np.diagonal(result.covariance, axis1=1, axis2=2))
+    for i, axis in enumerate(AXES):
+        for at, (prefix, unit, values) in enumerate(
+            [
+                ("", "m", result.position),
+                ("velocity_", "m_s", result.velocity),
+                ("acceleration_", "m_s2", result.acceleration),
+            ]
+        ):
+            same(frame[f"{prefix}{axis}_{unit}"], values[:, i])
+            same(frame[f"{prefix}{axis}_sigma_{unit}"], sigma[:, 3 * at + i])
+        for j in range(i):
+            between = np.where(np.isfinite(sigma[:, 0]), result.covariance[:, j, i], NAN)
+            same(frame[f"covariance_{AXES[j]}_{axis}_m2"], between)
+    problems = np.asarray(result.fixes.status)
+    same(frame["degrees_of_freedom"], np.where(problems, NAN, result.fixes.degrees_of_freedom))
+    same(frame["outlier_count"], np.where(problems, NAN, result.outlier.count))
+    same(frame["pvalue"], result.fixes.pvalue)
+    reasons = [LocationStatus(p).message if p else None for p in problems]
+    assert frame["status"].to_list() == reasons
+
+
+def test_trajectory_is_that_of_the_library(write: Write, stations: Path, tmp_path: Path) -> None:
+    frame = track(write(lines()), "--sensors", stations, folder=tmp_path)
+    assert frame.columns[:3] == ["time_s", "east_m", "east_sigma_m"]
+    assert frame.columns[-1] == "status"
+    assert frame.width == 1 + 18 + 3 + 6
+    assert frame["time_s"].to_list() == TIMES.tolist()
+    result = rebuilt()
+    check(frame, result)
+    assert "B range" in frame["outlier_measurement"][20]
+    for step, told in enumerate(frame["outlier_measurement"]):
+        marks = [
+            (k, kind) for kind in UNITS for k in range(3) if getattr(result.outlier, kind)[step, k]
+        ]
+        expected = sorted(f"{NAMES[k]} {kind}" for k, kind in marks)
+        assert sorted(told.split("; ") if told else []) == expected
+    # an instant at which nothing was measured has a position all the same
+    assert frame["status"].is_not_null().arg_true().to_list() == [7]
+    assert frame["east_m"].null_count() == 0
+
+
+@pytest.mark.parametrize("order", ["spatial-first", "temporal-first"])
+@pytest.mark.parametrize("smoother", ["rts", "local-polynomial"])
+@pytest.mark.parametrize("method", ["robust", "least-squares"])
+def test_methods(
+    order: Any, smoother: Any, method: Any, write: Write, stations: Path, tmp_path: Path
+) -> None:
+    options = ("--order", order, "--smoother", smoother, "--spatial", method)
+    frame = track(write(lines()), "--sensors", stations, *options, folder=tmp_path)
+    check(frame, rebuilt(order=order, smoother=smoother, spatial=method))
+
+
+def test_options_of_smoothers(write: Write, stations: Path, tmp_path: Path) -> None:
+    arguments = (write(lines()), "--sensors", stations)
+    polynomials = ("--smoother", "local-polynomial", "--window", 9, "--degree", 2)
+    frame = track(*arguments, *polynomials, folder=tmp_path)
+    check(frame, rebuilt(smoother="local-polynomial", window=9, degree=2))
+    check(track(*arguments, "--jerk", 0.05, folder=tmp_path), rebuilt(jerk=0.05))
+    assert "  jerk 0.05 (given)\n" in run(*arguments, "--jerk", 0.05).out
+    smoothed = rebuilt().smoothed
+    assert smoothed is not None
+    assert f"  jerk {float(smoothed.jerk):.3g} (fitted" in run(*arguments).out
+    assert "jerk" not in run(*arguments, *polynomials).out
+
+
+def test_bias(write: Write, stations: Path, tmp_path: Path) -> None:
+    z = {kind: v.copy() for kind, v in Z.items()}
+    z["range"][:, 2] += 40.0
+    z["azimuth"][:, 0] += 0.7
+    arguments = (write(lines(z)), "--sensors", stations, "--bias", "range, azimuth")
+    result = rebuilt(z, bias=Bias(range_sigma=None, azimuth_sigma=None))
+    check(track(*arguments, folder=tmp_path), result)
+    head, *rows = table(run(*arguments).out)
+    assert head[-2:] == ["bias", "bias_sigma"]
+    told = {tuple(row[:2]): row[6:] for row in rows}
+    assert result.bias is not None
+    for k, name in enumerate(NAMES):
+        assert told[name, "elevation"] == []
+        for kind in ("range", "azimuth"):
+            _, factor = UNITS[kind]
+            value, sigma = (
+                float(getattr(result.bias, name)[k] / factor) for name in (kind, f"{kind}_sigma")
+            )
+            assert told[name, kind] == [f"{value:.3g}", f"{sigma:.3g}"]
+
+
+def test_summary(write: Write, stations: Path) -> None:
+    done = run(write(lines()), "--sensors", stations)
+    assert (done.code, done.err) == (0, "")
+    _, *rows = table(done.out)
+    result = rebuilt()
+    expected = {
+        (NAMES[k], kind): [
+            str(np.count_nonzero(~np.isnan(Z[kind][:, k]))),
+            str(np.count_nonzero(getattr(result.outlier, kind)[:, k])),
+            *(f"{value:.3g}" for value in statistics[k, 1:]),
+        ]
+        for kind, statistics in result.statistics.items()
+        for k in range(3)
+    }
+    assert {tuple(row[:2]): row[2:] for row in rows if len(row) == 6} == expected
+    sigma = np.median(np.sqrt(np.sum(result.sigma**2, axis=1)))
+    told = f"39 of 40 instants located, 40 with a position, median sigma {sigma:.3g} m\n"
+    assert told in done.out
+    assert f"  1 instant not located: {LocationStatus.TOO_FEW.message}\n" in done.out
+
+
+def test_rows_of_measurements(write: Write, stations: Path, tmp_path: Path) -> None:
+    output = tmp_path / "r.parquet"
+    done = run(write(lines()), "--sensors", stations, "--measurements", output)
+    assert (done.code, done.err) == (0, "")
+    result = rebuilt()
+    expected = [
+        (
+            *(TIMES[i], name, kind, v[i, k]),
+            getattr(result.residual, kind)[i, k],
+            bool(getattr(result.outlier, kind)[i, k]),
+        )
+        for i in range(STEPS)
+        for k, name in enumerate(NAMES)
+        for kind, v in Z.items()
+        if not np.isnan(v[i, k])
+    ]
+    assert pl.read_parquet(output).rows() == expected
+
+
+def test_a_sigma_per_measurement_must_be_that_of_a_station(
+    write: Write, stations: Path, tmp_path: Path
+) -> None:
+    head = HEAD + ",range_sigma_m"
+    frame = track(write(lines(extra=",25"), head), "--sensors", stations, folder=tmp_path)
+    told = {f"{kind}_sigma": value * UNITS[kind][1] for kind, value in SIGMA.items()}
+    others = [Station(p, **(told | {"range_sigma": 25.0})) for p in PLACES.values()]
+    measured: dict[str, Any] = {kind: v * UNITS[kind][1] for kind, v in Z.items()}
+    check(frame, reconstruct(others, TIMES, **measured))
+    rows = [line + (",30" if line.startswith("9.0,B") else ",25") for line in lines()]
+    done = run(write(rows, head), "--sensors", stations)
+    assert (done.code, done.err) == (
+        1,
+        "tertia: the sigma of the range of B changes over time; a path takes one for each sensor "
+        "and kind\n",
+    )
+
+
+def test_range_differences(write: Write, tmp_path: Path) -> None:
+    places = np.array([[0.0, 0.0], [3000.0, 0.0], [0.0, 4000.0], [4000.0, 5000.0], [-1000, 3000]])
+    distance = np.linalg.norm(truth()[:, np.newaxis, :2] - places, axis=-1)
+    noise = np.random.default_rng(3).standard_normal((STEPS, 4))
+    values = (distance[:, 1:] - distance[:, :1] + noise).round(3)
+    head = "name,east_m,north_m,range_difference_sigma_m"
+    rows = [f"S{k},{e},{n},{'' if k == 0 else k}" for k, (e, n) in enumerate(places)]
+    stations = write(rows, head, "stations.csv")
+    told = [f"{TIMES[i]},S{k + 1},{values[i, k]}" for i in range(STEPS) for k in range(4)]
+    path = write(told, "time_s,sensor,range_difference_m")
+    frame = track(path, "--sensors", stations, folder=tmp_path)
+    expected = reconstruct(
+        [Station(place) for place in places],
+        TIMES,
+        range_difference=values,
+        range_difference_sigma=[1.0, 2.0, 3.0, 4.0],
+    )
+    same(frame["north_m"], expected.position[:, 1])
+    same(frame["velocity_east_sigma_m_s"], np.sqrt(expected.covariance[:, 2, 2]))
+
+
+# latitude, longitude, height
+EARTH = {"A": (50.1, 14.3, 350.0), "B": (50.55, 14.9, 410.0), "C": (49.8, 15.2, 520.0)}
+GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
+
+
+def test_latitude_and_longitude_in_space(write: Write, tmp_path: Path) -> None:
+    frame = LocalFrame(*EARTH["A"])
+    told: dict[str, Any] = {f"{k}_sigma": value * UNITS[k][1] for k, value in SIGMA.items()}
+    known = [frame.station(*place, name=name, **told) for name, place in EARTH.items()]
+    flown = np.linspace([50.1, 14.6, 9000.0], [50.2, 14.7, 9500.0], STEPS)
+    measured = simulate.stations(known, frame.to_local(*flown.T), rng=4).measurements
+    z = {kind: np.round(v / UNITS[kind][1], 4) for kind, v in measured.items()}
+    header = ",".join(["name", *GEODETIC, *(f"{k}_sigma_{UNITS[k][0]}" for k in SIGMA)])
+    rows = [",".join(map(str, [name, *p, *SIGMA.values()])) for name, p in EARTH.items()]
+    arguments = (write(lines(z)), "--sensors", write(rows, header, "earth.csv"))
+    found = track(*arguments, folder=tmp_path)
+    assert found.columns[6:11] == ["up_sigma_m", *GEODETIC, "velocity_east_m_s"]
+    in_radians: dict[str, Any] = {kind: v * UNITS[kind][1] for kind, v in z.items()}
+    result = reconstruct(known, TIMES, **in_radians)
+    check(found, result)
+    for column, expected in zip(GEODETIC, frame.to_geodetic(result.position), strict=True):
+        same(found[column], expected)
+    error = found.select(GEODETIC).to_numpy() - flown
+    assert np.max(np.abs(error) @ np.diag([111e3, 72e3, 1.0])) < 100
+    told_of_origin = "origin of east, north and up: latitude 50.1, longitude 14.3, height 350 m"
+    assert f"\n{told_of_origin}\n" in run(*arguments).out
+
+
+@pytest.mark.parametrize("order", ["spatial-first", "temporal-first"])
+def test_latitude_and_longitude_in_the_plane(order: str, write: Write, tmp_path: Path) -> None:
+    flown = np.linspace([50.1, 14.6], [50.2, 14.7], STEPS)
+    geod = Geod(ellps="WGS84")
+    azimuth = np.empty((STEPS, 3))
+    for k, (latitude, longitude, _) in enumerate(EARTH.values()):
+        here = np.full(STEPS, longitude), np.full(STEPS, latitude)
+        azimuth[:, k] = geod.inv(*here, flown[:, 1], flown[:, 0])[0]
+    rows = [f"{name},{place[0]},{place[1]},0.01" for name, place in EARTH.items()]
+    stations = write(rows, "name,latitude_deg,longitude_deg,azimuth_sigma_deg", "earth.csv")
+    path = write(lines({"azimuth": azimuth}), "time_s,sensor,azimuth_deg")
+    found = track(path, "--sensors", stations, "--order", order, folder=tmp_path)
+    assert "height_m" not in found.columns
+    told = found["longitude_deg"].to_numpy(), found["latitude_deg"].to_numpy()
+    # without the north of each station it would be 200 m
+    assert np.max(geod.inv(*flown.T[::-1], *told)[2]) < 3
+
+
+def test_extra_geo_is_asked_for(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    stations = write(["A,50,14,1"], "name,latitude_deg,longitude_deg,range_sigma_m", "earth.csv")
+    monkeypatch.setattr(_sensors, "find_spec", lambda name: None)
+    told = f"tertia: {stations}: latitude_deg needs the extra geo: pip install 'tertia[geo]'\n"
+    assert run(write(lines()), "--sensors", stations) == (1, "", told)
+
+
+def test_groups(write: Write, stations: Path, tmp_path: Path) -> None:
+    other = recording(9)
+    rows = [*lines(extra=",007"), *lines(other, ",x")]
+    arguments = (write(rows, HEAD + ",target"), "--sensors", stations, "--by", "target")
+    first, second = track(*arguments, folder=tmp_path).partition_by("target", maintain_order=True)
+    check(first, rebuilt())
+    check(second, rebuilt(other))
+    done = run(*arguments, "--plot", tmp_path / "p.svg")
+    assert (done.code, done.err) == (0, "")
+    assert re.findall(r"^target (\w+): 39 of 40 instants", done.out, re.M) == ["007", "x"]
+    words = re.sub(r"<!-- (.*?) -->", r"\1", (tmp_path / "p.svg").read_text(encoding="utf-8"))
+    for word in ("target 007: 39 of 40 instants located", "trajectory", "time_s", "up (m)"):
+        assert word in words
+
+
+def test_example_finds_the_faults_and_the_misaligned_station(tmp_path: Path) -> None:
+    script = runpy.run_path(str(EXAMPLES / "make_stations.py"))
+    done = run(*EXAMPLE, "--bias", "azimuth")
+    told = {tuple(row[:2]): row[6:] for row in table(done.out)[1:]}
+    value, sigma = map(float, told["south", "azimuth"])
+    assert abs(value - script["MISALIGNED_DEG"]) < 3 * sigma < 0.3
+    frame = track(*EXAMPLE, "--bias", "azimuth", folder=tmp_path)
+    outlier_measurement = frame.filter(pl.col("outlier_measurement").is_not_null())
+    assert outlier_measurement["outlier_measurement"].unique().to_list() == ["east range"]
+    assert outlier_measurement["time_s"].is_between(30, 36).all()
+    truth = script["truth"]()
+    error = frame.select("east_m", "north_m", "up_m").to_numpy() - truth
+    covariance = np.zeros((len(frame), 3, 3))
+    for i, a in enumerate(AXES):
+        covariance[:, i, i] = frame[f"{a}_sigma_m"].to_numpy() ** 2
+        for j, b in enumerate(AXES[:i]):
+            covariance[:, i, j] = covariance[:, j, i] = frame[f"covariance_{b}_{a}_m2"].to_numpy()
+    # one trajectory only: errors are correlated, so the mean may be off by this
+    assert 0.4 < np.mean(np.asarray(metrics.nees(error, covariance))) / 3 < 1.8
+    velocity = frame.select("velocity_east_m_s", "velocity_north_m_s").to_numpy()
+    sigma_v = frame.select("velocity_east_sigma_m_s", "velocity_north_sigma_m_s").to_numpy()
+    z = (velocity - np.gradient(truth[:, :2], axis=0))[2:-2] / sigma_v[2:-2]
+    assert 0.3 < np.mean(z**2) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--bias", "bearing"], 2, "--bias has 'bearing'; it must be of range, azimuth, .*"),
+        (["--bias", "range_difference"], 2, "--bias has 'range_difference'; it must .*"),
+        (
+            ["--bias", "range", "--order", "temporal-first"],
+            1,
+            "bias needs order 'spatial-first' and smoother 'rts'",
+        ),
+        (["--degree", "two"], 2, "--degree is 'two'; it must be adaptive or a whole number"),
+        (["--smoother", "local-polynomial", "--window", "12"], 1, "window is 12; it must be an .*"),
+        (["--smoother", "local-polynomial", "--degree", "99"], 1, "degree is 99; it must be .*"),
+        (["--jerk", "-1"], 1, "jerk is -1.0; it must not be negative"),
+        (["--by", "velocity_up_m_s"], 2, "cannot group by velocity_up_m_s: .*"),
+        (["--output", "x.xls"], 2, "cannot write x.xls: its name must end in .*"),
+        (["--output", "no/x.csv"], 1, "cannot write no/x.csv: No such file or directory"),
+    ],
+)
+def test_errors_are_one_clear_line_and_leave_nothing(
+    arguments: list[str],
+    code: int,
+    message: str,
+    write: Write,
+    stations: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(lines())
+    before = sorted(Path().iterdir())
+    done = run("m.csv", "--sensors", "stations.csv", *arguments)
+    assert done.code == code, done.err
+    assert re.fullmatch(f"tertia: {message}\n", done.err), done.err
+    assert sorted(Path().iterdir()) == before
+
+
+def test_errors_call_stations_by_their_names(write: Write, stations: Path) -> None:
+    one = [line for line in lines() if ",B," in line]
+    done = run(write(one), "--sensors", stations, "--bias", "range")
+    assert done.code == 1
+    told = r"tertia: biases of range of B are not observable: together they move .*\n"
+    assert re.fullmatch(told, done.err)
+    rows = [line + ",1" for line in one] + ["0.0,B,,,,2"]
+    done = run(write(rows, HEAD + ",target"), "--sensors", stations, "--by", "target")
+    assert (done.code, done.err) == (1, "tertia: target 2: nothing was measured\n")
+    few = write(["0,B,500,,", "1,B,510,,"])
+    done = run(few, "--sensors", stations)
+    assert (done.code, done.err) == (
+        1,
+        f"tertia: no instant can be located: {LocationStatus.TOO_FEW.message}\n",
+    )
+
+
+def test_a_sigma_that_nobody_states_is_an_error(write: Write) -> None:
+    stations = write(["A,0,0", "B,9,0"], "name,east_m,north_m", "s.csv")
+    path = write(["0,A,1", "0,B,2"], "time_s,sensor,azimuth_deg")
+    done = run(path, "--sensors", stations)
+    told = f"tertia: {stations}: A has no azimuth_sigma_deg, but measures azimuth\n"
+    assert (done.code, done.err) == (1, told)
+
+
+def test_help() -> None:
+    told = run("--help").out
+    for word in ("--order", "--smoother", "--bias", "--measurements", "--jerk"):
+        assert word in told
+    assert "tertia reconstruct measurements.csv" in told
+
+
+def test_figures_of_the_page_are_those_of_the_command() -> None:
+    page = (ROOT / "docs" / "trajectory.md").read_text(encoding="utf-8")
+    plain, bias = (
+        {tuple(row[:2]): row[2:] for row in table(run(*EXAMPLE, *options).out)[1:]}
+        for options in ((), ("--bias", "azimuth"))
+    )
+    mean = float(plain["south", "azimuth"][2])
+    assert f"a mean residual of {mean:.1f} standard" in page
+    value, sigma = map(float, bias["south", "azimuth"][4:])
+    assert f"a bias of {value} ± {sigma:.3f} degrees" in page

@@ -1,0 +1,116 @@
+"""The command `tertia simulate`: files that the other commands read, with what it says of them."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from tertia import cli
+
+OPTIONS = ("--set-up", "tma", "--aircraft", "10", "--radar-count", "2", "--duration", "400")
+
+
+class Run(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+def run(*arguments: object) -> Run:
+    result = CliRunner().invoke(cli.app, [str(part) for part in arguments], catch_exceptions=False)
+    return Run(result.exit_code, result.stdout, result.stderr)
+
+
+def scene(folder: Path, *options: object) -> Path:
+    done = run("simulate", folder, *OPTIONS, *options)
+    assert done.code == 0, done.err
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scene(tmp_path_factory.mktemp("scene"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "track {0}/plots.csv --sensors {0}/sensors.toml --plans {0}/plans.json --output {1}/t.csv",
+        "evaluate {1}/t.csv --truth {0}/truth.csv",
+        "bearing {0}/bearings.csv --by target --by sensor",
+        "locate {0}/bearings.csv --sensors {0}/sensors.toml --by target",
+        "fuse-series {0}/azimuths.csv --by target --alpha 0.05 --acceleration-sigma 0.001",
+    ],
+)
+def test_the_other_commands_read_the_files(
+    command: str, folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    place = tmp_path_factory.getbasetemp()
+    done = run(*command.format(folder, place).split())
+    assert done.code == 0, done.err
+    assert done.err == ""
+
+
+def test_faults_are_what_the_scene_says(folder: Path) -> None:
+    """The last radar's ranges are too long, and its azimuths worse after half the time."""
+    told = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+    fault = told["radars"]["radar-2"]
+    plots = pl.read_csv(folder / "plots.csv", schema_overrides={"mode_3a": pl.String})
+    truth = pl.read_csv(folder / "truth.csv")
+    radars = (folder / "sensors.toml").read_text(encoding="utf-8")
+    assert "detection_probability = 0.95" in radars
+    assert plots.height == told["plot_count"]
+    plans = json.loads((folder / "plans.json").read_text(encoding="utf-8"))
+    codes = {f"{plan['identity']:04o}": plan for plan in plans}
+    errors = []
+    for row in plots.filter(pl.col("sensor") == "radar-2").iter_rows(named=True):
+        plan = codes.get(row["mode_3a"] or "")
+        if plan is None or row["flight_level"] is None:
+            continue
+        own = truth.filter(pl.col("target") == plan["name"])
+        place = [np.interp(row["time_s"], own["time_s"], own[x]) for x in ("east_m", "north_m")]
+        # the second radar is at the north of the first
+        east, north = place[0], place[1] - 31_500.0
+        rise = row["flight_level"] * 30.48 - 50.0
+        azimuth = np.degrees(np.arctan2(east, north))
+        errors.append(
+            (
+                row["time_s"],
+                row["range_m"] - np.hypot(np.hypot(east, north), rise),
+                (row["azimuth_deg"] - azimuth + 180.0) % 360.0 - 180.0,
+            )
+        )
+    time, off, turned = np.array(errors).T
+    assert np.median(off) == pytest.approx(fault["range_bias_m"], abs=25.0)
+    sigma = [
+        np.median(np.abs(turned[half])) / 0.6745
+        for half in (time < fault["since_s"], time > fault["since_s"])
+    ]
+    assert sigma[0] == pytest.approx(1.2 * 0.08, rel=0.25)
+    assert sigma[1] == pytest.approx(fault["azimuth_sigma_deg"], rel=0.25)
+
+
+def test_the_seed_makes_the_files(folder: Path, tmp_path: Path) -> None:
+    again, other = scene(tmp_path / "again"), scene(tmp_path / "other", "--seed", 2)
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == sorted(path.name for path in again.iterdir())
+    assert all((folder / n).read_bytes() == (again / n).read_bytes() for n in names)
+    assert (folder / "plots.csv").read_bytes() != (other / "plots.csv").read_bytes()
+
+
+def test_a_single_radar_has_no_faults(tmp_path: Path) -> None:
+    told: dict[str, Any] = json.loads(
+        run("simulate", tmp_path, *OPTIONS, "--radar-count", 1, "--json").out
+    )
+    assert told["radars"] == {}
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = run("simulate", tmp_path / "file")
+    assert done.code == 2
+    assert done.err == f"tertia: cannot write {tmp_path / 'file'}: it is no folder\n"

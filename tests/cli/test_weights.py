@@ -1,0 +1,103 @@
+"""The command `tertia weights`: what the library says of a file of measurements."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from tertia import cli, fusion, weights
+
+FILE = Path(__file__).parents[2] / "examples" / "estimates.csv"
+BOTH = ("--value", "east_m", "--value", "north_m")
+
+
+class Run(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+def run(*arguments: object) -> Run:
+    told = ["weights", *(str(part) for part in arguments)]
+    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
+    return Run(result.exit_code, result.stdout, result.stderr)
+
+
+def samples() -> list[np.ndarray]:
+    frame = pl.read_csv(FILE)
+    return [
+        frame.filter(sensor=name).select("east_m", "north_m").to_numpy()
+        for name in ("radar", "finders")
+    ]
+
+
+@pytest.mark.parametrize("differences", [False, True])
+def test_it_is_the_library_on_the_means(differences: bool, tmp_path: Path) -> None:
+    output = tmp_path / "weights.parquet"
+    options = ("--differences",) if differences else ()
+    done = run(FILE, *BOTH, *options, "--loss", 0.1, "--output", output, "--json")
+    assert done.code == 0
+    told, table = json.loads(done.out), pl.read_parquet(output)
+    spread = [weights.sample_covariance(s, differences=differences) / 24 for s in samples()]
+    fused = fusion.fuse([s.mean(axis=0) for s in samples()], spread)
+    convention = "differences" if differences else "sample-mean"
+    assert told["pvalue"] == fused.pvalue
+    assert told["loss"] == weights.fusion_loss(spread, 24, convention=convention).loss
+    assert told["required_count"] == weights.required_samples(spread, 0.1, convention=convention)
+    assert table["sensor"].to_list() == ["radar", "finders", "fused"]
+    assert table["measurement_count"].to_list() == [24, 24, 48]
+    np.testing.assert_array_equal(table[2, "east_m"], fused.mean[0])
+    sigma = np.sqrt(fused.covariance[1, 1])
+    np.testing.assert_array_equal(table[2, "north_sigma_m"], sigma)
+    found = table.select(pl.col("^weight_.*$")).to_numpy()[:2].reshape(2, 2, 2)
+    np.testing.assert_array_equal(found, fused.weights)
+    np.testing.assert_allclose(found.sum(axis=0), np.eye(2), atol=1e-14)
+
+
+def test_what_is_printed() -> None:
+    done = run(FILE, *BOTH)
+    assert done.code == 0
+    assert "fused: east_m 1203.6 ± 3.4, north_m -353.3 ± 3.0" in done.out
+    assert "measurements per sensor would keep that below 0.05" in done.out
+
+
+def test_incomplete_rows_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text("who,x\na,1\na,\n,3\na,2\nb,4\nb,nan\nb,6\n", encoding="utf-8")
+    done = run(path, "--column", "sensor=who", "--value", "x", "--json")
+    assert done.code == 0
+    assert done.err.startswith("3 of 7 rows are incomplete\n")
+    assert [row["measurement_count"] for row in json.loads(done.out)["sensors"]] == [2, 2, 4]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "code", "message"),
+    [
+        ("sensor,x\na,1\na,2\n", ("--value", "x"), 1, "in.csv: there is 1 sensor; two are needed"),
+        ("sensor,x\na,1\nb,2\nb,3\n", ("--value", "x"), 1, "sensor a has 1 measurement"),
+        ("sensor,x\na,1\n", ("--value", "y"), 2, "has no column y; it has sensor, x"),
+        ("sensor,x\na,east\n", ("--value", "x"), 1, "x is 'east'; it must be a finite number"),
+        ("sensor,x\n", ("--value", "x"), 1, "is empty"),
+        (
+            "sensor,x\na,1\n",
+            ("--value", "sensor"),
+            2,
+            "the column sensor is given for two purposes",
+        ),
+        ("sensor,x\na,1\n", ("--value", "x", "--loss", 0), 2, "loss is 0"),
+        ("sensor,x\n" + "a,1\nb,1\n" * 9, ("--value", "x"), 1, "sensor a: x is always the same"),
+    ],
+)
+def test_mistakes(
+    text: str, options: tuple[object, ...], code: int, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text(text, encoding="utf-8")
+    done = run(path, *options)
+    assert done.code == code
+    assert message in done.err
+    assert done.err.count("\n") == 1

@@ -1,0 +1,403 @@
+"""ASTERIX: what a decoder written from the documents finds, and clear errors."""
+
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from reference import asterix as reference
+from typer.testing import CliRunner
+
+from tertia import cli
+from tertia.io import read_asterix
+from tertia.tracker import Plots, Radar, track
+
+pytest.importorskip("asterix.generated")
+pytest.importorskip("dpkt")
+
+DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
+JAHORINA, NETWORK = (DATA / "asterix" / name for name in ("Jahorina.raw", "cat_034_048.pcap"))
+real = pytest.mark.skipif(not JAHORINA.is_file(), reason="the recordings are not here")
+RADAR = (25, 12)
+Save = Callable[..., Path]
+
+
+@pytest.fixture
+def save(tmp_path: Path) -> Save:
+    def to_file(contents: bytes, name: str = "plots.ast") -> Path:
+        path = tmp_path / name
+        path.write_bytes(contents)
+        return path
+
+    return to_file
+
+
+def flight() -> bytes:
+    """Return what two radars see of an aircraft, and what one of them tells of itself."""
+    place = {"place": (43.571, 16.406, 780), "period": 5.0}
+    parts = [reference.block(34, reference.service(RADAR, 1, 86_390.0, **place))]
+    for at in range(20):
+        time = 86_390.5 + 5 * at
+        plots = [
+            reference.plot(
+                radar, time, 40 + 0.3 * at, 90, address=0x4BAACD, code=0o2303, level=1440
+            )
+            for radar in (RADAR, (25, 13))
+        ]
+        parts.append(reference.block(48, *plots))
+    return b"".join(parts)
+
+
+def test_plots(save: Save) -> None:
+    found = read_asterix(save(flight()))
+    plots = found.plots
+    assert plots.height == 40
+    # past midnight
+    np.testing.assert_array_equal(plots["time_s"][::2], 86_390.5 + 5 * np.arange(20))
+    np.testing.assert_allclose(plots["range_nm"][::2], 40 + 0.3 * np.arange(20), atol=1 / 512)
+    assert set(plots["azimuth_deg"]) == {90.0}
+    assert plots.select(
+        "sensor", "flight_level", "icao_address", "mode_3a", "detection", "simulated"
+    ).row(1) == ("25/13", 360.0, "4BAACD", "2303", "mode-s-roll-call", False)
+    assert found.sensors.rows() == [
+        ("25/12", pytest.approx(43.571, abs=2e-5), pytest.approx(16.406, abs=2e-5), 780.0, 5.0, 20),
+        ("25/13", None, None, None, None, 20),
+    ]
+    assert (found.skipped, found.repeated, found.other_packets) == ({}, 0, 0)
+    assert repr(found) == "AsterixRecording(40 plots, 2 sensors, 0 tracks, 0 reports)"
+
+
+def test_what_is_garbled_or_not_validated_is_unknown(save: Save) -> None:
+    cases = [(0o2303, 1440), (0x8000 | 0o2303, 0x8000 | 1440), (0x4000 | 0o2303, 0x4000 | 1440)]
+    rows = [
+        reference.plot(RADAR, at, 10, 10, code=code, level=level)
+        for at, (code, level) in enumerate(cases)
+    ]
+    plots = read_asterix(save(reference.block(48, *rows))).plots
+    assert plots.select("mode_3a", "flight_level").rows() == [("2303", 360.0), *2 * [(None, None)]]
+    below = reference.plot(RADAR, 0, 10, 10, level=-10 & 0x3FFF)
+    assert read_asterix(save(reference.block(48, below))).plots["flight_level"].item() == -2.5
+
+
+def test_kinds_of_plots(save: Save) -> None:
+    """Simulated (SIM, TST), field monitor (RAB), no detection."""
+    descriptors = [b"\x20", b"\xb0", b"\xa1\x80", b"\xa2", b"\x00"]
+    rows = [reference.plot(RADAR, at, 9, 9, descriptor=d) for at, d in enumerate(descriptors)]
+    plots = read_asterix(save(reference.block(48, *rows))).plots
+    assert plots["detection"].to_list() == ["psr", *3 * ["mode-s-roll-call"], "none"]
+    assert plots["simulated"].to_list() == [False, True, True, False, False]
+    assert plots["field_monitor"].to_list() == [False, False, False, True, False]
+
+
+def test_the_period_is_that_between_north_markers_if_nothing_is_said(save: Save) -> None:
+    rows = [reference.service(RADAR, 1, time) for time in (10.0, 14.0, 18.0, 18.0, 30.0)]
+    rows += [reference.service(RADAR, 2, 11.0)]
+    assert read_asterix(save(reference.block(34, *rows))).sensors["scan_period_s"].item() == 4.0
+
+
+def test_system_tracks_and_reports(save: Save) -> None:
+    track_place = struct.pack(">ii", *(round(a / (180 / 2**25)) for a in (45.4, -15.1)))
+    tracks = reference.record(
+        {
+            1: bytes([25, 100]),
+            4: reference.time_of_day(45_827.5),
+            5: track_place,
+            7: struct.pack(">hh", 4 * 30, 4 * -40),
+            9: struct.pack(">H", 0o1275),
+            12: struct.pack(">H", 4713),
+            17: struct.pack(">h", 4 * 390),
+            18: struct.pack(">h", 1000),
+        }
+    )
+    fine = struct.pack(">ii", *(round(a / (180 / 2**30)) for a in (-45.25, 15.5)))
+    report = reference.record(
+        {
+            1: bytes([25, 50]),
+            2: b"\x00",
+            6: bytes(6),
+            7: fine,
+            11: bytes.fromhex("4BAACD"),
+            12: reference.time_of_day(45_828.0),
+            16: struct.pack(">h", 1000),
+            21: struct.pack(">h", 4 * 350),
+            26: struct.pack(">HH", 1024, 16384),
+        }
+    )
+    path = save(
+        reference.block(62, tracks) + reference.block(65, b"\x00") + reference.block(21, report)
+    )
+    found = read_asterix(path)
+    assert found.skipped == {65: 1}
+    row = found.tracks.row(0, named=True)
+    assert (row["time_s"], row["sensor"], row["target"]) == (45_827.5, "25/100", "4713")
+    assert (row["latitude_deg"], row["longitude_deg"]) == pytest.approx((45.4, -15.1), abs=6e-6)
+    assert (row["speed_m_s"], row["course_deg"]) == pytest.approx((50.0, 143.13010235415598))
+    assert (row["flight_level"], row["mode_3a"]) == (390.0, "1275")
+    assert row["height_m"] == pytest.approx(6250 * 0.3048)
+    row = found.reports.row(0, named=True)
+    assert (row["time_s"], row["target"], row["flight_level"]) == (45_828.0, "4BAACD", 350.0)
+    assert (row["latitude_deg"], row["longitude_deg"]) == pytest.approx((-45.25, 15.5), abs=1e-7)
+    assert (row["height_m"], row["course_deg"]) == (pytest.approx(1905.0), 90.0)
+    assert row["speed_m_s"] == pytest.approx(1024 / 2**14 * 1852)
+
+
+def test_packets(save: Save) -> None:
+    """Twice, as from two lines, and with others between them."""
+    one = reference.ethernet(flight()[:200])
+    contents = flight()
+    half = sum(len(body) + 3 for _, body in list(reference.blocks(contents))[:11])
+    parts = [reference.ethernet(part) for part in (contents[:half], contents[half:])]
+    arp = bytes(12) + b"\x08\x06" + bytes(28)
+    other = reference.ethernet(b"no ASTERIX")
+    path = save(reference.pcap(arp, *parts, other, *parts), "net.pcap")
+    found, plain = read_asterix(path), read_asterix(save(contents))
+    assert found.plots.equals(plain.plots)
+    assert found.sensors.equals(plain.sensors)
+    assert (found.repeated, found.other_packets) == (40, 1)
+    with pytest.raises(ValueError, match="has no packet with ASTERIX in it"):
+        read_asterix(save(reference.pcap(arp, other), "net.pcap"))
+    with pytest.raises(ValueError, match="packet 2 is cut off, or part of a larger one"):
+        read_asterix(save(reference.pcap(arp, one[:100]), "net.pcap"))
+    whole = reference.pcap(*parts)
+    with pytest.raises(ValueError, match="cut off"):
+        read_asterix(save(whole[:-100], "net.pcap"))
+    with pytest.raises(ValueError, match=r"cut off or damaged after packet 1"):
+        read_asterix(save(whole[: 24 + 16 + len(parts[0]) + 10], "net.pcap"))
+
+
+@pytest.mark.parametrize(
+    ("contents", "message"),
+    [
+        (b"", "plots.ast is empty"),
+        (b"time_s,range_m\n1,2\n", "byte 0: there is no data block of ASTERIX, but 74696d655f732c"),
+        (flight()[:-1], "cut off; what is before it can be had with head -c 800"),
+        (flight()[:2], "byte 0: the last data block is cut off"),
+        (flight() + b"\xff\x00\x10", "byte 841: there is no data block"),
+        (flight() + b"\x30\x00\x02", "byte 841: there is no data block"),
+        (
+            reference.block(
+                48, reference.plot(RADAR, 1, 1, 1), reference.plot(RADAR, 2, 2, 2)[:-1]
+            ),
+            "byte 14: record 2, of category 48, is damaged",
+        ),
+    ],
+)
+def test_damaged_files(contents: bytes, message: str, save: Save) -> None:
+    with pytest.raises(ValueError, match=message):
+        read_asterix(save(contents))
+
+
+@real
+def test_a_real_recording_is_what_the_documents_say() -> None:
+    expected = [reference.values(items) for items in reference.plots(JAHORINA.read_bytes())]
+    assert len(expected) == 2099
+    distinct = list(dict.fromkeys(expected))
+    found = read_asterix(JAHORINA)
+    assert found.repeated == len(expected) - len(distinct)
+    columns = ["time_s", "range_nm", "azimuth_deg", "flight_level", "icao_address", "mode_3a"]
+    assert found.plots.select(columns).rows() == distinct
+    assert found.sensors.select("sensor", "scan_period_s", "plot_count").row(0) == (
+        "23/2",
+        5.0078125,
+        1676,
+    )
+
+
+@real
+def test_a_real_recording_of_a_network() -> None:
+    found = read_asterix(NETWORK)
+    assert found.sensors["sensor"].to_list() == [
+        f"25/{sic}" for sic in (11, 12, 13, 14, 201, 204, 205)
+    ]
+    place = found.sensors.row(1, named=True)
+    told = (
+        place["latitude_deg"],
+        place["longitude_deg"],
+        place["height_m"],
+        place["scan_period_s"],
+    )
+    assert told == pytest.approx((43.57102202219, 16.40606241326, 780.0, 4.9453125), abs=1e-5)
+    # each packet was recorded on two lines
+    assert found.plots.height == found.repeated == 64
+
+
+# ------------------------------------------------------------------------------------------------
+# tertia track
+
+RADARS = """
+[[radar]]
+name = "25/12"
+range_sigma_m = 60
+azimuth_sigma_deg = 0.08
+
+[[radar]]
+name = "25/13"
+latitude_deg = 43.6
+longitude_deg = 16.5
+height_m = 100
+range_sigma_m = 60
+azimuth_sigma_deg = 0.08
+scan_period_s = 5
+"""
+
+
+def run(command: str, *arguments: object) -> tuple[int, str, str]:
+    result = CliRunner().invoke(cli.app, [command, *map(str, arguments)], catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture
+def radars(tmp_path: Path) -> Path:
+    path = tmp_path / "radars.toml"
+    path.write_text(RADARS, encoding="utf-8")
+    return path
+
+
+def test_positions_and_periods_come_from_the_recording(
+    save: Save, radars: Path, tmp_path: Path
+) -> None:
+    """The second radar, whose place is wrong, sees another aircraft; the first is its own."""
+    pytest.importorskip("pyproj")
+    output = tmp_path / "tracks.parquet"
+    code, out, err = run("track", save(flight()), "--sensors", radars, "--output", output)
+    assert (code, err) == (0, "")
+    assert "origin of east, north and up: latitude 43.57" in out
+    found = pl.read_parquet(output)
+    assert set(found["icao_address"].drop_nulls()) == {"4BAACD"}
+    assert set(found["sensor"]) == {"25/12", "25/13"}
+    east = found.filter(pl.col("sensor") == "25/12").sort("time_s")["longitude_deg"]
+    assert east[-1] > east[0] > 16.406
+
+
+def test_of_a_recording_what_is_no_target_is_left_out(save: Save, radars: Path) -> None:
+    pytest.importorskip("pyproj")
+    more = [reference.plot(RADAR, 86_391, 9, 9, descriptor=d) for d in (b"\xb0", b"\xa2", b"\x00")]
+    path = save(flight() + reference.block(48, *more) + flight()[-41:])
+    code, _, err = run("track", path, "--sensors", radars)
+    assert code == 0
+    assert f"{path}: 3 plots left out: simulated, of a field monitor, or without a det" in err
+    assert f"{path}: 2 plots left out: the same as one before" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "latitude_deg = 43.6\nlongitude_deg = 16.5\nheight_m = 100\n",
+            "",
+            "25/13 has no position",
+        ),
+        (
+            "scan_period_s = 5",
+            "",
+            "give scan_period_s of 25/13: its recording has none (I034/041)",
+        ),
+        ('name = "25/13"', 'name = "north"', "north has no position|has plots of 25/13: add"),
+        ("height_m = 100\n", "", "height_m of 25/13 is missing"),
+        ("range_sigma_m = 60", "", "range_sigma_m of 25/12 is missing"),
+    ],
+)
+def test_what_is_missing_is_told_in_one_line(
+    old: str, new: str, message: str, save: Save, radars: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyproj")
+    assert old in RADARS
+    radars.write_text(RADARS.replace(old, new, 1), encoding="utf-8")
+    output = tmp_path / "tracks.csv"
+    code, out, err = run("track", save(flight()), "--sensors", radars, "--output", output)
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert any(part in err for part in message.split("|"))
+    assert not output.exists()
+
+
+def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
+    code, out, err = run("track", save(reference.block(65, b"\x00")), "--sensors", radars)
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert "has no plots (category 48) of targets, but 1 blocks of category 65" in err
+
+
+def test_codes_count_where_nobody_has_an_address(save: Save, tmp_path: Path) -> None:
+    rows = [reference.plot(RADAR, 4.0 * at, 40 + 0.3 * at, 90, code=0o2303) for at in range(9)]
+    told = RADARS.split("\n\n", maxsplit=1)[0] + "\nscan_period_s = 4\neast_m = 0\nnorth_m = 0\n"
+    (tmp_path / "one.toml").write_text(told, encoding="utf-8")
+    path, output = save(reference.block(48, *rows)), tmp_path / "t.csv"
+    assert run("track", path, "--sensors", tmp_path / "one.toml", "--output", output)[0] == 0
+    assert set(pl.read_csv(output, infer_schema=False)["mode_3a"]) == {"2303"}
+
+
+@real
+def test_tracks_of_a_real_recording_are_those_of_the_library(tmp_path: Path) -> None:
+    sites = tmp_path / "radars.toml"
+    told = 'name = "23/2"\neast_m = 0\nnorth_m = 0\nrange_sigma_m = 60\nazimuth_sigma_deg = 0.08'
+    sites.write_text(f"[[radar]]\n{told}\n", encoding="utf-8")
+    output = tmp_path / "tracks.parquet"
+    code, _, err = run("track", JAHORINA, "--sensors", sites, "--output", output)
+    assert code == 0
+    assert err.endswith("the same as one before\n")
+    assert "423 plots left out: the same as one before" in err
+    plots = read_asterix(JAHORINA).plots
+    identity = [-1 if one is None else int(one, 16) for one in plots["icao_address"]]
+    radar = Radar(
+        range_sigma=60.0, azimuth_sigma=np.radians(0.08), scan_period=5.0078125, name="23/2"
+    )
+    expected = track(
+        Plots(
+            plots["time_s"],
+            plots["range_nm"] * 1852.0,
+            np.radians(plots["azimuth_deg"]),
+            height=(plots["flight_level"] * 30.48).fill_null(np.nan),
+            identity=np.array(identity),
+        ),
+        [radar],
+    )
+    found = pl.read_parquet(output)
+    np.testing.assert_array_equal(found.select("east_m", "north_m").to_numpy(), expected.position)
+    assert found["track"].to_list() == expected.track.tolist()
+    # the tracks hold what has one address together, and fly
+    seen = found.filter(pl.col("plot").is_not_null())
+    assert seen.height > 0.98 * plots.height
+    kept = seen.group_by("track").agg(pl.col("icao_address").drop_nulls().n_unique())
+    assert (kept["icao_address"] <= 1).all()
+
+
+def test_a_truth_in_latitude_and_longitude(save: Save, radars: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    tracks = tmp_path / "tracks.parquet"
+    assert run("track", save(flight()), "--sensors", radars, "--output", tracks)[0] == 0
+    rows = pl.read_parquet(tracks).filter(pl.col("sensor") == "25/12")
+    truth, figures = tmp_path / "truth.csv", tmp_path / "figures.json"
+    rows.select("time_s", "latitude_deg", "longitude_deg", target=pl.lit("A")).write_csv(truth)
+    alone = tmp_path / "one.csv"
+    rows.write_csv(alone)
+    code, _, err = run("evaluate", alone, "--truth", truth)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "give origin, " in err
+    origin = "43.57100487,16.40600204"
+    told = run("evaluate", alone, "--truth", truth, "--origin", origin, "--output", figures)
+    assert told[0] == 0, told[2]
+    error = pl.read_json(figures).filter(pl.col("figure") == "RMSE")["value"].item()
+    assert error < 30.0
+    # and the same from ADS-B
+    unit = 180 / 2**30
+    parts = []
+    for row in rows.iter_rows(named=True):
+        place = [round(row[name] / unit) for name in ("latitude_deg", "longitude_deg")]
+        items = {
+            1: bytes(RADAR),
+            2: b"\x00",
+            5: reference.time_of_day(row["time_s"]),
+            7: struct.pack(">ii", *place),
+            11: bytes.fromhex("4BAACD"),
+        }
+        parts.append(reference.block(21, reference.record(items)))
+    path = save(b"".join(parts), "adsb.ast")
+    told = run("evaluate", alone, "--truth", path, "--origin", origin, "--output", figures)
+    assert told[0] == 0, told[2]
+    again = pl.read_json(figures).filter(pl.col("figure") == "RMSE")["value"].item()
+    assert again == pytest.approx(error, abs=0.5)
+    code, _, err = run("evaluate", alone, "--truth", save(flight()), "--origin", origin)
+    assert (code, err.count("\n")) == (1, 1)
+    assert "neither ADS-B reports (category 21) nor system tracks (62)" in err
