@@ -1,10 +1,10 @@
-"""One target along time: from positions, or any measured series, with their covariances.
+"""Smoothing over time: of the positions of one target, or of any measured series.
 
-`local_polynomial` fits a polynomial to the instants around each. `smooth` estimates position,
-velocity and acceleration at every instant from all plots, for a target whose acceleration is
-changed by white jerk. Units are the caller's.
+`local_polynomial` fits a polynomial around each instant. `smooth` estimates position, velocity and
+acceleration at every instant from all plots, for a target whose acceleration is driven by white
+jerk. Units are the caller's.
 
-Neither looks for outliers: they must be gone before (`tertia.screening`).
+Neither rejects outliers: remove them first (`tertia.screening`).
 """
 
 from __future__ import annotations
@@ -26,27 +26,28 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia.kalman._batch import _initial
 
 __all__ = ["LocalPolynomial", "SmoothedPositions", "local_polynomial", "smooth"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalPolynomial:
-    """A series smoothed by local polynomials, or a derivative of it.
+    """A series smoothed by local polynomials, or its derivative.
 
     Attributes
     ----------
     value : ndarray of shape (..., N)
-        The polynomial around each instant, there; nan where its window has too few measurements.
+        Value of each instant's polynomial; nan where its window has too few measurements.
     sigma : ndarray of shape (..., N)
-        Standard error of `value`; inf where it is nan, or where nothing tells the noise.
+        Standard error of `value`; inf where it is nan, or where the noise cannot be estimated.
     degree : ndarray of int, of shape (..., N)
-        Of each polynomial; -1 where there is none.
+        Degree of each polynomial; -1 where there is none.
     residual_variance : float or ndarray of shape (...), or None
         Variance of the noise, estimated from the whole record; None if variances were given.
     degrees_of_freedom : float or ndarray of shape (...), or None
-        Of `residual_variance`: for short records quantiles of Student's distribution belong to
-        `sigma`.
+        Degrees of freedom of `residual_variance`: for short records, use quantiles of Student's
+        distribution with `sigma`.
     """
 
     value: FloatArray
@@ -56,39 +57,39 @@ class LocalPolynomial:
     degrees_of_freedom: float | FloatArray | None
 
     def __repr__(self) -> str:
-        """Tell the shape and the degrees."""
+        """Return the shape and the degrees."""
         used, counts = np.unique(self.degree[self.degree >= 0], return_counts=True)
-        told = ", ".join(
+        degrees = ", ".join(
             f"{count / counts.sum():.0%} of degree {degree}"
             for degree, count in zip(used, counts, strict=True)
         )
-        return f"LocalPolynomial(value of shape {self.value.shape}, {told or 'no polynomial'})"
+        return f"LocalPolynomial(value of shape {self.value.shape}, {degrees or 'no polynomial'})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedPositions:
-    """A smoothed track.
+    """Positions, velocities and accelerations of a target from all its plots.
 
     Attributes
     ----------
     mean : ndarray of shape (..., N, 3 D)
         Positions, velocities and accelerations, in this order; nan where unknown.
     covariance : ndarray of shape (..., N, 3 D, 3 D)
-        Of `mean`; a variance is inf and its covariances are 0 where unknown.
+        Covariance of `mean`; where unknown, the variance is inf and its covariances are 0.
     innovation : ndarray of shape (..., N, D)
-        Differences of the plots from what those before them predict, uncorrelated and of unit
-        variance if the model holds: the first axis first, the others given those before. nan where
-        there is no plot, or nothing to predict it from.
+        Plots minus their predictions from earlier plots, whitened: uncorrelated and of unit
+        variance if the model holds. Each axis is conditioned on the axes before it. nan where there
+        is no plot, or no prediction yet.
     log_likelihood : float or ndarray of shape (...)
-        Of all plots, for an unknown first state; but for a constant that depends on units and
-        times.
+        Log-likelihood of all plots for an unknown first state, up to a constant that depends on
+        units and times.
     count : int or ndarray of shape (...)
-        Measured numbers beyond those that are needed to know the state.
+        Measured numbers beyond those needed to determine the state.
     jerk : float or ndarray of shape (...)
-        Intensity of the white jerk: the variance of the acceleration grows by it per unit of time.
+        Intensity of the white jerk: how fast the variance of the acceleration grows.
     jerk_sigma : float or ndarray of shape (...)
-        Standard uncertainty of `jerk`, to first order; 0 if the jerk was given, inf if the plots do
-        not determine it.
+        Standard uncertainty of `jerk`, to first order: that of its logarithm multiplied by `jerk`.
+        0 if the jerk was given, inf if the plots do not determine it.
     """
 
     mean: FloatArray
@@ -147,11 +148,12 @@ class SmoothedPositions:
         return slice(derivative * dimension, (derivative + 1) * dimension)
 
     def __repr__(self) -> str:
-        """Tell the shape and the jerk."""
-        told = f"SmoothedPositions(position of shape {self.innovation.shape}"
+        """Return the shape and the jerk."""
+        shape = f"SmoothedPositions(position of shape {self.innovation.shape}"
         if isinstance(self.jerk, np.ndarray):
-            return f"{told})"
-        return f"{told}, jerk {self.jerk:.3g} ± {_relative(self.jerk, self.jerk_sigma):.0%})"
+            return f"{shape})"
+        relative = self.jerk_sigma / self.jerk if self.jerk > 0 else np.inf
+        return f"{shape}, jerk {self.jerk:.3g} ± {relative:.0%})"
 
 
 def local_polynomial(
@@ -166,28 +168,29 @@ def local_polynomial(
     significance: float = 0.05,
     n_threads: int | None = None,
 ) -> LocalPolynomial:
-    """Smooth a series by the polynomial that fits the instants around each one best.
+    """Smooth a series by polynomials fitted around each instant.
 
     Parameters
     ----------
     y : array_like of shape (..., N)
         Measurements; nan where there is none.
     window : int
-        Instants in a window, an odd number. The instant is in the middle; at the ends the first
-        and last windows are evaluated off-centre.
+        Number of instants in a window, odd. Each instant is in the middle of its window; near the
+        ends, the first and last windows are evaluated off-centre.
     degree : {"adaptive"} or int
-        Degree of the polynomials, at most 9 and less than `window`. "adaptive": in each window the
-        highest one up to `max_degree` whose coefficient is significant.
+        Degree of the polynomials, at most 9 and less than `window`. "adaptive" takes, in each
+        window, the highest degree up to `max_degree` whose coefficient is significant.
     time : array_like of shape (N,) or (..., N), optional
-        Times of the instants, not decreasing; by default 0, 1, 2, ...
+        Times of the instants, in non-decreasing order; by default 0, 1, 2, ...
     variance : array_like of shape (), (N,) or (..., N), optional
-        Variances of the measurements. By default they are equal and unknown.
+        Variance of the measurements. By default it is constant and unknown.
     derivative : int
-        0 for the value, 1 for its rate, ..., at most the degree. Adaptive degrees are not lower.
+        0 for the value, 1 for its rate, and so on, at most the degree. Adaptive degrees are never
+        lower.
     max_degree : int
         Highest adaptive degree, less than `window` - 1.
     significance : float
-        Chance of a test to keep a coefficient that is 0.
+        False-alarm rate of each test: the chance of keeping a coefficient that is 0.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
@@ -199,25 +202,24 @@ def local_polynomial(
     Raises
     ------
     ValueError
-        A measurement that is infinite, a variance that is not positive where there is one, times
-        that decrease, shapes that do not fit, or options outside their domain.
+        An infinite measurement, a variance that is not positive, decreasing times, shapes that do
+        not fit, or an option outside its domain.
     TypeError
         An argument of the wrong type.
 
     Notes
     -----
-    A degree is tested from the highest down: coefficient p of orthogonal polynomials, by F(1, ν)
-    with ν = n - p - 1 from what the window of n measurements leaves; with `variance` by chi-square
-    of one degree of freedom. Each test has the level `significance`. A window with too few
-    measurements to test the highest degree has no value, nor has one with too few for a fixed
-    degree.
+    Degrees are tested from the highest down: the coefficient of the orthogonal polynomial of degree
+    p by F(1, ν), where ν = n - p - 1 are the degrees of freedom left in a window of n measurements,
+    or with `variance` by chi-square with one degree of freedom. A window with too few measurements
+    to test the highest degree, or to fit a fixed degree, has no value.
 
-    Without variances `sigma` is that of equal noise, whose variance is estimated from the whole
-    record, about polynomials of the highest degree: so choosing a degree does not make it smaller.
-    `sigma` is the error by noise alone, as if the degree were known. A curvature that the test does
-    not see is a bias besides.
+    Without `variance`, `sigma` assumes equal noise whose variance is estimated from the whole
+    record, about polynomials of the highest degree, so that choosing a degree does not make it
+    smaller. `sigma` covers the noise alone, as if the degree were known; a curvature that the test
+    misses is a bias on top of it.
 
-    Cost O(N window). Equal steps without variances are a convolution (Savitzky and Golay 1964).
+    Cost O(N window). Equal steps without `variance` are a convolution (Savitzky and Golay 1964).
 
     Examples
     --------
@@ -270,51 +272,51 @@ def smooth(
     Parameters
     ----------
     y : array_like of shape (..., N, D)
-        Plots of N instants in D axes; nan where a component is missing.
+        Measured positions (plots) at N instants in D axes; nan where a component is missing.
     covariance : array_like of shape (), (D,), (D, D), (..., N, D) or (..., N, D, D)
-        Their covariances: one matrix for all instants, or one for each; or variances of independent
-        axes. A shape (D, D) is always one matrix. What belongs to a missing component is not looked
-        at.
+        Their covariances: one matrix for all instants or one for each, or the variances of
+        independent axes. A shape (D, D) is always one matrix. Elements of a missing component are
+        ignored.
     time : array_like of shape (N,) or (..., N), optional
-        Times of the instants, not decreasing; equal ones are plots of one instant.
+        Times of the instants, in non-decreasing order; equal times are plots of one instant.
     dt : float, optional
         Time between instants, instead of `time`. By default 1.
     jerk : array_like of shape () or (...), optional
         Intensity of the white jerk of every axis, in position² / time⁵; 0 is constant acceleration.
-        By default that which makes each track most likely.
+        By default its maximum-likelihood estimate for each target.
     initial : (mean, covariance), optional
-        What is known of the state at the first instant besides the plots, of shapes (..., 3 D) and
-        (..., 3 D, 3 D): positions, velocities, accelerations. By default nothing.
+        Prior of the state at the first instant, of shapes (..., 3 D) and (..., 3 D, 3 D):
+        positions, velocities, accelerations. By default nothing is known.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 
     Returns
     -------
     SmoothedPositions
-        States with their covariances, the likelihood and innovations.
+        States with their covariances, the likelihood and the innovations.
 
     Raises
     ------
     ValueError
-        A plot that is infinite, a variance that is not positive, times that decrease, a negative
-        jerk, or shapes that do not fit.
+        An infinite plot, a variance that is not positive, decreasing times, a negative jerk, or
+        shapes that do not fit.
     numpy.linalg.LinAlgError
-        A covariance that is indefinite or singular.
+        An indefinite or singular covariance.
     TypeError
         An argument of the wrong type.
 
     Notes
     -----
     Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise
-    of the covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
-    Rauch, Tung and Striebel (1965) for an unknown first state: exactly, not by large variances. Two
-    square root information filters, forwards and backwards, are solved together at each instant.
-    Three instants determine the state of an axis. Where there are fewer, the variance of what they
-    do not determine is inf.
+    of covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
+    Rauch, Tung and Striebel (1965), with an unknown first state treated exactly rather than by
+    large variances: two square root information filters, forwards and backwards, are combined at
+    each instant. Three instants determine the state of an axis; with fewer, the variance of what
+    remains undetermined is inf.
 
-    The fitted jerk is taken as known: its own error is not in `covariance`. It is 0, with the error
-    inf, where the track shows none; of ten plots or so this is usual, and does not mean that there
-    is none. Cost O(N D³), some 30 times as much with the fit.
+    The fitted jerk is treated as known: its uncertainty is not part of `covariance`. Where the
+    plots show no jerk, it is 0 with an uncertainty of inf. With about ten plots this is common, and
+    does not mean that there is none. Cost O(N D³), about 30 times as much with the fit.
 
     Examples
     --------
@@ -349,14 +351,10 @@ def smooth(
         "covariance": matrices,
         "each": each,
         "jerk": intensity,
-        "initial": None if initial is None else _prior(initial, batch, 3 * dimension),
+        "initial": None if initial is None else _initial(initial, batch, 3 * dimension),
     }
-    mean, matrix, innovation, *told = _core.smooth(tracks, threads(n_threads))
-    return SmoothedPositions(mean, matrix, innovation, *map(scalar_or_array, told))
-
-
-def _relative(value: float, sigma: float) -> float:
-    return sigma / value if value > 0 else np.inf
+    mean, matrix, innovation, *scalars = _core.smooth(tracks, threads(n_threads))
+    return SmoothedPositions(mean, matrix, innovation, *map(scalar_or_array, scalars))
 
 
 def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArray:
@@ -367,7 +365,7 @@ def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArra
 
 
 def _shared(
-    array: FloatArray, shape: tuple[int, ...], batch: tuple[int, ...], name: str, told: str
+    array: FloatArray, shape: tuple[int, ...], batch: tuple[int, ...], name: str, axes_names: str
 ) -> FloatArray:
     """Return one block of this shape for the whole batch, or one for each."""
     axes = len(shape)
@@ -378,8 +376,8 @@ def _shared(
             return np.broadcast_to(array, (*batch, *shape))
         except ValueError:
             pass
-    own = array.shape if told else array.shape[:-1]
-    expected = f"(..., {', '.join(map(str, shape))})" if told else f"{batch} or ()"
+    own = array.shape if axes_names else array.shape[:-1]
+    expected = f"(..., {', '.join(map(str, shape))})" if axes_names else f"{batch} or ()"
     raise ValueError(f"{name} has shape {own}; for a batch {batch} it must be {expected}")
 
 
@@ -424,28 +422,3 @@ def _instants(
     if dt is not None:
         raise ValueError("give either time or dt")
     return _shared(finite(time, "time"), (n,), batch, "time", "N")
-
-
-def _prior(
-    initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...], states: int
-) -> FloatArray:
-    try:
-        mean, covariance = initial
-    except (TypeError, ValueError):
-        raise TypeError("initial must be a pair (mean, covariance)") from None
-    x, p = finite(mean, "initial mean"), finite(covariance, "initial covariance")
-    if x.shape[-1:] != (states,) or p.shape[-2:] != (states, states):
-        raise ValueError(
-            f"initial has shapes {x.shape} and {p.shape}; they must be (..., {states}) and "
-            f"(..., {states}, {states})"
-        )
-    flat = p.reshape(*p.shape[:-2], states * states)
-    try:
-        common = np.broadcast_shapes(x.shape[:-1], flat.shape[:-1])
-    except ValueError:
-        raise ValueError(
-            f"initial has shapes {x.shape} and {p.shape}; their batches do not fit together"
-        ) from None
-    both = [np.broadcast_to(array, (*common, array.shape[-1])) for array in (x, flat)]
-    whole = np.concatenate(both, axis=-1)
-    return _shared(whole, (states + states**2,), batch, "initial", "3 D + 9 D²")

@@ -72,19 +72,21 @@ def _intervals(
     return intervals
 
 
-def _initial(initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...]) -> FloatArray:
+def _initial(
+    initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...], size: int = 3
+) -> FloatArray:
+    """Return means and covariances of states, row by row: one row for all series, or one each."""
     try:
         mean, covariance = initial
     except (TypeError, ValueError):
         raise TypeError("initial must be a pair (mean, covariance)") from None
     x, p = finite(mean, "initial mean"), finite(covariance, "initial covariance")
-    if x.shape[-1:] != (3,) or p.shape[-2:] != (3, 3):
-        raise ValueError(
-            f"initial has shapes {x.shape} and {p.shape}; they must be (..., 3) and (..., 3, 3)"
-        )
+    shapes = f"(..., {size}) and (..., {size}, {size})"
+    if x.shape[-1:] != (size,) or p.shape[-2:] != (size, size):
+        raise ValueError(f"initial has shapes {x.shape} and {p.shape}; they must be {shapes}")
     if x.ndim == 1 and p.ndim == 2:
-        return np.concatenate([x, p.reshape(9)])
-    flat = p.reshape(*p.shape[:-2], 9)
+        return np.concatenate([x, p.reshape(size**2)])
+    flat = p.reshape(*p.shape[:-2], size**2)
     try:
         common = np.broadcast_shapes(x.shape[:-1], flat.shape[:-1])
     except ValueError:
@@ -97,8 +99,7 @@ def _initial(initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...
         fits = False
     if not fits:
         raise ValueError(
-            f"initial has shapes {x.shape} and {p.shape}; for series {batch} they must be "
-            "(..., 3) and (..., 3, 3)"
+            f"initial has shapes {x.shape} and {p.shape}; for series {batch} they must be {shapes}"
         )
     both = [np.broadcast_to(array, (*common, array.shape[-1])) for array in (x, flat)]
-    return _rows(np.concatenate(both, axis=-1), (12,), batch, "initial")
+    return _rows(np.concatenate(both, axis=-1), (size + size**2,), batch, "initial")

@@ -158,11 +158,22 @@ def fit_noise(
         raise ValueError("give either dt or time")
     unit = SingerModel(1.0 if dt is None else dt, 0.0, 0.0, exact=True)
     batch, _ = _batch(z, 1.0, unit, None, time=time, period=period)
-    (estimates, sigma, density_sigma, *value, limits), outlier = _core.fit_noise(
+    fitted, outlier = _core.fit_noise(
         batch["z"],
         batch["dt"],
         batch["period"],
         None if outlier_gate is None else real(outlier_gate, "outlier_gate"),
         threads(n_threads),
     )
-    return NoiseFit(*estimates, np.array(sigma), *value, density_sigma, tuple(limits), outlier)
+    (alpha, acceleration, noise), sigma, density_sigma, log_likelihood, count, limits = fitted
+    return NoiseFit(
+        alpha,
+        acceleration,
+        noise,
+        np.array(sigma),
+        log_likelihood,
+        count,
+        density_sigma,
+        tuple(limits),
+        outlier,
+    )
