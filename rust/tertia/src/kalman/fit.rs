@@ -8,61 +8,21 @@
 mod climb;
 mod likelihood;
 mod outliers;
+mod recording;
 
-use super::batch::Table;
 use crate::base::error::{Error, Result};
-use climb::{Peak, differences, highest_peak};
+use climb::{FLAT, Peak, differences, highest_peak};
 use likelihood::{DIFFERENCE, Likelihood};
 use nalgebra::{Matrix4x2, Vector4};
 use std::num::NonZero;
 
 pub use outliers::fit_noise;
+pub use recording::{Limit, Recording};
 
 /// Intervals of this share of the mean are between plots of different radars, and not usual.
 const BRIEF: f64 = 1e-4;
 /// Of so short a time between its first two plots, a filter knows no more than rounding.
 const TOGETHER: f64 = 1e-10;
-/// A curvature below this determines nothing.
-const FLAT: f64 = 1e-3;
-
-/// Series of plots that share the noise and the motion: `count` rows of `steps`, nan where there is
-/// none, and the intervals before each plot but the first, or one number for all.
-#[derive(Clone, Copy, Debug)]
-pub struct Recording<'a> {
-    /// The plots.
-    pub z: &'a [f64],
-    /// Of each series.
-    pub steps: usize,
-    /// The intervals.
-    pub dt: Table<'a>,
-    /// Wrap of the plots.
-    pub period: Option<f64>,
-}
-
-/// Where the likelihood is largest at an end of the parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Limit {
-    /// α is infinite: only the density counts.
-    WhiteAcceleration,
-    /// α is 0.
-    ConstantAcceleration,
-    /// There is no acceleration.
-    ConstantRate,
-    /// Beside the motion the noise is nothing.
-    NoNoise,
-}
-
-impl Limit {
-    /// In words.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::WhiteAcceleration => "white acceleration",
-            Self::ConstantAcceleration => "constant acceleration",
-            Self::ConstantRate => "constant rate",
-            Self::NoNoise => "no noise",
-        }
-    }
-}
 
 /// The parameters that make a recording most likely.
 #[derive(Clone, Debug)]

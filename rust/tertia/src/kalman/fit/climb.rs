@@ -1,10 +1,11 @@
 //! Where the likelihood of a recording is largest.
 
-use super::FLAT;
 use super::likelihood::{DIFFERENCE, INFINITE_ALPHA, Likelihood};
 use crate::base::error::Result;
 use nalgebra::{Matrix2, Vector2};
 
+/// A curvature below this determines nothing.
+pub(super) const FLAT: f64 = 1e-3;
 /// So many peaks of the grid are climbed.
 const STARTS: usize = 3;
 /// Times after which a filter forgets that are tried.

@@ -1,6 +1,6 @@
 //! The likelihood of a recording, with the scale of noise and motion that is best.
 
-use super::{Limit, Recording};
+use super::recording::{Limit, Recording};
 use crate::base::error::{Error, Result};
 use crate::kalman::batch::{Batch, End, Row, Table};
 use crate::kalman::model::Singer;

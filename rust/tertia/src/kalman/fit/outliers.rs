@@ -1,7 +1,8 @@
 //! The fit without plots that are far off the track: a few outliers would otherwise be all that it
 //! explains.
 
-use super::{NoiseFit, Recording};
+use super::NoiseFit;
+use super::recording::Recording;
 use crate::base::angle::require_period;
 use crate::base::batch::for_each_row;
 use crate::base::error::{Error, Result, require};
