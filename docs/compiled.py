@@ -1,4 +1,4 @@
-"""For the reference: what compiled classes say of themselves, which their stub does not."""
+"""For the reference: the docstrings of compiled classes, which their stub does not have."""
 
 import importlib
 import inspect
@@ -8,13 +8,15 @@ import griffe
 
 
 class Compiled(griffe.Extension):
-    """Take the texts of the classes of `tertia._core` from the classes."""
+    """Take the docstrings of the classes of `tertia._core` from the compiled classes."""
 
     def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
-        """Fill in what is missing, once the package is read."""
+        """Fill in docstrings, once the package is read."""
         core = importlib.import_module(f"{pkg.name}._core")
         for name, found in pkg["_core"].classes.items():
-            made = getattr(core, name)
+            made = getattr(core, name, None)
+            if made is None:  # what the stub imports for its annotations
+                continue
             _describe(found, made)
             for member, part in found.members.items():
                 _describe(part, getattr(made, member, None))

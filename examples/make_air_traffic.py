@@ -1,11 +1,11 @@
 """Make air_plots.csv, air_radars.toml, air_plans.json, air_truth.csv: two radars, a dozen aircraft.
 
-Nothing here was measured. The simulation is `tertia.simulate` with fixed seeds, so the files can be
-made again. Twelve aircraft fly five minutes of their flight plans, in a wind that no plan knows;
-the last two leave theirs. Both radars have clutter, which answers nothing.
+Nothing here was measured: `tertia.simulate` with fixed seeds makes the same files again. Twelve
+aircraft fly five minutes of their flight plans, in a wind that is not in the plans; the last two
+leave theirs. Both radars have clutter without identities.
 
-west    turns in 4 s, 50 m and 0.08 degrees
-east    turns in 6 s, 75 m and 0.10 degrees, 70 km from the other
+west    scans in 4 s, 50 m and 0.08 degrees
+east    scans in 6 s, 75 m and 0.10 degrees, 70 km from the other
 """
 
 import csv
@@ -30,25 +30,23 @@ FIRST_CODE = 0o4201
 
 def radars() -> list[Radar]:
     """Return the radars."""
-    west = Radar(
-        (0.0, 0.0, 120.0),
-        range_sigma=50.0,
-        azimuth_sigma=float(np.radians(0.08)),
-        scan_period=4.0,
-        max_range=220e3,
-        detection_probability=0.95,
-        name="west",
-    )
-    east = Radar(
-        (70e3, 10e3, 60.0),
-        range_sigma=75.0,
-        azimuth_sigma=float(np.radians(0.10)),
-        scan_period=6.0,
-        max_range=260e3,
-        detection_probability=0.93,
-        name="east",
-    )
-    return [west, east]
+    rows = [
+        ("west", (0.0, 0.0, 120.0), 50.0, 0.08, 4.0, 220e3, 0.95),
+        ("east", (70e3, 10e3, 60.0), 75.0, 0.10, 6.0, 260e3, 0.93),
+    ]
+    return [
+        Radar(
+            place,
+            range_sigma=sigma_m,
+            azimuth_sigma=sigma_deg,
+            scan_period=period_s,
+            max_range=range_m,
+            detection_probability=probability,
+            name=name,
+            degrees=True,
+        )
+        for name, place, sigma_m, sigma_deg, period_s, range_m, probability in rows
+    ]
 
 
 def plans() -> list[FlightPlan]:
@@ -123,7 +121,7 @@ def toml() -> str:
 
 def plan_list() -> str:
     """Return the file of the plans."""
-    told = [
+    rows = [
         {
             "name": plan.name,
             "identity": plan.identity,
@@ -133,7 +131,7 @@ def plan_list() -> str:
         }
         for plan in plans()
     ]
-    return "[\n" + ",\n".join(json.dumps(plan) for plan in told) + "\n]\n"
+    return "[\n" + ",\n".join(json.dumps(plan) for plan in rows) + "\n]\n"
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

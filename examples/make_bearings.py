@@ -1,13 +1,13 @@
 """Make bearings.csv: a simulated recording of four targets by one direction finder.
 
 Nothing here was measured. The simulation is `tertia.simulate.direction_finder` with a fixed seed,
-so the file can be made again. Every two seconds each target is measured once, 120 times in all. The
+so the script makes the same file again. Every two seconds each target is measured once, 120 times in all. The
 truth per target, with noise of 2.5 degrees:
 
-north   bearing 0.5: the record goes back and forth across north; single anomalies
+north   bearing 0.5: the record crosses north again and again; single outliers
 bursts  bearing 74: disturbances of 4 to 10 measurements, mostly of one polarity
-gaps    bearing 161.3: single anomalies; about every tenth measurement is missing
-quiet   bearing 283: noise and nothing else
+gaps    bearing 161.3: single outliers; about every tenth measurement is missing
+quiet   bearing 283: noise alone
 
 The seed was chosen for several bursts that lie apart, not for the accuracy of the estimates.
 """
