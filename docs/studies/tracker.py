@@ -76,7 +76,6 @@ class Errors:
     position: FloatArray
     prediction: FloatArray
     normalised: FloatArray
-    gate: FloatArray
     turning: FloatArray
     conforming: BoolArray
     lost: BoolArray
@@ -156,9 +155,8 @@ def compared(record: Recording, found: TrackTable) -> Errors:
     plots, _ = record.plots.to_cartesian([record.radar])
     prediction[k] = plots[k] - rows.innovation - truth[k]
     solved = np.linalg.solve(rows.covariance[:, :2, :2], position[k][..., np.newaxis])[..., 0]
-    columns = {name: np.full(n, np.nan) for name in ("normalised", "gate", "turning")}
+    columns = {name: np.full(n, np.nan) for name in ("normalised", "turning")}
     columns["normalised"][k] = np.sum(position[k] * solved, axis=-1)
-    columns["gate"][k] = np.sqrt(np.linalg.det(rows.innovation_covariance))
     columns["turning"][k] = rows.turn_probability
     conforming = np.zeros(n, dtype=bool)
     conforming[k] = rows.conforms
@@ -200,30 +198,33 @@ def outcome(
         plans=record.plans,
         plan_model=PlanModel(prior, wind_sigma=WIND[set_up][1]),
     )
+    found = compared_both(record, plain, aided)
+    if "after" in found:
+        found["blocked"] = block_delay(record, aided)
+    else:
+        found["wrongly"] = blocked_wrongly(record, aided)
+    return found
+
+
+def compared_both(record: Recording, plain: Errors, aided: Errors) -> dict[str, float]:
+    """Compare the errors of a tracker with plans and of one without on the same plots."""
     kept = ~(plain.lost | aided.lost)[record.target]
     turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
     left = record.traffic.left[record.target]
     after = kept & (record.plots.time > left)
-    soon = after & (record.plots.time < left + 120.0)
-    straight = kept & ~turning
     found = {
         "turn": ratio(aided, plain, "position", turning),
         "prediction": ratio(aided, plain, "prediction", turning),
         "whole": ratio(aided, plain, "position", kept),
-        "gate": float(np.nanmean(aided.gate[turning]) / np.nanmean(plain.gate[turning])),
-        "flags": float(np.nanmean(aided.turning[straight] > 0.5)),
-        "plain flags": float(np.nanmean(plain.turning[straight] > 0.5)),
         "lost": float(np.mean(aided.lost)),
         "plain lost": float(np.mean(plain.lost)),
         "nees": float(np.nanmean(aided.normalised[kept])) / 2,
         "plain nees": float(np.nanmean(plain.normalised[kept])) / 2,
     }
     if after.any():
+        soon = after & (record.plots.time < left + 120.0)
         found["after"] = ratio(aided, plain, "position", after)
         found["soon"] = ratio(aided, plain, "position", soon)
-        found["blocked"] = block_delay(record, aided)
-    else:
-        found["wrongly"] = blocked_wrongly(record, aided)
     return found
 
 
@@ -399,21 +400,7 @@ def windows(set_up: simulate.SetUpName, scenario: simulate.FlightScenario) -> di
     record = recording(set_up, scenario)
     plain = errors(record, "window", set_up)
     aided = errors(record, "window", set_up, plans=record.plans)
-    kept = ~(plain.lost | aided.lost)[record.target]
-    turning = kept & (at(record.traffic, "turning", record.plots, record.target) > 0.5)
-    after = kept & (record.plots.time > record.traffic.left[record.target])
-    found = {
-        "turn": ratio(aided, plain, "position", turning),
-        "prediction": ratio(aided, plain, "prediction", turning),
-        "whole": ratio(aided, plain, "position", kept),
-        "lost": float(np.mean(aided.lost)),
-        "plain lost": float(np.mean(plain.lost)),
-        "nees": float(np.nanmean(aided.normalised[kept])) / 2,
-        "plain nees": float(np.nanmean(plain.normalised[kept])) / 2,
-    }
-    if after.any():
-        found["after"] = ratio(aided, plain, "position", after)
-    return found
+    return compared_both(record, plain, aided)
 
 
 def paper() -> str:

@@ -2,6 +2,7 @@ from typing import Any, final
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.kalman import SingerModel
+from tertia.tracker import Plots
 
 __all__ = [
     "DEBUG_BUILD",
@@ -247,12 +248,8 @@ class PlotTracker:
     ) -> PlotTracker: ...
     def track(
         self,
+        plots: Plots,
         time: FloatArray,
-        range: FloatArray,  # noqa: A002  # that is what it is
-        azimuth: FloatArray,
-        height: FloatArray,
-        sensor: IntArray,
-        identity: IntArray,
         end: float | None,
         recording: bool,
         n_threads: int | None,
@@ -317,15 +314,7 @@ class TrackerSettings:
     ) -> TrackerSettings: ...
 
 def track_columns() -> list[tuple[str, str, str, list[int], str]]: ...
-def plots_to_cartesian(
-    radars: list[Radar],
-    time: FloatArray,
-    range: FloatArray,  # noqa: A002  # that is what it is
-    azimuth: FloatArray,
-    height: FloatArray,
-    sensor: IntArray,
-    identity: IntArray,
-) -> tuple[FloatArray, FloatArray]: ...
+def plots_to_cartesian(radars: list[Radar], plots: Plots) -> tuple[FloatArray, FloatArray]: ...
 def locate(
     stations: FloatArray,
     axes: FloatArray | None,
@@ -431,6 +420,7 @@ def register_biases(
 def correct_states(
     states: dict[str, Any], positions: FloatArray, biases: FloatArray, factors: FloatArray
 ) -> list[FloatArray]: ...
+
 @final
 class Flights:
     def __init__(

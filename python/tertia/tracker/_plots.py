@@ -145,15 +145,8 @@ class Plots:
         >>> position.round(1)
         array([[ 75000.1, 129904. ]])
         """
-        return _core.plots_to_cartesian(
-            [core_radar(radar) for radar in require_each(sensors, Radar, "sensors")],
-            self.time,
-            self.range,
-            self.azimuth,
-            self.height,
-            self.sensor,
-            self.identity,
-        )
+        radars = [core_radar(radar) for radar in require_each(sensors, Radar, "sensors")]
+        return _core.plots_to_cartesian(radars, self)
 
 
 class PlotStatus(enum.IntEnum):

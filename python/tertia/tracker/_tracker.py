@@ -229,17 +229,7 @@ class Tracker:
             instants = self._continuous(instants, self.clock_period)
             if end is not None:
                 end = float(self._continuous(np.array([end]), self.clock_period)[0])
-        found = self._core.track(
-            instants,
-            plots.range,
-            plots.azimuth,
-            plots.height,
-            plots.sensor,
-            plots.identity,
-            end,
-            recording,
-            self.n_threads,
-        )
+        found = self._core.track(plots, instants, end, recording, self.n_threads)
         return TrackTable._of(*found)
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:

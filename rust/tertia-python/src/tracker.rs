@@ -62,23 +62,18 @@ impl PlotTracker {
         self.0.time()
     }
 
-    /// Takes plots, until `end`. Of a recording, all rows of the tracks that are confirmed in the
-    /// end are returned, otherwise those of the tracks that are confirmed by then.
-    #[allow(clippy::too_many_arguments)]
+    /// Processes plots at these times, until `end`. Of a recording, all rows of the tracks that are
+    /// confirmed in the end are returned, otherwise those of the tracks that are confirmed by then.
     fn track<'py>(
         &mut self,
         py: Python<'py>,
-        time: Bound<'py, PyAny>,
-        range: Bound<'py, PyAny>,
-        azimuth: Bound<'py, PyAny>,
-        height: Bound<'py, PyAny>,
-        sensor: PyReadonlyArray1<'py, i64>,
-        identity: PyReadonlyArray1<'py, i64>,
+        plots: Columns<'py>,
+        time: &Bound<'py, PyAny>,
         end: Option<f64>,
         recording: bool,
         n_threads: Option<NonZero<usize>>,
     ) -> PyResult<Table<'py>> {
-        let plots = plots([time, range, azimuth, height], &sensor, &identity, self.0.radars())?;
+        let plots = plots.read(time, self.0.radars())?;
         let (mut statuses, mut found) =
             (Vec::new(), Found { rows: Vec::new(), tentative: recording });
         release(py, plots.len() as f64 * PLOT_NS, || {
@@ -133,18 +128,12 @@ impl PlotTracker {
 
 /// East and north of plots (N, 2) and their covariances (N, 2, 2); nan where there are none.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)]
 pub fn plots_to_cartesian<'py>(
     py: Python<'py>,
     radars: Vec<PyRef<'py, Radar>>,
-    time: Bound<'py, PyAny>,
-    range: Bound<'py, PyAny>,
-    azimuth: Bound<'py, PyAny>,
-    height: Bound<'py, PyAny>,
-    sensor: PyReadonlyArray1<'py, i64>,
-    identity: PyReadonlyArray1<'py, i64>,
+    plots: Columns<'py>,
 ) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
-    let plots = plots([time, range, azimuth, height], &sensor, &identity, radars.len())?;
+    let plots = plots.read(&plots.time, radars.len())?;
     let (mut position, mut covariance) = (room_for(2 * plots.len())?, room_for(4 * plots.len())?);
     for plot in &plots {
         let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
@@ -155,45 +144,59 @@ pub fn plots_to_cartesian<'py>(
     Ok((array(py, &[plots.len(), 2], position)?, array(py, &[plots.len(), 2, 2], covariance)?))
 }
 
-/// Plots by their columns: time, range, azimuth, height; the index of the sensor; the identity.
-fn plots<'py>(
-    numbers: [Bound<'py, PyAny>; 4],
-    sensor: &PyReadonlyArray1<'py, i64>,
-    identity: &PyReadonlyArray1<'py, i64>,
-    sensors: usize,
-) -> PyResult<Vec<Plot>> {
-    let mut samples = Vec::with_capacity(numbers.len());
-    for (column, name) in numbers.iter().zip(["time", "range", "azimuth", "height"]) {
-        samples.push(Samples::extract(column, name)?);
+/// The columns of `Plots`.
+#[derive(FromPyObject)]
+pub struct Columns<'py> {
+    time: Bound<'py, PyAny>,
+    range: Bound<'py, PyAny>,
+    azimuth: Bound<'py, PyAny>,
+    height: Bound<'py, PyAny>,
+    sensor: PyReadonlyArray1<'py, i64>,
+    identity: PyReadonlyArray1<'py, i64>,
+}
+
+impl Columns<'_> {
+    /// The plots, at these times, of so many sensors.
+    fn read(&self, time: &Bound<'_, PyAny>, sensors: usize) -> PyResult<Vec<Plot>> {
+        let columns = [
+            (time, "time"),
+            (&self.range, "range"),
+            (&self.azimuth, "azimuth"),
+            (&self.height, "height"),
+        ];
+        let mut samples = Vec::with_capacity(columns.len());
+        for (column, name) in columns {
+            samples.push(Samples::extract(column, name)?);
+        }
+        let mut rows = Vec::with_capacity(samples.len());
+        for column in &samples {
+            rows.push(column.rows(0)?);
+        }
+        let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
+        let (sensor, identity) = (self.sensor.as_slice()?, self.identity.as_slice()?);
+        let count = sensor.len();
+        if values.iter().any(|column| column.len() != count) || identity.len() != count {
+            return Err(PyValueError::new_err("the columns of plots differ in length"));
+        }
+        let mut plots = room_for(count)?;
+        for i in 0..count {
+            let index = usize::try_from(sensor[i]).ok().filter(|&index| index < sensors);
+            plots.push(Plot {
+                time: values[0][i],
+                range: values[1][i],
+                azimuth: values[2][i],
+                height: values[3][i],
+                radar: index.ok_or_else(|| {
+                    PyValueError::new_err(format!(
+                        "sensor[{i}] is {}; it must be the index of one of the {sensors} sensors",
+                        sensor[i]
+                    ))
+                })?,
+                identity: identity[i],
+            });
+        }
+        Ok(plots)
     }
-    let mut rows = Vec::with_capacity(samples.len());
-    for column in &samples {
-        rows.push(column.rows(0)?);
-    }
-    let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
-    let (sensor, identity) = (sensor.as_slice()?, identity.as_slice()?);
-    let count = sensor.len();
-    if values.iter().any(|column| column.len() != count) || identity.len() != count {
-        return Err(PyValueError::new_err("the columns of plots differ in length"));
-    }
-    let mut plots = room_for(count)?;
-    for i in 0..count {
-        let index = usize::try_from(sensor[i]).ok().filter(|&index| index < sensors);
-        plots.push(Plot {
-            time: values[0][i],
-            range: values[1][i],
-            azimuth: values[2][i],
-            height: values[3][i],
-            radar: index.ok_or_else(|| {
-                PyValueError::new_err(format!(
-                    "sensor[{i}] is {}; it must be the index of one of the {sensors} sensors",
-                    sensor[i]
-                ))
-            })?,
-            identity: identity[i],
-        });
-    }
-    Ok(plots)
 }
 
 /// Leaves out the rows of tracks that were never confirmed.
