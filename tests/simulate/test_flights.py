@@ -145,8 +145,8 @@ def test_turns_begin_early_and_late():
     ]
     # steps of 220 m and the time to roll, and where nothing is wrong no more
     assert np.std(begins[0]) < 130
-    assert np.std(begins[1]) == pytest.approx(500, rel=0.3)
-    assert np.mean(begins[1]) == pytest.approx(np.mean(begins[0]), abs=200)
+    assert np.std(begins[1]) == pytest.approx(np.hypot(500, np.std(begins[0])), rel=0.15)
+    assert np.mean(begins[1]) == pytest.approx(np.mean(begins[0]), abs=150)
 
 
 def test_straight_legs_are_straight():

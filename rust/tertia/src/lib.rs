@@ -22,7 +22,7 @@
 //! | [`smoothing`] | local polynomials; position, velocity and acceleration of all plots |
 //! | [`fusion`] | one track of several radars; one estimate of several of the same instant |
 //! | [`association`] | which plot belongs to which track: gates, scores, assignment |
-//! | [`flightplan`] | paths of flight plans, and what tracks have to do with them |
+//! | [`flightplan`] | paths of flight plans, and how tracks relate to them |
 //! | [`registration`] | noise and biases of radars, from their tracks |
 //! | [`tracker`] | tracks of scans of plots |
 //! | [`simulate`] | flights along routes, and when the beam of a radar passes them |
@@ -32,9 +32,9 @@
 //!
 //! # Order
 //!
-//! `base <- screening <- bearing <- weights <-
-//! location <- kalman <- smoothing <- fusion`, `kalman, association, flightplan <- tracker`, with
-//! [`batch`] and [`missing`] for their callers: a module uses those to its left only.
+//! `base <- screening <- bearing <- weights <- location <- kalman <- smoothing <- fusion <-
+//! association <- flightplan <- registration <- tracker`: a module uses those to its left only.
+//! [`simulate`] stands outside. [`batch`] and [`missing`] are for callers.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! # Costs
