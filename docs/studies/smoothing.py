@@ -202,7 +202,7 @@ def gated(y: FloatArray, jerk: float, gate: float = 16.27) -> FloatArray:
 def faults() -> str:
     """RMSE about faults of one axis, over the faults and seven instants beside them."""
     runs: dict[str, list[float]] = {
-        "no fault": [],
+        "no outlier": [],
         "single, 5 σ": [5],
         "2 same": [5, 5],
         "2 opposite": [5, -5],
