@@ -24,23 +24,18 @@ __all__ = [
     "consistency_bounds",
     "correct_states",
     "correlate",
-    "covariance_of_covariance",
     "critical_value",
     "estimate_bearing",
     "false_alarm_probability",
     "filter_series",
-    "first_order_excess",
     "fit_noise",
     "fuse",
     "fuse_scalar",
     "fuse_series",
-    "fused_covariance",
     "gate_pairs",
     "gate_sectors",
     "gate_threshold",
     "grubbs",
-    "jacobian",
-    "jacobian_factors",
     "k_sigma",
     "least_count",
     "leave_one_out",
@@ -55,7 +50,6 @@ __all__ = [
     "plots_to_cartesian",
     "register_biases",
     "register_noise",
-    "simulated_excess",
     "singer_transition",
     "smooth",
     "smooth_series",
@@ -66,9 +60,7 @@ __all__ = [
     "track_columns",
     "traffic_states",
     "unwrap_about_median",
-    "weight_bias",
-    "weight_covariance",
-    "weight_matrices",
+    "weigh",
     "wishart_law",
     "z_test",
 ]
@@ -133,32 +125,16 @@ def wishart_law(
     n: float | list[float], convention: str, sensors: int
 ) -> list[tuple[float, float]]: ...
 def least_count(name: str, sensors: int, dimension: int) -> int: ...
-def weight_matrices(covariances: FloatArray, n_threads: int | None) -> FloatArray: ...
-def fused_covariance(covariances: FloatArray, n_threads: int | None) -> FloatArray: ...
-def jacobian(covariances: FloatArray, sensor: int, n_threads: int | None) -> FloatArray: ...
-def jacobian_factors(covariances: FloatArray, sensor: int, n_threads: int | None) -> FloatArray: ...
-def weight_covariance(
+def weigh(
+    quantity: str,
     covariances: FloatArray,
-    n: float | list[float],
-    sensor: int,
-    convention: str,
     n_threads: int | None,
-) -> FloatArray: ...
-def weight_bias(
-    covariances: FloatArray,
-    n: float | list[float],
-    sensor: int,
-    convention: str,
-    n_threads: int | None,
-) -> FloatArray: ...
-def first_order_excess(
-    covariances: FloatArray, n: float | list[float], convention: str, n_threads: int | None
-) -> FloatArray: ...
-def simulated_excess(
-    covariances: FloatArray, draws: FloatArray, n_threads: int | None
-) -> FloatArray: ...
-def covariance_of_covariance(
-    covariance: FloatArray, factor: float, n_threads: int | None
+    *,
+    sensor: int = -1,
+    n: float | list[float] = ...,
+    convention: str = "sample-mean",
+    draws: FloatArray | None = None,
+    factor: float = 0.0,
 ) -> FloatArray: ...
 def singer_transition(model: SingerModel, dt: float) -> tuple[list[float], list[float]]: ...
 def steady_state(model: SingerModel, variance: float) -> tuple[list[float], list[float]]: ...

@@ -1,7 +1,7 @@
 """Fusion: plots of several radars into one track, estimates of several sensors into one.
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
-(`method="paper"`), the usual rules, and a default that finds out how good each radar really is.
+(`method="paper"`), the usual rules, and a default that estimates how accurate each radar is.
 
 All radars measure one angle in one frame; `common_azimuth` turns those of other sites into it.
 """

@@ -30,7 +30,7 @@ FusionMethod: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedSeries:
-    """A fused track, and what was found out about the radars.
+    """A fused track, and the estimated noise of the radars.
 
     Attributes
     ----------
@@ -43,11 +43,10 @@ class FusedSeries:
         nan for radars that are not known yet, and for "central". For "robust" the shares of the
         plots in the correction of this step, the same in all components: 0 without a plot.
     noise_variance : ndarray of shape (..., K, steps)
-        Variance of each radar's plots as now believed; for "robust" apart from single outliers.
+        Estimated variance of each radar's plots; for "robust" without single outliers.
     outlier : ndarray of bool, shape (..., K, steps)
         Plots that were taken for single outliers. With rules other than "robust", the radar's own
-        filter needs some steps to recover after one, and its plots of these may be taken for
-        outliers, too.
+        filter needs some steps to recover from one, and may take its next plots for outliers, too.
     innovation, innovation_variance : ndarray of shape (..., K, steps)
         Of the radars' own filters, with the noise as given; nan where there is none.
     """
@@ -71,11 +70,12 @@ class FusedSeries:
         return _sigma(self.upper)
 
     def __repr__(self) -> str:
-        """Tell the shape and the outliers."""
+        """Show the shape and the outliers."""
         *batch, radars, steps = self.outlier.shape
         counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
-        told = [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
-        return f"FusedSeries({', '.join([f'batch {tuple(batch)}'] * bool(batch) + told)})"
+        parts = [f"batch {tuple(batch)}"] if batch else []
+        parts += [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
+        return f"FusedSeries({', '.join(parts)})"
 
 
 def fuse_series(
@@ -99,15 +99,15 @@ def fuse_series(
     ----------
     z : array_like of shape (..., K, steps)
         Plots of the angle by K >= 1 radars at common times; nan where a radar has none. Radars that
-        scan at different times share the times of all, with nan between their own.
+        scan at different times have the times of all, with nan between their own.
     measurement_variance : array_like of shape (), (K, 1) or (..., K, steps)
-        Variance of their noise, as they state it.
+        Variance of their noise, as stated.
     model : SingerModel
-        How the target moves.
+        Model of the target's motion.
     method : str
-        "robust": one filter for all plots, whose noise, outliers and manoeuvres are found out.
-        "adaptive": component by component by the inverse variances that the radars' tracks really
-        have, as now believed.
+        "robust": one filter for all plots, which detects wrong noise, outliers and manoeuvres.
+        "adaptive": component by component by the inverse variances that the radars' tracks
+        actually have, as estimated from their innovations.
         "adaptive-matrix": by the same covariances as full matrices, with the correlation between
         the radars.
         "central": one filter for all plots, with the noise as stated.
@@ -120,21 +120,21 @@ def fuse_series(
         without a plot are left out.
     initial : (mean, covariance), optional
         States of the radars' filters at the first step before their plots, of shapes (..., K, 3)
-        and (..., K, 3, 3). By default nothing is known.
+        and (..., K, 3, 3). By default they are unknown.
     time : array_like of shape (steps,) or (..., steps), optional
         Times of the steps, not decreasing; by default `model.dt` apart.
     period : float, optional
-        360.0 for degrees, 2*pi for radians; None for data that do not wrap. Angles come back in
+        360.0 for degrees, 2*pi for radians; None for data that do not wrap. Fused angles are in
         [0, period).
     change_probability : float
-        For "robust": chance that a radar's noise changes from one of its plots to the next, and
-        that a plot is a single outlier.
+        For "robust": probability that a radar's noise changes from one of its plots to the next,
+        and that a plot is a single outlier.
     forgetting_factor : float
         For "adaptive", "adaptive-matrix" and "ewma": weight of the past, per plot, in the running
         means of a radar's innovations.
     threshold : float
         For "adaptive" and "adaptive-matrix": mean normalised innovation, over that of the others,
-        above which a radar is believed to be noisier than it says.
+        above which a radar is treated as noisier than stated.
     outlier_gate : float
         Square of a single normalised innovation, likewise, above which a plot is an outlier.
     n_threads : int, optional
@@ -143,7 +143,7 @@ def fuse_series(
     Returns
     -------
     FusedSeries
-        The track with its covariance, weights, believed noise and outliers.
+        The track with its covariance, weights, estimated noise and outliers.
 
     Raises
     ------
@@ -157,19 +157,18 @@ def fuse_series(
 
     Notes
     -----
-    "robust": a plot's noise variance is that stated times an unknown level (1/4 to 64; 256 for a
+    "robust": a plot's noise variance is the stated one times an unknown level (1/4 to 64; 256 for a
     single outlier), and the prediction's variance is that of the filter times 1 or 64. Every
-    combination of levels is a hypothesis, as probable as it makes the plots of the step. Their
-    mixture gives the state and its covariance, and the probabilities of each radar's levels, from
-    which the next step starts. Cost O(K steps) besides the radars' own filters.
+    combination of levels is a hypothesis, weighted by the likelihood of the plots of the step.
+    Their mixture gives the state and its covariance, and the probabilities of each radar's levels
+    for the next step. Cost O(K steps) besides the radars' own filters.
 
     "adaptive": each radar's filter runs with the noise as stated. A radar whose innovations are
-    larger than expected and than those of the others (the median of them, so that a manoeuvre
-    accuses nobody) is believed to have more noise, and its track the covariance that follows from
-    that; the errors of two tracks are correlated through the motion that both follow. Cost
-    O(K² steps).
+    larger than expected and than the median of the others' (so that no radar is blamed for a
+    manoeuvre) is taken to have more noise, and its track the covariance that follows from that. The
+    errors of two tracks are correlated through their common motion. Cost O(K² steps).
 
-    A bias of a radar is not noise, and not seen.
+    A systematic error of a radar is not noise, and is not detected.
 
     Examples
     --------

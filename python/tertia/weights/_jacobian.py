@@ -99,7 +99,8 @@ def jacobian(
     array([ 0.1875, -0.0625])
     """
     k = integer(sensor, "sensor", -(2**31))
-    return _core.jacobian(samples(covariances, "covariances"), k, threads(n_threads))
+    s = samples(covariances, "covariances")
+    return _core.weigh("jacobian", s, threads(n_threads), sensor=k)
 
 
 def jacobian_operator(
@@ -133,7 +134,7 @@ def jacobian_operator(
     """
     k = integer(sensor, "sensor", -(2**31))
     s = samples(covariances, "covariances")
-    factors = _core.jacobian_factors(s, k, threads(n_threads))
+    factors = _core.weigh("jacobian_factors", s, threads(n_threads), sensor=k)
     return JacobianOperator(factors[..., 0, :, :, :], factors[..., 1, :, :, :])
 
 

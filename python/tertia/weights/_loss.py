@@ -1,4 +1,4 @@
-"""What fusing with estimated weights costs, and how many measurements keep that small."""
+"""The loss due to estimated weights, and how many measurements keep it small."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SIGMAS = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionLoss:
-    """What fusing with estimated weights costs.
+    """The loss of a fused estimate whose weights are estimated.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class FusionLoss:
     method: str
 
     def __repr__(self) -> str:
-        """Tell the loss."""
+        """Show the loss."""
         if isinstance(self.loss, np.ndarray):
             return f"FusionLoss(batch {self.loss.shape}, {self.method})"
         error = "" if self.loss_sigma is None else f" ± {self.loss_sigma:.1%}"
@@ -79,7 +79,7 @@ def fusion_loss(
     rng: np.random.Generator | int = 0,
     n_threads: int | None = None,
 ) -> FusionLoss:
-    """Return how much worse the fused estimate is when its weights are estimated.
+    """Return by how much the mean squared error grows where the weights are estimated.
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ def fusion_loss(
     method : {"auto", "first-order", "monte-carlo"}
         "first-order": a closed form, too small where n is small or W is near 0 or I.
         "monte-carlo": the mean over simulated covariances, exact but for its standard error.
-        "auto": the closed form from 100 (m + 1) degrees of freedom on, where it is off by a
-        twentieth of the loss at most, and Monte Carlo below.
+        "auto": the closed form from 100 (m + 1) degrees of freedom, where its error is at most a
+        twentieth of the loss, and Monte Carlo below.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated, see `sample_covariance`.
     trials : int
@@ -131,7 +131,7 @@ def fusion_loss(
         raise ValueError(f"method is {method!r}; it must be {choices}")
     trials = integer(trials, "trials", 2)
     # also where it is not used, for it checks everything
-    first = _core.first_order_excess(s, counts(n), convention, threads(n_threads))
+    first = _core.weigh("excess", s, threads(n_threads), n=counts(n), convention=convention)
     sensors, m = s.shape[-3:-1]
     laws = _core.wishart_law(counts(n), convention, sensors)
     if method == "auto":
@@ -169,16 +169,16 @@ def required_samples(
     Parameters
     ----------
     covariances : array_like of shape (..., K, m, m)
-        The true covariances, or what they may be; see `weight_matrices`.
+        The true covariances, or assumed ones; see `weight_matrices`.
     loss : float
         The bound on the loss as of `fusion_loss`.
     method : {"first-order", "monte-carlo"}
         "monte-carlo": the simulated loss plus two of its standard errors is under the bound.
-        "first-order": closed form; promises too much where W is near 0 or I.
+        "first-order": closed form; too small where W is near 0 or I.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated, see `sample_covariance`.
     trials : int
-        Simulated sets of covariances for each n that is tried, at least 2.
+        Simulated sets of covariances for each n, at least 2.
     rng : numpy.random.Generator or int
         Source of randomness, or its seed; by default always the same.
     n_threads : int, optional
@@ -196,9 +196,9 @@ def required_samples(
 
     Notes
     -----
-    Without knowing the covariances of two sensors, n >= 15 m + 6 for m <= 3, and in general
-    `1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`, kept the loss below 5 % in every case that was
-    tried; for more sensors n >= 1 + 22 (m + 1) did (docs/weights.md).
+    If the covariances of two sensors are unknown, n >= 15 m + 6 for m <= 3, and in general
+    `1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`, kept the loss below 5 % in all cases tried; for
+    more sensors n >= 1 + 22 (m + 1) did (docs/weights.md).
 
     Examples
     --------
@@ -213,7 +213,7 @@ def required_samples(
     if method not in ("first-order", "monte-carlo"):
         raise ValueError(f"method is {method!r}; it must be 'first-order' or 'monte-carlo'")
     seed = int(generator(rng).integers(2**63))
-    both = _core.first_order_excess(s, LARGEST_N, convention, threads(n_threads))
+    both = _core.weigh("excess", s, threads(n_threads), n=LARGEST_N, convention=convention)
     per_factor = _trace(both[..., 1, :, :]) / _trace(both[..., 0, :, :])
     per_factor = np.atleast_1d(per_factor / _relative_factor(LARGEST_N, convention)).ravel()
     sensors, m = s.shape[-3:-1]
@@ -267,7 +267,7 @@ def _simulated(
     s: FloatArray, draws: FloatArray, n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return fused covariance and excess (..., 2, m, m), the loss and its sigma."""
-    found = _core.simulated_excess(s, draws, threads(n_threads))
+    found = _core.weigh("excess", s, threads(n_threads), draws=draws)
     m = s.shape[-1]
     matrices = found[..., :-2].reshape(*found.shape[:-1], 2, m, m)
     return matrices, found[..., -2].copy(), found[..., -1].copy()

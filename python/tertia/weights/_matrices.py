@@ -50,7 +50,7 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
     array([[78., 12.],
            [16., 38.]])
     """
-    return _core.weight_matrices(samples(covariances, "covariances"), threads(n_threads))
+    return _core.weigh("weights", samples(covariances, "covariances"), threads(n_threads))
 
 
 def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None) -> FloatArray:
@@ -78,7 +78,8 @@ def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None
     >>> weights.fused_covariance([[[1.0]], [[3.0]]])
     array([[0.75]])
     """
-    return _core.fused_covariance(samples(covariances, "covariances"), threads(n_threads))
+    s = samples(covariances, "covariances")
+    return _core.weigh("fused_covariance", s, threads(n_threads))
 
 
 def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:

@@ -162,7 +162,8 @@ def covariance_of_covariance(
     c = real(factor, "factor")
     if not 0 <= c <= _LARGEST_FACTOR:
         raise ValueError(f"factor is {c}; it must be between 0 and {_LARGEST_FACTOR:g}")
-    return _core.covariance_of_covariance(samples(covariance, "covariance"), c, threads(n_threads))
+    s = samples(covariance, "covariance")
+    return _core.weigh("covariance_of_covariance", s, threads(n_threads), factor=c)
 
 
 def shrink_covariance(

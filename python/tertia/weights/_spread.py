@@ -44,7 +44,7 @@ def weight_covariance(
     ndarray of shape (..., m², m²)
         Covariance of vec W to first order; vec stacks columns: element [b m + a, q m + p] is that
         of `W[a, b]` and `W[p, q]`. Reliable from about n = 30: below, where W is near 0 or I, the
-        standard deviations come out too small (docs/weights.md says by how much).
+        standard deviations are too small (docs/weights.md says by how much).
 
     Raises
     ------
@@ -57,9 +57,9 @@ def weight_covariance(
     Notes
     -----
     (10) of the source in closed form. Cost O(K m⁴), where the printed product takes O(m⁶). In the
-    convention "paper" it is as printed: too large by `n² / (n - 1)²`, because W does not change
-    when all covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow for
-    that.
+    convention "paper" c is as printed, and the Jacobian is taken at the given covariances: the
+    result is `n² / (n - 1)²` too large, because W does not change when all covariances are
+    multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow for that.
 
     Examples
     --------
@@ -69,9 +69,9 @@ def weight_covariance(
     >>> weights.weight_covariance([[[1.0]], [[1.0]]], 33)
     array([[0.0078125]])
     """
-    k = integer(sensor, "sensor", -(2**31))
-    return _core.weight_covariance(
-        samples(covariances, "covariances"), counts(n), k, convention, threads(n_threads)
+    k, s = integer(sensor, "sensor", -(2**31)), samples(covariances, "covariances")
+    return _core.weigh(
+        "covariance", s, threads(n_threads), sensor=k, n=counts(n), convention=convention
     )
 
 
@@ -112,10 +112,8 @@ def weight_bias(
     >>> weights.weight_bias([[[1.0]], [[3.0]]], 31).round(5)
     array([[0.00625]])
     """
-    k = integer(sensor, "sensor", -(2**31))
-    return _core.weight_bias(
-        samples(covariances, "covariances"), counts(n), k, convention, threads(n_threads)
-    )
+    k, s = integer(sensor, "sensor", -(2**31)), samples(covariances, "covariances")
+    return _core.weigh("bias", s, threads(n_threads), sensor=k, n=counts(n), convention=convention)
 
 
 def counts(n: Count) -> float | list[float]:

@@ -53,11 +53,7 @@ mod core_module {
         Motion, PlotTracker, Radar, TrackerSettings, plots_to_cartesian, track_columns,
     };
     #[pymodule_export]
-    use super::weights::{
-        covariance_of_covariance, first_order_excess, fused_covariance, jacobian, jacobian_factors,
-        least_count, simulated_excess, weight_bias, weight_covariance, weight_matrices,
-        wishart_law,
-    };
+    use super::weights::{least_count, weigh, wishart_law};
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]

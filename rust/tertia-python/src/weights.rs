@@ -13,7 +13,6 @@ use tertia::weights::{
 };
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Threads = Option<NonZero<usize>>;
 
 /// Sensors, dimension, and the solver for them.
 type Kept = ((usize, usize), Box<dyn Weighing>);
@@ -183,7 +182,7 @@ impl<'py> Group<'py> {
         &self,
         py: Python<'py>,
         quantity: &Quantity<'_>,
-        n_threads: Threads,
+        n_threads: Option<NonZero<usize>>,
     ) -> PyResult<Array<'py>> {
         let size = (self.sensors, self.m);
         let rows = self.covariances.blocks(self.axes)?;
@@ -206,122 +205,47 @@ impl<'py> Group<'py> {
     }
 }
 
-/// The weight matrix of every sensor.
+/// A quantity of covariances (..., K, m, m), or of one (..., m, m), by name; of a sensor, for
+/// covariances that are estimated from n measurements, from draws (T, K, m, m), with a factor, where
+/// it depends on them.
 #[pyfunction]
-pub fn weight_matrices<'py>(
+#[pyo3(signature = (
+    quantity, covariances, n_threads, *, sensor=-1, n=Counts::All(f64::INFINITY),
+    convention="sample-mean", draws=None, factor=0.0
+))]
+#[allow(clippy::too_many_arguments)] // what the quantities depend on
+pub fn weigh<'py>(
     py: Python<'py>,
+    quantity: &str,
     covariances: &Bound<'py, PyAny>,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    Group::extract(covariances)?.compute(py, &Quantity::Weights, n_threads)
-}
-
-/// The covariance of the fused estimate.
-#[pyfunction]
-pub fn fused_covariance<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    Group::extract(covariances)?.compute(py, &Quantity::FusedCovariance, n_threads)
-}
-
-/// The Jacobian's blocks of every sensor.
-#[pyfunction]
-pub fn jacobian<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
+    n_threads: Option<NonZero<usize>>,
     sensor: isize,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    let group = Group::extract(covariances)?;
-    let sensor = group.index(sensor)?;
-    group.compute(py, &Quantity::Jacobian { sensor }, n_threads)
-}
-
-/// The Jacobian's factors, left ones (K, m, m) and then right ones (K, m, m).
-#[pyfunction]
-pub fn jacobian_factors<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
-    sensor: isize,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    let group = Group::extract(covariances)?;
-    let sensor = group.index(sensor)?;
-    group.compute(py, &Quantity::JacobianFactors { sensor }, n_threads)
-}
-
-/// The covariance of an estimated weight matrix.
-#[pyfunction]
-pub fn weight_covariance<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
-    n: Counts,
-    sensor: isize,
-    convention: &str,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    let group = Group::extract(covariances)?;
-    let (sensor, laws) = (group.index(sensor)?, n.laws(convention, &group)?);
-    let c: Vec<_> = laws.iter().map(Law::factor).collect();
-    group.compute(py, &Quantity::WeightCovariance { sensor, c: &c }, n_threads)
-}
-
-/// The bias of an estimated weight matrix.
-#[pyfunction]
-pub fn weight_bias<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
-    n: Counts,
-    sensor: isize,
-    convention: &str,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    let group = Group::extract(covariances)?;
-    let (sensor, laws) = (group.index(sensor)?, n.laws(convention, &group)?);
-    let c: Vec<_> = laws.iter().map(Law::relative_factor).collect();
-    let mean: Vec<_> = laws.iter().map(|law| law.mean).collect();
-    group.compute(py, &Quantity::WeightBias { sensor, c: &c, mean: &mean }, n_threads)
-}
-
-/// The fused covariance and the first-order excess of the mean squared error over it (2, m, m).
-#[pyfunction]
-pub fn first_order_excess<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
     n: Counts,
     convention: &str,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    let group = Group::extract(covariances)?;
-    let laws = n.laws(convention, &group)?;
-    let c: Vec<_> = laws.iter().map(Law::relative_factor).collect();
-    group.compute(py, &Quantity::Excess { c: &c }, n_threads)
-}
-
-/// The same from draws of Wishart matrices (T, K, m, m), then the loss and its sigma (2 m² + 2).
-#[pyfunction]
-pub fn simulated_excess<'py>(
-    py: Python<'py>,
-    covariances: &Bound<'py, PyAny>,
-    draws: &Bound<'py, PyAny>,
-    n_threads: Threads,
-) -> PyResult<Array<'py>> {
-    let draws = Samples::extract(draws, "draws")?;
-    let draws = draws.blocks(3)?;
-    let quantity = Quantity::SimulatedExcess { draws: &draws.values };
-    Group::extract(covariances)?.compute(py, &quantity, n_threads)
-}
-
-/// The covariance of the vec of a sample covariance.
-#[pyfunction]
-pub fn covariance_of_covariance<'py>(
-    py: Python<'py>,
-    covariance: &Bound<'py, PyAny>,
+    draws: Option<Bound<'py, PyAny>>,
     factor: f64,
-    n_threads: Threads,
 ) -> PyResult<Array<'py>> {
-    let quantity = Quantity::CovarianceOfCovariance { c: factor };
-    Group::extract_one(covariance)?.compute(py, &quantity, n_threads)
+    if quantity == "covariance_of_covariance" {
+        let what = Quantity::CovarianceOfCovariance { c: factor };
+        return Group::extract_one(covariances)?.compute(py, &what, n_threads);
+    }
+    let group = Group::extract(covariances)?;
+    let (sensor, laws) = (group.index(sensor)?, n.laws(convention, &group)?);
+    let numbers = |of: fn(&Law) -> f64| laws.iter().map(of).collect::<Vec<_>>();
+    let (c, relative) = (numbers(Law::factor), numbers(Law::relative_factor));
+    let mean = numbers(|law| law.mean);
+    let draws = draws.map(|value| Samples::extract(&value, "draws")).transpose()?;
+    let draws = draws.as_ref().map(|samples| samples.blocks(3)).transpose()?;
+    let what = match (quantity, &draws) {
+        ("weights", _) => Quantity::Weights,
+        ("fused_covariance", _) => Quantity::FusedCovariance,
+        ("jacobian", _) => Quantity::Jacobian { sensor },
+        ("jacobian_factors", _) => Quantity::JacobianFactors { sensor },
+        ("covariance", _) => Quantity::WeightCovariance { sensor, c: &c },
+        ("bias", _) => Quantity::WeightBias { sensor, c: &relative, mean: &mean },
+        ("excess", None) => Quantity::Excess { c: &relative },
+        ("excess", Some(draws)) => Quantity::SimulatedExcess { draws: &draws.values },
+        _ => return Err(unknown("quantity", quantity, "that of a function of `weights`")),
+    };
+    group.compute(py, &what, n_threads)
 }

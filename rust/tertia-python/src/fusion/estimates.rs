@@ -174,8 +174,8 @@ pub fn fuse_scalar<'py>(
         let new = || fusing(1, m, Weighting::Matrix, None);
         let items = x.iter().zip(s.iter()).zip(h.iter().zip(scalars.iter())).zip(outputs);
         for_each_row(items, cost, n_threads, new, |solver, (((x, s), (h, z)), (mut out, found))| {
-            let scalar = Scalar { h, value: z[0], sigma: z[1] };
-            *found = solver.fuse_scalar(x, s, &scalar, &mut out)?;
+            let scalar = Scalar { estimate: x, covariance: s, h, value: z[0], sigma: z[1] };
+            *found = solver.fuse_scalar(&scalar, &mut out)?;
             Ok(())
         })
     })

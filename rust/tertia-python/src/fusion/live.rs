@@ -12,14 +12,14 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 
-/// A centre that is fed scan by scan with the plots of several radars, for embedding.
+/// Fusion of the plots of several radars, step by step, for embedding.
 ///
 /// It can be pickled and copied; a step that fails leaves it as it was.
 ///
 /// Parameters
 /// ----------
 /// model : SingerModel
-///     How the target moves; `model.dt` is the time of a step unless another is given.
+///     Model of the target's motion; `model.dt` is the time of a step unless another is given.
 /// measurement_variance : sequence of K floats
 ///     Variance of each radar's noise, unless others are given with the plots.
 /// method, period, change_probability, forgetting_factor, threshold, outlier_gate
@@ -36,11 +36,11 @@ type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 /// weights : ndarray of shape (K, 3)
 ///     Of each radar in angle, rate and acceleration.
 /// noise_variance : ndarray of shape (K,)
-///     Of each radar, as now believed.
+///     Of each radar, as estimated.
 /// innovation, innovation_variance : ndarray of shape (K,)
 ///     Of the radars' own filters.
 /// outlier : list of K bools
-///     Whose last plot was an outlier.
+///     Whether its last plot was an outlier, for each radar.
 ///
 /// Raises
 /// ------

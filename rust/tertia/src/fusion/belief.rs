@@ -1,4 +1,4 @@
-//! What the centre believes of a radar's noise.
+//! The estimated noise of a radar.
 
 use super::rules::Beliefs;
 use crate::base::angle::median;
@@ -7,7 +7,7 @@ use crate::kalman::Innovation;
 /// Innovations count as if they were at most so many nominal variances.
 const LARGEST_NIS: f64 = 100.0;
 
-/// Running means of a radar's innovations, and the noise that they speak of.
+/// Running means of a radar's innovations, from which its noise is estimated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Belief {
     /// EWMA of ν²/S.
@@ -37,10 +37,9 @@ impl Belief {
     }
 }
 
-/// The variance of radar i's noise as now believed, and whether its plot is a single outlier.
+/// The estimated variance of radar i's noise, and whether its plot is a single outlier.
 ///
-/// A manoeuvre raises the q of all radars and accuses none of them: a radar is compared with the
-/// median of the others.
+/// A radar is compared with the median of the others, because a manoeuvre raises the q of all.
 pub(super) fn believed_noise(
     beliefs: &[Option<Belief>],
     i: usize,

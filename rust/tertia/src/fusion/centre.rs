@@ -8,12 +8,12 @@ use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
 use nalgebra::{Const, Matrix3, Vector3};
 
-/// What is told of a radar at a step.
+/// A radar at a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadarReport {
     /// Of its own filter.
     pub innovation: Innovation,
-    /// The variance of its noise as now believed.
+    /// The estimated variance of its noise.
     pub noise: f64,
     /// Whether its plot was a single outlier.
     pub outlier: bool,
@@ -35,7 +35,7 @@ impl RadarReport {
 #[derive(Clone, Debug)]
 struct Radar {
     filter: Filter,
-    /// Covariance of the error that its track really has, as now believed.
+    /// Estimated covariance of the error that its track actually has.
     actual: Matrix3<f64>,
     /// Of this step; zero without a plot.
     gain: Vector3<f64>,
@@ -53,8 +53,8 @@ enum Start {
     SecondPlot(f64),
 }
 
-/// The centre: the radars' own filters, what is believed of them, and how their errors are
-/// correlated through the motion that they all follow.
+/// The centre: the radars' own filters, their estimated noise, and how their errors are correlated
+/// through their common motion.
 #[derive(Clone, Debug)]
 pub struct Centre {
     radars: Vec<Radar>,
@@ -230,7 +230,7 @@ impl Centre {
         self.fuse(r, reports)
     }
 
-    /// The robust rule's plots; those that make its filter start are taken as they say.
+    /// The robust rule's plots; those that start its filter are used with their stated noise.
     fn update_robust(&mut self, z: &[f64], r: &[f64], known: bool, reports: &mut [RadarReport]) {
         for (report, radar) in reports.iter_mut().zip(&self.radars) {
             let innovation = radar.innovation.unwrap_or(Innovation::NONE);
@@ -287,7 +287,7 @@ impl Centre {
         started
     }
 
-    /// cov(e_i, e_j) as the rule sees it.
+    /// cov(e_i, e_j), with the noise as stated or as estimated.
     fn joint(&self, i: usize, j: usize) -> Matrix3<f64> {
         let k = self.radars.len();
         match i.cmp(&j) {
@@ -316,7 +316,7 @@ impl Centre {
         State { covariance, ..combined }
     }
 
-    /// Before two plots of any radar.
+    /// Before any radar has two plots.
     fn unfused(&self) -> State {
         let states = self.radars.iter().map(|radar| radar.filter.state());
         states.into_iter().find(|state| !state.mean[0].is_nan()).unwrap_or(State::UNKNOWN)
@@ -396,9 +396,8 @@ impl Radar {
         Self { filter, actual, gain: Vector3::zeros(), innovation: None, known }
     }
 
-    /// What this step's plot makes of the error. With a first plot the angle's is that of the plot,
-    /// and the rate's begins; with a second one the rate's is what has been done to the angle since,
-    /// over the time.
+    /// How this step's plot changes the error. After a first plot, the error of the angle is the
+    /// plot's; after a second one, that of the rate is the change of the angle's since, over the time.
     fn change(&self, start: &Option<Start>) -> Matrix3<f64> {
         match start {
             None => self.kept(),
@@ -409,10 +408,9 @@ impl Radar {
         }
     }
 
-    /// What the errors of two radars have in common at the start. If nothing is known it is the
-    /// acceleration; of given states it is the prior of rate and acceleration, of which each plot of
-    /// the angle tells nothing. States with correlated components come from plots, and count as
-    /// independent.
+    /// The common error of two radars at the start: of unknown states the acceleration, of given ones
+    /// the prior of rate and acceleration, which a plot of the angle does not change. States with
+    /// correlated components come from plots, and count as independent.
     fn common_prior(&self, other: &Self) -> Matrix3<f64> {
         let prior = |radar: &Self| {
             let p = &radar.actual;

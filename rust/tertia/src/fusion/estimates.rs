@@ -82,15 +82,12 @@ pub trait Fusing: Send {
     fn fuse(&mut self, estimates: &Estimates<'_>, out: &mut FusedEstimate<'_>)
     -> Result<Agreement>;
 
-    /// Adds a scalar to an estimate (m) with this covariance (m, m), whatever the weighting.
-    /// Cost O(m³).
+    /// Adds a scalar to an estimate, whatever the weighting. Cost O(m³).
     ///
     /// # Errors
     /// A covariance that is none, or an estimate that is not finite, or too large.
     fn fuse_scalar(
         &mut self,
-        estimate: &[f64],
-        covariance: &[f64],
         scalar: &Scalar<'_>,
         out: &mut FusedEstimate<'_>,
     ) -> Result<Agreement>;
@@ -173,16 +170,14 @@ where
 
     fn fuse_scalar(
         &mut self,
-        estimate: &[f64],
-        covariance: &[f64],
         scalar: &Scalar<'_>,
         out: &mut FusedEstimate<'_>,
     ) -> Result<Agreement> {
-        require_estimates("estimate", estimate, |i| vec![i])?;
+        require_estimates("estimate", scalar.estimate, |i| vec![i])?;
         let mut factor = zeros(self.order);
-        read_covariance("covariance", &[], covariance, &mut self.fused, &mut factor)?;
+        read_covariance("covariance", &[], scalar.covariance, &mut self.fused, &mut factor)?;
         let addition = self.addition.get_or_insert_with(|| Addition::new(self.order));
-        let (statistic, pvalue) = addition.add(estimate, &self.fused, scalar);
+        let (statistic, pvalue) = addition.add(&self.fused, scalar);
         out.mean.copy_from_slice(addition.mean.as_slice());
         out.weights.copy_from_slice(addition.gain.as_slice());
         write(&addition.covariance, out.covariance);

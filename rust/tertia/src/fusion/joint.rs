@@ -8,9 +8,10 @@
 //! x̂ ← B S^-1 x̂ + A S^-1 x_k,  F ← C + A S^-1 B^T
 //! ```
 //!
-//! What ν tells of the errors of later estimates is taken from them, `x_j ← x_j − cov(x_j, ν) S^-1 ν`;
-//! then nothing that is left is correlated with ν. Only covariances of differences are inverted,
-//! and without correlation these are the formulas of [`crate::weights`].
+//! The part of later estimates that is correlated with ν is taken from them,
+//! `x_j ← x_j − cov(x_j, ν) S^-1 ν`; then nothing that is left is correlated with ν.
+//! Only covariances of differences are inverted, and without correlation these are the formulas of
+//! [`crate::weights`].
 
 use crate::base::error::{Error, Result};
 use crate::base::matrix::{
@@ -76,7 +77,7 @@ where
             statistic += normalised.dot(&difference);
             value += &a * &normalised;
             let (kept, gain) = (&b * &self.inverse, &a * &self.inverse);
-            self.take_from_later(k, &kept, &gain, |j, told| x[j] -= told * &normalised);
+            self.take_from_later(k, &kept, &gain, |j, shared| x[j] -= shared * &normalised);
             for n in 0..=k {
                 let part = &self.parts[k * count + n];
                 self.weight[n] = &kept * &self.weight[n] + &gain * part;
@@ -134,7 +135,7 @@ where
         Ok((a, b))
     }
 
-    /// Takes what the difference tells from the estimates after k.
+    /// Takes the part that is correlated with the difference from the estimates after k.
     fn take_from_later(
         &mut self,
         k: usize,
@@ -144,21 +145,21 @@ where
     ) {
         let (count, later) = (self.weight.len(), k + 1);
         // cov(x_j, ν)
-        let told: Vec<_> = (later..count)
+        let shared: Vec<_> = (later..count)
             .map(|j| &self.blocks[j * count + k] - self.with_fused[j].transpose())
             .collect();
-        for (j, told_j) in (later..count).zip(&told) {
-            change(j, told_j);
-            let taken = told_j * &self.inverse;
+        for (j, shared_j) in (later..count).zip(&shared) {
+            change(j, shared_j);
+            let taken = shared_j * &self.inverse;
             for n in 0..=k {
                 let difference = &self.parts[k * count + n] - &self.weight[n];
                 self.parts[j * count + n] -= &taken * difference;
             }
-            for (l, told_l) in (later..count).zip(&told) {
-                self.blocks[j * count + l] -= &taken * told_l.transpose();
+            for (l, shared_l) in (later..count).zip(&shared) {
+                self.blocks[j * count + l] -= &taken * shared_l.transpose();
             }
             // from the estimate that is known better, and exactly what both have in common
-            let (of_new, of_old) = (gain * told_j.transpose(), kept * told_j.transpose());
+            let (of_new, of_old) = (gain * shared_j.transpose(), kept * shared_j.transpose());
             let (own, with_fused) = (&self.blocks[k * count + j], &mut self.with_fused[j]);
             for (i, &is_better) in self.is_better.iter().enumerate() {
                 for l in 0..of_new.ncols() {

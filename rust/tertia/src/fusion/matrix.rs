@@ -56,7 +56,8 @@ pub(super) fn best_weights(
     }
 }
 
-/// An X with `A X = B` for a semidefinite A in units of its own diagonal; what A does not tell is 0.
+/// An X with `A X = B` for a semidefinite A in units of its own diagonal, zero where A does not
+/// determine it.
 fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows();
     let scale = DVector::from_fn(n, |i, _| {

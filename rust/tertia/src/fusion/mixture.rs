@@ -3,7 +3,7 @@
 use super::levels::{MANOEUVRES, NOISE};
 use crate::kalman::{Filter, State, residual};
 
-/// A normal distribution of the state, and what is believed if it is the right one.
+/// A normal distribution of the state, with probabilities of levels given that it is the right one.
 #[derive(Clone, Debug)]
 pub(super) struct Component {
     /// Its probability.
@@ -16,7 +16,7 @@ pub(super) struct Component {
 }
 
 impl Component {
-    /// Everything that it knows, as lists of numbers.
+    /// Its whole state, as lists of numbers.
     pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
         let own = [vec![self.weight], self.filter.saved(), self.motion.to_vec()];
         own.into_iter().chain(self.noise.iter().map(|noise| noise.to_vec()))
@@ -51,8 +51,8 @@ impl Component {
     }
 }
 
-/// Unites components, the most alike first, until there are no more than `most` and each pair would
-/// lose more information than `agreement` nats (Runnalls 2007). The most probable comes first.
+/// Merges components, the most alike first, until there are no more than `most` and each pair would
+/// lose more than `agreement` nats of information (Runnalls 2007). The most probable comes first.
 pub(super) fn reduce(
     components: &mut Vec<Component>,
     most: usize,
@@ -86,7 +86,7 @@ pub(super) fn united(components: &[Component], period: Option<f64>) -> Filter {
     filter
 }
 
-/// The two components i < j that lose the least by being united, and a bound of that loss.
+/// The two components i < j that lose the least by merging, and a bound of that loss.
 fn most_alike(components: &[Component], period: Option<f64>) -> (f64, usize, usize) {
     let mut least = (f64::INFINITY, 0, 1);
     for (j, b) in components.iter().enumerate() {

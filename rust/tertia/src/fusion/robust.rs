@@ -1,25 +1,24 @@
-//! The robust rule: one filter for all plots, whose noise is found out.
+//! The robust rule: one filter for all plots, which estimates their noise.
 //!
-//! The noise variance of a plot is that stated times an unknown level; of a radar it changes
-//! rarely. The variance of the prediction is that of the filter times an unknown level. All plots
-//! of a step and the prediction bear witness of one error e of the predicted angle: every
-//! combination of levels is a hypothesis under which e is normal, and is as probable as it makes
-//! the plots. What several of them agree on is believed, be it that the others are noisy or that
-//! the target manoeuvres.
+//! The noise variance of a plot is the stated one times an unknown level, which rarely changes for a
+//! radar. The variance of the prediction is that of the filter times an unknown level. All plots of
+//! a step and the prediction measure one error e of the predicted angle: every combination of levels
+//! is a hypothesis under which e is normal, weighted by the likelihood of the plots. Plots that agree
+//! outweigh those that do not, be it that a radar is noisy or that the target manoeuvres.
 //!
 //! Hypotheses that disagree on e are followed apart, each with a state of its own: of two radars
-//! whose plots contradict each other, a track after the worse one is soon contradicted by its own
-//! prediction. One common track would not be, for its covariance holds what both may be.
+//! whose plots contradict each other, a track that follows the worse one is soon contradicted by its
+//! own predictions. One common track would not be, because its covariance includes both.
 
 use super::levels::{MANOEUVRES, NOISE};
 use super::mixture::{Component, reduce, united};
 use crate::kalman::{Filter, Transition, residual};
 
-/// How probable they are where nothing is known of a radar: mostly as stated.
+/// Their probabilities where nothing is known of a radar: mostly as stated.
 const AT_FIRST: [f64; NOISE.len()] = [0.125, 0.5, 0.125, 0.125, 0.125];
 /// Those of a plot: its radar's, and a single outlier's.
 const EXCESSES: [f64; NOISE.len() + 1] = [0.25, 1.0, 4.0, 16.0, 64.0, 256.0];
-/// How probable they are where nothing is known.
+/// Their probabilities where nothing is known.
 const MOSTLY_NONE: [f64; MANOEUVRES.len()] = [0.999, 0.001];
 /// Chance that a manoeuvre is over by the next step.
 const MANOEUVRE_ENDS: f64 = 0.1;
@@ -40,7 +39,7 @@ const COMPONENTS: usize = 3;
 /// Components are united if that loses so little of their information, in nats.
 const AGREEMENT: f64 = 0.01;
 
-/// What is believed of the radars and of the motion.
+/// The probabilities of the radars' noise levels and of the motion.
 #[derive(Clone, Debug)]
 pub(super) struct Robust {
     /// The most probable one first.
@@ -53,7 +52,7 @@ pub(super) struct Robust {
     of_levels: Vec<[f64; EXCESSES.len()]>,
 }
 
-/// What was found out about a radar's plot.
+/// The judgement of a radar's plot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judgement {
     pub outlier: bool,
@@ -123,7 +122,7 @@ impl Hypothesis {
         (self.mean - other.mean).powi(2) / (self.variance + other.variance)
     }
 
-    /// Whether they say different things of e: not if that cannot be told.
+    /// Whether their e differ significantly.
     fn disagrees(&self, other: &Self) -> bool {
         self.distance(other) > DISAGREEMENT
     }
@@ -165,7 +164,7 @@ impl Robust {
         }
     }
 
-    /// Everything that it believes, as lists of numbers.
+    /// Its whole state, as lists of numbers.
     pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
         let count = vec![self.components.len() as f64];
         std::iter::once(count).chain(self.components.iter().flat_map(Component::saved))
@@ -385,8 +384,8 @@ impl Robust {
         }
     }
 
-    /// What the hypotheses tell of levels, to the components of their clusters and of the plots. An
-    /// outlier says nothing of its radar's level.
+    /// Updates the probabilities of levels, of the clusters' components and of the plots. An outlier
+    /// says nothing about its radar's level.
     fn learn(&mut self) {
         let (start, width) = (self.last(), self.plots.len());
         self.of_levels.clear();

@@ -16,9 +16,9 @@ pub enum Rule {
     Ewma,
     /// Component by component by 1/P of the radars' own filters.
     Posterior,
-    /// Component by component by 1/P of what the radars' tracks really are, as now believed.
+    /// Component by component by 1/P of the radars' tracks with their estimated noise.
     Adaptive,
-    /// The best linear combination with cross-covariances, with the noise as believed.
+    /// The best linear combination with cross-covariances, with the estimated noise.
     AdaptiveMatrix,
     /// The same with the noise as stated (Bar-Shalom, Campo 1986).
     Matrix,
@@ -26,28 +26,28 @@ pub enum Rule {
     CovarianceIntersection,
     /// One filter for all plots.
     Central,
-    /// The same, with the noise as now believed and the prediction, too.
+    /// The same, with the noise of plots and prediction estimated.
     Robust,
 }
 
 impl Rule {
-    /// Whether the covariances are those of the noise as believed.
+    /// Whether the covariances are those of the estimated noise.
     pub(super) fn believes(self) -> bool {
         matches!(self, Self::Adaptive | Self::AdaptiveMatrix)
     }
 }
 
-/// How quickly and how easily a radar is believed to be worse than it says.
+/// How quickly and how easily a radar is treated as worse than stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beliefs {
     /// Weight of the past in the running means, per plot.
     pub forgetting_factor: f64,
-    /// Mean normalised innovation, in units of the others', above which more noise is believed.
+    /// Mean normalised innovation, in units of the others', above which more noise is assumed.
     pub threshold: f64,
     /// Normalised square of a single innovation, likewise, above which it is an outlier.
     pub outlier_gate: f64,
-    /// For [`Rule::Robust`]: chance that a radar's noise changes from one plot to the next, and that
-    /// a plot is an outlier.
+    /// For [`Rule::Robust`]: probability that a radar's noise changes from one plot to the next, and
+    /// that a plot is an outlier.
     pub change_probability: f64,
 }
 

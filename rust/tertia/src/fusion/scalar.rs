@@ -5,10 +5,14 @@ use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OVector};
 
-/// A measured scalar that depends linearly on the vector.
+/// An estimate (m), its covariance (m, m), and a measured scalar that depends linearly on the vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scalar<'a> {
-    /// Its derivatives.
+    /// The estimate without the scalar.
+    pub estimate: &'a [f64],
+    /// Its covariance.
+    pub covariance: &'a [f64],
+    /// The derivatives of the scalar (m).
     pub h: &'a [f64],
     /// What was measured.
     pub value: f64,
@@ -47,16 +51,16 @@ where
         }
     }
 
-    /// Adds `z = h·x + noise` to an estimate; returns the innovation's square over its variance, and
-    /// the probability of a larger one: gain `g = S h / (h·S h + σ²)`, covariance
+    /// Adds `z = h·x + noise` to an estimate with this covariance; returns the innovation's square
+    /// over its variance, and the probability of a larger one: gain `g = S h / (h·S h + σ²)`, covariance
     /// `(I − g h^T) S (I − g h^T)^T + σ² g g^T`. Cost O(m³).
-    pub fn add(&mut self, x: &[f64], covariance: &Square<D>, scalar: &Scalar<'_>) -> (f64, f64) {
+    pub fn add(&mut self, covariance: &Square<D>, scalar: &Scalar<'_>) -> (f64, f64) {
         let variance = scalar.sigma * scalar.sigma;
         self.h.copy_from_slice(scalar.h);
         covariance.mul_to(&self.h, &mut self.gain);
         let innovation_variance = self.h.dot(&self.gain) + variance;
         self.gain /= innovation_variance;
-        self.mean.copy_from_slice(x);
+        self.mean.copy_from_slice(scalar.estimate);
         let innovation = scalar.value - self.h.dot(&self.mean);
         self.mean.axpy(innovation, &self.gain, 1.0);
         self.kept.fill_with_identity();
