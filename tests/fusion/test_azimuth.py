@@ -25,7 +25,7 @@ class TestCommonAzimuth:
     def test_against_differences(self, distance, azimuth, site, origin):
         spread = np.array([50.0, 0.002])
         found, covariance = common_azimuth(
-            distance, azimuth, site, distance_sigma=50.0, azimuth_sigma=0.002, origin=origin
+            distance, azimuth, site, range_sigma=50.0, azimuth_sigma=0.002, origin=origin
         )
         assert found == close(polar(distance, azimuth, site, origin))
         columns = []
@@ -48,7 +48,7 @@ class TestCommonAzimuth:
         distance = 50e3 + 50 * random.standard_normal(draws)
         azimuth = 1.5 + 0.002 * random.standard_normal(draws)
         site = (-30e3, 20e3)
-        found, covariance = common_azimuth(50e3, 1.5, site, distance_sigma=50, azimuth_sigma=0.002)
+        found, covariance = common_azimuth(50e3, 1.5, site, range_sigma=50, azimuth_sigma=0.002)
         sample = np.cov(polar(distance, azimuth, site, (0.0, 0.0)))
         scale = np.sqrt(np.diag(covariance))
         # the error of a correlation is at most 1/sqrt(n), of a variance sqrt(2/n)
@@ -61,44 +61,44 @@ class TestCommonAzimuth:
         distance, azimuth = TARGETS.T
         place = (3e3, -4e3)
         found, covariance = common_azimuth(
-            distance, azimuth, place, distance_sigma=50.0, azimuth_sigma=0.002, origin=place
+            distance, azimuth, place, range_sigma=50.0, azimuth_sigma=0.002, origin=place
         )
         np.testing.assert_allclose(found, np.stack([azimuth, distance], axis=-1), rtol=VECTOR)
         expected = np.broadcast_to(np.diag([0.002**2, 50.0**2]), covariance.shape)
         np.testing.assert_allclose(covariance, expected, rtol=VECTOR, atol=1e-12)
 
     def test_shapes(self):
-        options = {"distance_sigma": 50.0, "azimuth_sigma": np.full((3, 1), 0.002)}
+        options = {"range_sigma": 50.0, "azimuth_sigma": np.full((3, 1), 0.002)}
         found, covariance = common_azimuth(*TARGETS.T, (1e3, 2e3), **options)
         assert found.shape == (3, 4, 2)
         assert covariance.shape == (3, 4, 2, 2)
         np.testing.assert_array_equal(covariance, np.swapaxes(covariance, -1, -2))
-        one, _ = common_azimuth(*TARGETS[2], (1e3, 2e3), distance_sigma=50.0, azimuth_sigma=0.002)
+        one, _ = common_azimuth(*TARGETS[2], (1e3, 2e3), range_sigma=50.0, azimuth_sigma=0.002)
         np.testing.assert_array_equal(found[1, 2], one)
 
     def test_the_azimuth_is_below_a_whole_turn(self):
-        found, _ = common_azimuth(1e3, -1e-18, (0, 0), distance_sigma=1.0, azimuth_sigma=0.002)
+        found, _ = common_azimuth(1e3, -1e-18, (0, 0), range_sigma=1.0, azimuth_sigma=0.002)
         assert 0 <= found[0] < 2 * np.pi
 
     @pytest.mark.parametrize(
         ("changes", "error", "message"),
         [
-            ({"distance": -1.0}, ValueError, "distance is -1.0; it must be a positive number"),
-            ({"distance": [1.0, 0.0]}, ValueError, r"distance\[1\] is 0.0"),
-            ({"distance": NAN}, ValueError, "distance is nan"),
+            ({"range": -1.0}, ValueError, "range is -1.0; it must be a positive number"),
+            ({"range": [1.0, 0.0]}, ValueError, r"range\[1\] is 0.0"),
+            ({"range": NAN}, ValueError, "range is nan"),
             ({"azimuth": INF}, ValueError, "azimuth is inf"),
             ({"azimuth": "north"}, TypeError, "azimuth has dtype"),
-            ({"distance_sigma": 0.0}, ValueError, "distance_sigma is 0.0"),
+            ({"range_sigma": 0.0}, ValueError, "range_sigma is 0.0"),
             ({"azimuth_sigma": [[1.0, -1.0]]}, ValueError, r"azimuth_sigma\[0, 1\] is -1.0"),
-            ({"site": (1.0, 2.0, 3.0)}, ValueError, r"site has shape \(3,\)"),
-            ({"site": (1.0, NAN)}, ValueError, r"site\[1\] is nan"),
+            ({"position": (1.0, 2.0, 3.0)}, ValueError, r"position has shape \(3,\)"),
+            ({"position": (1.0, NAN)}, ValueError, r"position\[1\] is nan"),
             ({"origin": 1.0}, ValueError, r"origin has shape \(\)"),
-            ({"distance": [1.0] * 2, "azimuth": [1.0] * 3}, ValueError, "do not fit together"),
-            ({"distance": 2.0, "azimuth": 0.0, "site": (0, -2)}, ValueError, "to the origin"),
+            ({"range": [1.0] * 2, "azimuth": [1.0] * 3}, ValueError, "do not fit together"),
+            ({"range": 2.0, "azimuth": 0.0, "position": (0, -2)}, ValueError, "to the origin"),
         ],
     )
     def test_errors(self, changes, error, message):
-        arguments = {"distance": 1e3, "azimuth": 0.5, "site": (1.0, 2.0)}
-        arguments |= {"distance_sigma": 50.0, "azimuth_sigma": 0.002} | changes
+        arguments = {"range": 1e3, "azimuth": 0.5, "position": (1.0, 2.0)}
+        arguments |= {"range_sigma": 50.0, "azimuth_sigma": 0.002} | changes
         with pytest.raises(error, match=message):
             common_azimuth(**arguments)

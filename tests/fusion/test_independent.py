@@ -80,7 +80,7 @@ class TestIndependent:
         assert isinstance(one.pvalue, float)
 
     @pytest.mark.parametrize(("sensors", "m"), [(2, 1), (2, 3), (4, 2), (3, 11)])
-    def test_honest_errors_are_told_so(self, sensors, m):
+    def test_honest_errors_agree(self, sensors, m):
         """P-values are uniform and normalised errors have their chi-square mean."""
         trials = 20_000
         s = covariances(m, sensors, seed=m)
@@ -93,7 +93,7 @@ class TestIndependent:
         low, high = stats.chi2.ppf([0.005, 0.995], m * trials)
         assert low < nees < high
 
-    def test_wrong_covariances_are_told(self):
+    def test_wrong_covariances_have_small_p_values(self):
         noise = rng(6).normal(size=(20_000, 2, 2, 1))
         x = (np.linalg.cholesky(TWO) @ noise)[..., 0]
         p = fusion.fuse(x, TWO / 2).pvalue

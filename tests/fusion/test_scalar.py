@@ -75,7 +75,7 @@ class TestScalar:
             np.testing.assert_array_equal(found.weights[i, j], one.weights)
             assert found.pvalue[i, j] == one.pvalue
 
-    def test_errors_are_as_large_as_told(self):
+    def test_errors_are_as_large_as_claimed(self):
         trials = 20_000
         s, h, sigma = TWO[1], np.array([2.0, -1.0]), 0.8
         noise = rng(4).normal(size=(trials, 2)) @ np.linalg.cholesky(s).T

@@ -180,15 +180,15 @@ def test_the_caller_keeps_the_plots():
 
 
 @pytest.mark.parametrize(
-    ("z", "told"),
+    ("z", "expected"),
     [
         (batches(), r"FusedSeries\(2 radars, 40 steps, \d+ outliers\)"),
         (batches(3, 2), r"FusedSeries\(batch \(3, 2\), 2 radars, 40 steps, \d+ outliers\)"),
         (np.zeros((1, 1)), r"FusedSeries\(1 radar, 1 step, 0 outliers\)"),
     ],
 )
-def test_repr(z, told):
-    assert re.fullmatch(told, repr(fuse_series(z, 0.01, MODEL)))
+def test_repr(z, expected):
+    assert re.fullmatch(expected, repr(fuse_series(z, 0.01, MODEL)))
 
 
 def test_repr_of_one_outlier():

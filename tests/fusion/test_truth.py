@@ -229,7 +229,7 @@ def test_robust_is_honest_for_every_motion(motion, name):
 
 
 @pytest.mark.parametrize("motion", ["restless", "more restless"])
-def test_a_quarrel_is_decided(motion):
+def test_a_contradiction_is_resolved(motion):
     """Two radars contradict each other, and the prediction is worth little."""
     noisy = track_of(motion, "noisy", "robust")
     assert (noisy.weights[:, 1, 80:, 0] > 0.5).mean() < 0.01

@@ -134,7 +134,7 @@ class TestLoss:
 
     @pytest.mark.parametrize(("n", "low", "high"), [(10, 1.05, 1.22), (30, 1.01, 1.045)])
     @pytest.mark.parametrize("case", list(CASES)[:4])
-    def test_of_differences_is_told_too_large(self, case, n, low, high):
+    def test_of_differences_is_too_large(self, case, n, low, high):
         """The law of their covariance is not Wishart, though it has the same second moments.
 
         Seen: 8 to 18 % too large at n = 10, 2 to 3.4 % at n = 30.
@@ -162,9 +162,9 @@ class TestLoss:
     def test_the_loss_sigma_is_that(self):
         runs = [simulated(CASES["ten times"], 20, trials=2000, seed=seed) for seed in range(60)]
         spread = np.std([run.loss for run in runs], ddof=1)
-        told = np.mean([run.loss_sigma for run in runs])
+        claimed = np.mean([run.loss_sigma for run in runs])
         # relative standard error of a standard deviation: 1/sqrt(2 (60 - 1))
-        assert told / spread == pytest.approx(1.0, abs=4 / np.sqrt(118))
+        assert claimed / spread == pytest.approx(1.0, abs=4 / np.sqrt(118))
 
     def test_seeds(self):
         def loss(source):

@@ -202,11 +202,12 @@ class TestEveryPath:
                 PATHS[name][0](s, n_threads=n_threads)
 
 
-@pytest.mark.parametrize("name", AGREEING)
-@pytest.mark.parametrize("m", [1, 2, 3, 4, 5, 7, 11])
+@pytest.mark.parametrize(
+    ("name", "m"),
+    # the reference of the bias takes m² Jacobians of order m²
+    [(name, m) for name in AGREEING for m in (1, 2, 3, 4, 5, 7, 11) if m < 7 or "bias" not in name],
+)
 def test_every_path_agrees_with_the_reference(name, m):
-    if name == "weight_bias" and m > 5:
-        pytest.skip("m² Jacobians of order m²")
     function, formula = PATHS[name]
     s = argument(name, m, seed=10 + m, batch=(2,))
     found = function(s)

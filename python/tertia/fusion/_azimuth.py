@@ -1,4 +1,4 @@
-"""Azimuths of several sites, as seen from one."""
+"""Azimuths of several sensors, as seen from one origin."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from tertia._arrays import FloatArray, finite, positive
 
 
 def common_azimuth(
-    distance: npt.ArrayLike,
+    range: npt.ArrayLike,  # noqa: A002  # that is what it is
     azimuth: npt.ArrayLike,
-    site: npt.ArrayLike,
+    position: npt.ArrayLike,
     *,
-    distance_sigma: npt.ArrayLike,
+    range_sigma: npt.ArrayLike,
     azimuth_sigma: npt.ArrayLike,
     origin: npt.ArrayLike = (0.0, 0.0),
 ) -> tuple[FloatArray, FloatArray]:
-    """Turn range and azimuth of a site into those seen from a common origin.
+    """Turn range and azimuth of a sensor into those seen from a common origin.
 
     Parameters
     ----------
-    distance, azimuth : array_like of shape (...)
-        Range in metres and azimuth in radians, clockwise from north, as the site measures them.
-    site : array_like of shape (2,)
-        The site, east and north in metres.
-    distance_sigma, azimuth_sigma : array_like of shape (...)
+    range, azimuth : array_like of shape (...)
+        Range in metres and azimuth in radians, clockwise from north, as the sensor measures them.
+    position : array_like of shape (2,)
+        The sensor, east and north in metres.
+    range_sigma, azimuth_sigma : array_like of shape (...)
         Their standard deviations.
     origin : array_like of shape (2,)
         The common origin, likewise.
@@ -50,31 +50,31 @@ def common_azimuth(
     >>> import numpy as np
     >>> from tertia.fusion import common_azimuth
     >>> polar, covariance = common_azimuth(
-    ...     50e3, np.pi / 2, [-30e3, 20e3], distance_sigma=50.0, azimuth_sigma=0.002
+    ...     50e3, np.pi / 2, [-30e3, 20e3], range_sigma=50.0, azimuth_sigma=0.002
     ... )
     >>> polar.round(4)
     array([7.85400000e-01, 2.82842712e+04])
     >>> (np.diagonal(covariance) ** 0.5).round(4)
     array([2.80000e-03, 7.90569e+01])
     """
-    r, a = positive(distance, "distance"), finite(azimuth, "azimuth")
-    sr, sa = positive(distance_sigma, "distance_sigma"), positive(azimuth_sigma, "azimuth_sigma")
-    places = [finite(site, "site"), finite(origin, "origin")]
-    for name, place in zip(("site", "origin"), places, strict=True):
+    r, a = positive(range, "range"), finite(azimuth, "azimuth")
+    sr, sa = positive(range_sigma, "range_sigma"), positive(azimuth_sigma, "azimuth_sigma")
+    places = [finite(position, "position"), finite(origin, "origin")]
+    for name, place in zip(("position", "origin"), places, strict=True):
         if place.shape != (2,):
             raise ValueError(f"{name} has shape {place.shape}; it must be (2,)")
     try:
         r, a, sr, sa = np.broadcast_arrays(r, a, sr, sa)
     except ValueError:
         raise ValueError(
-            f"distance {r.shape}, azimuth {a.shape}, distance_sigma {sr.shape} and azimuth_sigma "
+            f"range {r.shape}, azimuth {a.shape}, range_sigma {sr.shape} and azimuth_sigma "
             f"{sa.shape} do not fit together"
         ) from None
     toward = np.stack([np.sin(a), np.cos(a)], axis=-1)
     offset = r[..., np.newaxis] * toward + (places[0] - places[1])
     rho = np.sqrt(np.sum(offset**2, axis=-1))
     if np.any(rho == 0):
-        raise ValueError("distance and azimuth lead to the origin, where no azimuth is defined")
+        raise ValueError("range and azimuth lead to the origin, where no azimuth is defined")
     # errors east and north, along the line of sight and across
     across = np.stack([toward[..., 1], -toward[..., 0]], axis=-1)
     errors = np.stack([sr[..., np.newaxis] * toward, (r * sa)[..., np.newaxis] * across], axis=-1)

@@ -262,7 +262,7 @@ def _azimuth_rows(
             distance,
             own["azimuth"].to_numpy(),
             radar.position[:2],
-            distance_sigma=radar.range_sigma,
+            range_sigma=radar.range_sigma,
             azimuth_sigma=radar.azimuth_sigma,
             origin=radars[0].position[:2],
         )
