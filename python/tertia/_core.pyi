@@ -322,6 +322,9 @@ def local_polynomial(
 def smooth(
     tracks: dict[str, Any], n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]: ...
+def reconstruct(
+    measured: dict[str, Any], jerk: float | None, biased: list[int], n_threads: int | None
+) -> dict[str, Any]: ...
 def gate_threshold(probability: float, dimension: int) -> float: ...
 def gate_sectors(
     innovation: FloatArray, covariance: FloatArray, velocity: FloatArray

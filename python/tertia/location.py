@@ -40,6 +40,7 @@ from tertia.sensors import (
     Kind,
     Station,
     angle_sigma,
+    by_kind,
     stack_stations,
 )
 
@@ -295,7 +296,7 @@ def locate(
     """
     places, axes, sigmas = stack_stations(stations)
     k, d = places.shape[-2:]
-    given = {
+    given: dict[Kind, tuple[npt.ArrayLike | None, npt.ArrayLike | None]] = {
         "range": (range, range_sigma),
         "azimuth": (azimuth, azimuth_sigma),
         "elevation": (elevation, elevation_sigma),
@@ -336,7 +337,7 @@ def locate(
         integer(redundancy, "redundancy", 1),
         threads(n_threads),
     )
-    location = _location(result, tuple(measured), estimated=_is_unknown(measured))
+    location = location_of(result, tuple(measured), estimated=_is_unknown(measured))
     if isinstance(location.status, LocationStatus):
         _raise(location.status)
     return location
@@ -432,7 +433,7 @@ def accuracy_map(
     return Accuracy(covariance, scalar_or_array(dop))
 
 
-_Measured: TypeAlias = dict[str, tuple[FloatArray, FloatArray]]
+_Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
@@ -540,9 +541,9 @@ def _chosen(
     return list(kinds)
 
 
-def _location(
+def location_of(
     result: tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]],
-    kinds: tuple[str, ...],
+    kinds: Sequence[Kind],
     *,
     estimated: bool,
 ) -> Location:
@@ -552,17 +553,11 @@ def _location(
     if position.ndim == 1:
         status = LocationStatus(int(statuses))
 
-    def each(array: Any) -> list[Any]:
-        return [
-            array[..., at, int(kind == "range_difference") :] if kind in kinds else None
-            for at, kind in enumerate(KINDS)
-        ]
-
     return Location(
         position,
         covariance,
-        ByKind(*each(residual)),
-        ByKind(*each(outlier)),
+        by_kind(residual, kinds),
+        by_kind(outlier, kinds),
         scalar_or_array(degrees.astype(np.int64)),
         scalar_or_array(statistic),
         scalar_or_array(pvalue),

@@ -276,8 +276,11 @@ class Bias:
     def __getitem__(self, sensor: int) -> Bias:
         """Return the bias of one of the sensors."""
         len(self)
-        values: dict[str, Any] = {name: getattr(self, name) for name in self.__slots__}
-        return Bias(**{k: None if value is None else value[sensor] for k, value in values.items()})
+        own: dict[str, Any] = {}
+        for name in self.__slots__:
+            value = getattr(self, name)
+            own[name] = None if value is None else value[sensor]
+        return Bias(**own)
 
     def __repr__(self) -> str:
         """Show what is not zero."""
@@ -353,6 +356,16 @@ def stack_stations(
         for kind in STATION_KINDS
     }
     return places, _all_axes(known, places.shape[-1]), sigmas
+
+
+def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
+    """Return the rows (..., 4, K) of the kinds that were measured."""
+    return ByKind(
+        *(
+            array[..., at, int(kind == "range_difference") :] if kind in kinds else None
+            for at, kind in enumerate(KINDS)
+        )
+    )
 
 
 def to_station_axes(offset: FloatArray, axes: FloatArray | None) -> FloatArray:

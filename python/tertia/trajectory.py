@@ -12,15 +12,15 @@ clockwise from north.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from statistics import NormalDist
-from typing import Any, Literal, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, positive, radians, samples
-from tertia.location import Location, LocationStatus, locate
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, finite, positive, radians, real, samples, threads
+from tertia.location import Location, LocationStatus, checked, locate, location_of
 from tertia.sensors import (
     ANGLES,
     KINDS,
@@ -29,6 +29,7 @@ from tertia.sensors import (
     ByKind,
     Kind,
     Station,
+    by_kind,
     stack_stations,
     to_station_axes,
 )
@@ -40,59 +41,14 @@ Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
 Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
-# each round starts from measurements without the biases of those before
-_ROUNDS = 10
-# change of a bias, in its standard errors, that ends the rounds
-_SETTLED = 0.01
-# share of what residuals would tell of a bias if positions were known: what is below is rounding
-_UNOBSERVABLE = 1e-9
-# share of the information that may come from errors of the positions
-_SPURIOUS = 0.1
 # of a position, in units of what each coordinate alone is known to
 _SINGULAR = 1e-12
-# rounds of looking for measurements that the track contradicts
-_PASSES = 5
-# change of a weight that needs no other round, and a weight that is none
-_UNCHANGED, _FAINT = 0.05, 0.01
-# rounds with the same jerk
-_RELINEARISED = 2
-# size of what is not by chance, in its standard errors
-_CHANCE = NormalDist().inv_cdf(0.95)
-# relative standard error of a median size of normal errors, times the root of their number
-_MEDIAN_ERROR = 1.17
-# degrees of freedom with which an instant is located robustly
-_REDUNDANCY = 3
-_TUKEY = 4.685
-# means of Tukey's weight, slope and squared score with normal errors, what is beyond left out
-_Q = _TUKEY**-2
-_MEAN_WEIGHT, _MEAN_SLOPE = 1 - 2 * _Q + 3 * _Q**2, 1 - 6 * _Q + 15 * _Q**2
-_MEAN_SQUARE = 1 - 12 * _Q + 90 * _Q**2 - 420 * _Q**3 + 945 * _Q**4
-# of the estimate: variance times the sum of its weights
-_EFFICIENCY = _MEAN_WEIGHT * _MEAN_SQUARE / _MEAN_SLOPE**2
-# mean squared score over mean squared weight
-_TAPERED = _MEAN_SQUARE / (1 - 4 * _Q + 18 * _Q**2 - 60 * _Q**3 + 105 * _Q**4)
-# chance that any measurement is left out that is none, and size from which an instant agrees
-_FALSE_ALARM = 0.01
-_DOUBTED = NormalDist().inv_cdf(0.995)
-# share of a measurement that the others must tell
-_REDUNDANT = 0.1
-# errors of the logarithm of the jerk with which its likelihood is a parabola, almost
-_JERK_TOLD = 1.0
-_JERK_STEPS = (-2.0, -1.0, 1.0, 2.0)
-# between a flat prior of the root, which is too careful where no jerk is seen, and one of the
-# logarithm, which is not careful enough where it is
-_JERK_PRIOR = 0.25
-_JERK_MARGIN, _JERK_FALL, _MOST_JERKS = 2.0, 8.0, 80
-# instants that determine a state, and the power of the time with which jerk moves a position
-_STATE, _STATE_POWER = 3, 5
 # of an interval, over which measurements are differenced
 _STEP = 0.1
 # instants and degree that tell the motion of a station
 _STATION_WINDOW, _STATION_DEGREE = 5, 2
 # of adaptive polynomials
 _MAX_DEGREE = 3
-# share of an unobservable direction from which a bias is named
-_NAMED = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -291,6 +247,10 @@ def reconstruct(
         for kind, values in given
         if values is not None
     }
+    if not measured:
+        raise ValueError("nothing was measured; give range, azimuth, elevation or range_difference")
+    if jerk is not None and not 0 <= real(jerk, "jerk") < np.inf:
+        raise ValueError(f"jerk is {jerk}; it must not be negative")
     record = _Record(stations, places, axes, sigmas, instants, measured, spatial, n_threads)
     wanted = _estimated(bias, measured, order, smoother)
     if order == "temporal-first":
@@ -311,7 +271,7 @@ class _Record:
     places: FloatArray
     axes: FloatArray | None
     sigmas: dict[Kind, FloatArray]
-    times: FloatArray
+    time: FloatArray
     measured: _Measured
     spatial: Spatial
     n_threads: int | None
@@ -346,249 +306,67 @@ class _Record:
             for kind, values in measured.items()
         }
 
-    def deviations(self) -> FloatArray:
-        """Return standard deviations, side by side, (N, M); 1 where nothing was measured."""
-        sigmas = np.concatenate([self.sigma(kind) for kind in self.measured], axis=1)
-        return np.where(np.isnan(sigmas), 1.0, sigmas)
 
-    def whitened(self, measured: _Measured, position: FloatArray) -> FloatArray:
-        """Return the residuals over their standard deviations, side by side, (N, M)."""
-        residuals = self.residuals(measured, position).values()
-        return np.concatenate(list(residuals), axis=1) / self.deviations()
-
-
-def _by_rts(record: _Record, jerk: float | None, wanted: tuple[Kind, ...]) -> Trajectory:
+def _by_rts(record: _Record, jerk: float | None, biased: tuple[Kind, ...]) -> Trajectory:
     """Locate every instant, then smooth the positions."""
-    total = None
-    found = _Smoothed.first(record, jerk).without_faults(record.measured, jerk)
-    for _ in range(_ROUNDS if wanted else 0):
-        change = _Biases.estimate(record, found, wanted)
-        total = change.added_to(total)
-        found = found.without_faults(total.removed_from(record.measured), jerk)
-        if change.is_small():
-            break
-    found = found.relinearised(jerk)
-    track = found.track
-    covariance = track.covariance if jerk is not None else found.covariance_with_jerk()
-    if total is not None:
-        covariance = covariance + total.effect(track)
-    d = record.places.shape[-1]
-    states = tuple(track.mean[:, i * d : (i + 1) * d] for i in (0, 1, 2))
-    return _trajectory(
-        record, states, covariance, found.fixes, outlier=found.outlier, biases=total, track=track
+    n, k, d = len(record.time), record.places.shape[-2], record.places.shape[-1]
+    values, sigmas = np.full((n, len(KINDS), k), np.nan), np.full((len(KINDS), k), np.nan)
+    for kind, measured in record.measured.items():
+        at, first = KINDS.index(kind), int(kind == "range_difference")
+        values[:, at, first:], sigmas[at, first:] = measured, record.sigmas[kind]
+    found = _core.reconstruct(
+        {
+            "stations": record.places,
+            "axes": record.axes,
+            "time": record.time,
+            "values": values,
+            "sigmas": sigmas,
+            "robust": record.spatial == "robust",
+        },
+        jerk,
+        [KINDS.index(kind) for kind in biased],
+        threads(record.n_threads),
+    )
+    if found["failure"] is not None:
+        _raise(found["failure"], k)
+    mean, covariance = found["mean"], found["covariance"]
+    kinds = tuple(record.measured)
+    return Trajectory(
+        record.time,
+        mean[:, :d],
+        mean[:, d : 2 * d],
+        mean[:, 2 * d :],
+        covariance=covariance,
+        fixes=location_of(found["fixes"], kinds, estimated=False),
+        outlier=by_kind(found["outlier"], kinds),
+        residual=by_kind(found["residual"], kinds),
+        bias=None if found["bias"] is None else _bias(*found["bias"]),
+        smoothed=SmoothedPositions(
+            mean, found["smoothed_covariance"], found["innovation"], *found["summary"]
+        ),
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Plots:
-    """What is smoothed: positions with their covariances, (N, D) and (N, D, D)."""
-
-    position: FloatArray
-    covariance: FloatArray
-
-    @classmethod
-    def of_fixes(cls, fixes: Location) -> _Plots:
-        """Return those of the single instants."""
-        known = _is_finite(fixes.covariance)[:, np.newaxis]
-        return cls(np.where(known, fixes.position, np.nan), fixes.covariance)
-
-    def smoothed(self, record: _Record, jerk: float | None) -> SmoothedPositions:
-        """Smooth them."""
-        return smooth(
-            self.position,
-            self.covariance,
-            time=record.times,
-            jerk=jerk,
-            n_threads=record.n_threads,
-        )
+def _bias(values: list[float], sigmas: list[float]) -> Bias:
+    rows = dict(
+        zip(KINDS, np.reshape([values, sigmas], (2, len(KINDS), -1)).swapaxes(0, 1), strict=True)
+    )
+    fields: dict[str, Any] = {str(kind): rows[kind][0] for kind in STATION_KINDS}
+    return Bias(**fields | {f"{kind}_sigma": rows[kind][1] for kind in STATION_KINDS})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Smoothed:
-    """Positions of the instants, smoothed, and what the smooth track makes of the measurements."""
-
-    record: _Record
-    measured: _Measured
-    # weights by the track, side by side, (N, M); 0 where it contradicts
-    trust: FloatArray
-    fixes: Location
-    plots: _Plots
-    track: SmoothedPositions
-
-    @classmethod
-    def made(
-        cls, record: _Record, measured: _Measured, jerk: float | None, trust: FloatArray
-    ) -> _Smoothed:
-        """Locate every instant with these weights, and smooth."""
-        kept, sigmas = {}, {}
-        for (kind, values), weight in zip(measured.items(), _split(trust, measured), strict=True):
-            contradicted = weight == 0
-            kept[kind] = np.where(contradicted, np.nan, values)
-            sigmas[kind] = record.sigma(kind) / np.sqrt(np.where(contradicted, 1.0, weight))
-        fixes = record.located(kept, sigmas)
-        plots = _Plots.of_fixes(fixes)
-        found = cls(record, measured, trust, fixes, plots, plots.smoothed(record, jerk))
-        for _ in range(_RELINEARISED):
-            found = found.relinearised(float(found.track.jerk))
-        return found
-
-    def relinearised(self, jerk: float | None) -> _Smoothed:
-        """Linearise about the track in place of each position, whose error is larger."""
-        if np.sum(_is_finite(self.plots.covariance)) < 2:
-            # a single position is its own track
-            return self
-        record, position = self.record, self.track.position
-        residual = record.whitened(self.measured, position)
-        weight = np.where(np.isnan(residual), 0.0, self._used()) / record.deviations() ** 2
-        jacobian = record.jacobian(position)
-        covariance = _inverse(jacobian, weight)
-        good = np.asarray(self.fixes.success) & _is_finite(covariance)
-        solution = _solution(jacobian, weight)
-        left = np.where(weight > 0, residual * record.deviations(), 0.0)
-        moved = position + np.einsum("nij,nj->ni", solution, left)
-        # as of a robust position
-        covariance *= np.where(self._robust(), _EFFICIENCY, 1.0)[:, np.newaxis, np.newaxis]
-        plots = _Plots(
-            np.where(good[:, np.newaxis], moved, self.plots.position),
-            np.where(good[:, np.newaxis, np.newaxis], covariance, self.plots.covariance),
-        )
-        return replace(self, plots=plots, track=plots.smoothed(record, jerk))
-
-    def _robust(self) -> BoolArray:
-        """Whether each instant is located robustly, (N,)."""
-        enough = np.asarray(self.fixes.degrees_of_freedom) >= _REDUNDANCY
-        return enough & (self.record.spatial == "robust")
-
-    def _used(self) -> FloatArray:
-        """Return the weights with which the measurements are in the positions, (N, M)."""
-        near = self.record.whitened(self.measured, self.fixes.position)
-        inside = np.where(self._robust()[:, np.newaxis], _tukey(near), 1.0)
-        return np.where(np.isnan(near), 0.0, self.trust * inside)
-
-    @classmethod
-    def first(cls, record: _Record, jerk: float | None) -> _Smoothed:
-        """Locate and smooth what was measured, all of it."""
-        trust = np.ones((len(record.times), sum(v.shape[1] for v in record.measured.values())))
-        return cls.made(record, record.measured, jerk, trust)
-
-    def without_faults(self, measured: _Measured, jerk: float | None) -> _Smoothed:
-        """Leave out what the smooth track contradicts, until nothing else is."""
-        found = self
-        robust = self.record.spatial == "robust"
-        for at in range(_PASSES if robust else 1):
-            judged = robust and (at > 0 or measured is self.measured)
-            trust = found.trusted() if judged else found.trust
-            unchanged = np.max(np.abs(trust - found.trust), initial=0.0) < _UNCHANGED
-            if unchanged and measured is found.measured:
-                break
-            known = float(found.track.jerk)
-            found = self.made(self.record, measured, known, trust).relinearised(jerk)
-        return found
-
-    @property
-    def outlier(self) -> ByKind:
-        """What was left out in space, or is contradicted."""
-        marked = dict(zip(self.measured, _split(self.trust == 0, self.measured), strict=True))
-        space = self.fixes.outlier
-        return ByKind(
-            *(getattr(space, kind) | marked[kind] if kind in marked else None for kind in KINDS)
-        )
-
-    def trusted(self) -> FloatArray:
-        """Return the weights of the measurements by what the rest of the track says.
-
-        Where an instant is located robustly, one that both the track and the other measurements of
-        the instant contradict is left out, the worst one first: motion that the smoother does not
-        know contradicts the track alone. With fewer degrees of freedom the others cannot tell, and
-        the weights are Tukey's about the track.
-        """
-        fixes, track = self.fixes, self.track
-        missing = np.isnan(self.record.whitened(self.measured, fixes.position))
-        used = self._used()
-        of_instant = np.abs(self._deleted(fixes.position, fixes.covariance, used))
-        of_track = np.abs(self._deleted(track.position, track.position_covariance, used))
-        told = of_track[~np.isnan(of_track)]
-        if told.size == 0:
-            return self.trust
-        scale = _scale(told)
-        limit = -NormalDist().inv_cdf(_FALSE_ALARM / 2 / told.size)
-        with np.errstate(invalid="ignore"):
-            doubtful = (of_track > limit * scale) & (of_instant > _DOUBTED)
-        worst = np.max(np.where(doubtful & (self.trust > 0), of_track, 0.0), axis=1, keepdims=True)
-        contradicted = doubtful & ((self.trust == 0) | (of_track == worst))
-        rest = np.count_nonzero(~missing, axis=1) - fixes.position.shape[-1]
-        poor = ((rest > 0) & (rest < _REDUNDANCY))[:, np.newaxis]
-        soft = _tukey(of_track / scale)
-        return np.where(poor, np.where(soft < _FAINT, 0.0, soft), np.where(contradicted, 0.0, 1.0))
-
-    def _deleted(
-        self, position: FloatArray, covariance: FloatArray, used: FloatArray
-    ) -> FloatArray:
-        """Return residuals about what follows without the measurement, over their sigmas, (N, M).
-
-        With the residual r, the weight w and g = J P J' / sigma²: the position without it predicts
-        it with the error r / (1 - w g), of the variance sigma² (1 + g / (1 - w g)).
-        """
-        record = self.record
-        residual = record.whitened(self.measured, position)
-        jacobian = record.jacobian(position) / record.deviations()[..., np.newaxis]
-        with np.errstate(invalid="ignore"):
-            g = np.einsum("nmi,nij,nmj->nm", jacobian, covariance, jacobian)
-            rest = 1.0 - used * g
-            told = np.isfinite(g) & (rest > _REDUNDANT)
-        rest, g = np.where(told, rest, 1.0), np.where(told, g, 0.0)
-        return np.where(told, residual / rest / np.sqrt(1.0 + g / rest), np.nan)
-
-    def covariance_with_jerk(self) -> FloatArray:
-        """Return the covariance of the states with the uncertainty of the fitted jerk in it.
-
-        The mean over intensities by their likelihood, with a prior on their logarithm that rises
-        with the fourth root of the intensity.
-        """
-        best, tracks = self.track, self._with_jerks()
-        if not tracks:
-            return best.covariance
-        known = _is_finite(best.covariance)
-        told = [float(t.log_likelihood) + _JERK_PRIOR * np.log(float(t.jerk)) for t in tracks]
-        share = np.exp(np.subtract(told, max(told)))
-        share /= np.sum(share)
-        covariance = np.zeros_like(best.covariance)
-        for part, track in zip(share, tracks, strict=True):
-            change = np.where(known[:, np.newaxis], track.mean - best.mean, 0.0)
-            covariance += part * (
-                np.where(known[:, np.newaxis, np.newaxis], track.covariance, 0.0)
-                + change[:, :, np.newaxis] * change[:, np.newaxis]
-            )
-        return np.where(known[:, np.newaxis, np.newaxis], covariance, best.covariance)
-
-    def _with_jerks(self) -> list[SmoothedPositions]:
-        """Return the tracks with all intensities that are likely; none where it is not told.
-
-        Around a fitted one that is well told; else from hardly any on, until they are unlikely.
-        """
-        best, jerk = self.track, float(self.track.jerk)
-        error = float(best.jerk_sigma) / jerk if jerk > 0 else np.inf
-        if error < _JERK_TOLD:
-            near = (jerk * np.exp(step * error) for step in _JERK_STEPS)
-            return [best, *(self.plots.smoothed(self.record, one) for one in near)]
-        plots, times = self.plots, self.record.times
-        known = _is_finite(plots.covariance)
-        span = float(np.ptp(times[known]))
-        if np.unique(times[known]).size <= _STATE or span == 0:
-            return []
-        least = np.min(np.linalg.eigvalsh(plots.covariance[known]))
-        # below the first one the motion is that of none; the likelihood falls as a power
-        first = np.log(least) - _STATE_POWER * np.log(span) - _JERK_MARGIN
-        tracks: list[SmoothedPositions] = []
-        top = -np.inf
-        for log in first + np.arange(_MOST_JERKS):
-            track = self.plots.smoothed(self.record, float(np.exp(log)))
-            tracks.append(track)
-            value = float(track.log_likelihood)
-            top = max(top, value)
-            if value < top - _JERK_FALL:
-                break
-        return tracks
+def _raise(failure: tuple[str, list[int]], k: int) -> NoReturn:
+    why, numbers = failure
+    if why == "not-located":
+        reasons = "; ".join(LocationStatus(number).message for number in numbers)
+        raise ValueError(f"no instant can be located: {reasons}")
+    named = ", ".join(f"{KINDS[number // k]} of station {number % k}" for number in numbers)
+    if why == "unusable":
+        raise ValueError(f"biases of {named} cannot be estimated: nothing usable was measured")
+    raise ValueError(
+        f"biases of {named} are not observable: together they move the positions and change no "
+        "residual"
+    )
 
 
 def _by_polynomials(record: _Record, window: int, degree: int | Literal["adaptive"]) -> Trajectory:
@@ -623,7 +401,7 @@ def _polynomials(
             y,
             window,
             degree,
-            time=record.times,
+            time=record.time,
             variance=variances,
             derivative=derivative,
             max_degree=top,
@@ -697,7 +475,7 @@ def _derivatives(
         return np.where(np.isnan(position), np.nan, (solution @ rate[..., np.newaxis])[..., 0])
 
     velocity = solved(1, None)
-    step = _STEP * _interval(record.times)
+    step = _STEP * _interval(record.time)
     path = step * (velocity[:, np.newaxis] - motion[0])
     bend = {}
     for kind in series:
@@ -726,7 +504,7 @@ def _station_motion(record: _Record, derivative: int) -> FloatArray:
         np.moveaxis(record.places, 0, -1),
         _STATION_WINDOW,
         _STATION_DEGREE,
-        time=record.times,
+        time=record.time,
         derivative=derivative,
         n_threads=record.n_threads,
     )
@@ -757,7 +535,7 @@ def _smoothed_series(
         track = smooth(
             y.T[..., np.newaxis],
             variances.T[..., np.newaxis],
-            time=record.times,
+            time=record.time,
             n_threads=record.n_threads,
         )
         states = [track.mean[..., i] for i in (0, 1, 2)]
@@ -790,279 +568,25 @@ def _in_domain(kind: Kind, values: FloatArray) -> FloatArray:
     return values
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Biases:
-    """Constant biases of the stations, and what they do to the trajectory."""
-
-    record: _Record
-    # which: kinds and stations, of those that measured anything
-    kinds: tuple[Kind, ...]
-    known: dict[Kind, BoolArray]
-    # (P,), (P, P), and positions that biases of 1 add, (P, N, D), with their covariance
-    values: FloatArray
-    covariance: FloatArray
-    columns: FloatArray
-    spread: FloatArray
-
-    @classmethod
-    def estimate(cls, record: _Record, found: _Smoothed, kinds: tuple[Kind, ...]) -> _Biases:
-        """Estimate them from the residuals about the smooth trajectory."""
-        measured, position = found.measured, found.track.position
-        located = np.asarray(found.fixes.success)[:, np.newaxis] & ~np.isnan(position)[:, :1]
-        residual = record.whitened(measured, position)
-        outlier = np.concatenate([getattr(found.outlier, kind) for kind in measured], axis=1)
-        usable = located & ~np.isnan(residual) & ~outlier
-        residual = np.where(usable, residual, 0.0)
-        robust = record.spatial == "robust" and np.any(usable)
-        scale = _scale(np.abs(residual[usable])) if robust else np.inf
-        weight = np.where(usable, _tukey(residual / scale) / record.deviations() ** 2, 0.0)
-        known = {kind: _is_seen(record.measured[kind]) for kind in kinds}
-        at = _columns(measured, known)
-        jacobian = record.jacobian(position)
-        solution = _solution(jacobian, weight)
-        kept = _kept(jacobian, solution, weight, at)
-        # W r
-        weighted = weight * residual * record.deviations()
-        # (I - H)' W r: the position has no part in it
-        scores = np.einsum("nip,ni->np", kept, weighted)
-        information = _information(kept, weight)
-        names = [f"{kind} of station {k}" for kind in kinds for k in np.flatnonzero(known[kind])]
-        spurious = _spurious(record, found.track, weight, at)
-        size = np.sqrt(np.sum(weight, axis=0)[at])
-        # the derivative of the scores: less than their weights, which fall with the residuals
-        inverse = _inverted(information, spurious, size, names) / _slope(residual[usable] / scale)
-        values = inverse @ np.sum(scores, axis=0)
-        left = residual * record.deviations()
-        left = left - np.einsum("nij,nj->ni", jacobian @ solution, left) - kept @ values
-        share = 1.0 - np.einsum("nmi,nim->nm", jacobian, solution)
-        least = record.deviations() ** 2 * (_TAPERED if robust else 1.0)
-        variance = np.maximum(least, _variances(left, share, weight**2))
-        covariance = _spread(inverse, kept, weight, variance, left)
-        columns = np.moveaxis(solution[:, :, at], -1, 0)
-        spread = _inverse(jacobian, weight)
-        missing = ~_is_finite(spread)
-        columns = np.where(missing[:, np.newaxis], np.nan, columns)
-        return cls(record, kinds, known, values, covariance, columns, spread)
-
-    def added_to(self, before: _Biases | None) -> _Biases:
-        """Return the sum with those of the round before, which were removed."""
-        return self if before is None else replace(self, values=self.values + before.values)
-
-    def is_small(self) -> bool:
-        """Whether they are far below their standard errors."""
-        return bool(np.all(np.abs(self.values) <= _SETTLED * self.sigma))
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard errors."""
-        return np.sqrt(np.diagonal(self.covariance))
-
-    def removed_from(self, measured: _Measured) -> _Measured:
-        """Return measurements without them."""
-        biases = self.split(self.values, 0.0)
-        return {
-            kind: _in_domain(kind, values - biases[kind]) if kind in biases else values
-            for kind, values in measured.items()
-        }
-
-    def as_bias(self) -> Bias:
-        """Return them for all stations."""
-        fields: dict[str, Any] = {str(k): v for k, v in self.split(self.values, 0.0).items()}
-        sigmas = self.split(self.sigma, np.inf)
-        return Bias(**fields | {f"{kind}_sigma": sigma for kind, sigma in sigmas.items()})
-
-    def effect(self, track: SmoothedPositions) -> FloatArray:
-        """Return what their uncertainty adds to the covariance of the states."""
-        response = smooth(
-            self.columns,
-            self.spread,
-            time=self.record.times,
-            jerk=float(track.jerk),
-            n_threads=self.record.n_threads,
-        ).mean
-        response = np.where(np.isnan(response), 0.0, response)
-        added: FloatArray = np.einsum("pni,pq,qnj->nij", response, self.covariance, response)
-        return added
-
-    def split(self, values: FloatArray, unknown: float) -> dict[Kind, FloatArray]:
-        """Return one array for each kind."""
-        told, first = {}, 0
-        for kind in self.kinds:
-            known = self.known[kind]
-            count = int(np.count_nonzero(known))
-            told[kind] = np.full(len(known), unknown)
-            told[kind][known] = values[first : first + count]
-            first += count
-        return told
-
-
-def _kept(
-    jacobian: FloatArray, solution: FloatArray, weight: FloatArray, at: IntArray
-) -> FloatArray:
-    """Return columns of I - H, (N, M, P): what biases do to the residuals."""
-    measures = np.where(weight > 0, 1.0, 0.0)
-    whole = np.eye(jacobian.shape[1]) * measures[:, np.newaxis]
-    kept = whole[:, :, at] - jacobian @ solution[:, :, at]
-    return np.where(measures[..., np.newaxis] > 0, kept, 0.0)
-
-
-def _information(kept: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return (I - H)' W (I - H), summed over the instants."""
-    information: FloatArray = np.einsum("nip,ni,niq->pq", kept, weight, kept, optimize=True)
-    return information
-
-
-def _spurious(
-    record: _Record, track: SmoothedPositions, weight: FloatArray, at: IntArray
-) -> FloatArray:
-    """Return the information that errors of the positions alone make."""
-    position = track.position
-    information = np.zeros((len(at), len(at)))
-    for shift in np.moveaxis(_root(track.position_covariance), -1, 0):
-        ahead, behind = (
-            _kept(moved, _solution(moved, weight), weight, at)
-            for moved in (record.jacobian(position + shift), record.jacobian(position - shift))
-        )
-        information += _information((ahead - behind) / 2, weight)
-    return information
-
-
-def _spread(
-    inverse: FloatArray,
-    kept: FloatArray,
-    weight: FloatArray,
-    variance: FloatArray,
-    residual: FloatArray,
-) -> FloatArray:
-    """Return the covariance of biases: that of the scores, between their inverse slopes.
-
-    Errors that stay for a while make it larger.
-    """
-    noise = _information(kept, weight**2 * variance)
-    # what each instant adds to each bias
-    parts = np.einsum("pq,nip,ni->pn", inverse, kept, weight * residual)
-    root = np.sqrt([_repeats(part) for part in parts])
-    return np.asarray(inverse @ noise @ inverse * np.outer(root, root))
-
-
-def _variances(residual: FloatArray, share: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the variance of each column's errors, of which residuals have that share, (M,)."""
-    there = weight > 0
-    variances: FloatArray = np.sum(np.where(there, weight * residual**2, 0.0), axis=0) / np.maximum(
-        np.sum(np.where(there, weight * share, 0.0), axis=0), np.finfo(float).tiny
-    )
-    return variances
-
-
-def _repeats(series: FloatArray) -> float:
-    """Return how many instants tell as much as one would, if errors were independent, at least 1.
-
-    One plus twice the sum of the autocorrelations, as long as pairs of them are positive (Geyer
-    1992); the first pair has to be more than chance.
-    """
-    whole = float(np.sum(series**2))
-    total = 0.0
-    for lag in range(1, len(series) // 2, 2):
-        products = [series[one:] * series[:-one] for one in (lag, lag + 1)]
-        pair = sum(float(np.sum(product)) for product in products)
-        chance = np.sqrt(sum(float(np.sum(product**2)) for product in products))
-        if not pair > (_CHANCE * chance if lag == 1 else 0.0):
-            break
-        total += pair / whole
-    return 1.0 + 2.0 * total
-
-
-def _tukey(residual: FloatArray) -> FloatArray:
-    """Return Tukey's weights, 1 where there is no residual."""
-    share = np.minimum(np.abs(np.nan_to_num(residual)) / _TUKEY, 1.0)
-    weight: FloatArray = (1.0 - share**2) ** 2
-    return weight
-
-
-def _slope(residual: FloatArray) -> float:
-    """Return the mean slope of Tukey's scores, u w(u), over their mean weight."""
-    square = np.minimum((residual / _TUKEY) ** 2, 1.0)
-    return float(np.sum((1 - square) * (1 - 5 * square)) / np.sum((1 - square) ** 2))
-
-
-def _scale(size: FloatArray) -> float:
-    """Return by how much residuals are larger than their standard deviations say, at least 1.
-
-    From their median, less what it may be off by chance.
-    """
-    chance = 1.0 + _CHANCE * _MEDIAN_ERROR / np.sqrt(size.size)
-    return max(1.0, float(np.median(size) / NormalDist().inv_cdf(0.75) / chance))
-
-
-def _split(together: npt.NDArray[Any], measured: _Measured) -> list[npt.NDArray[Any]]:
-    """Return the columns of each kind."""
-    if not measured:
-        return []
-    counts = [values.shape[1] for values in measured.values()]
-    return np.split(together, np.cumsum(counts)[:-1], axis=1)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return square roots of covariances, 0 where they are not finite."""
-    good = _is_finite(covariance)
-    root = np.zeros_like(covariance)
-    values, vectors = np.linalg.eigh(covariance[good])
-    root[good] = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
-    return root
-
-
-def _inverted(
-    information: FloatArray, spurious: FloatArray, size: FloatArray, names: list[str]
-) -> FloatArray:
-    """Return the covariance of the biases, or tell which are not determined.
-
-    `spurious` is the information that errors of the positions alone make.
-    """
-    if np.any(size == 0):
-        told = ", ".join(name for name, one in zip(names, size, strict=True) if one == 0)
-        raise ValueError(f"biases of {told} cannot be estimated: nothing usable was measured")
-    scale = np.outer(size, size)
-    doubtful = information / scale - spurious / scale / _SPURIOUS
-    least, vectors = np.linalg.eigh(doubtful)
-    blind = least <= _UNOBSERVABLE
-    if np.any(blind):
-        share = np.sqrt(np.sum(vectors[:, blind] ** 2, axis=1))
-        told = ", ".join(name for name, one in zip(names, share, strict=True) if one > _NAMED)
-        raise ValueError(
-            f"biases of {told} are not observable: together they move the positions and change no "
-            "residual"
-        )
-    covariance: FloatArray = np.linalg.inv(information / scale) / scale
-    return covariance
-
-
 def _trajectory(
-    record: _Record,
-    states: tuple[FloatArray, ...],
-    covariance: FloatArray,
-    fixes: Location,
-    *,
-    outlier: ByKind | None = None,
-    biases: _Biases | None = None,
-    track: SmoothedPositions | None = None,
+    record: _Record, states: tuple[FloatArray, ...], covariance: FloatArray, fixes: Location
 ) -> Trajectory:
     position, velocity, acceleration = states
-    measured = record.measured if biases is None else biases.removed_from(record.measured)
     residuals = {
         kind: residual / record.sigma(kind)
-        for kind, residual in record.residuals(measured, position).items()
+        for kind, residual in record.residuals(record.measured, position).items()
     }
     return Trajectory(
-        record.times,
+        record.time,
         position,
         velocity,
         acceleration,
-        covariance,
-        fixes,
-        fixes.outlier if outlier is None else outlier,
-        _by_kind(residuals),
-        None if biases is None else biases.as_bias(),
-        track,
+        covariance=covariance,
+        fixes=fixes,
+        outlier=fixes.outlier,
+        residual=ByKind(**{str(kind): residual for kind, residual in residuals.items()}),
+        bias=None,
+        smoothed=None,
     )
 
 
@@ -1115,10 +639,10 @@ def _checked(
         raise ValueError(f"{kind}_sigma is missing")
     if sigma.shape != (count,):
         raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must be ({count},)")
-    missing = np.flatnonzero(np.isnan(sigma) & _is_seen(array))
+    missing = np.flatnonzero(np.isnan(sigma) & ~np.isnan(array).all(axis=0))
     if missing.size:
         raise ValueError(f"{kind}_sigma of station {missing[0]} is missing")
-    return array
+    return checked(array, kind, k)
 
 
 def _require_choices(order: Order, spatial: Spatial, smoother: Smoother) -> None:
@@ -1151,13 +675,6 @@ def _estimated(
     if kinds and (order, smoother) != ("spatial-first", "rts"):
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     return tuple(kinds)
-
-
-def _columns(measured: _Measured, known: dict[Kind, BoolArray]) -> IntArray:
-    """Return where the biases' columns are, if all measurements are side by side."""
-    counts = [values.shape[1] for values in measured.values()]
-    first = dict(zip(measured, np.cumsum([0, *counts[:-1]]), strict=True))
-    return np.concatenate([first[kind] + np.flatnonzero(own) for kind, own in known.items()])
 
 
 def _predicted(kind: Kind, offset: FloatArray, axes: FloatArray | None) -> FloatArray:
@@ -1227,20 +744,11 @@ def _is_finite(matrices: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
 
 
-def _is_seen(values: FloatArray) -> BoolArray:
-    """Whether each column has a number."""
-    return np.asarray(~np.isnan(values).all(axis=0))
-
-
 def _diagonal(variances: FloatArray) -> FloatArray:
     matrices = np.zeros((*variances.shape, variances.shape[-1]))
     at = np.arange(variances.shape[-1])
     matrices[..., at, at] = np.where(np.isnan(variances), np.inf, variances)
     return matrices
-
-
-def _by_kind(arrays: dict[Kind, FloatArray]) -> ByKind:
-    return ByKind(*(arrays.get(kind) for kind in KINDS))
 
 
 def _statistics(residual: FloatArray, outlier: BoolArray) -> FloatArray:

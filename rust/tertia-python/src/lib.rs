@@ -12,6 +12,7 @@ mod screening;
 mod simulate;
 mod smoothing;
 mod tracker;
+mod trajectory;
 mod weights;
 
 use pyo3::prelude::*;
@@ -52,6 +53,8 @@ mod core_module {
     use super::tracker::{
         Motion, PlotTracker, Radar, TrackerSettings, plots_to_cartesian, track_columns,
     };
+    #[pymodule_export]
+    use super::trajectory::reconstruct;
     #[pymodule_export]
     use super::weights::{least_count, weigh, wishart_law};
     #[pymodule_export]

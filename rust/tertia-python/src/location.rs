@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::location::{self, Fix, Instant, Locator, Method, Problem, Workspace};
+use tertia::sensors::KINDS;
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Located<'py> =
@@ -94,8 +95,8 @@ pub fn locate<'py>(
     let (stations, rows, sigmas) = (stations.blocks(2)?, values.blocks(2)?, sigmas.blocks(2)?);
     let initial = initial.as_ref().map(|samples| samples.blocks(1)).transpose()?;
     let axes = axes.as_ref().map(|samples| samples.blocks(3)).transpose()?;
-    require_row(&rows, location::KINDS * k, "values")?;
-    require_row(&sigmas, location::KINDS * k, "sigmas")?;
+    require_row(&rows, KINDS * k, "values")?;
+    require_row(&sigmas, KINDS * k, "sigmas")?;
     let count = rows.count();
     let values = Shared::new(&rows, count, "values")?;
     let stations = Shared::new(&stations, count, "stations")?;
@@ -194,7 +195,7 @@ pub fn location_accuracy<'py>(
     let (k, d) = size(&stations)?;
     let axes = axes.as_ref().map(|samples| samples.blocks(3)).transpose()?;
     let (stations, sigmas, rows) = (stations.blocks(2)?, sigmas.blocks(2)?, positions.blocks(1)?);
-    require_row(&sigmas, location::KINDS * k, "sigmas")?;
+    require_row(&sigmas, KINDS * k, "sigmas")?;
     require_row(&rows, d, "positions")?;
     if let Some(axes) = &axes {
         require_row(axes, k * d * d, "axes")?;
@@ -206,7 +207,7 @@ pub fn location_accuracy<'py>(
     let mut covariance = Output::new(py, &[rows.shape, &[d]].concat())?;
     let mut dilution = Output::new(py, rows.batch())?;
     let outputs = chunks(covariance.values()?, d * d, count).zip(dilution.values()?);
-    let cost = ACCURACY_NS * (location::KINDS * k * count) as f64;
+    let cost = ACCURACY_NS * (KINDS * k * count) as f64;
     let done = release(py, cost, || {
         let new = || (Workspace::<2>::default(), Workspace::<3>::default());
         for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |spaces, (p, out)| {

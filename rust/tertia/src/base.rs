@@ -3,6 +3,9 @@
 //!
 //! `error <- matrix, moments, distribution, angle, vector, missing, batch`
 
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
 pub(crate) mod angle;
 pub mod batch;
 #[cfg(test)]
@@ -14,4 +17,5 @@ pub mod missing;
 pub(crate) mod moments;
 #[cfg(test)]
 pub(crate) mod random;
+pub(crate) mod small;
 pub(crate) mod vector;

@@ -81,9 +81,11 @@ pub mod kalman;
 pub mod location;
 pub mod registration;
 pub mod screening;
+pub mod sensors;
 pub mod simulate;
 pub mod smoothing;
 pub mod tracker;
+pub mod trajectory;
 pub mod weights;
 
 pub use base::error::{Error, Result};

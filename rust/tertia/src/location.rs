@@ -7,8 +7,6 @@
 //!
 //! | part | what |
 //! |---|---|
-//! | `measurement` | predictions and their derivatives |
-//! | `small` | linear systems of two and three unknowns |
 //! | `candidates` | points that as many measurements as there are coordinates agree on |
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
 //! | `block` | the same for several instants side by side |
@@ -24,14 +22,9 @@ mod candidates;
 mod descent;
 mod doubt;
 mod lenth;
-mod measurement;
-mod small;
 mod solver;
 
 pub use solver::{Fix, Instant, Locator, Method, Output, Problem, Workspace};
 
 /// Instants that are located side by side.
 pub const BLOCK: usize = block::LANES;
-/// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, and the
-/// differences of each station's range and that of the first.
-pub const KINDS: usize = 4;

@@ -3,6 +3,7 @@
 //! `local_polynomial` fits a polynomial to the instants around each; [`smooth`] is the fixed-interval
 //! smoother of position, velocity and acceleration, [`fit_jerk`] finds how restless the target is.
 
+pub(crate) mod adjoint;
 mod basis;
 mod information;
 mod jerk;
@@ -14,7 +15,9 @@ mod stencil;
 mod track;
 
 pub use jerk::{JerkFit, fit_jerk};
+pub(crate) use jerk::{relative_error, search};
 pub use polynomial::{Degree, Fit, Output, Polynomial};
 pub use record::Record;
+pub(crate) use smoother::likelihood;
 pub use smoother::{Smoothed, Summary, Workspace, smooth};
 pub use track::{Noise, Prior, Track};

@@ -6,9 +6,9 @@
 //! the same result alone and in any company.
 
 use super::descent::{FAR, HUBER, Loss, ROUNDING};
-use super::measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS};
-use super::small::{self, Matrix, REGULAR};
+use crate::base::small::{self, Matrix, REGULAR};
 use crate::base::vector::Vector;
+use crate::sensors::{Kind, Measurement, Row, SMALL_TANGENT, TERMS};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Instants side by side: two vectors of AVX2, so that one works while the other waits.

@@ -4,9 +4,9 @@
 //! station, or with its difference to the first, other ranges are planes too: the squares of the
 //! coordinates cancel. So a point is where planes meet, or a line of planes and one sphere.
 
-use super::measurement::{Kind, Measurement};
-use super::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};
 use crate::base::angle::median;
+use crate::base::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};
+use crate::sensors::{Kind, Measurement};
 
 /// Points tried of each sort at most: more are drawn at random, always the same.
 const MOST: usize = 64;

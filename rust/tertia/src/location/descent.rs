@@ -1,7 +1,7 @@
 //! Gauss–Newton on weighted, whitened residuals, with Levenberg's safeguard.
 
-use super::measurement::{Measurement, Row};
-use super::small::{Factor, Matrix, Vector, norm, quadratic};
+use crate::base::small::{Factor, Matrix, Vector, norm, quadratic};
+use crate::sensors::{Measurement, Row};
 
 /// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
 pub(super) const HUBER: f64 = 1.345;

@@ -7,8 +7,8 @@
 //! hypotheses (Hoeting, Madigan, Raftery, Volinsky 1999) adds `π (1 − π) d d^T`, d the shift of
 //! the position between them.
 
-use super::measurement::Row;
-use super::small::{Matrix, Vector, dot};
+use crate::base::small::{Matrix, Vector, dot};
+use crate::sensors::Row;
 
 /// −ln of `ε/(1 − ε) √(2π)/s`: a share ε = 1 % of faults, spread evenly over s = 100 σ.
 const EVIDENCE: f64 = 8.28;

@@ -10,8 +10,8 @@
 //!
 //! with weights `w = ψ(t)/t`, `t = √(2κ(1 − cos(θ − μ)))`, all 1 for maximum likelihood.
 
-use super::measurement::Measurement;
-use super::small::{Factor, Matrix, Vector, norm};
+use crate::base::small::{Factor, Matrix, Vector, norm};
+use crate::sensors::Measurement;
 use std::f64::consts::PI;
 
 /// Tuning constant of both robust forms.

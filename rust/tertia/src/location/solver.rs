@@ -5,9 +5,9 @@ use super::candidates::Candidates;
 use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
 use super::doubt::doubt;
 use super::lenth::{self, Weight};
-use super::measurement::{Kind, Measurement, Row};
-use super::small::{Factor, Matrix, Vector, add, norm, quadratic};
 use crate::base::distribution::chi_square_upper;
+use crate::base::small::{Factor, Matrix, Vector, add, norm, quadratic};
+use crate::sensors::{Measurement, Row, read};
 
 /// Least squares end where a step is shorter than so many standard deviations.
 const TOLERANCE: f64 = 1e-9;
@@ -129,6 +129,18 @@ pub struct Fix {
     pub dilution: f64,
     /// The standard deviation of a measurement where it is estimated, nan otherwise.
     pub sigma: f64,
+}
+
+impl Fix {
+    /// That of an instant that has not been located.
+    pub const UNKNOWN: Self = Self {
+        problem: Problem::TooFew,
+        degrees_of_freedom: 0,
+        chi_square: f64::NAN,
+        p_value: f64::NAN,
+        dilution: f64::NAN,
+        sigma: f64::NAN,
+    };
 }
 
 /// Buffers of a thread.
@@ -421,11 +433,6 @@ fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
     std::array::from_fn(|i| stations[i])
 }
 
-/// The first D² numbers, row by row.
-fn matrix<const D: usize>(values: &[f64]) -> Matrix<D> {
-    std::array::from_fn(|i| std::array::from_fn(|j| values[i * D + j]))
-}
-
 impl<const D: usize> Record<D> {
     /// Whether the standard deviation is to be estimated.
     fn is_unknown(&self, instant: &Instant<'_>) -> bool {
@@ -437,33 +444,16 @@ impl<const D: usize> Record<D> {
         self.measurements.clear();
         self.places.clear();
         (self.start, self.first) = (None, None);
-        let (origin, count) = (first::<D>(instant.stations), instant.stations.len() / D);
         let mut extent = 0.0_f64;
-        for k in 0..count {
-            let station: Vector<D> =
-                std::array::from_fn(|i| instant.stations[k * D + i] - origin[i]);
-            let before = self.places.len();
-            for (at, kind) in Kind::ALL.into_iter().enumerate() {
-                let place = at * count + k;
-                let (value, sigma) = (instant.values[place], instant.sigmas[place]);
-                if value.is_nan() {
-                    continue;
-                }
-                let sigma = if sigma.is_nan() { 1.0 } else { sigma };
-                let measurement = Measurement::new(kind, k, station, value, sigma);
-                self.measurements.push(match instant.axes {
-                    None => measurement,
-                    Some(axes) => measurement.about(&matrix(&axes[k * D * D..])),
-                });
-                self.places.push(place);
-                if !kind.is_angle() {
-                    extent = extent.max(value.abs());
-                }
+        let Instant { stations, axes, values, sigmas, .. } = *instant;
+        read(stations, axes, values, sigmas, |place, m: Measurement<D>| {
+            if !m.kind.is_angle() {
+                extent = extent.max(m.value.abs());
             }
-            if self.places.len() > before {
-                extent = extent.max(norm(&station));
-            }
-        }
+            extent = extent.max(norm(&m.station));
+            self.measurements.push(m);
+            self.places.push(place);
+        });
         self.extent = extent;
     }
 }

@@ -62,7 +62,7 @@ impl Information {
         self.sums.resize(2 * n + 1, 0.0);
     }
 
-    fn rank(&self) -> usize {
+    pub fn rank(&self) -> usize {
         self.seen.iter().map(|seen| seen.count).sum()
     }
 

@@ -33,32 +33,49 @@ const MARGINS: [f64; 2] = [1e-6, 1e2];
 const MOST_STEPS: usize = 200;
 /// The maximum is found to this, in the logarithm.
 const SETTLED: f64 = 1e-5;
+/// A gain of more is not.
+const CERTAIN: f64 = 1.0;
 /// A gain of less is rounding.
 const GAIN: f64 = 1e-7;
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
 /// The intensity of white jerk that makes the plots most likely. Cost: some 30 filters.
 pub fn fit_jerk(track: &Track<'_>, workspace: &mut Workspace) -> JerkFit {
-    let mut value = |log: f64| likelihood(track, log.exp(), workspace).log_likelihood;
+    search(track, None, &mut |log| likelihood(track, log.exp(), workspace).log_likelihood)
+}
+
+/// The same by any way to the likelihood of a logarithm. Near the logarithm of an intensity that has
+/// been found for almost the same plots the whole range is not searched, and no error is found.
+pub(crate) fn search(
+    track: &Track<'_>,
+    near: Option<f64>,
+    value: &mut impl FnMut(f64) -> f64,
+) -> JerkFit {
     let Some((low, high)) = range(track) else { return JerkFit::UNTOLD };
-    let none = value(f64::NEG_INFINITY);
-    let mut best = (low, value(low));
-    let mut values = vec![best];
-    let mut log = low;
-    while log < high || (best.0 == log && values.len() < MOST_STEPS) {
-        log += COARSE;
-        values.push((log, value(log)));
-        if values[values.len() - 1].1 > best.1 {
-            best = values[values.len() - 1];
+    let (below, best) = match near.and_then(|near| climb(low, near, value)) {
+        Some(found) => found,
+        None => {
+            let (best, last) = scan(low, high, value);
+            if best.0 == last {
+                return JerkFit { jerk: last.exp(), relative_error: f64::INFINITY };
+            }
+            (f64::INFINITY, best)
         }
-    }
-    if best.0 == log {
-        return JerkFit { jerk: log.exp(), relative_error: f64::INFINITY };
-    }
-    let (log, top) = maximum(&mut value, best.0 - COARSE, best, best.0 + COARSE);
-    if top - none < GAIN {
+    };
+    let (log, top) = maximum(value, best.0 - COARSE, best, best.0 + COARSE);
+    // of another intensity so far below, none need not be asked
+    let certain = top - below > CERTAIN;
+    if !certain && top - value(f64::NEG_INFINITY) < GAIN {
         return JerkFit::UNTOLD;
     }
+    if near.is_some() {
+        return JerkFit { jerk: log.exp(), relative_error: f64::NAN };
+    }
+    JerkFit { jerk: log.exp(), relative_error: relative_error(log, top, value) }
+}
+
+/// The standard error of the logarithm of an intensity where the likelihood is greatest.
+pub(crate) fn relative_error(log: f64, top: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
     // a step that lowers the likelihood by about 1/200 where it is a parabola
     let mut step: f64 = 0.1;
     let mut curvature = 0.0;
@@ -66,8 +83,46 @@ pub fn fit_jerk(track: &Track<'_>, workspace: &mut Workspace) -> JerkFit {
         curvature = (2.0 * top - value(log + step) - value(log - step)) / (step * step);
         step = (0.1 / curvature.max(1e-2).sqrt()).clamp(1e-3, 1.0);
     }
-    let relative_error = if curvature > 1e-3 { 1.0 / curvature.sqrt() } else { f64::INFINITY };
-    JerkFit { jerk: log.exp(), relative_error }
+    if curvature > 1e-3 { 1.0 / curvature.sqrt() } else { f64::INFINITY }
+}
+
+/// The best step from `low` to `high`, and beyond as long as the likelihood rises; and the last.
+fn scan(low: f64, high: f64, value: &mut impl FnMut(f64) -> f64) -> ((f64, f64), f64) {
+    let mut best = (low, value(low));
+    let (mut log, mut count) = (low, 1);
+    while log < high || (best.0 == log && count < MOST_STEPS) {
+        log += COARSE;
+        count += 1;
+        let own = (log, value(log));
+        if own.1 > best.1 {
+            best = own;
+        }
+    }
+    (best, log)
+}
+
+/// The best step above its neighbours, from that nearest to `near`, after the likelihood of the one
+/// below it; none at the low end.
+fn climb(low: f64, near: f64, value: &mut impl FnMut(f64) -> f64) -> Option<(f64, (f64, f64))> {
+    let mut at = ((near - low) / COARSE).round();
+    let mut of = |at: f64| value(low + at * COARSE);
+    let mut values = [of(at - 1.0), of(at), of(at + 1.0)];
+    for _ in 0..MOST_STEPS {
+        let [below, own, above] = values;
+        if at < 1.0 || !own.is_finite() {
+            return None;
+        }
+        if below > own {
+            at -= 1.0;
+            values = [of(at - 1.0), below, own];
+        } else if above > own {
+            at += 1.0;
+            values = [own, above, of(at + 1.0)];
+        } else {
+            return Some((below, (low + at * COARSE, own)));
+        }
+    }
+    None
 }
 
 /// Logarithms of intensities that show within the track but hardly, and within the shortest step.

@@ -72,7 +72,7 @@ pub fn smooth(
 }
 
 /// The likelihood alone. Cost O(N D³).
-pub(super) fn likelihood(track: &Track<'_>, jerk: f64, workspace: &mut Workspace) -> Summary {
+pub(crate) fn likelihood(track: &Track<'_>, jerk: f64, workspace: &mut Workspace) -> Summary {
     with_order!(track.dimension, forwards(track, jerk, workspace, None))
 }
 

@@ -219,10 +219,17 @@ impl<'a> Track<'a> {
 
     /// Adds the reference and the trend of instant `k` to a state.
     pub(super) fn restore(&self, k: usize, state: &mut [f64]) {
+        for (position, reference) in state.iter_mut().zip(self.reference(k)) {
+            *position += reference;
+        }
+        self.add_trend(k, state);
+    }
+
+    /// Adds the trend of instant `k` to a state.
+    pub(super) fn add_trend(&self, k: usize, state: &mut [f64]) {
         let d = self.dimension;
         for axis in 0..d {
             let [position, velocity, acceleration] = self.trend.at(axis, self.times[k]);
-            state[axis] += self.reference(k)[axis];
             state[axis] += position;
             state[d + axis] += velocity;
             state[2 * d + axis] += acceleration;

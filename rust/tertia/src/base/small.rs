@@ -2,15 +2,15 @@
 
 /// Share of a diagonal element that the components before must leave in a regular matrix: their
 /// directions differ by 1e-6 or more.
-pub(super) const REGULAR: f64 = 1e-12;
+pub(crate) const REGULAR: f64 = 1e-12;
 
 /// Smallest pivot of rows of length 1 that are not parallel.
 const PARALLEL: f64 = 1e-9;
 
-pub(super) type Matrix<const D: usize> = [[f64; D]; D];
-pub(super) type Vector<const D: usize> = [f64; D];
+pub(crate) type Matrix<const D: usize> = [[f64; D]; D];
+pub(crate) type Vector<const D: usize> = [f64; D];
 
-pub(super) fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
+pub(crate) fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
     let mut sum = 0.0;
     for i in 0..D {
         sum += a[i] * b[i];
@@ -18,22 +18,22 @@ pub(super) fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
     sum
 }
 
-pub(super) fn norm<const D: usize>(a: &Vector<D>) -> f64 {
+pub(crate) fn norm<const D: usize>(a: &Vector<D>) -> f64 {
     dot(a, a).sqrt()
 }
 
 /// `A x`
-pub(super) fn rotated<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+pub(crate) fn rotated<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
     std::array::from_fn(|i| dot(&a[i], x))
 }
 
 /// `A^T x`
-pub(super) fn rotated_back<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+pub(crate) fn rotated_back<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
     std::array::from_fn(|i| (0..D).map(|k| a[k][i] * x[k]).sum())
 }
 
 /// `x^T A x`
-pub(super) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
+pub(crate) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
     let mut sum = 0.0;
     for i in 0..D {
         sum += x[i] * dot(&a[i], x);
@@ -42,7 +42,7 @@ pub(super) fn quadratic<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> f64 {
 }
 
 /// `A + B` in place of A.
-pub(super) fn add<const D: usize>(a: &mut Matrix<D>, b: &Matrix<D>) {
+pub(crate) fn add<const D: usize>(a: &mut Matrix<D>, b: &Matrix<D>) {
     for i in 0..D {
         for j in 0..D {
             a[i][j] += b[i][j];
@@ -51,7 +51,7 @@ pub(super) fn add<const D: usize>(a: &mut Matrix<D>, b: &Matrix<D>) {
 }
 
 /// The Cholesky factor of a symmetric matrix with a unit diagonal, after scaling.
-pub(super) struct Factor<const D: usize> {
+pub(crate) struct Factor<const D: usize> {
     lower: Matrix<D>,
     scale: Vector<D>,
 }
@@ -127,7 +127,7 @@ impl<const D: usize> Factor<D> {
 }
 
 /// Solves `N p = a + b t` for a regular N by elimination with pivots: `p = u + v t`.
-pub(super) fn solve_line<const D: usize>(
+pub(crate) fn solve_line<const D: usize>(
     mut n: Matrix<D>,
     mut a: Vector<D>,
     mut b: Vector<D>,
@@ -166,7 +166,7 @@ pub(super) fn solve_line<const D: usize>(
 }
 
 /// Real roots of `a t² + 2 b t + c`; where there are none, the place nearest to zero, twice.
-pub(super) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
+pub(crate) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - a * c;
     if discriminant.is_nan() || discriminant <= 0.0 {
         return [-b / a; 2];

@@ -1,17 +1,17 @@
 //! One measurement of a station: what a position predicts, and how that changes with it.
 
-use super::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
+use crate::base::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
 
 /// Up to these tangents five and nine terms of a series are an arctangent to the last bit.
 const TINY_TANGENT: f64 = 0.01;
-pub(super) const SMALL_TANGENT: f64 = 0.1;
+pub(crate) const SMALL_TANGENT: f64 = 0.1;
 /// Of `t − t³/3 + t⁵/5 − …`, nine terms, without the signs, from the last one to the second.
-pub(super) const TERMS: [f64; 8] =
+pub(crate) const TERMS: [f64; 8] =
     [1.0 / 17.0, 1.0 / 15.0, 1.0 / 13.0, 1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     Range,
     Azimuth,
     Elevation,
@@ -30,7 +30,7 @@ impl Kind {
 
 /// A measured number, its station (relative to the first one) and its standard deviation.
 #[derive(Clone, Debug)]
-pub(super) struct Measurement<const D: usize> {
+pub(crate) struct Measurement<const D: usize> {
     pub kind: Kind,
     /// Index of the station.
     pub index: usize,
@@ -47,7 +47,7 @@ pub(super) struct Measurement<const D: usize> {
 
 /// A whitened residual, measured less predicted, and the derivatives of the whitened prediction.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row<const D: usize> {
+pub(crate) struct Row<const D: usize> {
     pub residual: f64,
     pub gradient: Vector<D>,
 }
@@ -199,6 +199,40 @@ fn series<const TERMS: u8>(t: f64) -> f64 {
         sum = s * (1.0 / f64::from(2 * k + 1) - sum);
     }
     t - t * sum
+}
+
+/// Reads what was measured at an instant, station by station, with where each number stands: of K
+/// stations and of each kind in turn, nan where there is none. Positions count from the first
+/// station, which costs no digits; a σ that is not known is taken as 1.
+pub(crate) fn read<const D: usize>(
+    stations: &[f64],
+    axes: Option<&[f64]>,
+    values: &[f64],
+    sigmas: &[f64],
+    mut add: impl FnMut(usize, Measurement<D>),
+) {
+    let count = stations.len() / D;
+    for k in 0..count {
+        let station: Vector<D> = std::array::from_fn(|i| stations[k * D + i] - stations[i]);
+        for (at, kind) in Kind::ALL.into_iter().enumerate() {
+            let place = at * count + k;
+            let (value, sigma) = (values[place], sigmas[place]);
+            if value.is_nan() {
+                continue;
+            }
+            let sigma = if sigma.is_nan() { 1.0 } else { sigma };
+            let measurement = Measurement::new(kind, k, station, value, sigma);
+            add(
+                place,
+                match axes {
+                    None => measurement,
+                    Some(axes) => measurement.about(&std::array::from_fn(|i| {
+                        std::array::from_fn(|j| axes[(k * D + i) * D + j])
+                    })),
+                },
+            );
+        }
+    }
 }
 
 #[cfg(test)]

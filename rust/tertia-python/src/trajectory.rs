@@ -1,0 +1,155 @@
+//! Bindings of `tertia::trajectory`.
+
+use crate::arrays::{Samples, array, value_error};
+use numpy::PyArrayDyn;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::num::NonZero;
+use tertia::location::Fix;
+use tertia::sensors::KINDS;
+use tertia::trajectory::{self, Failure, Record, Trajectory};
+
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
+/// Position, covariance, residuals, marks; problems, degrees of freedom, chi-square, p-values,
+/// dilutions and standard deviations, as of `locate`.
+type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, Vec<Array<'py>>);
+
+/// What came out, or why nothing did: which numbers of an instant, or which problems.
+#[derive(IntoPyObject)]
+pub struct Reconstructed<'py> {
+    failure: Option<(&'static str, Vec<usize>)>,
+    mean: Option<Array<'py>>,
+    covariance: Option<Array<'py>>,
+    smoothed_covariance: Option<Array<'py>>,
+    innovation: Option<Array<'py>>,
+    /// Likelihood, count, jerk and its standard uncertainty.
+    summary: Option<(f64, usize, f64, f64)>,
+    fixes: Option<Located<'py>>,
+    outlier: Option<Marks<'py>>,
+    residual: Option<Array<'py>>,
+    bias: Option<(Vec<f64>, Vec<f64>)>,
+}
+
+/// What stations measured: positions (K, D) or (N, K, D), axes, times, values (N, 4, K) and
+/// standard deviations (4, K).
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Measured<'py> {
+    stations: Bound<'py, PyAny>,
+    axes: Option<Bound<'py, PyAny>>,
+    time: Bound<'py, PyAny>,
+    values: Bound<'py, PyAny>,
+    sigmas: Bound<'py, PyAny>,
+    robust: bool,
+}
+
+/// A trajectory, with the biases of kinds by their number.
+#[pyfunction]
+#[pyo3(signature = (measured, jerk, biased, n_threads))]
+pub fn reconstruct<'py>(
+    py: Python<'py>,
+    measured: Measured<'py>,
+    jerk: Option<f64>,
+    biased: Vec<usize>,
+    n_threads: Option<NonZero<usize>>,
+) -> PyResult<Reconstructed<'py>> {
+    let stations = Samples::extract(&measured.stations, "stations")?;
+    let axes = measured.axes.as_ref().map(|axes| Samples::extract(axes, "axes")).transpose()?;
+    let time = Samples::extract(&measured.time, "time")?;
+    let values = Samples::extract(&measured.values, "values")?;
+    let sigmas = Samples::extract(&measured.sigmas, "sigmas")?;
+    let d = stations.shape().last().copied().unwrap_or(0);
+    let (stations, time) = (stations.blocks(2)?, time.rows(0)?);
+    let axes = axes.as_ref().map(|axes| axes.blocks(3)).transpose()?;
+    let (values, sigmas) = (values.blocks(2)?, sigmas.blocks(2)?);
+    let record = Record {
+        stations: &stations.values,
+        axes: axes.as_ref().map(|axes| &*axes.values),
+        time: &time.values,
+        values: &values.values,
+        sigmas: &sigmas.values,
+        robust: measured.robust,
+        n_threads,
+    };
+    let n = record.time.len();
+    let fits = |size: usize, count: usize| size == count || size == n * count;
+    let k = record.sigmas.len() / KINDS;
+    let shapes = record.values.len() == n * KINDS * k
+        && fits(record.stations.len(), k * d)
+        && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
+        && biased.iter().all(|kind| *kind < KINDS);
+    if !shapes {
+        return Err(PyValueError::new_err("the shapes do not fit together"));
+    }
+    let found = py.detach(|| match d {
+        2 => trajectory::reconstruct::<2, 6>(&record, jerk, &biased),
+        _ => trajectory::reconstruct::<3, 9>(&record, jerk, &biased),
+    });
+    match found {
+        Ok(found) => Reconstructed::new(py, found, n, d, k),
+        Err(Failure::NotLocated(reasons)) => {
+            let reasons = reasons.into_iter().map(usize::from).collect();
+            Ok(Reconstructed::failed("not-located", reasons))
+        }
+        Err(Failure::Unusable(columns)) => Ok(Reconstructed::failed("unusable", columns)),
+        Err(Failure::Unobservable(columns)) => Ok(Reconstructed::failed("unobservable", columns)),
+        Err(Failure::Error(error)) => Err(value_error(error)),
+    }
+}
+
+impl<'py> Reconstructed<'py> {
+    fn failed(why: &'static str, numbers: Vec<usize>) -> Self {
+        Self {
+            failure: Some((why, numbers)),
+            mean: None,
+            covariance: None,
+            smoothed_covariance: None,
+            innovation: None,
+            summary: None,
+            fixes: None,
+            outlier: None,
+            residual: None,
+            bias: None,
+        }
+    }
+
+    fn new(py: Python<'py>, found: Trajectory, n: usize, d: usize, k: usize) -> PyResult<Self> {
+        let states = 3 * d;
+        let fixes = found.fixes;
+        let column =
+            |f: fn(&Fix) -> f64| array(py, &[n], fixes.fixes.iter().map(f).collect::<Vec<_>>());
+        let columns = vec![
+            column(|fix| f64::from(fix.problem as u8))?,
+            column(|fix| fix.degrees_of_freedom as f64)?,
+            column(|fix| fix.chi_square)?,
+            column(|fix| fix.p_value)?,
+            column(|fix| fix.dilution)?,
+            column(|fix| fix.sigma)?,
+        ];
+        let located = (
+            array(py, &[n, d], fixes.position)?,
+            array(py, &[n, d, d], fixes.covariance)?,
+            array(py, &[n, KINDS, k], fixes.residual)?,
+            array(py, &[n, KINDS, k], fixes.outlier)?,
+            columns,
+        );
+        Ok(Self {
+            failure: None,
+            mean: Some(array(py, &[n, states], found.mean)?),
+            covariance: Some(array(py, &[n, states, states], found.covariance)?),
+            smoothed_covariance: Some(array(py, &[n, states, states], found.smoothed_covariance)?),
+            innovation: Some(array(py, &[n, d], found.innovation)?),
+            summary: Some((
+                found.summary.log_likelihood,
+                found.summary.count,
+                found.fit.jerk,
+                found.fit.sigma(),
+            )),
+            fixes: Some(located),
+            outlier: Some(array(py, &[n, KINDS, k], found.outlier)?),
+            residual: Some(array(py, &[n, KINDS, k], found.residual)?),
+            bias: found.bias,
+        })
+    }
+}

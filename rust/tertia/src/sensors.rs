@@ -1,0 +1,12 @@
+//! Sensors: what a station measures of a target, and how that changes with the position.
+
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
+mod measurement;
+
+pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
+
+/// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, and the
+/// differences of each station's range and that of the first.
+pub const KINDS: usize = 4;

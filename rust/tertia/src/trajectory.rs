@@ -1,0 +1,165 @@
+//! Trajectory: positions along time from what several stations measured, some of it wrong.
+//!
+//! Every instant is located, and the positions are smoothed; what the smooth path contradicts is
+//! left out, positions are linearised about the path, and constant biases of the stations are
+//! estimated from contradictions between them. Cost O(N K).
+
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
+mod bias;
+mod fixes;
+mod found;
+mod jerk;
+mod measured;
+mod path;
+mod weight;
+
+pub use fixes::Fixes;
+pub use measured::Record;
+
+use crate::base::error::Error;
+use crate::sensors::KINDS;
+use crate::smoothing::{JerkFit, Summary};
+use bias::Biases;
+use found::{Found, Setting};
+use measured::Measured;
+use std::f64::consts::FRAC_PI_2;
+use std::rc::Rc;
+
+/// Degrees of freedom with which an instant is located robustly.
+const REDUNDANCY: usize = 3;
+/// Rounds of estimating biases.
+const ROUNDS: usize = 10;
+
+/// Why there is no trajectory.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Failure {
+    /// No instant has a position: for these reasons, as numbers of a location's problem.
+    NotLocated(Vec<u8>),
+    /// Nothing usable was measured that tells of the biases of these numbers of an instant.
+    Unusable(Vec<usize>),
+    /// Biases of these numbers move positions together and change no residual.
+    Unobservable(Vec<usize>),
+    /// An argument is wrong.
+    Error(Error),
+}
+
+/// What came out.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Positions, velocities and accelerations (N, 3D); nan where unknown.
+    pub mean: Vec<f64>,
+    /// Their covariances (N, 3D, 3D), ∞ where unknown, with the uncertainty of jerk and biases.
+    pub covariance: Vec<f64>,
+    /// The same without that.
+    pub smoothed_covariance: Vec<f64>,
+    /// Innovations of the smoother (N, D).
+    pub innovation: Vec<f64>,
+    /// What the smoother found.
+    pub summary: Summary,
+    /// The jerk that was given or found.
+    pub fit: JerkFit,
+    /// Positions of the single instants.
+    pub fixes: Fixes,
+    /// Measurements that were left out (N, 4, K).
+    pub outlier: Vec<bool>,
+    /// Whitened residuals about the trajectory (N, 4, K), without biases.
+    pub residual: Vec<f64>,
+    /// Biases and their standard deviations (4, K): 0 and ∞ where nothing was measured, 0 and 0 of
+    /// kinds that were not asked for. None if none was.
+    pub bias: Option<(Vec<f64>, Vec<f64>)>,
+}
+
+/// Locates every instant, then smooths the positions. Of the `biased` kinds, in the order of an
+/// instant's rows, each station's bias is estimated. N is 3 D.
+///
+/// # Errors
+/// No instant that can be located, or biases that the measurements do not determine.
+pub fn reconstruct<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    jerk: Option<f64>,
+    biased: &[usize],
+) -> Result<Trajectory, Failure> {
+    let mut setting = Setting { record, jerk, smoother: Default::default() };
+    let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
+    let found = Found::<D, N>::first(&mut setting, &measured)?;
+    let found = found.without_outliers(&mut setting, &measured)?;
+    let columns = seen(record, biased);
+    let (mut found, biases) = bias::rounds(&mut setting, found, &columns, ROUNDS)?;
+    found.relinearise(&mut setting, jerk, 0)?;
+    let track = found.plots.track(record.time, D)?;
+    let fit = setting.smoother.with_error(&track, found.path.fit);
+    let (best, innovation) = setting.smoother.finish(&track, fit);
+    let mut covariance = match jerk {
+        Some(_) => best.covariance.clone(),
+        None => jerk::mixed(&mut setting, &found, &best)?,
+    };
+    if let Some(biases) = &biases {
+        biases.add_effect(&mut setting, best.fit.jerk, &mut covariance)?;
+    }
+    let outlier = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
+    let residual = residuals::<D, N>(record, biases.as_ref(), &best.mean);
+    Ok(Trajectory {
+        covariance,
+        innovation,
+        summary: best.summary,
+        fit: best.fit,
+        mean: best.mean,
+        smoothed_covariance: best.covariance,
+        outlier,
+        residual,
+        bias: biases.map(|biases| by_station(record, &biases, biased)),
+        fixes: found.fixes,
+    })
+}
+
+/// Numbers of an instant whose biases are estimated: of these kinds, what was measured at all.
+fn seen(record: &Record<'_>, biased: &[usize]) -> Vec<usize> {
+    let (width, k) = (record.width(), record.width() / KINDS);
+    let all = biased.iter().flat_map(|kind| kind * k..(kind + 1) * k);
+    all.filter(|at| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan())).collect()
+}
+
+fn by_station(record: &Record<'_>, biases: &Biases, biased: &[usize]) -> (Vec<f64>, Vec<f64>) {
+    let (width, k) = (record.width(), record.width() / KINDS);
+    let (mut values, mut sigmas) = (vec![0.0; width], vec![0.0; width]);
+    for kind in biased {
+        sigmas[kind * k..(kind + 1) * k].fill(f64::INFINITY);
+    }
+    for (i, &column) in biases.columns.iter().enumerate() {
+        (values[column], sigmas[column]) = (biases.values[i], biases.sigma(i));
+    }
+    (values, sigmas)
+}
+
+/// Whitened residuals about states, of measurements without their biases.
+fn residuals<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    biases: Option<&Biases>,
+    mean: &[f64],
+) -> Vec<f64> {
+    let width = record.width();
+    let values = match biases {
+        None => record.values.to_vec(),
+        Some(biases) => biases.removed_from(record.values, width),
+    };
+    let measured = Measured::<D>::new(record, values);
+    let mut residual = vec![f64::NAN; record.values.len()];
+    for (t, state) in mean.chunks_exact(N).enumerate() {
+        for (m, row) in measured.rows(t, &state[..D]) {
+            residual[t * width + measured.column[m]] = row.residual;
+        }
+    }
+    residual
+}
+
+/// A number of an instant, nan where it cannot be measured.
+fn in_domain(column: usize, width: usize, value: f64) -> f64 {
+    let inside = match column * KINDS / width {
+        0 => value > 0.0,
+        2 => value.abs() <= FRAC_PI_2,
+        _ => true,
+    };
+    if inside { value } else { f64::NAN }
+}

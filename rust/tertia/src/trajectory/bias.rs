@@ -1,0 +1,417 @@
+//! Constant biases of the stations, from contradictions of the measurements of each instant.
+//!
+//! At first order biases b add `A_t b` to the position of an instant, with `A_t` its least-squares
+//! solution, and `(I − H_t) b` to its residuals, with `H_t = J_t A_t`. What b is follows from the
+//! residuals alone, for positions about which nothing is assumed.
+
+use super::Failure;
+use super::found::{Found, Setting, known};
+use super::measured::{Measured, Record};
+use super::path::Plots;
+use super::weight::{TAPERED, TUKEY, chance, scale, tukey};
+use crate::base::small::{Factor, Matrix, Vector};
+use nalgebra::{DMatrix, DVector, SMatrix};
+use std::rc::Rc;
+
+/// Change of a bias, in its standard errors, that ends the rounds.
+const SETTLED: f64 = 0.01;
+/// Share of what residuals would say of a bias if positions were known: what is below is rounding.
+const UNOBSERVABLE: f64 = 1e-9;
+/// Share of the information that may come from errors of the positions.
+const SPURIOUS: f64 = 0.1;
+/// Share of an unobservable direction from which a bias is named.
+const NAMED: f64 = 0.1;
+
+/// Biases that are estimated.
+#[derive(Clone, Debug)]
+pub(super) struct Biases {
+    /// Where they stand in an instant.
+    pub columns: Vec<usize>,
+    pub values: DVector<f64>,
+    pub covariance: DMatrix<f64>,
+    /// What biases of 1 add to the positions, (P, N, D), nan where there is none, and the
+    /// covariances of the positions (N, D, D).
+    responses: Vec<Vec<f64>>,
+    spread: Vec<f64>,
+}
+
+/// An instant with what biases do to it.
+struct Instant<const D: usize> {
+    /// Number of the measurement, weight over σ², residual and derivatives.
+    rows: Vec<(usize, f64, f64, Vector<D>)>,
+    /// `(J' W J)^-1`
+    inverse: Option<Matrix<D>>,
+    /// `A` of each bias.
+    solution: Vec<Vector<D>>,
+    /// `I − H`, a row for each measurement.
+    kept: Vec<f64>,
+}
+
+impl<const D: usize> Instant<D> {
+    /// About a position, with a weight over σ² for each measurement of the record.
+    fn new(
+        measured: &Measured<D>,
+        t: usize,
+        position: &[f64],
+        weight: &[f64],
+        columns: &[usize],
+    ) -> Self {
+        let (mut rows, mut normal) = (Vec::new(), [[0.0; D]; D]);
+        for (m, row) in measured.rows(t, position) {
+            if weight[m] > 0.0 {
+                let sigma = 1.0 / measured.precision(m);
+                let gradient = row.gradient.map(|v| v * sigma);
+                for i in 0..D {
+                    for j in 0..D {
+                        normal[i][j] += weight[m] * gradient[i] * gradient[j];
+                    }
+                }
+                rows.push((m, weight[m], row.residual * sigma, gradient));
+            }
+        }
+        let inverse = Factor::try_new(&normal, 0.0).map(|factor| factor.inverse());
+        let own = inverse.unwrap_or([[0.0; D]; D]);
+        let mut solution = vec![[0.0; D]; columns.len()];
+        for (solution, column) in solution.iter_mut().zip(columns) {
+            let found = rows.iter().find(|(m, ..)| measured.column[*m] == *column);
+            if let Some((_, w, _, gradient)) = found {
+                *solution = std::array::from_fn(|i| w * dot(&own[i], gradient));
+            }
+        }
+        let mut kept = Vec::with_capacity(rows.len() * columns.len());
+        for (m, _, _, gradient) in &rows {
+            for (solution, column) in solution.iter().zip(columns) {
+                let unit = f64::from(u8::from(measured.column[*m] == *column));
+                kept.push(unit - dot(gradient, solution));
+            }
+        }
+        Self { rows, inverse, solution, kept }
+    }
+
+    /// Adds `(I − H)' diag(v) (I − H)`.
+    fn add_information(&self, v: impl Fn(usize) -> f64, sum: &mut DMatrix<f64>) {
+        let p = self.solution.len();
+        for (i, kept) in self.kept.chunks_exact(p.max(1)).enumerate() {
+            let v = v(i);
+            for a in 0..p {
+                for b in 0..p {
+                    sum[(a, b)] += kept[a] * v * kept[b];
+                }
+            }
+        }
+    }
+
+    /// Residuals less what the position and the biases take of them.
+    fn left(&self, values: &DVector<f64>) -> Vec<f64> {
+        let mut moved = [0.0; D];
+        let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
+        for (_, w, r, gradient) in &self.rows {
+            for i in 0..D {
+                moved[i] += w * r * dot(&inverse[i], gradient);
+            }
+        }
+        let kept = self.kept.chunks_exact(values.len());
+        let bias = kept.map(|kept| kept.iter().zip(values).map(|(k, b)| k * b).sum::<f64>());
+        let rows = self.rows.iter().zip(bias);
+        rows.map(|((_, _, r, gradient), bias)| r - dot(gradient, &moved) - bias).collect()
+    }
+
+    /// Share of the error of each measurement that its residual has: `1 − H`.
+    fn share(&self, i: usize) -> f64 {
+        let (_, w, _, gradient) = &self.rows[i];
+        let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
+        1.0 - (0..D).map(|k| w * gradient[k] * dot(&inverse[k], gradient)).sum::<f64>()
+    }
+}
+
+impl Biases {
+    /// Estimates them from the residuals about the smooth path.
+    pub fn estimate<const D: usize, const N: usize>(
+        record: &Record<'_>,
+        found: &Found<D, N>,
+        columns: &[usize],
+    ) -> Result<Self, Failure> {
+        let (weight, slope) = weights(record, found);
+        let instants: Vec<Instant<D>> = (0..record.len())
+            .map(|t| {
+                let p = found.path.position::<D>(t);
+                Instant::new(&found.measured, t, p, &weight, columns)
+            })
+            .collect();
+        let p = columns.len();
+        let (mut information, mut scores) = (DMatrix::zeros(p, p), DVector::zeros(p));
+        let mut size = DVector::<f64>::zeros(p);
+        for instant in &instants {
+            instant.add_information(|i| instant.rows[i].1, &mut information);
+            for (kept, (m, w, r, _)) in instant.kept.chunks_exact(p).zip(&instant.rows) {
+                for a in 0..p {
+                    scores[a] += kept[a] * w * r;
+                    if found.measured.column[*m] == columns[a] {
+                        size[a] += w;
+                    }
+                }
+            }
+        }
+        let spurious = spurious(record, found, &weight, columns);
+        let size = size.map(f64::sqrt);
+        let inverse = inverted(&information, &spurious, &size, columns)? / slope;
+        let values = &inverse * scores;
+        let covariance = covariance(record, &found.measured, &instants, &inverse, &values);
+        let mut responses = vec![vec![f64::NAN; record.len() * D]; p];
+        let mut spread = vec![f64::NAN; record.len() * D * D];
+        for (t, instant) in instants.iter().enumerate() {
+            let Some(inverse) = instant.inverse else { continue };
+            for (response, solution) in responses.iter_mut().zip(&instant.solution) {
+                response[t * D..][..D].copy_from_slice(solution);
+            }
+            for (i, row) in inverse.iter().enumerate() {
+                spread[(t * D + i) * D..][..D].copy_from_slice(row);
+            }
+        }
+        Ok(Self { columns: columns.to_vec(), values, covariance, responses, spread })
+    }
+
+    /// The sum with those of the round before, which were removed.
+    pub fn added_to(mut self, before: Option<Self>) -> Self {
+        if let Some(before) = before {
+            self.values += before.values;
+        }
+        self
+    }
+
+    /// Whether they are far below their standard errors.
+    pub fn is_small(&self) -> bool {
+        self.values.iter().enumerate().all(|(i, value)| value.abs() <= SETTLED * self.sigma(i))
+    }
+
+    pub fn sigma(&self, i: usize) -> f64 {
+        self.covariance[(i, i)].sqrt()
+    }
+
+    /// Measurements without them, within their domain.
+    pub fn removed_from(&self, values: &[f64], width: usize) -> Vec<f64> {
+        let mut removed = values.to_vec();
+        for (column, bias) in self.columns.iter().zip(&self.values) {
+            for row in removed.chunks_exact_mut(width) {
+                row[*column] = super::in_domain(*column, width, row[*column] - bias);
+            }
+        }
+        removed
+    }
+
+    /// Adds what their uncertainty adds to the covariance of the states (N, 3D, 3D).
+    pub fn add_effect<const D: usize, const N: usize>(
+        &self,
+        setting: &mut Setting<'_, D, N>,
+        jerk: f64,
+        covariance: &mut [f64],
+    ) -> Result<(), Failure> {
+        let mut means = Vec::new();
+        for response in &self.responses {
+            let plots = Plots { position: response.clone(), covariance: self.spread.clone() };
+            let track = plots.track(setting.record.time, D)?;
+            let mut mean = setting.smoother.smooth(&track, known(jerk), 0).mean;
+            mean.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
+            means.push(mean);
+        }
+        let p = means.len();
+        for (t, own) in covariance.chunks_exact_mut(N * N).enumerate() {
+            let response = DMatrix::from_fn(N, p, |i, a| means[a][t * N + i]);
+            let added = &response * &self.covariance * response.transpose();
+            for i in 0..N {
+                for j in 0..N {
+                    own[i * N + j] += 0.5 * (added[(i, j)] + added[(j, i)]);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Weights over σ², 0 for what is not used, and the mean slope of Tukey's scores over their mean
+/// weight.
+fn weights<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+) -> (Vec<f64>, f64) {
+    let measured = &found.measured;
+    let mut residual = vec![f64::NAN; measured.len()];
+    for t in (0..record.len()).filter(|&t| found.fixes.is_located(t)) {
+        for (m, row) in measured.rows(t, found.path.position::<D>(t)) {
+            if !found.is_outlier(t * record.width() + measured.column[m]) {
+                residual[m] = row.residual;
+            }
+        }
+    }
+    let mut sizes: Vec<f64> = residual.iter().filter(|r| !r.is_nan()).map(|r| r.abs()).collect();
+    let robust = record.robust && !sizes.is_empty();
+    let scale = if robust { scale(&mut sizes) } else { f64::INFINITY };
+    let (mut slope, mut total) = (0.0, 0.0);
+    for r in &sizes {
+        let square = (r / scale / TUKEY).powi(2).min(1.0);
+        slope += (1.0 - square) * (1.0 - 5.0 * square);
+        total += (1.0 - square) * (1.0 - square);
+    }
+    let mut weight = vec![0.0; measured.len()];
+    for (m, r) in residual.iter().enumerate().filter(|(_, r)| !r.is_nan()) {
+        weight[m] = tukey(r / scale) * measured.precision(m).powi(2);
+    }
+    (weight, slope / total)
+}
+
+/// The information that errors of the positions alone make.
+fn spurious<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    weight: &[f64],
+    columns: &[usize],
+) -> DMatrix<f64> {
+    let mut sum = DMatrix::zeros(columns.len(), columns.len());
+    for t in 0..record.len() {
+        let covariance = &found.path.covariance[t * D * D..][..D * D];
+        let matrix = SMatrix::<f64, D, D>::from_fn(|i, j| covariance[i * D + j]);
+        let Some(root) = matrix.cholesky().filter(|_| covariance.iter().all(|v| v.is_finite()))
+        else {
+            continue;
+        };
+        let p = found.path.position::<D>(t);
+        for shift in root.l().column_iter() {
+            let at = |sign: f64| {
+                let moved: Vector<D> = std::array::from_fn(|i| p[i] + sign * shift[i]);
+                Instant::new(&found.measured, t, &moved, weight, columns)
+            };
+            let (mut ahead, behind) = (at(1.0), at(-1.0));
+            for (a, b) in ahead.kept.iter_mut().zip(&behind.kept) {
+                *a = (*a - b) / 2.0;
+            }
+            ahead.add_information(|i| ahead.rows[i].1, &mut sum);
+        }
+    }
+    sum
+}
+
+/// The inverse of the information, or which biases it does not determine.
+fn inverted(
+    information: &DMatrix<f64>,
+    spurious: &DMatrix<f64>,
+    size: &DVector<f64>,
+    columns: &[usize],
+) -> Result<DMatrix<f64>, Failure> {
+    let p = columns.len();
+    let named = |is: &dyn Fn(usize) -> bool| -> Vec<usize> {
+        (0..p).filter(|&i| is(i)).map(|i| columns[i]).collect()
+    };
+    let unusable = named(&|i| size[i] == 0.0);
+    if !unusable.is_empty() {
+        return Err(Failure::Unusable(unusable));
+    }
+    let scaled =
+        |matrix: &DMatrix<f64>| DMatrix::from_fn(p, p, |i, j| matrix[(i, j)] / (size[i] * size[j]));
+    let doubtful = scaled(information) - scaled(spurious) / SPURIOUS;
+    let eigen = doubtful.symmetric_eigen();
+    let blind: Vec<usize> = (0..p).filter(|&i| eigen.eigenvalues[i] <= UNOBSERVABLE).collect();
+    if !blind.is_empty() {
+        let share = |i: usize| -> f64 {
+            blind.iter().map(|&b| eigen.eigenvectors[(i, b)].powi(2)).sum::<f64>().sqrt()
+        };
+        return Err(Failure::Unobservable(named(&|i| share(i) > NAMED)));
+    }
+    let inverse =
+        scaled(information).try_inverse().ok_or(Failure::Unobservable(columns.to_vec()))?;
+    Ok(scaled(&inverse))
+}
+
+/// The covariance of the scores, between their inverse slopes; errors that stay for a while make it
+/// larger.
+fn covariance<const D: usize>(
+    record: &Record<'_>,
+    measured: &Measured<D>,
+    instants: &[Instant<D>],
+    inverse: &DMatrix<f64>,
+    values: &DVector<f64>,
+) -> DMatrix<f64> {
+    let (p, width) = (values.len(), record.width());
+    let left: Vec<Vec<f64>> = instants.iter().map(|instant| instant.left(values)).collect();
+    let (mut squares, mut shares) = (vec![0.0; width], vec![0.0; width]);
+    for (instant, left) in instants.iter().zip(&left) {
+        for (i, (m, w, ..)) in instant.rows.iter().enumerate() {
+            let column = measured.column[*m];
+            squares[column] += w * w * left[i] * left[i];
+            shares[column] += w * w * instant.share(i);
+        }
+    }
+    let factor = if record.robust { TAPERED } else { 1.0 };
+    let variance = |column: usize| {
+        let found = squares[column] / shares[column].max(f64::MIN_POSITIVE);
+        (record.sigmas[column].powi(2) * factor).max(found)
+    };
+    let mut noise = DMatrix::zeros(p, p);
+    let mut parts = vec![Vec::with_capacity(instants.len()); p];
+    for (instant, left) in instants.iter().zip(&left) {
+        let rows = &instant.rows;
+        let spread = |i: usize| rows[i].1.powi(2) * variance(measured.column[rows[i].0]);
+        instant.add_information(spread, &mut noise);
+        let mut score = vec![0.0; p];
+        for ((kept, (_, w, ..)), left) in instant.kept.chunks_exact(p).zip(rows).zip(left) {
+            for a in 0..p {
+                score[a] += kept[a] * w * left;
+            }
+        }
+        parts.iter_mut().zip(&score).for_each(|(parts, part)| parts.push(*part));
+    }
+    let root: Vec<f64> = parts.iter().map(|part| repeats(part).sqrt()).collect();
+    let whole = inverse * noise * inverse;
+    DMatrix::from_fn(p, p, |i, j| whole[(i, j)] * root[i] * root[j])
+}
+
+/// How many instants are worth as much as one would be if errors were independent, at least 1: one
+/// plus twice the sum of the autocorrelations, as long as pairs of them are positive (Geyer 1992);
+/// the first pair has to be more than chance.
+fn repeats(series: &[f64]) -> f64 {
+    let whole: f64 = series.iter().map(|v| v * v).sum();
+    let mut total = 0.0;
+    for lag in (1..series.len() / 2).step_by(2) {
+        let (mut pair, mut squares) = (0.0, 0.0);
+        for one in [lag, lag + 1] {
+            for (late, early) in series[one..].iter().zip(series) {
+                let product = late * early;
+                pair += product;
+                squares += product * product;
+            }
+        }
+        let least = if lag == 1 { chance() * f64::sqrt(squares) } else { 0.0 };
+        // not a number is not more
+        if pair.partial_cmp(&least) != Some(std::cmp::Ordering::Greater) {
+            break;
+        }
+        total += pair / whole;
+    }
+    1.0 + 2.0 * total
+}
+
+/// Rounds of estimating biases: each starts from measurements without those of the rounds before.
+pub(super) fn rounds<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    mut found: Found<D, N>,
+    columns: &[usize],
+    most: usize,
+) -> Result<(Found<D, N>, Option<Biases>), Failure> {
+    let mut total = None;
+    for _ in 0..if columns.is_empty() { 0 } else { most } {
+        let change = Biases::estimate(setting.record, &found, columns)?;
+        let small = change.is_small();
+        let sum = change.added_to(total);
+        let values = sum.removed_from(setting.record.values, setting.record.width());
+        let measured = Rc::new(Measured::new(setting.record, values));
+        found = found.without_outliers(setting, &measured)?;
+        total = Some(sum);
+        if small {
+            break;
+        }
+    }
+    Ok((found, total))
+}
+
+fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
+    (0..D).map(|i| a[i] * b[i]).sum()
+}

@@ -1,0 +1,100 @@
+//! What was measured, instant by instant, ready to be compared with positions.
+
+use crate::base::small::Vector;
+use crate::sensors::{KINDS, Measurement, Row, read};
+use std::num::NonZero;
+use std::ops::Range;
+
+/// What K stations measured at N instants in D dimensions.
+#[derive(Clone, Copy, Debug)]
+pub struct Record<'a> {
+    /// Positions of the stations, K D numbers, or N K D if they move.
+    pub stations: &'a [f64],
+    /// East, north and up of each, K D² numbers or N K D²; those of the frame if there are none.
+    pub axes: Option<&'a [f64]>,
+    /// Times of the instants, not decreasing.
+    pub time: &'a [f64],
+    /// Ranges, azimuths, elevations and range differences of each instant, N 4 K numbers, nan where
+    /// there is none.
+    pub values: &'a [f64],
+    /// Their standard deviations, 4 K numbers.
+    pub sigmas: &'a [f64],
+    /// Whether instants are located robustly.
+    pub robust: bool,
+    /// Threads for what instants do not share.
+    pub n_threads: Option<NonZero<usize>>,
+}
+
+impl<'a> Record<'a> {
+    /// Numbers that an instant may have.
+    pub(super) fn width(&self) -> usize {
+        self.sigmas.len()
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.time.len()
+    }
+
+    pub(super) fn stations_at(&self, instant: usize, d: usize) -> &'a [f64] {
+        part(self.stations, instant, self.width() / KINDS * d)
+    }
+
+    pub(super) fn axes_at(&self, instant: usize, d: usize) -> Option<&'a [f64]> {
+        self.axes.map(|axes| part(axes, instant, self.width() / KINDS * d * d))
+    }
+}
+
+/// The numbers of an instant, or those of all.
+fn part(values: &[f64], instant: usize, size: usize) -> &[f64] {
+    if values.len() == size { values } else { &values[instant * size..][..size] }
+}
+
+/// Measurements without what is missing.
+#[derive(Debug)]
+pub(super) struct Measured<const D: usize> {
+    pub values: Vec<f64>,
+    list: Vec<Measurement<D>>,
+    /// Where each stands in its instant.
+    pub column: Vec<usize>,
+    /// The first measurement of each instant, and the number of all.
+    first: Vec<usize>,
+    origins: Vec<Vector<D>>,
+}
+
+impl<const D: usize> Measured<D> {
+    pub fn new(record: &Record<'_>, values: Vec<f64>) -> Self {
+        let (mut list, mut column, mut first) = (Vec::new(), Vec::new(), vec![0]);
+        let mut origins = Vec::with_capacity(record.len());
+        for (t, own) in values.chunks_exact(record.width()).enumerate() {
+            let stations = record.stations_at(t, D);
+            read(stations, record.axes_at(t, D), own, record.sigmas, |place, measurement| {
+                list.push(measurement);
+                column.push(place);
+            });
+            first.push(list.len());
+            origins.push(std::array::from_fn(|i| stations[i]));
+        }
+        Self { values, list, column, first, origins }
+    }
+
+    /// Numbers of the measurements of an instant.
+    pub fn instant(&self, t: usize) -> Range<usize> {
+        self.first[t]..self.first[t + 1]
+    }
+
+    /// Number of all measurements.
+    pub fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Whitened residuals and gradients of an instant at a position.
+    pub fn rows(&self, t: usize, position: &[f64]) -> impl Iterator<Item = (usize, Row<D>)> {
+        let p: Vector<D> = std::array::from_fn(|i| position[i] - self.origins[t][i]);
+        self.instant(t).map(move |m| (m, self.list[m].row(&p)))
+    }
+
+    /// 1/σ
+    pub fn precision(&self, m: usize) -> f64 {
+        self.list[m].precision
+    }
+}

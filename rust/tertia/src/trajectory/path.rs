@@ -1,0 +1,123 @@
+//! Positions along time, smoothed: the quick smoother where it is exact, the other one elsewhere.
+
+use super::Failure;
+use crate::smoothing::adjoint::{self, Adjoint};
+use crate::smoothing::{
+    JerkFit, Noise, Smoothed, Summary, Track, Workspace, likelihood, relative_error, search, smooth,
+};
+
+/// Positions with their covariances, (N, D) and (N, D, D); nan where there is none.
+#[derive(Clone, Debug)]
+pub(super) struct Plots {
+    pub position: Vec<f64>,
+    pub covariance: Vec<f64>,
+}
+
+impl Plots {
+    pub fn is_known(&self, t: usize, d: usize) -> bool {
+        self.covariance[t * d * d..][..d * d].iter().all(|v| v.is_finite())
+    }
+
+    pub fn count(&self, d: usize) -> usize {
+        (0..self.position.len() / d).filter(|&t| self.is_known(t, d)).count()
+    }
+
+    pub fn track<'a>(&self, time: &'a [f64], d: usize) -> Result<Track<'a>, Failure> {
+        let noise = Noise::Each(&self.covariance);
+        Track::try_new(d, time, &self.position, noise, None).map_err(Failure::Error)
+    }
+}
+
+/// States of all instants.
+#[derive(Clone, Debug)]
+pub(super) struct Path {
+    /// (N, 3D)
+    pub mean: Vec<f64>,
+    /// (N, R, R) of the first R components.
+    pub covariance: Vec<f64>,
+    pub fit: JerkFit,
+    pub summary: Summary,
+}
+
+impl Path {
+    pub fn position<const D: usize>(&self, t: usize) -> &[f64] {
+        &self.mean[3 * D * t..][..D]
+    }
+}
+
+/// Buffers of the smoothers.
+#[derive(Debug, Default)]
+pub(super) struct Smoother<const D: usize, const N: usize> {
+    quick: Adjoint<D, N>,
+    workspace: Workspace,
+    whole: Vec<f64>,
+    innovation: Vec<f64>,
+}
+
+impl<const D: usize, const N: usize> Smoother<D, N> {
+    /// The likeliest intensity, near another one where that is known.
+    pub fn fit(&mut self, track: &Track<'_>, near: Option<f64>) -> JerkFit {
+        let Self { quick, workspace, .. } = self;
+        search(track, near.filter(|q| *q > 0.0).map(f64::ln), &mut |log| {
+            let jerk = log.exp();
+            let summary = quick.likelihood(track, jerk);
+            summary.unwrap_or_else(|| likelihood(track, jerk, workspace)).log_likelihood
+        })
+    }
+
+    /// A fit with the error of its logarithm, if that is still to be found.
+    pub fn with_error(&mut self, track: &Track<'_>, fit: JerkFit) -> JerkFit {
+        if !fit.relative_error.is_nan() {
+            return fit;
+        }
+        let Self { quick, workspace, .. } = self;
+        let mut value = |log: f64| {
+            let summary = quick.likelihood(track, log.exp());
+            summary.unwrap_or_else(|| likelihood(track, log.exp(), workspace)).log_likelihood
+        };
+        let log = fit.jerk.ln();
+        let top = value(log);
+        JerkFit { relative_error: relative_error(log, top, &mut value), ..fit }
+    }
+
+    /// States, with covariances of the first components.
+    pub fn smooth(&mut self, track: &Track<'_>, fit: JerkFit, components: usize) -> Path {
+        let n = track.len();
+        let mut mean = vec![f64::NAN; n * N];
+        let mut covariance = vec![0.0; n * components * components];
+        let mut out =
+            adjoint::Smoothed { mean: &mut mean, covariance: &mut covariance, components };
+        if let Some(summary) = self.quick.smooth(track, fit.jerk, &mut out) {
+            return Path { mean, covariance, fit, summary };
+        }
+        self.whole.resize(n * N * N, 0.0);
+        self.innovation.resize(n * D, 0.0);
+        let mut out = Smoothed {
+            mean: &mut mean,
+            covariance: &mut self.whole,
+            innovation: &mut self.innovation,
+        };
+        let summary = smooth(track, fit.jerk, &mut self.workspace, &mut out);
+        for (whole, own) in self
+            .whole
+            .chunks_exact(N * N)
+            .zip(covariance.chunks_exact_mut((components * components).max(1)))
+        {
+            for (i, row) in own.chunks_exact_mut(components).enumerate() {
+                row.copy_from_slice(&whole[i * N..][..components]);
+            }
+        }
+        Path { mean, covariance, fit, summary }
+    }
+
+    /// States with all covariances and innovations, by the smoother that is exact for any track.
+    pub fn finish(&mut self, track: &Track<'_>, fit: JerkFit) -> (Path, Vec<f64>) {
+        let n = track.len();
+        let (mut mean, mut covariance) = (vec![0.0; n * N], vec![0.0; n * N * N]);
+        let mut innovation = vec![0.0; n * D];
+        let mut out =
+            Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
+        let summary = smooth(track, fit.jerk, &mut self.workspace, &mut out);
+        (Path { mean, covariance, fit, summary }, innovation)
+    }
+}

@@ -1,0 +1,126 @@
+//! Tukey's weights, and which measurements the rest of the path contradicts.
+
+use super::REDUNDANCY;
+use super::found::Found;
+use super::measured::Record;
+use crate::base::distribution::normal_two_sided_quantile;
+
+pub(super) const TUKEY: f64 = 4.685;
+const Q: f64 = 1.0 / (TUKEY * TUKEY);
+/// Means of Tukey's weight, slope and squared score with normal errors, what is beyond left out.
+const MEAN_WEIGHT: f64 = 1.0 - 2.0 * Q + 3.0 * Q * Q;
+const MEAN_SLOPE: f64 = 1.0 - 6.0 * Q + 15.0 * Q * Q;
+const MEAN_SQUARE: f64 = 1.0 - 12.0 * Q + 90.0 * Q * Q - 420.0 * Q * Q * Q + 945.0 * Q * Q * Q * Q;
+/// Of the estimate: variance times the sum of its weights.
+pub(super) const EFFICIENCY: f64 = MEAN_WEIGHT * MEAN_SQUARE / (MEAN_SLOPE * MEAN_SLOPE);
+/// Mean squared score over mean squared weight.
+pub(super) const TAPERED: f64 =
+    MEAN_SQUARE / (1.0 - 4.0 * Q + 18.0 * Q * Q - 60.0 * Q * Q * Q + 105.0 * Q * Q * Q * Q);
+/// Chance that any measurement is left out that is no outlier.
+const FALSE_ALARM: f64 = 0.01;
+/// Size from which an instant agrees with the path: two-sided 1 %.
+const DOUBTED: f64 = 0.01;
+/// Share of a measurement that the others must determine.
+const REDUNDANT: f64 = 0.1;
+/// A weight that is none.
+const FAINT: f64 = 0.01;
+/// Size of what is not by chance, in standard errors: one-sided 5 %.
+const CHANCE: f64 = 0.1;
+/// Relative standard error of a median size of normal errors, times the root of their number.
+const MEDIAN_ERROR: f64 = 1.17;
+
+/// Tukey's weight; 1 where there is no residual.
+pub(super) fn tukey(residual: f64) -> f64 {
+    if residual.is_nan() {
+        return 1.0;
+    }
+    let share = (residual.abs() / TUKEY).min(1.0);
+    (1.0 - share * share).powi(2)
+}
+
+/// The number of standard errors that is exceeded by chance in one case of 20.
+pub(super) fn chance() -> f64 {
+    normal_two_sided_quantile(CHANCE)
+}
+
+/// By how much residuals are larger than their standard deviations say, at least 1: from their
+/// median, less what it may be off by chance.
+pub(super) fn scale(sizes: &mut [f64]) -> f64 {
+    let n = sizes.len();
+    let (below, &mut upper, _) = sizes.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let median = if n % 2 == 1 { upper } else { 0.5 * (lower + upper) };
+    let margin = 1.0 + chance() * MEDIAN_ERROR / (n as f64).sqrt();
+    (median / normal_two_sided_quantile(0.5) / margin).max(1.0)
+}
+
+impl<const D: usize, const N: usize> Found<D, N> {
+    /// The weights of the measurements by what the rest of the path says.
+    ///
+    /// Where an instant is located robustly, one that both the path and the other measurements of
+    /// the instant contradict is left out, the worst one first: motion that the smoother does not
+    /// know contradicts the path alone. With fewer degrees of freedom the others cannot decide, and
+    /// the weights are Tukey's about the path.
+    pub(super) fn trusted(&self, record: &Record<'_>) -> Vec<f64> {
+        let mut of_path = vec![f64::NAN; self.measured.len()];
+        let mut of_instant = of_path.clone();
+        for t in 0..record.len() {
+            let (p, c) = (&self.fixes.position[t * D..], &self.fixes.covariance[t * D * D..]);
+            self.deleted(t, &p[..D], &c[..D * D], &mut of_instant);
+            let c = &self.path.covariance[t * D * D..][..D * D];
+            self.deleted(t, self.path.position::<D>(t), c, &mut of_path);
+        }
+        let mut sizes: Vec<f64> = of_path.iter().copied().filter(|size| !size.is_nan()).collect();
+        if sizes.is_empty() {
+            return self.trust.clone();
+        }
+        let scale = scale(&mut sizes);
+        let limit = normal_two_sided_quantile(FALSE_ALARM / sizes.len() as f64) * scale;
+        let doubted = normal_two_sided_quantile(DOUBTED);
+        let mut trust = vec![1.0; self.trust.len()];
+        for t in 0..record.len() {
+            let own = self.measured.instant(t);
+            let at = |m: usize| t * record.width() + self.measured.column[m];
+            let rest = own.len() as i64 - D as i64;
+            if self.fixes.is_located(t) && rest > 0 && rest < REDUNDANCY as i64 {
+                for m in own {
+                    let soft = tukey(of_path[m] / scale);
+                    trust[at(m)] = if soft < FAINT { 0.0 } else { soft };
+                }
+                continue;
+            }
+            let doubtful = |m: usize| of_path[m] > limit && of_instant[m] > doubted;
+            let fresh = own.clone().filter(|&m| doubtful(m) && self.trust[at(m)] > 0.0);
+            let worst = fresh.fold(0.0_f64, |worst, m| worst.max(of_path[m]));
+            for m in own {
+                if doubtful(m) && (self.trust[at(m)] == 0.0 || of_path[m] == worst) {
+                    trust[at(m)] = 0.0;
+                }
+            }
+        }
+        trust
+    }
+
+    /// Sizes of the residuals of an instant about what follows without the measurement, over their
+    /// standard deviations.
+    ///
+    /// With the residual r, the weight w and g = J P J' / σ²: the position without it predicts it
+    /// with the error r / (1 − w g), of the variance σ² (1 + g / (1 − w g)).
+    fn deleted(&self, t: usize, position: &[f64], covariance: &[f64], out: &mut [f64]) {
+        let width = self.trust.len() / self.fixes.fixes.len();
+        for (m, row) in self.measured.rows(t, position) {
+            let mut g = 0.0;
+            for i in 0..D {
+                for j in 0..D {
+                    g += row.gradient[i] * covariance[i * D + j] * row.gradient[j];
+                }
+            }
+            let rest = 1.0 - self.used[t * width + self.measured.column[m]] * g;
+            out[m] = if g.is_finite() && rest > REDUNDANT {
+                (row.residual / rest / (1.0 + g / rest).sqrt()).abs()
+            } else {
+                f64::NAN
+            };
+        }
+    }
+}
