@@ -162,6 +162,7 @@ def draw_sites(ax: "Axes", paths: Iterable[FloatArray], label: str) -> None:
         ax.plot(
             *path.T,
             color=RESULT,
+            linestyle="-" if len(path) > 1 else "",
             linewidth=0.5,
             marker="^",
             markerfacecolor="none",

@@ -189,13 +189,13 @@ def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
     return np.zeros(values.shape, dtype=bool) if outliers is None else outliers
 
 
-def _draw_lines(ax: "Axes", lines: list[FloatArray], fault: BoolArray, name: str) -> None:
+def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: str) -> None:
     """Draw those that are there; the legend names each sort once."""
     named = set()
-    for line, wrong in zip(lines, fault, strict=True):
+    for line, wrong in zip(lines, outlier, strict=True):
         if np.isnan(line).all():
             continue
-        label = f"faulty {name}" if wrong else name
+        label = f"{name}, outlier" if wrong else name
         ax.plot(
             *line.T,
             color=FLAGGED if wrong else KEPT,
@@ -217,22 +217,22 @@ def _toward(azimuth: FloatArray, axes: FloatArray | None) -> FloatArray:
 
 
 def _draw_rays(
-    ax: "Axes", places: FloatArray, toward: FloatArray, fault: BoolArray, position: FloatArray
+    ax: "Axes", places: FloatArray, toward: FloatArray, outlier: BoolArray, position: FloatArray
 ) -> None:
     length = 1.2 * np.max(np.linalg.norm(position[:2] - places[:, :2], axis=-1))
     lines = [
         np.stack([place + 0 * way, place + length * way])
         for place, way in zip(places[:, :2], toward, strict=True)
     ]
-    _draw_lines(ax, lines, fault, "bearing")
+    _draw_lines(ax, lines, outlier, "bearing")
 
 
 def _draw_ranges(
-    ax: "Axes", places: FloatArray, ranges: FloatArray, fault: BoolArray, position: FloatArray
+    ax: "Axes", places: FloatArray, ranges: FloatArray, outlier: BoolArray, position: FloatArray
 ) -> None:
     angle = np.linspace(0, 2 * np.pi, _CIRCLE_POINTS)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     height = position[2:] - places[:, 2:]
     ground = np.sqrt(np.maximum(ranges**2 - np.sum(height**2, axis=-1), 0.0))
     lines = [place + r * circle for place, r in zip(places[:, :2], ground, strict=True)]
-    _draw_lines(ax, lines, fault, "range")
+    _draw_lines(ax, lines, outlier, "range")

@@ -196,9 +196,9 @@ def _draw_plan(
     limits = ax.dataLim.frozen()
     ax.plot(*fixes.T, ".", color=KEPT, markersize=4, zorder=1, label="single instant")
     ax.dataLim.set(limits)
-    faulty = position[np.asarray(result.outlier.count) > 0]
-    if len(faulty):
-        ax.plot(*faulty.T, "x", color=FLAGGED, markersize=6, zorder=3, label="with an outlier")
+    wrong = position[np.asarray(result.outlier.count) > 0]
+    if len(wrong):
+        ax.plot(*wrong.T, "x", color=FLAGGED, markersize=6, zorder=3, label="with an outlier")
     # room for the names of the stations
     ax.margins(0.12)
 
