@@ -17,7 +17,7 @@ from tertia import smoothing
 from tertia._arrays import BoolArray, FloatArray, positive, real
 from tertia._units import FOOT, KNOT
 from tertia.geo import LocalFrame
-from tertia.tables._fit import fit_sensor
+from tertia.kalman import fit_noise
 
 __all__ = ["smooth"]
 
@@ -26,6 +26,8 @@ _RADIUS = 6_371_000.0
 _FOOT_PER_MINUTE = FOOT / 60.0
 # sum of squared normalised residuals, which noise alone does not reach in a flight
 _GATE = 36.0
+# the same for one axis, in sigmas
+_SINGLE = 4.0
 _MOST_PASSES = 10
 _FEWEST = 10
 # these give the noise to a few percent
@@ -43,7 +45,7 @@ def smooth(
     Parameters
     ----------
     flight : traffic.core.Flight
-        With `timetamp`, `latitude` and `longitude` and, if known, `altitude`, in the units of
+        With `timestamp`, `latitude` and `longitude` and, if known, `altitude`, in the units of
         traffic: degrees, feet, knots, feet per minute. Values may be missing anywhere.
     position_sigma : float, optional
         Standard deviation of the positions in metres, the same east and north. By default fitted.
@@ -85,14 +87,14 @@ def smooth(
     >>> import pandas as pd
     >>> from tertia.interop.traffic import smooth
     >>> time = pd.date_range("2024-01-01", periods=60, freq="s", tz="UTC")
-    >>> data = {"timetamp": time, "latitude": 52.0, "longitude": [4 + 2e-3 * k for k in range(60)]}
+    >>> data = {"timestamp": time, "latitude": 52.0, "longitude": [4 + 2e-3 * k for k in range(60)]}
     >>> data |= {"callsign": "TEST", "icao24": "abcdef"}
     >>> path = smooth(Flight(pd.DataFrame(data)), position_sigma=10.0)
     >>> round(float(path.data["groundspeed"].iloc[30]))
     267
     """
-    data = flight.data.sort_values("timetamp", kind="stable").reset_index(drop=True)
-    moments = data["timetamp"]
+    data = flight.data.sort_values("timestamp", kind="stable").reset_index(drop=True)
+    moments = data["timestamp"]
     time = (moments - moments.iloc[0]).dt.total_seconds().to_numpy(dtype=np.float64)
     columns: dict[str, FloatArray | BoolArray] = {}
     height = np.zeros(len(data))
@@ -210,15 +212,13 @@ def _coarse(time: FloatArray, y: FloatArray) -> BoolArray:
 def _variance(time: FloatArray, y: FloatArray, sigma: float | None, name: str) -> float:
     if sigma is not None:
         return sigma**2
-    fits = []
     starts = np.unique(np.linspace(0, max(0, len(y) - _STRETCH), _STRETCHES).astype(np.int64))
-    for axis in y.T:
-        series = [(time[k : k + _STRETCH], axis[k : k + _STRETCH]) for k in starts]
-        try:
-            fits.append(fit_sensor(name, series, None).noise.measurement_sigma)
-        except ValueError as error:
-            raise ValueError(f"{name} {str(error).removeprefix('z ')}: give {name}_sigma") from None
-    return float(np.mean(np.square(fits)))
+    rows = starts[:, np.newaxis] + np.arange(min(_STRETCH, len(y)))
+    try:
+        fits = [fit_noise(axis[rows], time=time[rows], outlier_gate=_SINGLE) for axis in y.T]
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}; give {name}_sigma") from None
+    return float(np.mean([fit.measurement_sigma**2 for fit in fits]))
 
 
 def _far(
