@@ -25,7 +25,7 @@ STEPS = 121
 TURN_JERK, GATED = 4.5, 25
 
 
-def told(value: float, error: float) -> str:
+def with_error(value: float, error: float) -> str:
     """Format a mean with its standard error."""
     return f"{value:.3f} ± {error:.1g}"
 
@@ -255,12 +255,14 @@ def nees(track: SmoothedPositions, truth: FloatArray) -> list[str]:
         error = getattr(track, name) - truth[..., 2 * i : 2 * i + 2]
         values = np.asarray(metrics.nees(error, getattr(track, f"{name}_covariance"))) / 2
         of_runs = values.mean(axis=-1)
-        cells.append(told(float(of_runs.mean()), float(of_runs.std() / np.sqrt(of_runs.size))))
+        cells.append(
+            with_error(float(of_runs.mean()), float(of_runs.std() / np.sqrt(of_runs.size)))
+        )
     return cells
 
 
 def jerk_fit() -> str:
-    """How well the jerk is told, and what that does to the covariance."""
+    """How well the jerk is determined, and what that does to the covariance."""
     rows = []
     for jerk in (0.01, 1.0):
         for steps in (10, 20, 50, 200, 600):
@@ -269,15 +271,15 @@ def jerk_fit() -> str:
             fitted, known = smooth(y, 1.0), smooth(y, 1.0, jerk=jerk)
             found = np.asarray(fitted.jerk)
             error = np.asarray(fitted.jerk_sigma) / np.asarray(fitted.jerk)
-            told_ = (found > 0) & np.isfinite(error)
-            inside = np.abs(np.log(found[told_] / jerk)) < 2 * error[told_]
+            known_jerk = (found > 0) & np.isfinite(error)
+            inside = np.abs(np.log(found[known_jerk] / jerk)) < 2 * error[known_jerk]
             rows.append(
                 [
                     f"{jerk:g}",
                     str(steps),
                     f"{np.median(found) / jerk:.2f}",
-                    f"{np.median(error[told_]):.0%}" if told_.any() else "–",
-                    share(inside) if told_.any() else "–",
+                    f"{np.median(error[known_jerk]):.0%}" if known_jerk.any() else "–",
+                    share(inside) if known_jerk.any() else "–",
                     share(found == 0),
                     nees(known, truth)[0],
                     nees(fitted, truth)[0],

@@ -1,7 +1,7 @@
-"""Whether the errors are as large as they are said to be.
+"""Consistency: whether errors are as large as the stated covariances say.
 
-Normalised squared errors (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) have the mean 1 per
-dimension where the covariances are right; more means that the errors are larger than claimed.
+Normalised squared errors (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) have a mean of 1 per
+dimension if the covariances are right; a larger mean shows errors larger than stated.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
     Parameters
     ----------
     error : array_like of shape (..., m)
-        Estimates less the truth; nan where there is none.
+        Estimation errors (estimate minus truth); nan where there is none.
     covariance : array_like of shape (..., m, m)
-        The covariances that were claimed.
+        Stated covariances.
 
     Returns
     -------
     float or ndarray of shape (...)
-        The mean of many is m where the covariances are right. nan where an error is nan, or a
-        variance is not finite.
+        Their mean is m if the covariances are right. nan where an error is nan or a variance is not
+        finite.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def nis(innovation: npt.ArrayLike, variance: npt.ArrayLike) -> float | FloatArra
     Parameters
     ----------
     innovation : array_like of shape (...)
-        Plots less predictions; nan where there is none.
+        Innovations (plot minus prediction); nan where there is none.
     variance : array_like of shape (...)
-        The variances that were claimed.
+        Stated variances.
 
     Returns
     -------
     float or ndarray of shape (...)
-        The mean of many is 1 where the model is right.
+        Their mean is 1 if the model is right.
 
     Raises
     ------
@@ -110,21 +110,21 @@ def nis(innovation: npt.ArrayLike, variance: npt.ArrayLike) -> float | FloatArra
 def consistency_bounds(
     count: int, dimension: int = 1, probability: float = 0.99
 ) -> tuple[float, float]:
-    """Return the bounds of the mean of normalised squared errors where the covariances are right.
+    """Return bounds for the mean of normalised squared errors of correct covariances.
 
     Parameters
     ----------
     count : int
-        How many independent errors the mean is taken over.
+        Number of independent errors in the mean.
     dimension : int
-        Components of each.
+        Components of each error.
     probability : float
-        That the mean lies within the bounds.
+        Probability that the mean lies within the bounds.
 
     Returns
     -------
     low, high : float
-        Quantiles of chi-square with `count * dimension` degrees of freedom, over `count`.
+        Quantiles of chi-square with `count * dimension` degrees of freedom, divided by `count`.
 
     Raises
     ------
@@ -146,24 +146,24 @@ def consistency_bounds(
 
 
 def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> float | FloatArray:
-    """Return the root of the mean squared error; nan is left out.
+    """Return the root mean square error, ignoring nan.
 
     Parameters
     ----------
     error : array_like
-        Estimates less the truth.
+        Estimation errors.
     axis : int or tuple of int, optional
-        The axes to average over; by default all.
+        Axes to average over; by default all.
 
     Returns
     -------
     float or ndarray
-        nan where no error is known.
+        nan where there is no error to average.
 
     Raises
     ------
     ValueError
-        An axis that is not there.
+        An axis out of range.
     TypeError
         An argument of the wrong type.
 
@@ -183,20 +183,21 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
 
 
 def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
-    """Return the autocorrelation of innovations, which is 0 where the filter fits.
+    """Return the autocorrelation of innovations, which is 0 for a filter that fits.
 
     Parameters
     ----------
     innovation : array_like of shape (..., steps)
-        Innovations over their standard deviations; nan where there is none.
+        Innovations divided by their standard deviations; nan where there is none.
     nlags : int
         The largest lag, less than steps.
 
     Returns
     -------
     ndarray of shape (..., nlags + 1)
-        For lags 0, 1, ...; the first is 1. That of white innovations has a standard deviation of
-        about 1 over the root of the number of pairs. Not centred: the mean should be 0 as well.
+        At lags 0, 1, ...; the first is 1. For white innovations its standard deviation is about 1
+        over the square root of the number of pairs. The innovations are not centred: their mean
+        should be 0 as well.
 
     Raises
     ------

@@ -128,11 +128,11 @@ pub fn smooth<'py>(
     let mut mean = Output::new(py, &[instants, &[states]].concat())?;
     let mut matrices = Output::new(py, &[instants, &[states, states]].concat())?;
     let mut innovation = Output::new(py, y.shape)?;
-    let untold = (
+    let unsmoothed = (
         Summary { log_likelihood: 0.0, count: 0 },
         JerkFit { jerk: 0.0, relative_error: f64::NAN },
     );
-    let mut summaries = repeated(untold, count)?;
+    let mut summaries = repeated(unsmoothed, count)?;
     let passes = if jerk.is_some() { 1.0 } else { 1.0 + FIT };
     let cost = SMOOTH_NS * passes * (n * count * d * d) as f64;
     let outputs = chunks(mean.values()?, n * states, count)

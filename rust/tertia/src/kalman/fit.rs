@@ -24,7 +24,7 @@ const BRIEF: f64 = 1e-4;
 /// Of so short a time between its first two plots, a filter knows no more than rounding.
 const TOGETHER: f64 = 1e-10;
 
-/// The parameters that make a recording most likely.
+/// The maximum-likelihood parameters of a recording.
 #[derive(Clone, Debug)]
 pub struct NoiseFit {
     /// α, σ_a and σ of the plots.
@@ -95,7 +95,7 @@ fn relative_errors(likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<[f64;
     let bounds = likelihood.bounds();
     let inside = [0, 1].map(|i| free[i] && bounds[i][0] < peak.at[i] && peak.at[i] < bounds[i][1]);
     let unknown = Ok([f64::INFINITY; 4]);
-    let (covariance, told) = match inside {
+    let (covariance, determined) = match inside {
         [true, true] if information.symmetric_eigenvalues().min() > FLAT => {
             let Some(covariance) = information.try_inverse() else { return unknown };
             (covariance, inside)
@@ -109,12 +109,12 @@ fn relative_errors(likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<[f64;
             (nalgebra::Matrix2::new(0.0, 0.0, 0.0, variance), [false, second])
         }
     };
-    let slopes = slopes(likelihood, peak.at, told)?;
+    let slopes = slopes(likelihood, peak.at, determined)?;
     let mut variances = (slopes * covariance * slopes.transpose()).diagonal();
     // the scale has an error of its own, that of the standard deviation of so many values
     let of_scale = 1.0 / (2 * likelihood.count()) as f64;
     variances += Vector4::new(0.0, 1.0, 1.0, 4.0) * of_scale;
-    let alpha = told[0];
+    let alpha = determined[0];
     let known =
         [alpha, alpha, y < likelihood.infinite_motion(), alpha || x == likelihood::INFINITE_ALPHA];
     Ok([0, 1, 2, 3].map(|i| if known[i] { variances[i].sqrt() } else { f64::INFINITY }))

@@ -1,8 +1,8 @@
-//! What some plots tell of the state, as rows `R x = z + noise of unit variance`, x being the
-//! difference to a reference that stays near the plots: nothing large is extrapolated.
+//! The information of some plots about the state, as rows `R x = z + noise of unit variance`, where x
+//! is the difference to a reference near the plots: nothing large is extrapolated.
 //!
-//! There are as many rows as the plots determine, so nothing at all is no rows, and no large number
-//! stands for an unknown. The state is [positions, velocities, accelerations]. A step in time is
+//! There are as many rows as the plots determine: no information is no rows, rather than a large
+//! variance. The state is [positions, velocities, accelerations]. A step in time is
 //! `x' = F x + G w` with w of unit variance; forwards `[R F^-1 G, R F^-1; I, 0]`, backwards
 //! `[R G, R F; I, 0]` is made triangular, and w is left out (Bierman 1977, chapter 6).
 
@@ -50,7 +50,7 @@ pub(super) struct Information {
 }
 
 impl Information {
-    /// Nothing at all, or what a prior tells.
+    /// No information, or that of a prior.
     pub fn start(&mut self, dimension: usize, prior: &[f64]) {
         let n = 3 * dimension;
         self.rows.clear();
@@ -107,8 +107,8 @@ impl Information {
         let count = self.rows.len() / width;
         self.spare.clear();
         self.spare.resize((count + n) * wide, 0.0);
-        let (told, unit) = self.spare.split_at_mut(count * wide);
-        for (out, row) in told.chunks_exact_mut(wide).zip(self.rows.chunks_exact_mut(width)) {
+        let (known, unit) = self.spare.split_at_mut(count * wide);
+        for (out, row) in known.chunks_exact_mut(wide).zip(self.rows.chunks_exact_mut(width)) {
             let (noise, state) = out.split_at_mut(n);
             if direction == Direction::Forwards {
                 moved(row);

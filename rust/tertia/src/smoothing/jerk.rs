@@ -3,12 +3,12 @@
 use super::smoother::{Workspace, likelihood};
 use super::track::Track;
 
-/// What a track tells of its jerk.
+/// The jerk of a track, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JerkFit {
-    /// The intensity; 0 where no jerk explains the track best, or it tells nothing.
+    /// The intensity; 0 where no jerk explains the track best, or where it cannot be determined.
     pub jerk: f64,
-    /// Standard error of its logarithm, from the curvature of the likelihood; ∞ where it is not told.
+    /// Standard error of its logarithm, from the curvature of the likelihood; ∞ where undetermined.
     pub relative_error: f64,
 }
 
@@ -22,7 +22,7 @@ impl JerkFit {
         }
     }
 
-    const UNTOLD: Self = Self { jerk: 0.0, relative_error: f64::INFINITY };
+    const UNDETERMINED: Self = Self { jerk: 0.0, relative_error: f64::INFINITY };
 }
 
 /// Steps of the logarithm of the intensity, in which the likelihood changes slowly.
@@ -51,7 +51,7 @@ pub(crate) fn search(
     near: Option<f64>,
     value: &mut impl FnMut(f64) -> f64,
 ) -> JerkFit {
-    let Some((low, high)) = range(track) else { return JerkFit::UNTOLD };
+    let Some((low, high)) = range(track) else { return JerkFit::UNDETERMINED };
     let (below, best) = match near.and_then(|near| climb(low, near, value)) {
         Some(found) => found,
         None => {
@@ -66,7 +66,7 @@ pub(crate) fn search(
     // of another intensity so far below, none need not be asked
     let certain = top - below > CERTAIN;
     if !certain && top - value(f64::NEG_INFINITY) < GAIN {
-        return JerkFit::UNTOLD;
+        return JerkFit::UNDETERMINED;
     }
     if near.is_some() {
         return JerkFit { jerk: log.exp(), relative_error: f64::NAN };

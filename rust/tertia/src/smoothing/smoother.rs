@@ -1,4 +1,4 @@
-//! The state at every instant from all plots: what those up to it tell and what those after it tell
+//! The state at every instant from all plots: the information of those up to it and of those after it
 //! are two sets of rows, and both together are solved.
 //!
 //! The estimate is that of Rauch, Tung and Striebel (1965) for an unknown first state. No covariance
