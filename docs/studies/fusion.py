@@ -274,8 +274,8 @@ def cost() -> str:
         "adaptive",
         "adaptive-matrix",
     ]
-    told = ["robust: R estimated twice as large", "plots taken for outliers"]
-    return markdown([*head, "robust", *told], rows)
+    costs = ["robust: R estimated twice as large", "plots taken for outliers"]
+    return markdown([*head, "robust", *costs], rows)
 
 
 def per_dimension(error: FloatArray, covariance: FloatArray) -> str:
@@ -574,8 +574,8 @@ def misprints() -> str:
         apart = np.abs(gains[1:30] / right[1:30] - 1).max()
         sigma = np.sqrt(np.diagonal(right_p))
         skew = np.abs((p - p.T) / np.outer(sigma, sigma)).max()
-        told = ", ".join(f"{value:.3g}" if abs(value) > 1e-12 else "0" for value in gains[-1])
-        rows.append([name, told, f"{apart:.0%}", f"{skew:.1g}" if skew > 1e-9 else "0"])
+        shown = ", ".join(f"{value:.3g}" if abs(value) > 1e-12 else "0" for value in gains[-1])
+        rows.append([name, shown, f"{apart:.0%}", f"{skew:.1g}" if skew > 1e-9 else "0"])
     head = ["variant", "gain after 300 scans", "largest difference of a gain, 30 scans"]
     return markdown([*head, "asymmetry of P, as a correlation"], rows)
 
@@ -656,10 +656,10 @@ def fit_coverage() -> str:
         claimed = np.array([[*fit.sigma, fit.density_sigma] for fit in fits]) / found
         cells = []
         for c in range(4):
-            told = np.isfinite(claimed[:, c])
-            error = np.log(found[told, c] / true[c])
-            covered = np.mean(np.abs(error) <= 2 * claimed[told, c])
-            middle, usual_error = np.exp(np.median(error)), np.median(claimed[told, c])
+            known = np.isfinite(claimed[:, c])
+            error = np.log(found[known, c] / true[c])
+            covered = np.mean(np.abs(error) <= 2 * claimed[known, c])
+            middle, usual_error = np.exp(np.median(error)), np.median(claimed[known, c])
             cells.append(f"{middle:.2f} ± {usual_error:.0%}; {covered:.0%}")
         rows.append([name, *cells, f"{np.mean(np.isinf(claimed[:, 0])):.0%}"])
     return markdown(["recording", "alpha", "σ_a", "σ", "density", "alpha not determined"], rows)

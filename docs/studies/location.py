@@ -84,8 +84,8 @@ def faults() -> str:
             measured, target = drawn(name, number, size, at, number, int(size))
             plain = locate(CASES[name][0], **measured, method="least-squares")
             robust = locate(CASES[name][0], **measured)
-            told = f"{number} of {size:.0f} σ" if number else "none"
-            rows.append([name, told, *cells(plain, target)[:2], *cells(robust, target)])
+            wrong = f"{number} of {size:.0f} σ" if number else "none"
+            rows.append([name, wrong, *cells(plain, target)[:2], *cells(robust, target)])
     head = ["stations", "faults", "least squares: RMSE, m", "NEES", "robust: RMSE, m", "NEES"]
     return markdown([*head, "no position"], rows)
 
@@ -122,8 +122,8 @@ def lenth() -> str:
             fix = locate(data[:, :2], azimuth=np.radians(data[:, 2]), method=method)
             found = ", ".join(f"{v:.2f}" for v in fix.position)
             sigma = ", ".join(f"{v:.3f}" for v in fix.sigma)
-            told = PUBLISHED.get((count, method), "")
-            rows.append([str(count), method, told, f"{found} ± {sigma}", str(fix.outlier.count)])
+            printed = PUBLISHED.get((count, method), "")
+            rows.append([str(count), method, printed, f"{found} ± {sigma}", str(fix.outlier.count)])
     return markdown(["bearings", "method", "published", "found", "faults"], rows)
 
 

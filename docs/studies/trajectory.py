@@ -207,18 +207,18 @@ def fault_errors() -> tuple[dict[str, dict[str, FloatArray]], dict[str, dict[str
     for name, sizes in FAULTS.items():
         near = slice(FIRST - MARGIN, FIRST + max(len(sizes), 1) + MARGIN)
         squares: dict[str, list[float]] = {method: [] for method in (SINGLE, *METHODS)}
-        told: dict[str, list[list[float]]] = {method: [] for method in METHODS}
+        per_axis: dict[str, list[list[float]]] = {method: [] for method in METHODS}
         for run in range(RUNS):
             measured = measure(truth, generator(90, run))
             measured["range"][FIRST : FIRST + len(sizes), 0] += SIGMA_R * np.array(sizes)
             for method, (options, _) in METHODS.items():
                 found = reconstructed(measured, **options)
                 squares[method].append(_mean_square(found.position, truth, near))
-                told[method].append([_normalised(found, *one) for one in enumerate(motion())])
+                per_axis[method].append([_normalised(found, *one) for one in enumerate(motion())])
                 if method == "least squares, RTS":
                     squares[SINGLE].append(_mean_square(found.fixes.position, truth, near))
         errors[name] = {method: np.array(values) for method, values in squares.items()}
-        normalised[name] = {method: np.array(values) for method, values in told.items()}
+        normalised[name] = {method: np.array(values) for method, values in per_axis.items()}
     return errors, normalised
 
 
@@ -229,7 +229,7 @@ def _mean_square(position: FloatArray, truth: FloatArray, near: slice) -> float:
 def faults() -> str:
     """Tabulate errors near faults, with those of the independent simulation in brackets."""
     errors, _ = fault_errors()
-    expected = {SINGLE: EXPECTED_SINGLE} | {name: told for name, (_, told) in METHODS.items()}
+    expected = {SINGLE: EXPECTED_SINGLE} | {name: numbers for name, (_, numbers) in METHODS.items()}
     rows = (
         [
             method,
@@ -407,10 +407,10 @@ def claims() -> str:
     rows = []
     for name, truth, window, independent in cases:
         fixes, space, time = _orders(truth, window, "adaptive")
-        told = [f"{np.sqrt(np.mean(squares)):.2f}" for squares in (fixes, space, time)]
+        errors = [f"{np.sqrt(np.mean(squares)):.2f}" for squares in (fixes, space, time)]
         _, *fixed = _orders(truth, window, ONE_DEGREE)
         ratios = [_ratio(time, space), _ratio(fixed[1], fixed[0])]
-        rows.append([name, str(window), *told, ratios[0], independent, ratios[1]])
+        rows.append([name, str(window), *errors, ratios[0], independent, ratios[1]])
     return markdown(
         [
             "track",
