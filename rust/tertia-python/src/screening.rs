@@ -1,6 +1,6 @@
 //! Bindings of `tertia::screening`.
 
-use crate::arrays::{Gaps, Output, Samples, array, chunks, repeated, value_error};
+use crate::arrays::{Gaps, Output, Rows, Samples, array, chunks, repeated, value_error};
 use numpy::{PyArrayDyn, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -34,22 +34,28 @@ pub fn leave_one_out_statistics<'py>(
     y: &Bound<'py, PyAny>,
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
+    two_columns(py, y, STREAM_NS, n_threads, screening::statistics)
+}
+
+/// Two numbers for every measurement.
+fn two_columns<'py>(
+    py: Python<'py>,
+    y: &Bound<'py, PyAny>,
+    nanoseconds: f64,
+    n_threads: Option<NonZero<usize>>,
+    kernel: impl Fn(&[f64], &mut [f64], &mut [f64]) -> tertia::Result<()> + Sync,
+) -> PyResult<(Array<'py>, Array<'py>)> {
     let samples = Samples::extract(y, "y")?;
     let rows = samples.rows(3)?;
     let (n, count) = (rows.len(), rows.count());
-    let mut mean = Output::new(py, rows.shape)?;
-    let mut variance = Output::new(py, rows.shape)?;
-    let (means, variances) = (mean.values()?, variance.values()?);
-    let cost = STREAM_NS * (n * count) as f64;
-    py.detach(|| {
-        let outputs = chunks(means, n, count).zip(chunks(variances, n, count));
-        let work = |(): &mut (), (y, (m, v)): (&[f64], (&mut [f64], &mut [f64]))| {
-            screening::statistics(y, m, v)
-        };
-        for_each_row(rows.iter().zip(outputs), cost, n_threads, || (), work)
-    })
-    .map_err(|failure| rows.error(failure))?;
-    Ok((mean.into_array(), variance.into_array()))
+    let (mut first, mut second) = (Output::new(py, rows.shape)?, Output::new(py, rows.shape)?);
+    let (a, b) = (first.values()?, second.values()?);
+    let cost = nanoseconds * (n * count) as f64;
+    let items = rows.iter().zip(chunks(a, n, count).zip(chunks(b, n, count)));
+    let work = |(): &mut (), (y, (a, b)): (&[f64], (&mut [f64], &mut [f64]))| kernel(y, a, b);
+    py.detach(|| for_each_row(items, cost, n_threads, || (), work))
+        .map_err(|failure| rows.error(failure))?;
+    Ok((first.into_array(), second.into_array()))
 }
 
 /// Mask of the leave-one-out rule with frozen statistics.
@@ -269,45 +275,43 @@ fn one_by_one<'py>(
     let samples = Samples::extract(y, "y")?;
     let rows = samples.rows(minimum)?;
     let (x, row) = (x.as_array().to_vec(), row.as_array().to_vec());
-    let mut others = repeated(None, rows.count())?;
+    let moments = |y: &[f64]| Ok(Some(Moments::of("y", y)?));
+    let others = per_row(py, &rows, None, moments)?;
     let mut results = repeated((0.0, 0.0), x.len())?;
-    let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
-    py.detach(|| {
-        let items = rows.iter().zip(&mut others);
-        for_each_row(
-            items,
-            cost,
-            None,
-            || (),
-            |(), (y, out)| {
-                *out = Some(Moments::of("y", y)?);
-                Ok(())
-            },
-        )
-    })
-    .map_err(|failure| rows.error(failure))?;
-    py.detach(|| {
-        let items = x.iter().zip(&row).enumerate().zip(&mut results);
-        let cost = TAIL_NS * x.len() as f64;
-        for_each_row(
-            items,
-            cost,
-            None,
-            || (),
-            |(), ((i, (&x, &row)), out)| {
-                if let Some(others) = &others[row as usize] {
-                    let result = test(i, x, others)?;
-                    *out = (result.statistic, result.pvalue);
-                }
-                Ok(())
-            },
-        )
-    })
-    .map_err(|failure| value_error(failure.error))?;
+    let cost = TAIL_NS * x.len() as f64;
+    let items = x.iter().zip(&row).enumerate().zip(&mut results);
+    let work = |(): &mut (), ((i, (&x, &row)), out): ((usize, (&f64, &i64)), &mut (f64, f64))| {
+        if let Some(others) = &others[row as usize] {
+            let result = test(i, x, others)?;
+            *out = (result.statistic, result.pvalue);
+        }
+        Ok(())
+    };
+    py.detach(|| for_each_row(items, cost, None, || (), work))
+        .map_err(|failure| value_error(failure.error))?;
     Ok((
         array(py, &[x.len()], results.iter().map(|r| r.0).collect())?,
         array(py, &[x.len()], results.iter().map(|r| r.1).collect())?,
     ))
+}
+
+/// One result for every row, in the order of the rows.
+fn per_row<R: Clone + Send>(
+    py: Python<'_>,
+    rows: &Rows<'_>,
+    empty: R,
+    kernel: impl Fn(&[f64]) -> tertia::Result<R> + Sync,
+) -> PyResult<Vec<R>> {
+    let mut results = repeated(empty, rows.count())?;
+    let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
+    let items = rows.iter().zip(&mut results);
+    let work = |(): &mut (), (y, out): (&[f64], &mut R)| {
+        *out = kernel(y)?;
+        Ok(())
+    };
+    py.detach(|| for_each_row(items, cost, None, || (), work))
+        .map_err(|failure| rows.error(failure))?;
+    Ok(results)
 }
 
 type Extreme<'py> = (Bound<'py, PyArrayDyn<i64>>, Array<'py>, Array<'py>);
@@ -318,27 +322,14 @@ fn extreme<'py>(
     y: &Bound<'py, PyAny>,
     name: &'static str,
     minimum: usize,
-    test: impl Fn(usize, &[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync,
+    test: impl Fn(&[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync,
 ) -> PyResult<Extreme<'py>> {
     let samples = Samples::extract(y, name)?;
     let rows = samples.rows(minimum)?;
-    let mut results = repeated((0_i64, 0.0, 0.0), rows.count())?;
-    let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
-    py.detach(|| {
-        let items = rows.iter().enumerate().zip(&mut results);
-        for_each_row(
-            items,
-            cost,
-            None,
-            || (),
-            |(), ((row, y), out)| {
-                let (index, result) = test(row, y)?;
-                *out = (index as i64, result.statistic, result.pvalue);
-                Ok(())
-            },
-        )
-    })
-    .map_err(|failure| rows.error(failure))?;
+    let results = per_row(py, &rows, (0, 0.0, 0.0), |y| {
+        let (index, result) = test(y)?;
+        Ok((index as i64, result.statistic, result.pvalue))
+    })?;
     Ok((
         array(py, rows.batch(), results.iter().map(|r| r.0).collect())?,
         array(py, rows.batch(), results.iter().map(|r| r.1).collect())?,
@@ -352,26 +343,13 @@ pub fn thompson_tau<'py>(
     py: Python<'py>,
     y: &Bound<'py, PyAny>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows(3)?;
-    let (n, count) = (rows.len(), rows.count());
-    let mut statistic = Output::new(py, rows.shape)?;
-    let mut pvalue = Output::new(py, rows.shape)?;
-    let (statistics, pvalues) = (statistic.values()?, pvalue.values()?);
-    let cost = TAIL_NS * (n * count) as f64;
-    py.detach(|| {
-        let outputs = chunks(statistics, n, count).zip(chunks(pvalues, n, count));
-        let items = rows.iter().zip(outputs);
-        for_each_row(items, cost, None, || (), |(), (y, (t, p))| screening::thompson_tau(y, t, p))
-    })
-    .map_err(|failure| rows.error(failure))?;
-    Ok((statistic.into_array(), pvalue.into_array()))
+    two_columns(py, y, TAIL_NS, None, screening::thompson_tau)
 }
 
 /// Grubbs' test of every row.
 #[pyfunction]
 pub fn grubbs<'py>(py: Python<'py>, y: &Bound<'py, PyAny>) -> PyResult<Extreme<'py>> {
-    extreme(py, y, "y", 3, |_, y| screening::grubbs(y))
+    extreme(py, y, "y", 3, screening::grubbs)
 }
 
 /// Cochran's test of every row of variances.
@@ -381,7 +359,7 @@ pub fn cochran<'py>(
     variances: &Bound<'py, PyAny>,
     degrees_of_freedom: f64,
 ) -> PyResult<Extreme<'py>> {
-    extreme(py, variances, "variances", 2, |_, d| screening::cochran(d, degrees_of_freedom))
+    extreme(py, variances, "variances", 2, |d| screening::cochran(d, degrees_of_freedom))
 }
 
 /// Threshold of a test.
