@@ -568,7 +568,7 @@ CROSS = np.zeros((2, 2, 2, 2))
         (
             {"estimates": np.zeros((3, 2, 2)), "covariances": [TWO, [LINE, LINE], TWO]},
             np.linalg.LinAlgError,
-            r"^covariances\[1, 1\] and those",
+            r"^covariances\[1, 1\] and the covariances fused",
         ),
         (
             {
@@ -577,7 +577,7 @@ CROSS = np.zeros((2, 2, 2, 2))
                 "method": "covariance-intersection",
             },
             np.linalg.LinAlgError,
-            r"^covariances\[2\] and those",
+            r"^covariances\[2\] and the covariances fused",
         ),
         ({"cross_covariances": CROSS[0]}, ValueError, r"cross_covariances has shape \(2, 2, 2\)"),
         (

@@ -293,7 +293,7 @@ mod tests {
         let text = fails([4.0, 1.0, 1.0, 2.0, 1.0, 0.0, f64::NAN, 3.0]).to_string();
         assert!(text.starts_with("covariances[1, 1, 0] is nan"));
         let text = fails([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]).to_string();
-        assert!(text.starts_with("covariances[1] and those"), "{text}");
+        assert!(text.starts_with("covariances[1] and the covariances fused"), "{text}");
         // singular in different directions: weights, but no fused covariance
         let crossed = [1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0];
         assert!(solver.compute(&Quantity::Weights, &crossed, &mut out).is_ok());
