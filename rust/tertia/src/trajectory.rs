@@ -8,6 +8,7 @@
 #![allow(clippy::needless_range_loop)]
 
 mod bias;
+mod failure;
 mod fixes;
 mod found;
 mod jerk;
@@ -15,10 +16,10 @@ mod measured;
 mod path;
 mod weight;
 
+pub use failure::Failure;
 pub use fixes::Fixes;
 pub use measured::Record;
 
-use crate::base::error::Error;
 use crate::sensors::KINDS;
 use crate::smoothing::{JerkFit, Summary};
 use bias::Biases;
@@ -27,23 +28,8 @@ use measured::Measured;
 use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
 
-/// Degrees of freedom with which an instant is located robustly.
-const REDUNDANCY: usize = 3;
 /// Rounds of estimating biases.
 const ROUNDS: usize = 10;
-
-/// Why there is no trajectory.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Failure {
-    /// No instant has a position: for these reasons, as numbers of a location's problem.
-    NotLocated(Vec<u8>),
-    /// Nothing usable was measured that tells of the biases of these numbers of an instant.
-    Unusable(Vec<usize>),
-    /// Biases of these numbers move positions together and change no residual.
-    Unobservable(Vec<usize>),
-    /// An argument is wrong.
-    Error(Error),
-}
 
 /// What came out.
 #[derive(Clone, Debug)]

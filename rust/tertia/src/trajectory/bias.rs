@@ -4,7 +4,7 @@
 //! solution, and `(I − H_t) b` to its residuals, with `H_t = J_t A_t`. What b is follows from the
 //! residuals alone, for positions about which nothing is assumed.
 
-use super::Failure;
+use super::failure::Failure;
 use super::found::{Found, Setting, known};
 use super::measured::{Measured, Record};
 use super::path::Plots;

@@ -1,7 +1,7 @@
 //! Every instant located on its own.
 
-use super::measured::{Measured, Record};
-use super::{Failure, REDUNDANCY};
+use super::failure::Failure;
+use super::measured::{Measured, REDUNDANCY, Record};
 use crate::batch::for_each_row;
 use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Problem, Workspace};
 

@@ -1,10 +1,10 @@
 //! Positions of the instants, smoothed, without what the smooth path contradicts.
 
+use super::failure::Failure;
 use super::fixes::Fixes;
-use super::measured::{Measured, Record};
+use super::measured::{Measured, REDUNDANCY, Record};
 use super::path::{Path, Plots, Smoother};
 use super::weight::{EFFICIENCY, tukey};
-use super::{Failure, REDUNDANCY};
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::smoothing::JerkFit;
 use std::rc::Rc;

@@ -1,6 +1,6 @@
 //! The covariance of the states with the uncertainty of the fitted jerk in it.
 
-use super::Failure;
+use super::failure::Failure;
 use super::found::{Found, Setting, known};
 use super::path::Path;
 use nalgebra::SMatrix;

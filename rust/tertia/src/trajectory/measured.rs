@@ -5,6 +5,9 @@ use crate::sensors::{KINDS, Measurement, Row, read};
 use std::num::NonZero;
 use std::ops::Range;
 
+/// Degrees of freedom with which an instant is located robustly.
+pub(super) const REDUNDANCY: usize = 3;
+
 /// What K stations measured at N instants in D dimensions.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {

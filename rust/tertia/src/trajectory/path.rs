@@ -1,6 +1,6 @@
 //! Positions along time, smoothed: the quick smoother where it is exact, the other one elsewhere.
 
-use super::Failure;
+use super::failure::Failure;
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
     JerkFit, Noise, Smoothed, Summary, Track, Workspace, likelihood, relative_error, search, smooth,

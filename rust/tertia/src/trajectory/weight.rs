@@ -1,8 +1,7 @@
 //! Tukey's weights, and which measurements the rest of the path contradicts.
 
-use super::REDUNDANCY;
 use super::found::Found;
-use super::measured::Record;
+use super::measured::{REDUNDANCY, Record};
 use crate::base::distribution::normal_two_sided_quantile;
 
 pub(super) const TUKEY: f64 = 4.685;
