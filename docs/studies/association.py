@@ -61,7 +61,7 @@ def gates() -> str:
 
 def score_zero(q: float, m: int) -> float:
     """Return the d² at which the paper's score is zero."""
-    return m * q * np.log(q) / (q - 1)
+    return float(m * q * np.log(q) / (q - 1))
 
 
 def zeros() -> str:

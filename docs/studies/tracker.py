@@ -128,9 +128,13 @@ def at(traffic: simulate.Traffic, name: str, plots: Plots, target: IntArray) -> 
 
 def model(motion: str, set_up: simulate.SetUpName) -> Motion:
     """Return a motion with the parameters of a set-up."""
-    name = motion.removesuffix(" with plans")
-    models = {"imm": MODELS[set_up], "cv": CvModel(MODELS[set_up].straight_sigma)}
-    return models.get(name, name)
+    models: dict[str, Motion] = {
+        "imm": MODELS[set_up],
+        "cv": CvModel(MODELS[set_up].straight_sigma),
+        "singer": "singer",
+        "window": "window",
+    }
+    return models[motion.removesuffix(" with plans")]
 
 
 def errors(record: Recording, motion: str, set_up: simulate.SetUpName, **options: Any) -> Errors:
