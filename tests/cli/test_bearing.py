@@ -8,15 +8,14 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+from terminal import run
 
 import tertia
-from tertia import cli
 from tertia.cli.commands import bearing
 from tertia.cli.files import write as writing
 
@@ -25,17 +24,6 @@ EXAMPLE = ROOT / "examples" / "bearings.csv"
 DIFAR = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data")) / "difar/bearings.csv"
 MIN_COUNT = 5
 METHODS = ["robust", "corrected", "paper", "k-sigma", "mean"]
-
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    result = CliRunner().invoke(cli.app, [str(a) for a in arguments], catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
 
 
 def results(path: Path, folder: Path, *arguments: object) -> pl.DataFrame:

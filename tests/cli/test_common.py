@@ -6,9 +6,10 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
+from terminal import run
 from typer.testing import CliRunner
 
 from tertia import cli
@@ -16,17 +17,6 @@ from tertia.cli.files import write as writing
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PLOTS = (EXAMPLES / "air_plots.csv", "--sensors", EXAMPLES / "air_radars.toml")
-
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    result = CliRunner().invoke(cli.app, [str(part) for part in arguments], catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+from terminal import run
 
 import tertia
-from tertia import cli, metrics
+from tertia import metrics
 from tertia.fusion import fuse_series
 from tertia.kalman import SingerModel
 from tertia.location import Station, locate
@@ -42,18 +42,6 @@ READERS: dict[str, Callable[[Path], pl.DataFrame]] = {
     ".csv": lambda path: pl.read_csv(path, infer_schema_length=None),
     ".json": lambda path: pl.read_json(path, infer_schema_length=None),
 }
-
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    told = [str(argument) for argument in arguments]
-    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
 
 
 class Command(NamedTuple):

@@ -5,17 +5,18 @@ import json
 import re
 import runpy
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+import terminal
 
-from tertia import cli, metrics, simulate
+from tertia import metrics, simulate
 from tertia.fusion import FusedSeries, FusionMethod, fuse_series
 from tertia.kalman import SingerModel, fit_noise
 from tertia.tables import _fit
@@ -31,18 +32,7 @@ ANGLE = (
     ("azimuth_acceleration", "deg_s2"),
 )
 
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    result = CliRunner().invoke(
-        cli.app, ["fuse-series", *map(str, arguments)], catch_exceptions=False
-    )
-    return Run(result.exit_code, result.stdout, result.stderr)
+run = partial(terminal.run, "fuse-series")
 
 
 def track(*arguments: object, folder: Path) -> pl.DataFrame:

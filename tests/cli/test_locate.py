@@ -6,21 +6,25 @@ import json
 import re
 import runpy
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 import pytest
+import terminal
 from pyproj import Geod
-from typer.testing import CliRunner
+from terminal import table
 
-from tertia import cli, metrics, simulate
+from tertia import metrics, simulate
 from tertia.cli.files import write as writing
 from tertia.geo import LocalFrame
 from tertia.location import Location, LocationStatus, Station, locate
 from tertia.tables import _sensors
+
+run = partial(terminal.run, "locate")
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -44,30 +48,12 @@ FloatArray = npt.NDArray[np.float64]
 Values = dict[str, FloatArray]
 
 
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    result = CliRunner().invoke(cli.app, ["locate", *map(str, arguments)], catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
-
-
 def positions(*arguments: object, folder: Path) -> pl.DataFrame:
     """Return the positions with full precision; the run must succeed."""
     output = folder / "positions.parquet"
     done = run(*arguments, "--output", output)
     assert done.code == 0, done.err
     return pl.read_parquet(output)
-
-
-def table(out: str) -> list[list[str]]:
-    """Return the cells of the printed table, header first."""
-    lines = [line for line in out.splitlines() if line.startswith("  ") and line.strip()]
-    rows = [re.split(r"\s{2,}", line.strip()) for line in lines]
-    return [row for row in rows if len(row) > 1]
 
 
 def sites(places: dict[str, Any] = PLACES, sigma: dict[str, float] = SIGMA) -> list[Station]:

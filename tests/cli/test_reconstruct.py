@@ -3,22 +3,26 @@
 import re
 import runpy
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 import pytest
+import terminal
 from pyproj import Geod
-from typer.testing import CliRunner
+from terminal import table
 
-from tertia import cli, metrics, simulate
+from tertia import metrics, simulate
 from tertia.geo import LocalFrame
 from tertia.location import LocationStatus
 from tertia.sensors import Bias, Station
 from tertia.tables import _sensors
 from tertia.trajectory import Trajectory, reconstruct
+
+run = partial(terminal.run, "reconstruct")
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -37,31 +41,12 @@ FloatArray = npt.NDArray[np.float64]
 Write = Callable[..., Path]
 
 
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    told = ["reconstruct", *map(str, arguments)]
-    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
-
-
 def track(*arguments: object, folder: Path) -> pl.DataFrame:
     """Return the trajectory with full precision; the run must succeed."""
     output = folder / "track.parquet"
     done = run(*arguments, "--output", output)
     assert done.code == 0, done.err
     return pl.read_parquet(output)
-
-
-def table(out: str) -> list[list[str]]:
-    """Return the cells of the printed table, header first."""
-    lines = [line for line in out.splitlines() if line.startswith("  ") and line.strip()]
-    rows = [re.split(r"\s{2,}", line.strip()) for line in lines]
-    return [row for row in rows if len(row) > 1]
 
 
 def sites() -> list[Station]:

@@ -2,27 +2,14 @@
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
-
-from tertia import cli
+from terminal import run
 
 OPTIONS = ("--set-up", "tma", "--aircraft", "10", "--radar-count", "2", "--duration", "400")
-
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    result = CliRunner().invoke(cli.app, [str(part) for part in arguments], catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
 
 
 def scene(folder: Path, *options: object) -> Path:

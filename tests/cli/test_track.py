@@ -9,15 +9,16 @@ import runpy
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+import terminal
+from terminal import Run, table
 
-from tertia import cli, metrics, plot
+from tertia import metrics, plot
 from tertia.cli.commands import track as track_command
 from tertia.flightplan import FlightPlan
 from tertia.tracker import PlanModel, Plots, PlotStatus, Radar, Tracker, TrackTable, track
@@ -34,16 +35,8 @@ FloatArray = npt.NDArray[np.float64]
 Write = Callable[..., Path]
 
 
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
 def run(*arguments: object, command: str = "track") -> Run:
-    told = [command, *map(str, arguments)]
-    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
+    return terminal.run(command, *arguments)
 
 
 def tracks(*arguments: object, folder: Path) -> pl.DataFrame:
@@ -52,13 +45,6 @@ def tracks(*arguments: object, folder: Path) -> pl.DataFrame:
     done = run(*arguments, "--output", output)
     assert done.code == 0, done.err
     return pl.read_parquet(output)
-
-
-def table(out: str) -> list[list[str]]:
-    """Return the cells of the printed table, header first."""
-    lines = [line for line in out.splitlines() if line.startswith("  ") and line.strip()]
-    rows = [re.split(r"\s{2,}", line.strip()) for line in lines]
-    return [row for row in rows if len(row) > 1]
 
 
 RADARS = [

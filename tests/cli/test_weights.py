@@ -1,30 +1,20 @@
 """The command `tertia weights`: what the library says of a file of measurements."""
 
 import json
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+import terminal
 
-from tertia import cli, fusion, weights
+from tertia import fusion, weights
+
+run = partial(terminal.run, "weights")
 
 FILE = Path(__file__).parents[2] / "examples" / "estimates.csv"
 BOTH = ("--value", "east_m", "--value", "north_m")
-
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    told = ["weights", *(str(part) for part in arguments)]
-    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
 
 
 def samples() -> list[np.ndarray]:

@@ -5,7 +5,8 @@ A command parses its options, calls `tertia.tables` once, prints and writes: `co
 """
 
 import sys
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import tertia
 
@@ -30,7 +31,7 @@ except ModuleNotFoundError:
 
 __all__ = ["main"]
 
-_COMMANDS = {
+_COMMANDS: dict[Callable[..., Any], tuple[str, ...]] = {
     bearing.bearing: bearing.EXAMPLES,
     fuse_series.fuse_series: fuse_series.EXAMPLES,
     locate.locate: locate.EXAMPLES,

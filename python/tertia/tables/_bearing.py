@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.bearing import BearingEstimate, estimate_bearing
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Layout, as_names, by_length, column_name, group_name, layout
@@ -113,20 +113,18 @@ def bearings_of(
     records = read(source, schema, columns=columns, by=keys, results=names)
     groups = layout(records.by, records.rows.height)
     theta = records.rows["theta"].to_numpy()[groups.order]
-    rows = pl.concat([groups.keys, _estimates(groups, theta, names, options)], how="horizontal")
-    return Bearings(rows, groups, theta, options)
-
-
-def _estimates(
-    groups: Layout, theta: FloatArray, names: Sequence[str], options: dict[str, Any]
-) -> pl.DataFrame:
     present = ~np.isnan(theta)
     count = np.bincount(groups.group[present], minlength=len(groups.lengths))
     estimates, sigmas, polarities = np.full((3, len(count)), np.nan)
     outliers = np.zeros(len(count), dtype=np.int64)
     notes: list[str | None] = [None] * len(count)
     there = theta[present]
-    for which, found in by_length(count, lambda i: estimate_bearing(there[i], **options)):
+
+    def estimate(elements: IntArray) -> BearingEstimate:
+        sample = there[elements]
+        return estimate_bearing(sample, **options)
+
+    for which, found in by_length(count, estimate):
         if isinstance(found, ValueError):
             notes[which[0]] = str(found)
             continue
@@ -134,10 +132,8 @@ def _estimates(
         polarities[which] = found.polarity
         outliers[which] = np.count_nonzero(found.outlier, axis=-1)
     note = pl.Series(notes, dtype=pl.String)
-    missing = groups.lengths - count
-    cells = (count, missing, estimates, sigmas, outliers, polarities, note)
-    found_columns = pl.DataFrame(dict(zip(names, cells, strict=True)))
-    estimated = pl.col(names[-1]).is_null()
-    return found_columns.with_columns(
-        pl.when(estimated).then(name).alias(name) for name in names[2:-1]
+    cells = (count, groups.lengths - count, estimates, sigmas, outliers, polarities, note)
+    rows = pl.DataFrame(dict(zip(names, cells, strict=True))).with_columns(
+        pl.when(pl.col("note").is_null()).then(name).alias(name) for name in names[2:-1]
     )
+    return Bearings(pl.concat([groups.keys, rows], how="horizontal"), groups, theta, options)

@@ -161,9 +161,9 @@ def evaluation_of(
         judged = judge(rows, _truth(real_places, clock, origin), periods, distance)
     except np.linalg.LinAlgError as error:
         raise RecordError("a covariance of the tracks is not positive definite") from error
-    kinds: Any = {"figure": pl.String, "value": pl.Float64, "unit": pl.String}
-    told = pl.DataFrame(figures(judged, required), kinds, orient="row", strict=False)
-    return Evaluation(told, _by_target(judged), judged)
+    schema: Any = {"figure": pl.String, "value": pl.Float64, "unit": pl.String}
+    found = pl.DataFrame(figures(judged, required), schema, orient="row", strict=False)
+    return Evaluation(found, _by_target(judged), judged)
 
 
 def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = None) -> Truth:
@@ -251,12 +251,12 @@ def _rows(records: Records, clock: Clock) -> Rows:
 
 
 def _by_target(judged: Judged) -> pl.DataFrame:
-    told, matching = judged.indicators, judged.indicators.matching
+    figures_of, matching = judged.indicators, judged.indicators.matching
     track = judged.rows.track[judged.rows.updated]
     rows = []
     for k, name in enumerate(judged.truth.targets.tolist()):
         own = matching.target == k
-        expected, missed = int(told.expected_updates[k]), int(told.missed_updates[k])
+        expected, missed = int(figures_of.expected_updates[k]), int(figures_of.missed_updates[k])
         rows.append(
             {
                 "target": name,
@@ -264,7 +264,7 @@ def _by_target(judged: Judged) -> pl.DataFrame:
                 "track_count": len(np.unique(track[own])),
                 "switch_count": int(matching.switches[k]),
                 "update_probability": (expected - missed) / expected if expected else None,
-                "latency_s": float(told.latency[k]),
+                "latency_s": float(figures_of.latency[k]),
                 "rmse_m": rmse(np.hypot(*matching.error[own].T)),
                 "rmse_along_track_m": rmse(judged.along[own]),
                 "rmse_cross_track_m": rmse(judged.across[own]),

@@ -1,4 +1,4 @@
-"""Noise of plots and motion that nobody stated: fitted from the recording."""
+"""Noise of plots and motion, fitted where they are not stated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from tertia.kalman import NoiseFit, fit_noise
 # times and plots of one sensor and one target, nan where there is no plot
 Series: TypeAlias = tuple[FloatArray, FloatArray]
 
-# these tell sigma to half a percent, in seconds
+# so many determine sigma to half a percent, and take seconds
 _MOST_PLOTS = 50_000
-# a plot so many sigmas off the others' track is none of the noise that is sought
+# a plot so many sigmas from the track of the others is an outlier
 _GATE = 4.0
 
 
@@ -28,17 +28,17 @@ class SensorFit:
 
     @property
     def motion_error(self) -> float:
-        """How badly the motion is told: inf where alpha is not told at all."""
+        """Relative error of the acceleration; inf if the plots do not determine alpha."""
         alpha, acceleration, _ = self.noise.sigma
-        told = np.isfinite(alpha) and self.noise.acceleration_sigma > 0
-        return float(acceleration / self.noise.acceleration_sigma) if told else np.inf
+        known = np.isfinite(alpha) and self.noise.acceleration_sigma > 0
+        return float(acceleration / self.noise.acceleration_sigma) if known else np.inf
 
 
 def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> SensorFit:
-    """Fit the noise of one sensor to all its series, without plots that are far off the track.
+    """Fit the noise of one sensor to all its series, without outliers.
 
-    A few outliers would otherwise be all that the fit explains. Raises ValueError where there is
-    too little to fit.
+    A few of them would otherwise dominate the fit. Raises ValueError where there is too little to
+    fit.
     """
     times, z = _stacked(series)
     noise = fit_noise(z, time=times, period=period, outlier_gate=_GATE)
@@ -46,7 +46,7 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
 
 
 def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
-    """Return the fit that tells the motion best.
+    """Return the fit that determines the motion best.
 
     All sensors see the same motion, so averaging their fits would hardly say more.
     """
@@ -54,7 +54,7 @@ def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
 
 
 def _stacked(series: Sequence[Series]) -> Series:
-    """Return the series as rows of equal length: the longest, as many as are worth their time."""
+    """Return the series as rows of equal length: the longest ones, up to a limit."""
     present = [(t[~np.isnan(z)], z[~np.isnan(z)]) for t, z in series]
     present.sort(key=lambda pair: -pair[0].size)
     longest = min(_MOST_PLOTS, present[0][0].size)

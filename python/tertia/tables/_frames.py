@@ -64,7 +64,9 @@ def series(table: Any, column: str) -> pl.Series:
     if isinstance(table, pl.DataFrame):
         return table[column]
     if _is_of("pandas", "DataFrame", table):
-        return pl.from_pandas(table[column])
+        own = pl.from_pandas(table[column])
+        assert isinstance(own, pl.Series)  # a frame would be several columns of one name
+        return own
     found = pl.from_arrow(table.select([column]))
     assert isinstance(found, pl.DataFrame)  # columns would be a Series
     return found[column]

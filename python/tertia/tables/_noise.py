@@ -33,7 +33,7 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A number that was fitted, its relative error, and the plots that tell it."""
+    """A number that was fitted, its relative error, and whose plots it is from."""
 
     name: str
     value: float

@@ -107,7 +107,7 @@ def coordinates(
 def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
     """Return columns of the covariances between the coordinates (N, D, D)."""
     d = covariance.shape[-1]
-    there = np.isfinite(covariance).all(axis=(1, 2))
+    there = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     return {
         f"covariance_{_AXES[i]}_{_AXES[j]}_m2": known(covariance[:, i, j], there)
         for i in range(d)

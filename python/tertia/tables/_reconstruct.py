@@ -120,7 +120,9 @@ def _path(
             one.position,
             name=one.name,
             axes=one.axes,
-            **{f"{kind}_sigma": _stated(sigmas, kind, k) for kind in _BIASED},
+            range_sigma=_stated(sigmas, "range", k),
+            azimuth_sigma=_stated(sigmas, "azimuth", k),
+            elevation_sigma=_stated(sigmas, "elevation", k),
         )
         for k, one in enumerate(sensors.items)
     ]

@@ -131,7 +131,7 @@ class Part:
     """A table, or the rows of one file.
 
     `line` is the line of the first row where a file has lines, `rows` are the places of the rows in
-    the file where some were left out. `sensors` is what the file tells of its sensors, by name.
+    the file where some were left out. `sensors` is what the file says of its sensors, by name.
     """
 
     table: Any
@@ -382,7 +382,10 @@ class Reader:
         unknown = ~found.is_in(known) & found.is_not_null()
         self.refuse(unknown, f"{column} is {{!r}}; the sensors are {', '.join(known)}", found)
         numbers = dict(zip(known, range(len(known)), strict=True))
-        return found.replace_strict(numbers, default=None, return_dtype=pl.Int64)
+        known_numbers: pl.Series = found.replace_strict(
+            numbers, default=None, return_dtype=pl.Int64
+        )
+        return known_numbers
 
     def refuse(self, wrong: pl.Series, reason: str, values: pl.Series | str) -> None:
         """Refuse rows that are wrong; `reason` is formatted with the value."""
@@ -409,7 +412,7 @@ class Reader:
             raise self.part.error(
                 f"{values.name} holds {values.dtype}, not numbers", None, values.name
             )
-        found = values.cast(pl.Float64, strict=False)
+        found: pl.Series = values.cast(pl.Float64, strict=False)
         if values.dtype.is_float():
             values = values.fill_nan(None)
         bad = values.is_not_null() & ~found.is_finite().fill_null(False)
@@ -423,8 +426,10 @@ class Reader:
         name = values.name
         if isinstance(values.dtype, (pl.Date, pl.Datetime)):
             moments = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
-            zoned = self.part.file is not None and moments.dtype.time_zone is not None  # type: ignore[attr-defined]
-            return moments.dt.convert_time_zone("UTC") if zoned else moments
+            # zones of several files may differ
+            if self.part.file is None or kind_of_times(moments) == "dates":
+                return moments
+            return moments.dt.convert_time_zone("UTC")
         if values.dtype != pl.String:
             if not (values.dtype.is_numeric() or values.dtype == pl.Null):
                 raise self.part.error(

@@ -155,15 +155,15 @@ def stations(
     positions, axes, frame = _places(cells, origin, file)
     items = []
     for k, one in enumerate(cells):
-        sigmas = {
+        options: dict[str, Any] = {
             key: None if (sigma := one.sigma(column)) is None else sigma * unit
             for key, (column, unit) in _STATION.items()
         }
-        own = None if axes is None else axes[k]
-        items.append(Station(positions[k], name=one.name, axes=own, **sigmas))
+        options["axes"] = None if axes is None else axes[k]
+        items.append(one.made(Station, positions[k], options))
     differences = [one.sigma(_RANGE_DIFFERENCE_SIGMA) for one in cells]
-    sigma = np.array([np.nan if one is None else one for one in differences])
-    return Sensors(items, np.zeros(len(items)), sigma, frame, file)
+    stated = np.array([np.nan if one is None else one for one in differences])
+    return Sensors(items, np.zeros(len(items)), stated, frame, file)
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +209,13 @@ class _Cells:
             raise self.error(f"{column} of {self.name} is {found:g}; it must be positive")
         return found
 
+    def made(self, kind: type[S], place: FloatArray, options: Mapping[str, Any]) -> S:
+        """Return the sensor."""
+        try:
+            return kind(place, name=self.name, **options)
+        except ValueError as error:
+            raise self.error(f"{self.name}: {error}") from None
+
 
 def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
     """Return the rows by their names."""
@@ -246,7 +253,7 @@ def _completed(cells: _Cells, found: Row) -> Row:
 
 
 def _radar(cells: _Cells, place: FloatArray) -> Radar:
-    options = {}
+    options: dict[str, Any] = {}
     for key, (column, unit) in _RADAR.items():
         cells.required(column)
         options[key] = (cells.sigma(column) or 0.0) * unit
@@ -260,10 +267,7 @@ def _radar(cells: _Cells, place: FloatArray) -> Radar:
             f"azimuth_sigma_deg of {cells.name} is {sigma:.3g} degrees: is it in radians? Files "
             "hold degrees"
         )
-    try:
-        return Radar(place, name=cells.name, **options)
-    except ValueError as error:
-        raise cells.error(f"{cells.name}: {error}") from None
+    return cells.made(Radar, place, options)
 
 
 def _places(

@@ -97,7 +97,9 @@ def track(
     place = pair(origin, "--origin", float)
     options: dict[str, Any] = {
         "motion": motion,
-        "plan_model": PlanModel(flown_probability, pair(wind, "--wind", float), wind_sigma),
+        "plan_model": PlanModel(
+            flown_probability, pair(wind, "--wind", float) or (0.0, 0.0), wind_sigma
+        ),
         "confirmation": pair(confirmation, "--confirmation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,

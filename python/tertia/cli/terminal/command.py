@@ -74,7 +74,7 @@ def _mistakes() -> Iterator[None]:
             else:
                 show(message, category, *where, **more)
 
-        warnings.showwarning = say  # type: ignore[assignment]
+        warnings.showwarning = say
         try:
             yield
         except ColumnError as error:
