@@ -328,7 +328,7 @@ def _by_rts(record: _Record, jerk: float | None, biased: tuple[Kind, ...]) -> Tr
         threads(record.n_threads),
     )
     if found["failure"] is not None:
-        _raise(found["failure"], k)
+        _raise(found["failure"], record.stations)
     mean, covariance = found["mean"], found["covariance"]
     kinds = tuple(record.measured)
     return Trajectory(
@@ -355,12 +355,14 @@ def _bias(values: list[float], sigmas: list[float]) -> Bias:
     return Bias(**fields | {f"{kind}_sigma": rows[kind][1] for kind in STATION_KINDS})
 
 
-def _raise(failure: tuple[str, list[int]], k: int) -> NoReturn:
+def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoReturn:
     why, numbers = failure
     if why == "not-located":
         reasons = "; ".join(LocationStatus(number).message for number in numbers)
         raise ValueError(f"no instant can be located: {reasons}")
-    named = ", ".join(f"{KINDS[number // k]} of station {number % k}" for number in numbers)
+    k = len(stations)
+    called = [one.name or f"station {at}" for at, one in enumerate(stations)]
+    named = ", ".join(f"{KINDS[number // k]} of {called[number % k]}" for number in numbers)
     if why == "unusable":
         raise ValueError(f"biases of {named} cannot be estimated: nothing usable was measured")
     raise ValueError(
