@@ -14,6 +14,7 @@ mod found;
 mod jerk;
 mod measured;
 mod path;
+mod tukey;
 mod weight;
 
 pub use failure::Failure;
@@ -25,7 +26,6 @@ use crate::smoothing::{JerkFit, Summary};
 use bias::Biases;
 use found::{Found, Setting};
 use measured::Measured;
-use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
 
 /// Rounds of estimating biases.
@@ -138,14 +138,4 @@ fn residuals<const D: usize, const N: usize>(
         }
     }
     residual
-}
-
-/// A number of an instant, nan where it cannot be measured.
-fn in_domain(column: usize, width: usize, value: f64) -> f64 {
-    let inside = match column * KINDS / width {
-        0 => value > 0.0,
-        2 => value.abs() <= FRAC_PI_2,
-        _ => true,
-    };
-    if inside { value } else { f64::NAN }
 }

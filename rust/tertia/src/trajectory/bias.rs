@@ -6,9 +6,10 @@
 
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
-use super::measured::{Measured, Record};
+use super::measured::{Measured, Record, in_domain};
 use super::path::Plots;
-use super::weight::{TAPERED, TUKEY, chance, scale, tukey};
+use super::tukey::{TAPERED, TUKEY, tukey};
+use super::weight::{chance, scale};
 use crate::base::small::{Factor, Matrix, Vector};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use std::rc::Rc;
@@ -193,7 +194,7 @@ impl Biases {
         let mut removed = values.to_vec();
         for (column, bias) in self.columns.iter().zip(&self.values) {
             for row in removed.chunks_exact_mut(width) {
-                row[*column] = super::in_domain(*column, width, row[*column] - bias);
+                row[*column] = in_domain(*column, width, row[*column] - bias);
             }
         }
         removed

@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::fixes::Fixes;
 use super::measured::{Measured, REDUNDANCY, Record};
 use super::path::{Path, Plots, Smoother};
-use super::weight::{EFFICIENCY, tukey};
+use super::tukey::{EFFICIENCY, tukey};
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::smoothing::JerkFit;
 use std::rc::Rc;

@@ -2,6 +2,7 @@
 
 use crate::base::small::Vector;
 use crate::sensors::{KINDS, Measurement, Row, read};
+use std::f64::consts::FRAC_PI_2;
 use std::num::NonZero;
 use std::ops::Range;
 
@@ -100,4 +101,14 @@ impl<const D: usize> Measured<D> {
     pub fn precision(&self, m: usize) -> f64 {
         self.list[m].precision
     }
+}
+
+/// A number of an instant, nan where it cannot be measured.
+pub(super) fn in_domain(column: usize, width: usize, value: f64) -> f64 {
+    let inside = match column * KINDS / width {
+        0 => value > 0.0,
+        2 => value.abs() <= FRAC_PI_2,
+        _ => true,
+    };
+    if inside { value } else { f64::NAN }
 }
