@@ -9,9 +9,11 @@
 //! |---|---|
 //! | `candidates` | points that as many measurements as there are coordinates agree on |
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
-//! | `block` | the same for several instants side by side |
+//! | `block`, `lanes` | the same for several instants side by side |
 //! | `doubt` | what measurements that may be faults add to the covariance |
-//! | `solver` | start, robust steps, other minima, covariance |
+//! | `solver` | the way of an instant |
+//! | `search` | start, robust steps, other minima |
+//! | `summary` | covariance, σ, dilution of precision |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths alone |
 
 // indices are those of the formulas
@@ -21,8 +23,11 @@ mod block;
 mod candidates;
 mod descent;
 mod doubt;
+mod lanes;
 mod lenth;
+mod search;
 mod solver;
+mod summary;
 
 pub use solver::{Fix, Instant, Locator, Method, Output, Problem, Workspace};
 

@@ -1,12 +1,11 @@
 """Trajectories against truth, the source's table, and what the measurements cannot tell."""
 
 import csv
-import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import DATA
 from reference import trajectory as reference
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -29,7 +28,6 @@ BIASES = {
 }
 # of station 0's ranges, in standard deviations, from instant 28 on
 FAULTS = [(), (5,), (5, 5), (5, -5), (5, 5, 5), (4, -6, 5), (5, 5, 5, 5)]
-DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
 # the source's figure 2: the instants, and what the only station measured
 SOURCE_I = np.arange(47, 57)
 SOURCE_STATION = np.array([1.0, 1000.0, 2.0])

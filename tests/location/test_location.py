@@ -1,12 +1,11 @@
 """Location: against SciPy, published fixes, and the truth."""
 
 import csv
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from places import DATA
 from reference import location as reference
 from scipy import integrate, optimize, stats
 from scipy.spatial.transform import Rotation
@@ -16,7 +15,6 @@ from tertia import metrics, plot, simulate
 from tertia.location import LocationStatus, Station, accuracy_map, locate
 
 NAN, INF = float("nan"), float("inf")
-DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
 SQUARE = np.array([[0, 0], [2000, 0], [2000, 2000], [0, 2000.0]])
 PLANE = np.array([*SQUARE.tolist(), [1000, -1500], [-1500, 800], [3500, 1200], [800, 3600]])
 UP = np.array([0.0, 300, 10, 200, 5, 150, 0, 400])

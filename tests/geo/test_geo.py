@@ -1,14 +1,13 @@
 """Geo: against formulas with 50 digits, and against itself."""
 
 import csv
-import os
 import sys
 from datetime import datetime
-from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
+from places import DATA
 
 from tertia import geo, simulate
 from tertia.geo import LocalFrame
@@ -17,7 +16,6 @@ from tertia.trajectory import reconstruct
 
 NAN, INF = float("nan"), float("inf")
 DIGITS = 50
-DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
 FRAME = LocalFrame(-30.7, 135.1, 120.0)
 PLACES = np.array(
     [

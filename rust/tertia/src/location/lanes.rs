@@ -1,0 +1,357 @@
+//! Steps of several instants at once, in the lanes of vectors.
+
+use super::block::{LANES, Lane, Measured};
+use super::descent::{HUBER, Loss, ROUNDING};
+use crate::base::small::REGULAR;
+use crate::base::vector::Vector;
+use crate::sensors::{Kind, SMALL_TANGENT, TERMS};
+use pulp::Simd;
+
+/// Steps after which a lane is left to others.
+const STEPS: usize = 16;
+
+/// `J^T W J`, the same with ψ' in place of the weights, `J^T W r` and the cost; of the matrices the
+/// lower triangles.
+#[derive(Clone, Copy)]
+pub(super) struct Normal<S: Simd, const D: usize> {
+    pub matrix: [[Vector<S>; D]; D],
+    pub curvature: [[Vector<S>; D]; D],
+    pub vector: [Vector<S>; D],
+    pub cost: Vector<S>,
+}
+
+/// The lanes that are computed together.
+#[derive(Clone, Copy)]
+pub(super) struct Lanes<S: Simd> {
+    pub simd: S,
+    pub at: usize,
+}
+
+impl<S: Simd> Lanes<S> {
+    #[inline(always)]
+    pub fn splat(self, value: f64) -> Vector<S> {
+        Vector::splat(self.simd, value)
+    }
+
+    #[inline(always)]
+    pub fn load(self, lane: &Lane) -> Vector<S> {
+        Vector::load(self.simd, lane, self.at)
+    }
+
+    /// Huber's steps, which never go uphill for long.
+    #[inline(always)]
+    pub fn approach<const D: usize>(
+        self,
+        measured: &[Measured<D>],
+        p: &mut [Vector<S>; D],
+        (steps, tolerance): (usize, f64),
+    ) {
+        let one = self.splat(1.0);
+        let limit = self.splat(tolerance * tolerance);
+        let mut done = self.splat(0.0);
+        for _ in 0..steps {
+            let normal = self.normal(measured, p, Loss::Huber(HUBER));
+            let (step, _) = self.solve(&normal.matrix, &normal.vector);
+            let size = self.quadratic(&normal.matrix, &step);
+            let still = done.at_most(self.splat(0.0));
+            for i in 0..D {
+                p[i] = (p[i] + step[i]).or(still, p[i]);
+            }
+            done = one.or(size.at_most(limit), done);
+            if done.all_positive() {
+                return;
+            }
+        }
+    }
+
+    /// Newton's steps with ψ', or those with weights where the cost curves down. Returns 1 where a
+    /// minimum is reached, 0 elsewhere.
+    #[inline(always)]
+    pub fn descend<const D: usize>(
+        self,
+        measured: &[Measured<D>],
+        p: &mut [Vector<S>; D],
+        loss: Loss,
+        tolerance: f64,
+    ) -> (Normal<S, D>, Vector<S>) {
+        let (zero, one) = (self.splat(0.0), self.splat(1.0));
+        let limit = self.splat(tolerance * tolerance);
+        let slack = self.splat(1.0 + ROUNDING);
+        let tiny = self.splat(f64::MIN_POSITIVE);
+        let (mut done, mut found) = (zero, zero);
+        let mut normal = self.normal(measured, p, loss);
+        for _ in 0..STEPS {
+            let (mut step, regular) = self.solve(&normal.curvature, &normal.vector);
+            if !regular.all_positive() {
+                let (other, _) = self.solve(&normal.matrix, &normal.vector);
+                let singular = regular.at_most(zero);
+                for i in 0..D {
+                    step[i] = other[i].or(singular, step[i]);
+                }
+            }
+            let size = self.quadratic(&normal.matrix, &step);
+            let mut trial = *p;
+            for i in 0..D {
+                trial[i] += step[i];
+            }
+            let next = self.normal(measured, &trial, loss);
+            let down = next.cost.at_most(normal.cost * slack + tiny);
+            // 1 where the lane goes on
+            let moves = one.or(down, zero) - done;
+            let still = moves.at_most(zero);
+            for i in 0..D {
+                p[i] = p[i].or(still, trial[i]);
+                normal.vector[i] = normal.vector[i].or(still, next.vector[i]);
+                for j in 0..=i {
+                    let (a, b) = (normal.matrix[i][j], normal.curvature[i][j]);
+                    normal.matrix[i][j] = a.or(still, next.matrix[i][j]);
+                    normal.curvature[i][j] = b.or(still, next.curvature[i][j]);
+                }
+            }
+            normal.cost = normal.cost.or(still, next.cost);
+            // where a short step leads uphill, what is left is rounding
+            let arrived = (one - done).or(size.at_most(limit), zero);
+            found += arrived;
+            // not downhill, or done before, or arrived now
+            done = one.or(still, arrived);
+            if done.all_positive() {
+                break;
+            }
+        }
+        (normal, found)
+    }
+
+    /// The normal equations. O(M).
+    #[inline(always)]
+    pub fn normal<const D: usize>(
+        self,
+        measured: &[Measured<D>],
+        p: &[Vector<S>; D],
+        loss: Loss,
+    ) -> Normal<S, D> {
+        let zero = self.splat(0.0);
+        let zeros = [[zero; D]; D];
+        // elsewhere the weights are ψ', or stand for it
+        let curved = matches!(loss, Loss::Tukey(_));
+        let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; D], cost: zero };
+        for m in measured {
+            let (u, gradient) = self.row(m, p);
+            let (weight, cost, curvature) = self.loss(u, loss);
+            normal.cost += cost;
+            let weighted = weight * u;
+            for i in 0..D {
+                normal.vector[i] += weighted * gradient[i];
+                let a = weight * gradient[i];
+                for j in 0..=i {
+                    normal.matrix[i][j] += a * gradient[j];
+                }
+                if curved {
+                    let b = curvature * gradient[i];
+                    for j in 0..=i {
+                        normal.curvature[i][j] += b * gradient[j];
+                    }
+                }
+            }
+        }
+        if !curved {
+            normal.curvature = normal.matrix;
+        }
+        normal
+    }
+
+    /// Weight, cost and ψ' of a residual.
+    #[inline(always)]
+    fn loss(self, u: Vector<S>, loss: Loss) -> (Vector<S>, Vector<S>, Vector<S>) {
+        let one = self.splat(1.0);
+        match loss {
+            Loss::Square => (one, self.splat(0.5) * u * u, one),
+            // the cost is not asked for
+            Loss::Huber(c) => {
+                let c = self.splat(c);
+                let weight = one.or(u.abs().at_most(c), c / u.abs());
+                (weight, weight, weight)
+            }
+            Loss::Tukey(c) => {
+                let zero = self.splat(0.0);
+                let q = u * u * self.splat(1.0 / (c * c));
+                let rest = (one - q).or(q.at_most(one), zero);
+                let weight = rest * rest;
+                let cost = self.splat(c * c / 6.0) * (one - weight * rest);
+                (weight, cost, rest * (one - self.splat(5.0) * q))
+            }
+        }
+    }
+
+    /// The whitened residual and its gradient: [`Measurement::row`].
+    #[inline(always)]
+    pub fn row<const D: usize>(
+        self,
+        m: &Measured<D>,
+        p: &[Vector<S>; D],
+    ) -> (Vector<S>, [Vector<S>; D]) {
+        let mut d = *p;
+        for i in 0..D {
+            d[i] -= self.load(&m.station[i]);
+        }
+        let Some(axes) = &m.axes else { return self.row_of(m, p, d) };
+        let mut own = [self.splat(0.0); D];
+        for i in 0..D {
+            for j in 0..D {
+                own[i] += self.load(&axes[i][j]) * d[j];
+            }
+        }
+        let (residual, slope) = self.row_of(m, p, own);
+        let mut gradient = [self.splat(0.0); D];
+        for i in 0..D {
+            for j in 0..D {
+                gradient[j] += self.load(&axes[i][j]) * slope[i];
+            }
+        }
+        (residual, gradient)
+    }
+
+    /// The same of an offset from the station, in its axes.
+    #[inline(always)]
+    fn row_of<const D: usize>(
+        self,
+        m: &Measured<D>,
+        p: &[Vector<S>; D],
+        d: [Vector<S>; D],
+    ) -> (Vector<S>, [Vector<S>; D]) {
+        let (value, precision) = (self.load(&m.value), self.load(&m.precision));
+        let mut gradient = [self.splat(0.0); D];
+        match m.kind {
+            Kind::Range => {
+                let range = self.dot(&d, &d).sqrt();
+                let scale = precision / range;
+                for i in 0..D {
+                    gradient[i] = d[i] * scale;
+                }
+                ((value - range) * precision, gradient)
+            }
+            Kind::RangeDifference => {
+                let (range, first) = (self.dot(&d, &d).sqrt(), self.dot(p, p).sqrt());
+                let station = Vector::load_all(self.simd, &m.station, self.at);
+                let twice = self.dot(&station, p);
+                let difference = (self.dot(&station, &station) - (twice + twice)) / (range + first);
+                for i in 0..D {
+                    gradient[i] = (d[i] / range - p[i] / first) * precision;
+                }
+                ((value - difference) * precision, gradient)
+            }
+            Kind::Azimuth => {
+                let (sine, cosine) = (self.load(&m.sine), self.load(&m.cosine));
+                let scale = precision / (d[0] * d[0] + d[1] * d[1]);
+                gradient[0] = d[1] * scale;
+                gradient[1] = -d[0] * scale;
+                let angle = self.angle(d[0] * cosine - d[1] * sine, d[0] * sine + d[1] * cosine);
+                (-angle * precision, gradient)
+            }
+            Kind::Elevation => {
+                let (sine, cosine) = (self.load(&m.sine), self.load(&m.cosine));
+                let up = d[D - 1];
+                let horizontal = (d[0] * d[0] + d[1] * d[1]).sqrt();
+                let scale = precision / (horizontal * horizontal + up * up);
+                let tilt = -up / horizontal * scale;
+                gradient[0] = d[0] * tilt;
+                gradient[1] = d[1] * tilt;
+                gradient[D - 1] = horizontal * scale;
+                let angle =
+                    self.angle(up * cosine - horizontal * sine, up * sine + horizontal * cosine);
+                (-angle * precision, gradient)
+            }
+        }
+    }
+
+    /// The angle of a direction, by its series or, in lanes where it is not small, by the library.
+    #[inline(always)]
+    fn angle(self, sine: Vector<S>, cosine: Vector<S>) -> Vector<S> {
+        let t = sine / cosine;
+        let s = t * t;
+        let mut sum = self.splat(0.0);
+        for term in TERMS {
+            sum = s * (self.splat(term) - sum);
+        }
+        let angle = t - t * sum;
+        let small = sine.abs().at_most(self.splat(SMALL_TANGENT) * cosine);
+        let is_small = self.splat(1.0).or(small, self.splat(0.0));
+        if is_small.all_positive() {
+            return angle;
+        }
+        let zeros = [0.0; LANES];
+        let (mut angles, mut sines, mut cosines, mut marks) = (zeros, zeros, zeros, zeros);
+        angle.store(&mut angles, 0);
+        sine.store(&mut sines, 0);
+        cosine.store(&mut cosines, 0);
+        is_small.store(&mut marks, 0);
+        for lane in 0..S::F64_LANES {
+            if marks[lane] == 0.0 {
+                angles[lane] = sines[lane].atan2(cosines[lane]);
+            }
+        }
+        Vector::load(self.simd, &angles, 0)
+    }
+
+    #[inline(always)]
+    fn dot<const D: usize>(self, a: &[Vector<S>; D], b: &[Vector<S>; D]) -> Vector<S> {
+        let mut sum = a[0] * b[0];
+        for i in 1..D {
+            sum += a[i] * b[i];
+        }
+        sum
+    }
+
+    /// `x^T A x` of a lower triangle.
+    #[inline(always)]
+    fn quadratic<const D: usize>(self, a: &[[Vector<S>; D]; D], x: &[Vector<S>; D]) -> Vector<S> {
+        let mut sum = self.splat(0.0);
+        for i in 0..D {
+            let mut mixed = self.splat(0.0);
+            for j in 0..i {
+                mixed += a[i][j] * x[j];
+            }
+            sum += x[i] * (mixed + mixed + a[i][i] * x[i]);
+        }
+        sum
+    }
+
+    /// `A^-1 b` by `A = L D L^T` of a lower triangle; and 1 where A is positive definite, else 0.
+    #[inline(always)]
+    fn solve<const D: usize>(
+        self,
+        a: &[[Vector<S>; D]; D],
+        b: &[Vector<S>; D],
+    ) -> ([Vector<S>; D], Vector<S>) {
+        let (zero, one) = (self.splat(0.0), self.splat(1.0));
+        let mut lower = [[zero; D]; D];
+        let mut reciprocals = [zero; D];
+        let mut regular = one;
+        let mut x = *b;
+        for j in 0..D {
+            let mut row = a[j];
+            let mut pivot = a[j][j];
+            for k in 0..j {
+                // what row holds is L D
+                for l in 0..k {
+                    row[k] -= row[l] * lower[k][l];
+                }
+                lower[j][k] = row[k] * reciprocals[k];
+                pivot -= row[k] * lower[j][k];
+                x[j] -= lower[j][k] * x[k];
+            }
+            let least = self.splat(REGULAR) * a[j][j];
+            regular = regular.or(self.splat(f64::MIN_POSITIVE).at_most(a[j][j]), zero);
+            regular = zero.or(pivot.at_most(least), regular);
+            reciprocals[j] = pivot.reciprocal();
+        }
+        for i in 0..D {
+            x[i] = x[i] * reciprocals[i];
+        }
+        for j in (0..D).rev() {
+            for i in j + 1..D {
+                x[j] -= lower[i][j] * x[i];
+            }
+        }
+        (x, regular)
+    }
+}

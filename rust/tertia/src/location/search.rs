@@ -1,0 +1,330 @@
+//! The minimum that explains an instant best: start, robust steps, other minima.
+
+use super::block::Arrival;
+use super::candidates::Candidates;
+use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
+use super::lenth::{self, Weight};
+use super::solver::{HUBER_STEPS, NEAR, Problem, TOLERANCE, TUKEY_TOLERANCE};
+use super::summary::undetermined;
+use crate::base::small::{Factor, Vector, quadratic};
+
+const STEPS: usize = 100;
+const HUBER_TOLERANCE: f64 = 0.1;
+const TUKEY_STEPS: usize = 50;
+const RESCALINGS: usize = 12;
+/// A start is better than Huber's fit where its scale is smaller by this factor.
+const SMALLER_BY_CHANCE: f64 = 2.0;
+/// Correction of a scale for few measurements.
+const FEW: f64 = 5.0;
+/// Median of the size of a standard normal number.
+const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
+/// Minima whose likelihoods differ less than by a factor of 20 cannot be told apart: ln 20.
+const AMBIGUOUS: f64 = 2.995_732_273_553_991;
+/// Points within so many standard deviations, squared, belong to one minimum.
+const SAME_MINIMUM: f64 = 25.0;
+/// Other minima looked for.
+const RIVALS: usize = 3;
+/// Faults with which the median of the stations' own fixes is trusted as a start, and the best of
+/// them; beyond, other positions may explain as much.
+const TRUSTED_FAULTS: [f64; 2] = [1.0, 2.0];
+/// Degrees of freedom from which on every start may lead to a minimum of its own. With fewer, any
+/// few measurements would, and those count that Huber's steps lead to.
+const RIVALRY: usize = 4;
+/// Where a descent creeps closer than this, it would end at a station: close to one, its azimuth
+/// can be anything.
+const APPROACHED: f64 = 1e-2;
+/// Largest cost of a point where as many measurements as coordinates meet.
+const MEETING: f64 = 1e-6;
+
+/// A minimum of the cost.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Minimum<const D: usize> {
+    pub position: Vector<D>,
+    pub normal: Normal<D>,
+    pub end: End,
+    pub scale: f64,
+}
+
+/// One instant on its way through the solver.
+pub(super) struct Search<'a, const D: usize> {
+    pub problem: descent::Problem<'a, D>,
+    pub loss: Loss,
+    pub unknown: bool,
+    /// Where a start that is trusted led to.
+    pub first: Option<Minimum<D>>,
+}
+
+impl<const D: usize> Search<'_, D> {
+    /// The best minimum, if no other explains the measurements as well.
+    pub fn minimum(
+        &self,
+        initial: Option<Vector<D>>,
+        candidates: &mut Candidates<D>,
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<Minimum<D>, Problem> {
+        if let Some(start) = initial {
+            return Ok(self.refine(start, scratch));
+        }
+        let count = self.problem.measurements.len() as f64;
+        let [few, more] = TRUSTED_FAULTS.map(|faults| faults * TUKEY * TUKEY / 6.0);
+        let limits = [0.5 * count + few, 0.5 * (count - D as f64) + more];
+        if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
+            return Ok(minimum);
+        }
+        let middle = candidates.middle(self.problem.measurements);
+        if let Some(start) = middle.filter(|_| !self.unknown) {
+            let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
+            if self.is_trusted(&minimum, limits[0]) {
+                return Ok(minimum);
+            }
+            let best = self.best(&candidates.points, costs, scratch);
+            let other = best.map(|at| self.refine(candidates.points[at], scratch));
+            let better = |other: &Minimum<D>| other.normal.cost < minimum.normal.cost;
+            let minimum = other.filter(better).unwrap_or(minimum);
+            if self.is_trusted(&minimum, limits[1]) {
+                return Ok(minimum);
+            }
+        }
+        candidates.read(self.problem.measurements);
+        candidates.all(self.problem.extent);
+        let points = &mut candidates.points;
+        let Some(start) = self.best(points, costs, scratch) else {
+            return Err(Problem::NoIntersection);
+        };
+        let minimum = self.refine(points[start], scratch);
+        self.rivalled(minimum, points, costs, scratch)
+    }
+
+    /// Whether a minimum needs no other starts: it costs less than so much.
+    fn is_trusted(&self, minimum: &Minimum<D>, limit: f64) -> bool {
+        let hardly = self.loss == Loss::Square || minimum.normal.cost < limit;
+        minimum.end == End::Converged && hardly
+    }
+
+    /// Index of the point with the least cost, and the costs of all.
+    fn best(
+        &self,
+        points: &[Vector<D>],
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Option<usize> {
+        costs.clear();
+        for point in points {
+            costs.push(match self.loss {
+                Loss::Tukey(_) if self.unknown => self.median_scale(point, scratch),
+                loss => self.problem.cost(point, loss, 1.0),
+            });
+        }
+        least(costs)
+    }
+
+    /// Goes down from a start that is trusted: Huber's steps are not compared with it.
+    fn refine_steadily(&self, start: Vector<D>) -> Minimum<D> {
+        let (mut position, scale) = (start, 1.0);
+        let mut run = |loss, steps, tolerance| {
+            self.problem.descend(&mut position, loss, scale, steps, tolerance)
+        };
+        let (end, normal) = if self.loss == Loss::Square {
+            run(self.loss, STEPS, TOLERANCE)
+        } else {
+            run(Loss::Huber(HUBER), HUBER_STEPS, HUBER_TOLERANCE);
+            run(self.loss, TUKEY_STEPS, TUKEY_TOLERANCE)
+        };
+        Minimum { position, normal, end, scale }
+    }
+
+    /// Goes down from a start.
+    fn refine(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
+        let mut position = start;
+        if self.loss == Loss::Square {
+            let (end, normal) =
+                self.problem.descend(&mut position, self.loss, 1.0, STEPS, TOLERANCE);
+            return Minimum { position, normal, end, scale: 1.0 };
+        }
+        let mut scale = 1.0;
+        for _ in 0..if self.unknown { HUBER_STEPS } else { 1 } {
+            let steps = if self.unknown { 1 } else { HUBER_STEPS };
+            if self.unknown {
+                scale = self.median_scale(&position, scratch);
+            }
+            let huber = Loss::Huber(HUBER);
+            self.problem.descend(&mut position, huber, scale, steps, HUBER_TOLERANCE);
+        }
+        if !self.is_better(&position, &start, scratch) {
+            position = start;
+        }
+        if self.unknown {
+            for _ in 0..RESCALINGS {
+                scale = self.median_scale(&position, scratch);
+                self.problem.descend(&mut position, self.loss, scale, 1, TUKEY_TOLERANCE);
+            }
+            scale = self.median_scale(&position, scratch);
+        }
+        let (end, normal) =
+            self.problem.descend(&mut position, self.loss, scale, TUKEY_STEPS, TUKEY_TOLERANCE);
+        Minimum { position, normal, end, scale }
+    }
+
+    /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
+    fn rival(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
+        let few = self.problem.measurements.len() < D + RIVALRY;
+        if few || self.unknown || self.loss == Loss::Square {
+            return self.refine(start, scratch);
+        }
+        let mut position = start;
+        let (end, normal) =
+            self.problem.descend(&mut position, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
+        Minimum { position, normal, end, scale: 1.0 }
+    }
+
+    fn is_better(&self, p: &Vector<D>, q: &Vector<D>, scratch: &mut Vec<f64>) -> bool {
+        if self.unknown {
+            // the least of many scales is too small by chance
+            let factor = SMALLER_BY_CHANCE;
+            return self.median_scale(p, scratch) <= factor * self.median_scale(q, scratch);
+        }
+        self.problem.cost(p, self.loss, 1.0) <= self.problem.cost(q, self.loss, 1.0)
+    }
+
+    /// σ from the size of the residual of the middle of those that a fit does not make small, with
+    /// the correction of Rousseeuw and Leroy (1987) for few measurements.
+    fn median_scale(&self, p: &Vector<D>, scratch: &mut Vec<f64>) -> f64 {
+        scratch.clear();
+        scratch.extend(self.problem.measurements.iter().map(|m| m.row(p).residual.abs()));
+        if scratch.iter().any(|r| r.is_nan()) {
+            return f64::INFINITY;
+        }
+        let count = scratch.len();
+        let at = (count + D).div_ceil(2) - 1;
+        let (_, &mut size, _) = scratch.select_nth_unstable_by(at, f64::total_cmp);
+        let correction = 1.0 + FEW / (count - D) as f64;
+        (correction * size / NORMAL_MEDIAN).max(f64::MIN_POSITIVE.sqrt())
+    }
+
+    /// The better of a minimum and those that other candidates lead to; an error if two are
+    /// equally good.
+    fn rivalled(
+        &self,
+        mut best: Minimum<D>,
+        points: &mut [Vector<D>],
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<Minimum<D>, Problem> {
+        if best.scale != 1.0 {
+            costs.clear();
+            costs.extend(points.iter().map(|p| self.problem.cost(p, self.loss, best.scale)));
+        }
+        let mut rival: Option<Minimum<D>> = None;
+        for _ in 0..RIVALS {
+            for minimum in [Some(best), rival].into_iter().flatten() {
+                for (point, cost) in points.iter().zip(costs.iter_mut()) {
+                    if minimum.is_same(point) {
+                        *cost = f64::INFINITY;
+                    }
+                }
+            }
+            let count = self.problem.measurements.len() as f64;
+            let limit = 2.0 * best.normal.cost + AMBIGUOUS + count + 10.0;
+            let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
+            costs[at] = f64::INFINITY;
+            let mut other = self.rival(points[at], scratch);
+            if other.end != End::Converged || best.is_same(&other.position) {
+                continue;
+            }
+            if other.scale != best.scale {
+                other.normal = self.problem.normal(&other.position, self.loss, best.scale);
+            }
+            if other.normal.cost < best.normal.cost || best.end != End::Converged {
+                (best, other) = (other, best);
+            }
+            let closer = |r: &Minimum<D>| r.normal.cost > other.normal.cost;
+            if other.end == End::Converged && rival.as_ref().is_none_or(closer) {
+                rival = Some(other);
+            }
+        }
+        match rival {
+            Some(rival) if rival.normal.cost < best.normal.cost + AMBIGUOUS => {
+                Err(Problem::Ambiguous)
+            }
+            _ => Ok(best),
+        }
+    }
+
+    /// Whether a measurement has no direction within this share of the extent.
+    fn is_blind(&self, p: &Vector<D>, share: f64) -> bool {
+        let near = share * self.problem.extent;
+        self.problem.measurements.iter().any(|m| m.is_blind(p, near))
+    }
+
+    /// Fails where a minimum is none, or not one point.
+    pub fn checked(&self, minimum: Minimum<D>) -> Result<Minimum<D>, Problem> {
+        let p = &minimum.position;
+        if self.is_blind(p, NEAR) {
+            return Err(Problem::AtStation);
+        }
+        let exact = self.problem.measurements.len() == D;
+        if exact && (minimum.normal.cost.is_nan() || minimum.normal.cost > MEETING) {
+            return Err(Problem::NoIntersection);
+        }
+        match minimum.end {
+            End::Diverged => return Err(Problem::NoIntersection),
+            End::Singular => return Err(Problem::Singular),
+            End::Moving if self.is_blind(p, APPROACHED) => return Err(Problem::AtStation),
+            End::Moving => return Err(Problem::NotConverged),
+            End::Converged => {}
+        }
+        // without a scale there is no covariance, but a position
+        let scaled = !minimum.scale.is_nan();
+        if scaled && Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
+            return Err(Problem::Singular);
+        }
+        Ok(minimum)
+    }
+
+    /// Lenth's estimate, from the least-squares position.
+    pub fn lenth(
+        &self,
+        initial: Option<Vector<D>>,
+        weight: Weight,
+        candidates: &mut Candidates<D>,
+        costs: &mut Vec<f64>,
+        scratch: &mut Vec<f64>,
+    ) -> Result<Minimum<D>, Problem> {
+        let start = self.checked(self.minimum(initial, candidates, costs, scratch)?)?;
+        let measurements = self.problem.measurements;
+        if self.unknown && measurements.len() == D {
+            // nothing is left to estimate κ from
+            let mut minimum = Minimum { scale: f64::NAN, ..start };
+            minimum.normal.matrix = undetermined();
+            return Ok(minimum);
+        }
+        let known = (!self.unknown).then(|| measurements[0].precision.powi(2));
+        let estimate = lenth::estimate(measurements, start.position, known, weight);
+        let mut normal = self.problem.normal(&estimate.position, Loss::Square, 1.0);
+        normal.matrix = estimate.covariance.ok_or(Problem::Singular)?;
+        let end = if estimate.converged { End::Converged } else { End::Moving };
+        let scale = if self.unknown { 1.0 / estimate.kappa.sqrt() } else { 1.0 };
+        Ok(Minimum { position: estimate.position, normal, end, scale })
+    }
+}
+
+impl<const D: usize> Minimum<D> {
+    pub fn of(arrival: Arrival<D>) -> Self {
+        let Arrival { position, matrix, cost } = arrival;
+        let normal = Normal::at_minimum(matrix, cost);
+        Self { position, normal, end: End::Converged, scale: 1.0 }
+    }
+
+    /// Whether a point is within the error of this one.
+    fn is_same(&self, point: &Vector<D>) -> bool {
+        let difference = std::array::from_fn(|i| point[i] - self.position[i]);
+        quadratic(&self.normal.matrix, &difference) <= SAME_MINIMUM
+    }
+}
+
+/// Index of the least number that is finite.
+fn least(costs: &[f64]) -> Option<usize> {
+    let finite = costs.iter().enumerate().filter(|(_, cost)| cost.is_finite());
+    finite.min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| at)
+}
