@@ -4,7 +4,7 @@ A frame is tangent to the WGS 84 ellipsoid at its origin. Far from there its axe
 place: the vertical turns by a degree each 111 km, and north by the convergence of the meridians. So
 a station measures its azimuths and elevations about axes of its own.
 
-Latitudes and longitudes are degrees, as receivers and maps tell them; heights are metres above the
+Latitudes and longitudes are degrees, as receivers and maps give them; heights are metres above the
 ellipsoid. Everything else is as elsewhere: metres and radians. Needs the extra `geo` (pyproj).
 """
 
@@ -73,7 +73,7 @@ class LocalFrame:
         for name, value in values.items():
             object.__setattr__(self, name, float(finite(real(value, name), name)))
         _numbers(self.latitude, "latitude")
-        # where pyproj is missing, that is told here
+        # fails here where pyproj is missing
         _transformer()
 
     def to_local(
@@ -136,8 +136,8 @@ class LocalFrame:
         >>> round(latitude, 9), round(longitude, 9), round(height, 6)
         (50.0, 14.0, 100.0)
         """
-        told = _to_geodetic(self.to_ecef(position))
-        latitude, longitude, height = (scalar_or_array(told[..., i].copy()) for i in (0, 1, 2))
+        found = _to_geodetic(self.to_ecef(position))
+        latitude, longitude, height = (scalar_or_array(found[..., i].copy()) for i in (0, 1, 2))
         return latitude, longitude, height
 
     def from_ecef(self, ecef: npt.ArrayLike) -> FloatArray:
@@ -317,9 +317,9 @@ def _to_geodetic(ecef: FloatArray) -> FloatArray:
     squeezed = 1 - _ECCENTRICITY_SQUARED * np.sin(np.radians(latitude)) ** 2
     radius = _RADIUS * (1 - _ECCENTRICITY_SQUARED) / squeezed**1.5
     latitude = np.clip(latitude + np.degrees(north[:, 0] / (radius + height)), -_POLE, _POLE)
-    told = np.full(ecef.shape, np.nan)
-    told[known] = np.stack([latitude, longitude, height + up[:, 0]], axis=-1)
-    return told
+    found = np.full(ecef.shape, np.nan)
+    found[known] = np.stack([latitude, longitude, height + up[:, 0]], axis=-1)
+    return found
 
 
 def _rotation(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:

@@ -240,8 +240,8 @@ def locate(
         Tukey's biweight from `redundancy` degrees of freedom on, and least squares below; least
         squares always; or, for azimuths in the plane alone, one of Lenth's (1981) estimators.
     redundancy : int
-        Least degrees of freedom with which faults are looked for. With one they cannot be told,
-        with two hardly.
+        Least degrees of freedom with which outliers are looked for. With one they cannot be
+        attributed to a station, with two hardly.
     initial : array_like of shape (..., D), optional
         A position near that of the target. It decides where several explain the measurements.
     degrees : bool
@@ -513,8 +513,8 @@ def _batch(places: FloatArray, measured: _Measured, start: FloatArray | None) ->
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:
-        told = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise ValueError(f"the batches do not fit together: {told}") from None
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"the batches do not fit together: {listed}") from None
 
 
 def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
