@@ -197,8 +197,8 @@ def reconstruct(
     is assumed. Smoothness would add information about the biases, but a curve of the target is then
     taken for one. Their covariance is A^-1 B A^-1, with A the slope of the scores, and B their
     variance by the standard deviations or the residuals, whichever are larger. It grows by
-    autocorrelations of the scores where these are more than chance (Geyer 1992). Errors of positions at different
-    instants are taken as independent.
+    autocorrelations of the scores where these are more than chance (Geyer 1992).
+    Errors of positions at different instants are taken as independent.
 
     With times first, velocities are A_t times the rates of the measured series.
 
