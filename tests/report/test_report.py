@@ -3,15 +3,15 @@
 import json
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 from places import EXAMPLES
-from typer.testing import CliRunner
+from terminal import run
 
-from tertia import cli, report
+from tertia import report
 from tertia.location import Station
 from tertia.tracker import Plots, Radar
 
@@ -19,17 +19,6 @@ pytest.importorskip("plotly")
 pytest.importorskip("jinja2")
 
 PLOTS = (EXAMPLES / "air_plots.csv", "--sensors", EXAMPLES / "air_radars.toml")
-
-
-class Run(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-def run(*arguments: object) -> Run:
-    result = CliRunner().invoke(cli.app, [str(part) for part in arguments], catch_exceptions=False)
-    return Run(result.exit_code, result.stdout, result.stderr)
 
 
 @pytest.fixture(scope="module")

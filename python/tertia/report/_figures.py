@@ -119,8 +119,7 @@ def _noise(analysis: Analysis, time: str) -> Panel:
                     analysis.middle,
                     factor * stated,
                     k,
-                    mode="lines+markers",
-                    marker={"symbol": MARKS[k % len(MARKS)], "size": 7},
+                    **_marked(k),
                     error_y={
                         "type": "data",
                         "array": numbers(sigma * stated * _SIDES, 3),
@@ -128,9 +127,7 @@ def _noise(analysis: Analysis, time: str) -> Panel:
                         "width": 2,
                     },
                     line={"dash": "solid"},
-                    legendgroup=name,
-                    showlegend=i == 0,
-                    yaxis=_axis(i),
+                    **_panel(name, i),
                 )
             )
             data.append(
@@ -140,9 +137,7 @@ def _noise(analysis: Analysis, time: str) -> Panel:
                     [stated, stated],
                     k,
                     line={"dash": "dot", "width": 1.5},
-                    legendgroup=name,
-                    showlegend=i == 0,
-                    yaxis=_axis(i),
+                    **_panel(name, i),
                     hoverinfo="skip",
                 )
             )
@@ -165,8 +160,7 @@ def _update_probability(analysis: Analysis, time: str) -> Panel:
                 one.time,
                 share,
                 k,
-                mode="lines+markers",
-                marker={"symbol": MARKS[k % len(MARKS)], "size": 7},
+                **_marked(k),
             )
         )
     layout = rows_of(1, time, ["probability of update"])
@@ -187,11 +181,8 @@ def _outliers(analysis: Analysis, time: str) -> Panel:
                     one.time,
                     share,
                     k,
-                    mode="lines+markers",
-                    marker={"symbol": MARKS[k % len(MARKS)], "size": 6},
-                    legendgroup=name,
-                    showlegend=i == 0,
-                    yaxis=_axis(i),
+                    **_marked(k),
+                    **_panel(name, i),
                 )
             )
     layout = rows_of(3, time, ["outliers (%)", "unassociated (%)", "refused (%)"])
@@ -223,11 +214,8 @@ def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
                     analysis.middle,
                     mean,
                     k,
-                    mode="lines+markers",
-                    marker={"symbol": MARKS[k % len(MARKS)], "size": 6},
-                    legendgroup=name,
-                    showlegend=i == 0,
-                    yaxis=_axis(i),
+                    **_marked(k),
+                    **_panel(name, i),
                 )
             )
     layout = rows_of(3, time, titles)
@@ -301,8 +289,20 @@ def _nees(analysis: Analysis, time: str) -> Panel:
 
 
 def _along(name: str, x: FloatArray, y: FloatArray, k: int) -> dict[str, Any]:
-    marker = {"symbol": MARKS[k % len(MARKS)], "size": 7}
-    return line(name, x, y, k, mode="lines+markers", marker=marker)
+    return line(name, x, y, k, **_marked(k))
+
+
+def _marked(k: int) -> dict[str, Any]:
+    """Return the look of line number k with marks at its points."""
+    return {
+        "mode": "lines+markers",
+        "marker": {"symbol": MARKS[k % len(MARKS)], "size": 7},
+    }
+
+
+def _panel(name: str, i: int) -> dict[str, Any]:
+    """Return what puts a line into panel i, with one entry in the legend for all panels."""
+    return {"legendgroup": name, "showlegend": i == 0, "yaxis": _axis(i)}
 
 
 def _bounds(count: int) -> tuple[float, float]:
