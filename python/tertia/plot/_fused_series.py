@@ -78,7 +78,7 @@ def fused_series(
     Raises
     ------
     ValueError
-        A batch, or arguments that do not fit `result`.
+        `result` has a batch, or does not fit the other arguments.
 
     Examples
     --------

@@ -36,9 +36,9 @@ def location(
     *,
     azimuth: npt.ArrayLike | None = None,
     range: npt.ArrayLike | None = None,  # noqa: A002  # as in `locate`
-    probability: float = 0.95,
-    legend: bool = True,
     ax: "Axes | None" = None,
+    legend: bool = True,
+    probability: float = 0.95,
 ) -> "Axes":
     """Draw stations, what they measured, and the position with its error ellipse, from above.
 

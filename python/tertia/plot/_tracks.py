@@ -42,8 +42,8 @@ def tracks(
     *,
     plots: Plots | None = None,
     plans: Sequence[FlightPlan] = (),
-    probability: float = 0.95,
     legend: bool = True,
+    probability: float = 0.95,
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw tracks from above, with their numbers, manoeuvres and some error ellipses.
@@ -154,11 +154,10 @@ def update_probability(
     --------
     >>> import numpy as np
     >>> from matplotlib.figure import Figure
-    >>> from tertia import plot
-    >>> from tertia.tracker import Plots, Radar, track
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+    >>> from tertia import plot, tracker
+    >>> radar = tracker.Radar(range_sigma=50, azimuth_sigma=0.08, scan_period=4, degrees=True)
     >>> time = np.delete(np.arange(0.0, 100.0, 4.0), [10, 12])
-    >>> table = track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
+    >>> table = tracker.track(tracker.Plots(time, 50e3 + 200 * time, 0.5), [radar])
     >>> plot.update_probability(table, [radar], ax=Figure().subplots()).get_title()
     '91.3 % of 23 scans'
     """

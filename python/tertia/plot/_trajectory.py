@@ -50,9 +50,9 @@ def trajectory(
     result: Trajectory | Location,
     *,
     time: npt.ArrayLike | None = None,
-    probability: float = 0.95,
-    legend: bool = True,
     figure: "FigureBase | None" = None,
+    legend: bool = True,
+    probability: float = 0.95,
 ) -> "dict[str, Axes]":
     """Draw positions over time from above, their heights, and the residuals of the stations.
 
