@@ -19,7 +19,7 @@ import terminal
 from tertia import metrics, simulate
 from tertia.fusion import FusedSeries, FusionMethod, fuse_series
 from tertia.kalman import SingerModel, fit_noise
-from tertia.tables import _fit
+from tertia.tables import _noise
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "radars.csv"
@@ -431,7 +431,7 @@ def test_a_fit_takes_all_series_of_a_sensor() -> None:
     times = MODEL.dt * np.arange(80)
     z = np.stack([recording(80, seed)[0] for seed in (1, 2, 3)])
     z[1, 60:] = np.nan
-    found = _fit.fit_sensor("A", [(times, row) for row in z], 360.0)
+    found = _noise.fit_sensor("A", [(times, row) for row in z], 360.0)
     assert found.left_out == 0
     expected = fit_noise(z, time=times, period=360.0)
     assert found.noise.measurement_sigma == pytest.approx(expected.measurement_sigma, rel=1e-6)
@@ -441,8 +441,8 @@ def test_a_fit_takes_all_series_of_a_sensor() -> None:
 def test_a_fit_takes_the_longest_series_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     times = MODEL.dt * np.arange(80)
     z = [recording(80, seed)[0] for seed in (1, 2)]
-    monkeypatch.setattr(_fit, "_MOST_PLOTS", 60)
-    found = _fit.fit_sensor("A", [(times[:30], z[0][:30]), (times, z[1])], 360.0)
+    monkeypatch.setattr(_noise, "_MOST_PLOTS", 60)
+    found = _noise.fit_sensor("A", [(times[:30], z[0][:30]), (times, z[1])], 360.0)
     present = np.flatnonzero(~np.isnan(z[1]))[:60]
     expected = fit_noise(z[1][present], time=times[present], period=360.0)
     assert found.noise.measurement_sigma == pytest.approx(expected.measurement_sigma, rel=1e-9)
@@ -455,7 +455,7 @@ def test_outliers_do_not_spoil_a_fit() -> None:
             MODEL, 150, sigma=(0.1,), outlier_probability=0.05, period=360.0, rng=seed
         ).z[0]
         times = MODEL.dt * np.arange(150)
-        fit = _fit.fit_sensor("A", [(times, z)], 360.0)
+        fit = _noise.fit_sensor("A", [(times, z)], 360.0)
         assert fit.left_out > 0
         plain = fit_noise(z, time=times, period=360.0)
         sigma.append((fit.noise.measurement_sigma, plain.measurement_sigma))
@@ -467,20 +467,22 @@ def test_outliers_do_not_spoil_a_fit() -> None:
 def test_motion_is_that_of_the_sensor_that_tells_it_best() -> None:
     times = MODEL.dt * np.arange(200)
     z = simulate.radars(MODEL, 200, sigma=(0.5, 0.05), period=360.0, rng=5).z
-    both = [_fit.fit_sensor(name, [(times, row)], 360.0) for name, row in zip("AB", z, strict=True)]
-    assert _fit.best_motion(both).sensor == "B"
-    assert _fit.best_motion(both[::-1]).sensor == "B"
+    both = [
+        _noise.fit_sensor(name, [(times, row)], 360.0) for name, row in zip("AB", z, strict=True)
+    ]
+    assert _noise.best_motion(both).sensor == "B"
+    assert _noise.best_motion(both[::-1]).sensor == "B"
 
 
 def test_what_a_sensor_tells_of_the_motion_is_the_error_of_its_acceleration() -> None:
     # an acceleration without alpha is told for one alpha only
     errors = {"A": (0.9, 0.2, 0.1), "B": (0.5, 0.3, 0.1), "C": (np.inf, 0.1, 0.1)}
     told = [
-        _fit.SensorFit(name, SimpleNamespace(acceleration_sigma=1.0, sigma=np.array(e)), 0)  # type: ignore[arg-type]
+        _noise.SensorFit(name, SimpleNamespace(acceleration_sigma=1.0, sigma=np.array(e)), 0)  # type: ignore[arg-type]
         for name, e in errors.items()
     ]
-    assert _fit.best_motion(told).sensor == "A"
-    assert _fit.best_motion(told[1:]).sensor == "B"
+    assert _noise.best_motion(told).sensor == "A"
+    assert _noise.best_motion(told[1:]).sensor == "B"
 
 
 def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:

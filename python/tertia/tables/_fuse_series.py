@@ -24,7 +24,7 @@ from tertia.tables._groups import (
     known,
     layout,
 )
-from tertia.tables._noise import Fitted, Given, Noise, settle
+from tertia.tables._noise import Fitted, Given, Noise, Target, settle
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -39,20 +39,6 @@ from tertia.tables._records import (
 )
 
 _OF_SENSOR = (pl.Float64, pl.Float64, pl.Boolean)
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """The plots of one target, (K, steps), nan where a sensor has none at a time."""
-
-    name: str
-    keys: pl.DataFrame
-    sensors: list[str]
-    moments: pl.Series
-    times: FloatArray
-    z: FloatArray
-    sigma: FloatArray
-    missing: list[int]
 
 
 @dataclass(frozen=True, slots=True)
