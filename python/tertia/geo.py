@@ -1,11 +1,13 @@
-"""Geo: between latitude and longitude, and the east, north and up of a local frame.
+"""Geo: conversion between latitude and longitude and the east, north and up of a local frame.
 
-A frame is tangent to the WGS 84 ellipsoid at its origin. Far from there its axes are not those of a
-place: the vertical turns by a degree each 111 km, and north by the convergence of the meridians. So
-a station measures its azimuths and elevations about axes of its own.
+A frame is tangent to the WGS 84 ellipsoid at its origin. Far from the origin, the local vertical
+and north differ from the axes of the frame: the vertical by one degree per 111 km, and north by the
+convergence of the meridians. The azimuths and elevations of a station therefore refer to its own
+axes.
 
-Latitudes and longitudes are degrees, as receivers and maps give them; heights are metres above the
-ellipsoid. Everything else is as elsewhere: metres and radians. Needs the extra `geo` (pyproj).
+Latitudes and longitudes are in degrees, as in receivers and maps; heights are in metres above the
+ellipsoid. All other quantities are in metres and radians, as elsewhere. Needs the extra `geo`
+(pyproj).
 """
 
 from __future__ import annotations
@@ -36,18 +38,18 @@ _LARGEST = np.finfo(np.float64).max
 
 @dataclass(frozen=True, slots=True, init=False)
 class LocalFrame:
-    """East, north and up at a place of the earth.
+    """A local frame of east, north and up at a place on the earth.
 
     Attributes
     ----------
     latitude, longitude : float
-        The origin, in degrees.
+        Origin in degrees.
     height : float
-        Its height above the ellipsoid in metres.
+        Height of the origin above the ellipsoid in metres.
 
     Examples
     --------
-    Two cameras 60 km apart see something 30 km high:
+    Two cameras 60 km apart observe an object at a height of 30 km:
 
     >>> from tertia import simulate
     >>> from tertia.geo import LocalFrame
@@ -194,7 +196,7 @@ class LocalFrame:
         return self._origin() + _points(position, "position") @ self._rotation()
 
     def axes(self, latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-        """Return the east, north and up of other places, as rows, in this frame.
+        """Return the east, north and up axes of other places, as rows, in this frame.
 
         Parameters
         ----------
@@ -238,18 +240,19 @@ class LocalFrame:
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees; an array where the station moves.
+            Degrees; arrays if the station moves.
         height : array_like of shape (...)
             Metres above the ellipsoid.
         range_sigma, azimuth_sigma, elevation_sigma : float, optional
             See `tertia.sensors.Station`.
         name : str, optional
-            How pictures call it.
+            Label in pictures.
 
         Returns
         -------
         Station
-            Its azimuths count from true north, its elevations from the ellipsoid.
+            Its azimuths are relative to true north, its elevations to the plane tangent to the
+            ellipsoid.
 
         Raises
         ------
@@ -282,7 +285,7 @@ class LocalFrame:
 
 @cache
 def _transformer() -> Transformer:
-    """Return what turns latitude, longitude and height into geocentric coordinates."""
+    """Return the transformation from latitude, longitude and height to geocentric coordinates."""
     try:
         from pyproj import Transformer  # noqa: PLC0415  # only here is pyproj needed
     except ImportError as error:
@@ -307,7 +310,7 @@ def _to_ecef(
 
 
 def _to_geodetic(ecef: FloatArray) -> FloatArray:
-    """Return latitude, longitude and height side by side."""
+    """Return latitude, longitude and height as columns."""
     known = ~np.isnan(ecef).any(axis=-1)
     x, y, z = ecef[known].T
     latitude, longitude, height = _transformer().transform(x, y, z, direction="INVERSE")
@@ -343,7 +346,7 @@ def _points(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def _numbers(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return numbers within their domain; nan is none."""
+    """Return numbers after checking that they are within their domain; nan means missing."""
     array = samples(value, name)
     most = _POLE if name == "latitude" else _LARGEST
     bad = np.argwhere(np.abs(array) > most)

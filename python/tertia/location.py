@@ -1,13 +1,13 @@
-"""Location: a position at one instant from what several stations measured, some of it wrong.
+"""Location: positions from the measurements of several stations at one instant, without outliers.
 
-Ranges, azimuths, elevations and range differences, in any mixture, in the plane or in space. The
-position minimises the sum of a function of the whitened residuals `(measured - predicted) / sigma`:
-half the square, or Tukey's biweight (Beaton, Tukey 1974), which leaves measurements out that are
-4.685 sigmas off. Azimuths and elevations are radians; azimuths turn clockwise from north; positions
-are local east, north and up in metres.
+Measurements are ranges, azimuths, elevations and range differences, in any mixture, in the plane or
+in space. The position minimises the sum of a loss of the whitened residuals `(measured - predicted)
+/ sigma`: half the square, or Tukey's biweight (Beaton, Tukey 1974), which gives no weight to
+residuals above 4.685. Azimuths and elevations are in radians; azimuths are clockwise from north;
+positions are local east, north and up in metres.
 
-The covariance is that of the linearised problem. Where the error is not small beside the distances,
-the true one is larger and the position biased: see docs/location.md.
+The covariance is that of the linearised problem. If the error is not small compared with the
+distances, the true covariance is larger and the position is biased: see docs/location.md.
 """
 
 from __future__ import annotations
@@ -106,28 +106,29 @@ _MESSAGES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Location:
-    """A position and what the measurements have to do with it.
+    """A position, with the residuals and outliers of the measurements.
 
     Attributes
     ----------
     position : ndarray of shape (..., D)
         The position in metres; nan where there is none.
     covariance : ndarray of shape (..., D, D)
-        Its covariance; infinite variances where sigma is unknown and nothing is redundant.
+        Covariance of the position; variances are infinite if sigma is unknown and there is no
+        redundancy.
     residual : ByKind
-        The whitened residuals of all measurements.
+        Whitened residuals of all measurements.
     outlier : ByKind
-        The measurements that were treated as faults; none by least squares.
+        Measurements that were treated as faults; none for least squares.
     degrees_of_freedom : int or ndarray of shape (...)
-        Measurements less coordinates.
+        Number of measurements minus number of coordinates.
     statistic : float or ndarray of shape (...)
         Sum of all squared residuals, faults included.
     pvalue : float or ndarray of shape (...)
-        Probability of a larger sum without faults; nan where sigma was estimated. A small one says
-        that a measurement or a sigma is wrong.
+        Probability of a larger sum of squares if there are no faults; nan if sigma was estimated. A
+        small p-value means that a measurement or a sigma is wrong.
     dop : float or ndarray of shape (...)
-        Dilution of precision: the root of the trace of the covariance that measurements with
-        sigma 1 would give. Metres per metre, or metres per radian; nan for mixtures of both.
+        Dilution of precision: the square root of the trace of the covariance for measurements with
+        sigma 1. In metres per metre, or metres per radian; nan for mixtures of both.
     measurement_sigma : float, ndarray of shape (...) or None
         The common standard deviation of the measurements where it was estimated.
     status : LocationStatus or ndarray of int, shape (...)
@@ -169,12 +170,12 @@ class Location:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accuracy:
-    """What accuracy stations have at some positions, before anything is measured.
+    """The accuracy of positions from given stations, before anything is measured.
 
     Attributes
     ----------
     covariance : ndarray of shape (..., D, D)
-        Of a position by least squares; infinite variances where it is not determined.
+        Covariance of a least-squares position; variances are infinite where it is not determined.
     dop : float or ndarray of shape (...)
         See `Location`.
     """
@@ -217,7 +218,7 @@ def locate(
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Location:
-    """Locate a target by what several stations measured at the same instant.
+    """Locate a target from the measurements of several stations at the same instant.
 
     Parameters
     ----------
@@ -230,20 +231,21 @@ def locate(
     elevation : array_like of shape (..., K), optional
         Elevations in radians above the horizon, in space only.
     range_difference : array_like of shape (..., K - 1), optional
-        The range of each station but the first, less that of the first, in metres. Their errors
-        are taken as independent of each other.
+        The range of each station except the first, minus that of the first, in metres. Their errors
+        are assumed to be independent.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (..., K), optional
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (..., K - 1), optional
         Standard deviations of the range differences.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"}
-        Tukey's biweight from `redundancy` degrees of freedom on, and least squares below; least
-        squares always; or, for azimuths in the plane alone, one of Lenth's (1981) estimators.
+        "robust": Tukey's biweight with at least `redundancy` degrees of freedom, otherwise least
+        squares; "least-squares": always; the others are Lenth's (1981) estimators, for azimuths in
+        the plane only.
     redundancy : int
-        Least degrees of freedom with which outliers are looked for. With one they cannot be
-        attributed to a station, with two hardly.
+        Smallest number of degrees of freedom with which outliers are searched for. With one, a
+        fault cannot be attributed to a measurement; with two, rarely.
     initial : array_like of shape (..., D), optional
-        A position near that of the target. It decides where several explain the measurements.
+        A position near the target. It selects one of several positions that fit the measurements.
     degrees : bool
         Whether the angles and their standard deviations given here are in degrees.
     n_threads : int, optional
@@ -252,15 +254,15 @@ def locate(
     Returns
     -------
     Location
-        Position, covariance, residuals and faults. In a batch an instant without a position has
+        Position, covariance, residuals and faults. In a batch, an instant without a position has
         nan there, and the reason in `status`.
 
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, a standard deviation that is missing; without a
-        batch also a target that cannot be located: too few measurements, bearings that do not
-        intersect, two positions that explain the measurements equally well, a target at a station.
+        A wrong shape, a number outside its domain, or a missing standard deviation. Without a batch
+        also a target that cannot be located: too few measurements, bearings that do not intersect,
+        two positions that fit the measurements equally well, or a target at a station.
     numpy.linalg.LinAlgError
         Without a batch, a geometry that leaves a direction undetermined.
     TypeError
@@ -268,21 +270,21 @@ def locate(
 
     Notes
     -----
-    Leading axes are broadcast against each other. Where only one kind is measured and none of its
-    standard deviations is given, it is taken as the same for all and estimated: by least squares
-    from the residuals, robustly from their median size.
+    Leading axes are broadcast against each other. If only one kind is measured and none of its
+    standard deviations is given, a common one is estimated: by least squares from the residuals,
+    robustly from their median size.
 
-    The start is the best of the points where as many measurements as there are coordinates agree;
-    eight Huber steps (1.345) and Tukey's (4.685) follow, whichever of both starts is better. Other
-    starts are tried, and two minima whose likelihoods differ less than by a factor of 20 are an
-    error. Faults have weight 0. The robust covariance is `0.963 (J' W J)^-1`, which with normal
-    errors is 5 % larger than that of least squares, and for each measurement that may or may not be
-    a fault, with probability q, `6 q (1 - q) d d'`, where d is what the position moves by when it
-    is left out. Cost O(M) a step, about ten steps.
+    The start is the best of the points where a minimal set of measurements agrees. Tukey's biweight
+    (4.685) is minimised from there and from the result of eight Huber steps (1.345), and the better
+    result is kept. Other starts are tried as well; two minima whose likelihoods differ by less than
+    a factor of 20 are an error. Faults have weight 0. The robust covariance is `0.963 (J' W J)^-1`,
+    which for normal errors is 5 % larger than that of least squares, plus `6 q (1 - q) d d'` for
+    each measurement that is a fault with probability q, where d is the change of the position if it
+    is left out. Cost O(M) per step, about ten steps.
 
     Examples
     --------
-    Five direction finders, one of which is wrong by half a radian:
+    Five direction finders, one with an error of half a radian:
 
     >>> import numpy as np
     >>> from tertia.location import locate
@@ -355,7 +357,7 @@ def accuracy_map(
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Accuracy:
-    """Return the covariance that a position would have, before anything is measured.
+    """Return the covariance that positions would have, before anything is measured.
 
     Parameters
     ----------
@@ -364,7 +366,7 @@ def accuracy_map(
     grid : array_like of shape (..., D)
         Positions of the target in metres.
     kinds : sequence of {"range", "azimuth", "elevation", "range_difference"}, optional
-        What is measured; by default all that there are standard deviations of.
+        Kinds that are measured; by default those with a standard deviation.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
@@ -377,8 +379,8 @@ def accuracy_map(
     Returns
     -------
     Accuracy
-        Covariance and dilution of precision of every position. The variances are infinite where
-        the measurements do not determine it, or it is at a station.
+        Covariance and dilution of precision of every position. The variances are infinite where the
+        measurements do not determine the position, or it is at a station.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""Trajectory: from what stations measured, some of it wrong, to positions along time.
+"""Trajectory: positions over time from the measurements of several stations, without outliers.
 
-Redundancy is in space (several stations at an instant) and in time (many instants). The source
-combines them in either order: positions first, then smoothing along time, or each measured series
-first. A fault is removed in space, where other stations contradict it; along time a run of faults
-looks like motion.
+There is redundancy in space (several stations at an instant) and in time (many instants). The
+source uses them in either order: locate each instant, then smooth the positions; or smooth each
+series of measurements, then locate. Faults are removed in space, by comparison with other stations;
+over time, a run of faults looks like motion.
 
-Positions are local east, north and up in metres; azimuths and elevations are radians, azimuths
+Positions are local east, north and up in metres; azimuths and elevations are in radians, azimuths
 clockwise from north.
 """
 
@@ -44,7 +44,7 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """A trajectory and what its measurements have to do with it.
+    """A trajectory, with the residuals and outliers of its measurements.
 
     Attributes
     ----------
@@ -53,24 +53,24 @@ class Trajectory:
     position, velocity, acceleration : ndarray of shape (N, D)
         In metres, metres per unit of time, and so on; nan where unknown.
     covariance : ndarray of shape (N, 3 D, 3 D)
-        Of positions, velocities and accelerations, in this order; the uncertainty of estimated
-        biases is in it. inf where unknown. Between the three it is 0 unless the smoother is "rts"
-        and positions come first.
+        Covariance of position, velocity and acceleration, in this order, including the uncertainty
+        of estimated biases; inf where unknown. The blocks between the three are 0 unless the
+        smoother is "rts" and the order "spatial-first".
     fixes : Location
-        The positions of the single instants: from measurements as they are, or smoothed ones. With
-        "rts", robust and positions first, without what the track contradicts; where an instant has
-        one or two degrees of freedom, its standard deviations are divided by the roots of Tukey's
-        weights about the track.
+        Positions of the single instants, from the measurements or, with "temporal-first", from the
+        smoothed series. With "rts", "robust" and "spatial-first", measurements that the track
+        contradicts are left out; at instants with one or two degrees of freedom, standard
+        deviations are divided by the square roots of Tukey's weights about the track.
     outlier : ByKind
-        Measurements that were left out, because other stations or the track contradict them.
+        Measurements that were left out because other stations or the track contradict them.
     residual : ByKind
-        Measurements less those of the trajectory, over their standard deviations.
+        Measured minus predicted values, divided by their standard deviations.
     bias : Bias or None
         Estimated biases of the stations and their standard deviations, of shape (K,); None if none
-        were estimated. 0 with the sigma inf for a station that did not measure the kind.
+        were estimated. A station that did not measure the kind has bias 0 with sigma inf.
     smoothed : SmoothedPositions or None
-        What else the smoother found: likelihood, jerk, innovations. None for local polynomials
-        and where measurements were smoothed.
+        Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
+        and for "temporal-first".
     """
 
     time: FloatArray
@@ -94,7 +94,7 @@ class Trajectory:
     def statistics(self) -> dict[Kind, FloatArray]:
         """Number, mean and root mean square of each station's residuals, of shape (K, 3).
 
-        Without those that were left out; in units of their standard deviations.
+        Measurements that were left out are not counted; residuals are in standard deviations.
         """
         return {
             kind: _statistics(residual, getattr(self.outlier, kind))
@@ -103,7 +103,7 @@ class Trajectory:
         }
 
     def __repr__(self) -> str:
-        """Tell what was found."""
+        """Return the number of located instants and the median sigma."""
         n, d = self.position.shape
         known = np.count_nonzero(~np.isnan(self.position).any(axis=-1))
         left = int(np.sum(self.outlier.count))
@@ -138,8 +138,8 @@ def reconstruct(
     Parameters
     ----------
     stations : sequence of K Station
-        Where they are, and how well they measure; positions of shape (D,) or, if they move, (N, D).
-        Axes that change need positions first.
+        Positions and standard deviations of the stations; positions of shape (D,) or, if they move,
+        (N, D). If their axes change over time, the order must be "spatial-first".
     time : array_like of shape (N,)
         Times of the instants, not decreasing.
     range, azimuth, elevation : array_like of shape (N, K), optional
@@ -149,22 +149,24 @@ def reconstruct(
     range_difference_sigma : array_like of shape (K - 1,), optional
         Their standard deviations.
     order : {"spatial-first", "temporal-first"}
-        Positions of the instants, smoothed along time; or measured series smoothed along time,
-        which then give positions. The second one does not need measurements at the same instants:
-        nan between the first and the last measurement of a station is filled.
+        "spatial-first": instants are located, then positions are smoothed over time;
+        "temporal-first": each series of measurements is smoothed over time, then positions are
+        computed. The latter does not need measurements at the same instants: nan between the first
+        and the last measurement of a station is filled.
     spatial : {"robust", "least-squares"}
-        How an instant is located.
+        How each instant is located.
     smoother : {"rts", "local-polynomial"}
-        How it is smoothed along time: `tertia.smoothing.smooth` or `local_polynomial`.
+        How positions or series are smoothed over time: by `tertia.smoothing.smooth` or
+        `local_polynomial`.
     window, degree
-        Of "local-polynomial".
+        Parameters of "local-polynomial".
     jerk : float, optional
-        Intensity of the white jerk for "rts"; by default that which is most likely. For measured
-        series it is always fitted.
+        Intensity of the white jerk for "rts"; by default the most likely one. With "temporal-first"
+        it is always fitted.
     bias : Bias, optional
-        Constant biases of the stations. A sigma of None, as in `Bias(azimuth_sigma=None)`: each
-        station's is estimated and removed, which needs positions first and "rts". Where it is 0
-        there is none.
+        Constant biases of the stations. A sigma of None, as in `Bias(azimuth_sigma=None)`, means
+        that the bias of each station is estimated and removed, which needs "spatial-first" and
+        "rts"; a sigma of 0 means that there is no bias.
     degrees : bool
         Whether the angles given here are in degrees.
     n_threads : int, optional
@@ -185,22 +187,22 @@ def reconstruct(
 
     Notes
     -----
-    With "rts" and "robust" a measurement is also left out where the rest of the track contradicts
-    it (1 % for the whole record) and the other measurements of its instant do (1 %). Instants with
+    With "rts" and "robust", a measurement is also left out if both the rest of the track (1 % for
+    the whole record) and the other measurements of its instant (1 %) contradict it. Instants with
     one or two degrees of freedom have Tukey's weights about the track. Positions are linearised
-    about the track. The uncertainty of the fitted jerk is in the covariance: the mean over
-    intensities q by likelihood, with a prior on log q proportional to q^(1/4).
+    about the track. The covariance includes the uncertainty of the fitted jerk: it is the mean over
+    the intensities q, weighted by likelihood and a prior on log q proportional to q^(1/4).
 
-    Biases: at first order biases b add A_t b to the position of an instant, with A_t its
-    least-squares solution, and (I - H_t) b to its residuals, with H_t = J_t A_t. What b is follows
-    from the residuals alone, by Tukey's weights about the track, for positions about which nothing
-    is assumed. Smoothness would add information about the biases, but a curve of the target is then
-    taken for one. Their covariance is A^-1 B A^-1, with A the slope of the scores, and B their
-    variance by the standard deviations or the residuals, whichever are larger. It grows by
-    autocorrelations of the scores where these are more than chance (Geyer 1992).
-    Errors of positions at different instants are taken as independent.
+    Biases: to first order, biases b add A_t b to the position at an instant, with A_t the matrix of
+    its least-squares solution, and (I - H_t) b to its residuals, with H_t = J_t A_t. b is estimated
+    from the residuals alone, with Tukey's weights about the track and no assumption about the
+    positions. Smoothness would add information about the biases, but a curve of the path could then
+    be mistaken for a bias. Their covariance is A^-1 B A^-1, with A the derivative of the scores,
+    and B their variance from the standard deviations or the residuals, whichever is larger. B is
+    increased by the autocorrelations of the scores if these are significant (Geyer 1992). Errors of
+    positions at different instants are assumed to be independent.
 
-    With times first, velocities are A_t times the rates of the measured series.
+    With "temporal-first", velocities are A_t times the rates of the smoothed series.
 
     Cost O(N K).
 

@@ -1,4 +1,4 @@
-"""Flight plans: the path an aircraft has filed, and how a track relates to it.
+"""Flight plans: filed paths of aircraft, and the conformance of tracks to them.
 
 A plan is a route of straight legs with fly-by turns along arcs tangent to both legs, and a ground
 speed on each leg. Positions are local east and north in metres, courses are radians clockwise from

@@ -20,15 +20,15 @@ class Conformance:
     Attributes
     ----------
     conforms : ndarray of bool, shape (N,)
-        Whether the plan can be believed: it is not blocked, and its end is ahead.
+        Whether the plan is used: it is not blocked, and its end is ahead.
     cusum : ndarray of shape (N,)
         Cumulative sum of deviations; the plan is blocked when it exceeds 14.
     along_track : ndarray of shape (N,)
-        Metres along the path, on the leg that is flown.
+        Metres along the path, on the current leg.
     cross_track : ndarray of shape (N,)
         Metres from the path, positive to the right.
     leg : ndarray of int, shape (N,)
-        Leg that is flown, or was flown when the plan was blocked; -1 where there is no plot.
+        Current leg, or the leg at which the plan was blocked; -1 where there is no plot.
     in_zone : ndarray of bool, shape (N,)
         Whether the turn at the end of the leg may be flown now.
     """
@@ -102,8 +102,8 @@ def conformance(
     Returns
     -------
     Conformance
-        For each plot the leg, the position relative to it, the cumulative sum, and whether the
-        plan can be believed.
+        For each plot the leg, the position relative to it, the cumulative sum, and whether the plan
+        is used.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def conformance(
 
     Examples
     --------
-    An aircraft that does not turn:
+    An aircraft that misses its turn:
 
     >>> import numpy as np
     >>> from tertia.flightplan import FlightPlan, conformance
@@ -158,8 +158,8 @@ def estimate_times_over(
     plan, time, position, velocity, covariance, update_interval
         As in `conformance`.
     speed_change_sigma : float
-        Standard deviation of the change of ground speed in a minute, relative to the speed of the
-        plan: wind, and the crew's choice.
+        Standard deviation of the change of ground speed in a minute, relative to the planned speed:
+        from wind and the crew's decisions.
 
     Returns
     -------
@@ -176,11 +176,12 @@ def estimate_times_over(
 
     Notes
     -----
-    The rest of the plan is flown at the mean ground speed of the last minute (weights fall by e in
-    60 s), in proportion to the planned speeds. Plots that do not conform to the plan are ignored.
-    The variance of a time tau seconds ahead is `s²/V² + tau² (r² + q tau/3)`: s² is the variance
-    of the along-track position, r² the relative variance of the mean speed, and
-    `q = speed_change_sigma²/60 s` describes the random walk of the speed.
+    The rest of the plan is assumed to be flown at the mean ground speed of the last minute
+    (exponential weights with a time constant of 60 s), in proportion to the planned speeds. Plots
+    that do not conform to the plan are ignored. The variance of a time tau seconds ahead is
+    `s²/V² + tau² (r² + q tau/3)`: s² is the variance of the along-track position, r² the relative
+    variance of the mean speed, and `q = speed_change_sigma²/60 s` describes the random walk of the
+    speed.
 
     Examples
     --------

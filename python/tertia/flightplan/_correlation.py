@@ -1,4 +1,4 @@
-"""Which plan a track flies."""
+"""Correlation of tracks with flight plans."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class CorrelationStatus(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correlation:
-    """Which plans tracks fly.
+    """The flight plans of tracks.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ def correlate(
     identity: npt.ArrayLike | None = None,
     n_threads: int | None = None,
 ) -> Correlation:
-    """Find the plans that tracks fly.
+    """Find the flight plans of tracks.
 
     Parameters
     ----------

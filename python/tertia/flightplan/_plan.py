@@ -29,7 +29,7 @@ class Turns:
     angle : ndarray of shape (N - 2,)
         Change of course in radians, positive to the right.
     radius : ndarray of shape (N - 2,)
-        Metres; smaller than bank and rate of turn demand where the legs are too short.
+        Metres; smaller than required by bank angle and turn rate if the legs are too short.
     lead : ndarray of shape (N - 2,)
         Metres from the start of the arc to the waypoint, and from the waypoint to its end.
     arc : ndarray of shape (N - 2,)
@@ -93,8 +93,8 @@ class FlightPlan:
     bank : float
         Bank angle in turns, radians.
     turn_radius : float, optional
-        In place of `bank`: radius in metres of turns at the highest speed of the plan. Slower turns
-        have the same bank.
+        Instead of `bank`: radius in metres of turns at the highest speed of the plan. Slower turns
+        have the same bank angle.
     turn_rate : float
         Largest rate of turn in radians per second.
     identity : int, optional
@@ -241,7 +241,7 @@ class FlightPlan:
         Parameters
         ----------
         time : array_like of shape (...)
-            Seconds. Before the start and after the end, the path goes straight on.
+            Seconds. Before the start and after the end, the path continues straight.
 
         Returns
         -------
@@ -352,7 +352,7 @@ def _bank(bank: float | None) -> float:
 
 
 def _turning(speed: float, turn_radius: float, rate: float) -> tuple[float, float]:
-    """Return bank and largest rate of turns of a radius at a speed."""
+    """Return bank angle and largest turn rate for turns of a radius at a speed."""
     radius = float(positive(real(turn_radius, "turn_radius"), "turn_radius"))
     return float(np.arctan2(speed**2, _GRAVITY * radius)), max(rate, speed / radius)
 
@@ -387,7 +387,7 @@ def _schedule(
 
 
 def _each(check: Any, value: npt.ArrayLike, name: str, count: int) -> FloatArray:
-    """Return `count` numbers, of which one may be given for all."""
+    """Return `count` numbers, from one number for all or an array."""
     array = check(value, name)
     if array.shape not in {(), (count,)}:
         raise ValueError(f"{name} has shape {array.shape}; it must be ({count},)")
@@ -396,7 +396,7 @@ def _each(check: Any, value: npt.ArrayLike, name: str, count: int) -> FloatArray
 
 
 def _course(direction: FloatArray) -> float | FloatArray:
-    """Return courses of directions, in [0, 2 pi)."""
+    """Return the courses of direction vectors, in [0, 2 pi)."""
     turned = np.mod(np.arctan2(direction[..., 0], direction[..., 1]), 2 * np.pi)
     # the modulus of a tiny negative angle rounds to 2 pi
     course: float | FloatArray = scalar_or_array(np.where(turned < 2 * np.pi, turned, 0.0))

@@ -1,4 +1,4 @@
-"""Tracks as the functions of flight plans take them."""
+"""Checks of the tracks that are compared with flight plans."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def tracks_of(
     covariance: npt.ArrayLike | None,
     height: npt.ArrayLike | None = None,
 ) -> dict[str, Any]:
-    """Return tracks as the core takes them, with shapes that match."""
+    """Return tracks as arrays of matching shapes for the core."""
     instants = samples(time, "time")
     if instants.ndim < 1:
         raise ValueError("time is a single number; it must be (..., N)")
