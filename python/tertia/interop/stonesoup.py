@@ -56,7 +56,7 @@ def radar(model: Any, scan_period: float, **options: Any) -> Radar:
     scan_period : float
         Seconds of one antenna rotation.
     **options
-        As of `tertia.tracker.Radar`.
+        See `tertia.tracker.Radar`.
 
     Returns
     -------
@@ -186,7 +186,7 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
     scan_period : float
         Seconds of one antenna rotation.
     options : mapping, optional
-        As of `tertia.tracker.Tracker`.
+        See `tertia.tracker.Tracker`.
 
     Notes
     -----

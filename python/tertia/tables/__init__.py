@@ -1,13 +1,13 @@
-"""Records: tables in, tables out. What the commands do with files, for tables in memory.
+"""Tables: the same functions as the commands, for tables in memory.
 
-A table is a DataFrame of Polars or pandas, or a Table or RecordBatch of pyarrow; what comes back is
-of the same kind. Needs the extra `tables` (Polars); pandas needs pyarrow besides. What is wrong
-with a record is a `RecordError`, which has its row and column; what looks wrong, as radians in a
-column of degrees, is a `RecordWarning`.
+A table is a DataFrame of Polars or pandas, or a Table or RecordBatch of pyarrow; results are of the
+same kind. Needs the extra `tables` (Polars); pandas also needs pyarrow. An error in a record is a
+`RecordError`, which has its row and column; values that look wrong, such as radians in a column of
+degrees, cause a `RecordWarning`.
 
-Groups are independent of each other, so a recording may be cut between them: every function here is
-one for `map_partitions` of Dask and `map_batches` of Ray, and `stream` makes it one for an iterator
-of record batches, as `mapInArrow` of Spark and readers of large files have.
+Groups are independent of each other, so a recording may be divided between them: every function
+here can be passed to `map_partitions` of Dask and `map_batches` of Ray. With `stream` it can also
+be applied to an iterator of record batches, as in `mapInArrow` of Spark and readers of large files.
 """
 
 from tertia.tables._bearing import bearing

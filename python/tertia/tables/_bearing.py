@@ -21,7 +21,7 @@ _NONE = np.empty((0, 5))
 
 @dataclass(frozen=True, slots=True)
 class Bearings:
-    """The estimates of all groups, a row each, and the measurements that they were made of."""
+    """The estimates of all groups, one row each, and their measurements."""
 
     rows: pl.DataFrame
     groups: Layout
@@ -50,33 +50,33 @@ def bearing(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per measurement, those of a group in the order in which they came.
+        One row per measurement, within a group in the order of measurement.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     values : str
         Column of the measurements; missing ones (null, nan) are left out and counted.
     by : str or sequence of str
         Columns by whose values the rows are grouped; by default all rows are one group.
     **options
-        As of `tertia.bearing.estimate_bearing`, but `nan_policy`.
+        Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`.
 
     Returns
     -------
     table of the same kind
-        A row per group, in the order of their first measurements: `by`, then `count` and `missing`
-        measurements, the estimate and its sigma (`azimuth_deg`, `azimuth_sigma_deg`),
-        `outlier_count`, `polarity`, and a `note` if there is no estimate. Without rows where there
-        were none.
+        One row per group, in the order of their first measurements: `by`, the numbers of
+        measurements (`count`) and of missing ones (`missing`), the estimate and its sigma
+        (`azimuth_deg`, `azimuth_sigma_deg`), `outlier_count`, `polarity`, and a `note` if there is
+        no estimate. An empty table gives an empty result.
 
     Raises
     ------
     RecordError
-        A column that is not there, has the name of a result or holds no numbers, or a measurement
+        A column that is missing, has the name of a result or holds no numbers, or a measurement
         that is infinite.
     ValueError
         An option outside its domain.
     TypeError
-        A table of another kind, or an option of the wrong type.
+        A table of an unsupported kind, or an option of the wrong type.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def bearings_of(
     by: str | Sequence[str] = (),
     **options: Any,
 ) -> Bearings:
-    """Return the estimates of all groups with what they were made of; see `bearing`."""
+    """Return the estimates of all groups with their measurements; see `bearing`."""
     estimate_bearing(_NONE, **options)
     keys, sigma = as_names(by), column_name(values, "sigma")
     names = ("count", "missing", values, sigma, "outlier_count", "polarity", "note")

@@ -55,7 +55,7 @@ _TRUTH_ON_EARTH: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Figures of all tracks (`figure`, `value`, `unit`), a row per target, and their sources."""
+    """Measures of all tracks (`figure`, `value`, `unit`), one row per target, and sources."""
 
     rows: pl.DataFrame
     targets: pl.DataFrame
@@ -76,35 +76,34 @@ def evaluate(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        Tracks as `track` returns them: `time_s`, `track`, `east_m`, `north_m`; and if they are
-        there, `plot`, `confirmed`, `sensor`, velocities, sigmas and the covariance.
+        Tracks as returned by `track`: `time_s`, `track`, `east_m`, `north_m`; and, if available,
+        `plot`, `confirmed`, `sensor`, velocities, sigmas and the covariance.
     truth : table
-        Where targets were: `time_s`, `target`, and `east_m` and `north_m`, or `latitude_deg` and
-        `longitude_deg`.
+        Positions of the targets: `time_s`, `target`, and `east_m` and `north_m`, or `latitude_deg`
+        and `longitude_deg`.
     columns : mapping of str to str, optional
-        How columns of the tracks are called in their table, by these names.
+        Names of the columns in the table of tracks, by these standard names.
     origin : (float, float), optional
-        Latitude and longitude in degrees where east and north of the tracks are zero, for a truth
-        in degrees.
+        Latitude and longitude in degrees of the origin of the tracks, for a truth in degrees.
     max_distance : float
-        A track farther from a target, in metres, is not its track.
+        Largest distance in metres at which a track can belong to a target.
     update_interval : float, optional
         Required seconds between updates; by default those of the fastest sensor.
 
     Returns
     -------
     table of the same kind
-        Names of the figures, their values, and units.
+        Names of the measures, their values, and units.
 
     Raises
     ------
     RecordError
-        A column that is not there, a cell that cannot be understood, or a covariance that is not
+        A missing column, a cell that cannot be understood, or a covariance that is not
         positive definite.
     ValueError
         An argument outside its domain, or one that is needed.
     TypeError
-        A table of another kind.
+        A table of an unsupported kind.
 
     Examples
     --------
@@ -137,7 +136,7 @@ def evaluation_of(
     max_distance: float = 1000.0,
     update_interval: float | None = None,
 ) -> Evaluation:
-    """Return the figures of all tracks and of each target; see `evaluate`."""
+    """Return the measures of all tracks and of each target; see `evaluate`."""
     distance = float(positive(real(max_distance, "max_distance"), "max_distance"))
     interval = update_interval
     if interval is not None:
@@ -167,7 +166,7 @@ def evaluation_of(
 
 
 def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = None) -> Truth:
-    """Return the truth in the seconds of plots; `origin` is that of their east and north."""
+    """Return the truth in the time scale of plots; `origin` is where east and north are 0."""
     records = _read_truth(source)
     times = records.rows["time"]
     if isinstance(times.dtype, pl.Datetime) != clock.dated:

@@ -1,4 +1,4 @@
-"""Tables of pandas, Polars and pyarrow: their columns, and the way back."""
+"""Conversion of tables of pandas, Polars and pyarrow, in both directions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Table = TypeVar("Table")
 
 
 def result(table: Any, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Any:
-    """Return a result as a table of the same kind; `keys` have the types that they have there."""
+    """Return a result as a table of the same kind; `keys` keep their column types."""
     if isinstance(table, (pl.DataFrame, list)):
         return frame
     if _is_of("pandas", "DataFrame", table):
@@ -117,13 +117,13 @@ def names(table: Any) -> list[Any]:
 
 
 def _is_of(library: str, name: str, table: Any) -> bool:
-    """Return whether it is a table of a library, which is not imported for that."""
+    """Return whether a table is of a library, without importing the library."""
     module = sys.modules.get(library)
     return module is not None and isinstance(table, getattr(module, name))
 
 
 def _like(table: Any, result: Any) -> Any:
-    """Return a pyarrow Table as what `table` is."""
+    """Return a pyarrow Table as a table of the same kind as `table`."""
     if _is_of("pyarrow", "Table", table):
         return result
     whole = result.combine_chunks().to_batches()

@@ -43,14 +43,14 @@ _OF_SENSOR = (pl.Float64, pl.Float64, pl.Boolean)
 
 @dataclass(frozen=True, slots=True)
 class FusedTarget:
-    """A target, the variances of its plots as stated, and its track."""
+    """A target, the stated variances of its plots, and its track."""
 
     target: Target
     variance: FloatArray
     result: FusedSeries
 
     def rows(self, sensors: Sequence[str], columns: Sequence[str]) -> pl.DataFrame:
-        """Return one row per time, null for what is not known, with the columns of all sensors."""
+        """Return one row per time with the columns of all sensors; unknown values are null."""
         target, result = self.target, self.result
         cells: list[pl.Series] = [target.moments]
         for component in range(3):
@@ -94,7 +94,7 @@ class FusedTarget:
 
 @dataclass(frozen=True, slots=True)
 class Fusion:
-    """The tracks of all targets, and what was fitted for them."""
+    """The tracks of all targets, and the fitted parameters."""
 
     targets: list[FusedTarget]
     rows: pl.DataFrame
@@ -121,30 +121,30 @@ def fuse_series(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot, in any order: `time_s` (seconds, or dates with time), `sensor`, the
-        angle, and perhaps its sigma (`azimuth_sigma_deg`). A missing plot (null, nan) leaves a time
-        at which the track is estimated all the same.
+        One row per plot, in any order: `time_s` (seconds, or dates with time), `sensor`, the angle,
+        and optionally its sigma (`azimuth_sigma_deg`). At the time of a missing plot (null, nan)
+        the track is still estimated.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     values : str
         Column of the angle.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into targets; by default all are of one.
+        Columns whose values group the rows into targets; by default all rows are one target.
     sensors : sequence of str, optional
-        All sensors, where the table may hold plots of some of them alone: the result has columns
-        for each. By default those of the table.
+        All sensors, if the table may contain plots of only some of them: the result has columns for
+        each. By default the sensors in the table.
     sigma : float or mapping, optional
-        Stated standard deviation of the plots, one for all or one per sensor, in place of what the
-        table says. What neither of them says is fitted from the whole table.
+        Stated standard deviation of the plots, one for all or one per sensor, instead of the values
+        in the table. If neither is given, it is fitted to the whole table.
     alpha, acceleration_sigma : float, optional
-        One over the time in which accelerations fade, and their standard deviation; by default
-        fitted.
+        Inverse of the time constant of the acceleration, and standard deviation of the
+        acceleration; by default fitted.
     period : float or None
         360.0 for degrees, 2*pi for radians, None for data that do not wrap.
     method : str
-        As of `tertia.fusion.fuse_series`.
+        See `tertia.fusion.fuse_series`.
     **options
-        As of `tertia.fusion.fuse_series`.
+        See `tertia.fusion.fuse_series`.
 
     Returns
     -------
@@ -152,19 +152,19 @@ def fuse_series(
         One row per target and time: `by`, `time_s`, the angle, its rate and its acceleration, each
         with its sigma (`azimuth_deg`, `azimuth_sigma_deg`, `azimuth_rate_deg_s` ...), and for each
         sensor its weight, its estimated sigma and whether its plot is an outlier (`weight_A`,
-        `azimuth_sigma_A_deg`, `outlier_A`); null where nothing is known. Without rows where there
-        were none.
+        `azimuth_sigma_A_deg`, `outlier_A`); unknown values are null. An empty table gives an empty
+        result.
 
     Raises
     ------
     RecordError
-        A column that is not there, holds no numbers or is given for two purposes, a plot without a
+        A column that is missing, holds no numbers or is given for two purposes, a plot without a
         time or sensor, two plots of one target by one sensor at one time, or too little to fit what
         is not given.
     ValueError
         An option outside its domain.
     TypeError
-        A table of another kind, or an option of the wrong type.
+        A table of an unsupported kind, or an option of the wrong type.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def fusion_of(
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Fusion:
-    """Return the tracks of all targets with what they were made of; see `fuse_series`."""
+    """Return the tracks of all targets with their plots; see `fuse_series`."""
     given = Given(_stated(sigma), alpha, acceleration_sigma)
     options["period"] = period
     model = SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True)
@@ -275,7 +275,7 @@ def _plots(
     by: Sequence[str],
     given: Given,
 ) -> Records:
-    """Read the plots, and refuse those that the library could not take."""
+    """Read the plots, and refuse those that cannot be fused."""
     sigma = column_name(values, "sigma")
     schema = {
         "time": TIME,
@@ -366,7 +366,7 @@ def _fuse(target: Target, noise: Noise, options: Mapping[str, Any]) -> FusedTarg
 
 
 def _nothing(table: Any, empty: pl.DataFrame, time: str, by: list[str]) -> pl.DataFrame:
-    """Return a track without rows, with the types that it would have."""
+    """Return a track without rows, with the usual column types."""
     if isinstance(table, list) or time not in names(table):
         return empty
     kinds: dict[str, Any] = {

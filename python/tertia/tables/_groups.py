@@ -22,7 +22,7 @@ UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Which rows belong to which group: `order` has those of the first group, then the next."""
+    """The rows of each group: `order` lists those of the first group, then those of the next."""
 
     keys: pl.DataFrame
     order: IntArray
@@ -46,7 +46,7 @@ def as_names(by: str | Sequence[str]) -> list[str]:
 
 
 def layout(frame: pl.DataFrame, count: int) -> Layout:
-    """Lay rows out by the values of columns, in the order in which these first appear."""
+    """Group rows by the values of columns, in the order in which these first appear."""
     if not frame.width or not count:
         lengths = np.array([count] if count else [], dtype=np.int64)
         return Layout(frame.head(len(lengths)), np.arange(count), lengths)
@@ -61,7 +61,7 @@ def layout(frame: pl.DataFrame, count: int) -> Layout:
 
 
 def group_name(keys: pl.DataFrame) -> str:
-    """Return what a group is called: the columns it was made by, with their values."""
+    """Return the name of a group: its columns with their values."""
     cells = zip(keys.columns, keys.row(0), strict=True) if keys.width else ()
     return ", ".join(f"{column} {'' if v is None else v}" for column, v in cells)
 
@@ -72,19 +72,19 @@ def prefixed(name: str, error: object) -> str:
 
 
 def beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with the keys of its group in every row."""
+    """Return the table with the keys of its group added to every row."""
     return keys.join(table, how="cross") if keys.width else table
 
 
 def known(values: npt.ArrayLike, there: BoolArray | None = None) -> pl.Series:
-    """Return numbers, null where they are not known: by default where they are not finite."""
+    """Return numbers, null where they are unknown: by default where they are not finite."""
     array = np.asarray(values)
     absent = ~np.isfinite(array) if there is None else ~np.asarray(there)
     return pl.Series(array).set(pl.Series(absent), None)
 
 
 def named(numbers: IntArray, names: Sequence[str]) -> pl.Series:
-    """Return names by their numbers, null where the number is -1."""
+    """Return the names with these numbers, null where the number is -1."""
     # the last one is that of -1
     chosen = np.array([*names, None], dtype=object)[numbers]
     return pl.Series(chosen.tolist(), dtype=pl.String)
@@ -93,7 +93,7 @@ def named(numbers: IntArray, names: Sequence[str]) -> pl.Series:
 def column_name(column: str, *qualifiers: str, per: str = "") -> str:
     """Return the name of a column with qualifiers before its unit: azimuth_sigma_deg.
 
-    `per` is what is added to the unit, as `_s` for a rate.
+    `per` is added to the unit, for example `_s` for a rate.
     """
     unit = next((unit for unit in UNITS if column.endswith(f"_{unit}")), None)
     if unit is None:
@@ -104,10 +104,10 @@ def column_name(column: str, *qualifiers: str, per: str = "") -> str:
 def by_length(
     lengths: IntArray, call: Callable[[IntArray], Found]
 ) -> Iterator[tuple[IntArray, Found | ValueError]]:
-    """Call with the elements of groups of the same length at once, `(groups, length)`.
+    """Call a function for all groups of the same length at once, `(groups, length)`.
 
-    Where this fails, each group is called with alone, `(1, length)`: one bad group is no reason to
-    do nothing for the others. Yields which groups, and the result or why there is none.
+    If this fails, the function is called for each group alone, `(1, length)`, because one bad group
+    must not affect the others. Yields the groups and their result, or the reason if there is none.
     """
     starts = np.cumsum(lengths) - lengths
     ranked = np.argsort(lengths, kind="stable")

@@ -1,4 +1,4 @@
-"""Positions at single instants from what several stations measured."""
+"""Positions at single instants from the measurements of several stations."""
 
 from __future__ import annotations
 
@@ -44,38 +44,38 @@ def locate(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per sensor and time, in any order: `time_s` (seconds, or dates with time), `sensor`,
-        and any of `range_m`, `azimuth_deg`, `elevation_deg` and `range_difference_m` (to the first
-        sensor), with their sigmas (`range_sigma_m`) where they are not those of the sensor; or one
-        row per measurement, with `kind`, `value` and `sigma`. Measurements of equal times make an
-        instant.
+        and any of `range_m`, `azimuth_deg`, `elevation_deg` and `range_difference_m` (from the
+        first sensor), with their sigmas (`range_sigma_m`) if they differ from those of the sensor;
+        or one row per measurement, with `kind`, `value` and `sigma`. Measurements with equal times
+        form an instant.
     sensors : sequence of Station
-        The stations, with the names that the table has.
+        The stations, with the names used in the table.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into targets; by default all are of one.
+        Columns whose values group the rows into targets; by default all rows are one target.
     method : str
-        As of `tertia.location.locate`.
+        See `tertia.location.locate`.
     initial : array_like, optional
-        A position near the targets, where several explain the measurements.
+        A position near the targets, to select one of several that fit the measurements.
 
     Returns
     -------
     table of the same kind
         One row per target and time: `by`, `time_s`, the position with its sigmas and covariances
         (`east_m`, `east_sigma_m`, `covariance_east_north_m2`), `measurement_count`,
-        `degrees_of_freedom`, `pvalue`, `outlier_count`, `outlier_measurement` (which), and a
-        `status` where there is no position; null where nothing is known.
+        `degrees_of_freedom`, `pvalue`, `outlier_count`, `outlier_measurement` (their names), and a
+        `status` if there is no position; unknown values are null.
 
     Raises
     ------
     RecordError
-        A column that is not there, a cell that cannot be understood, a measurement that cannot be
+        A missing column, a cell that cannot be understood, a measurement that cannot be
         or comes twice, or a sigma that is not stated.
     ValueError
         An option outside its domain.
     TypeError
-        A table of another kind.
+        A table of an unsupported kind.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def locations_of(
     initial: npt.ArrayLike | None = None,
     progress: Progress[Target] = iter,
 ) -> Positions[Location]:
-    """Return the positions of all targets with what they were made of; see `locate`."""
+    """Return the positions of all targets with their measurements; see `locate`."""
     stations = sensors_of(sensors)
     targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
     start = None if initial is None else np.asarray(initial, dtype=np.float64)

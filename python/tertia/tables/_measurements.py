@@ -53,9 +53,9 @@ SCHEMA: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What was measured of one target at N times by K stations, in metres and radians.
+    """Measurements of one target at N times by K stations, in metres and radians.
 
-    `rows` has the measurements one by one, in the units of the columns, with `step` and `site`.
+    `rows` has one measurement per row, in the units of the columns, with `step` and `site`.
     `values` and `sigmas` are (N, K) for each kind, nan where there is none.
     """
 
@@ -68,14 +68,14 @@ class Target:
     sigmas: dict[Kind, FloatArray]
 
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
-        """Yield each kind with the times and stations of its measurements, and which rows."""
+        """Yield each kind with the times, stations and rows of its measurements."""
         for kind in self.values:
             own = (self.rows["kind"] == kind).to_numpy()
             rows = self.rows.filter(own)
             yield kind, rows["step"].to_numpy(), rows["site"].to_numpy(), own
 
     def measured(self) -> dict[str, FloatArray]:
-        """Return the measurements as the library takes them."""
+        """Return the measurements as the arguments of `locate` and `reconstruct`."""
         return {str(kind): taken(kind, values) for kind, values in self.values.items()}
 
     def all_sigmas(
@@ -83,7 +83,7 @@ class Target:
     ) -> dict[Kind, FloatArray]:
         """Return a sigma for every measurement, (N, K): its own, or that of its station.
 
-        Where `optional`, nothing is returned if none is stated for the only kind that was measured.
+        If `optional`, None is returned if no sigma is stated for the only kind that was measured.
         """
         found = {}
         for kind, values in self.values.items():
@@ -102,7 +102,7 @@ class Target:
 
 
 def taken(kind: Kind, array: FloatArray) -> FloatArray:
-    """Return the columns that the library takes: differences are those to the first station."""
+    """Return the columns without the first station for range differences."""
     return array[:, 1:] if kind == "range_difference" else array
 
 
@@ -122,9 +122,9 @@ def read_targets(
     by: str | Sequence[str] = (),
     results: Sequence[str] = (),
 ) -> list[Target]:
-    """Return what was measured of each target, sorted by time.
+    """Return the measurements of each target, sorted by time.
 
-    A row in which nothing was measured remains for its time.
+    A row without measurements keeps its time.
     """
     records = read(
         source, SCHEMA, columns=columns, by=as_names(by), sensors=sensors.names, results=results
@@ -168,7 +168,7 @@ def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
 
 
 def _one_by_one(records: Records) -> pl.DataFrame:
-    """Return one row per measurement, and of a record without any one without a kind."""
+    """Return one row per measurement; a row without measurements is kept without a kind."""
     rows = records.rows.with_row_index("record").rename({"sensor": "site"})
     place = ["record", "part", "row", "time", "site"]
     long = rows.filter(pl.col("kind").is_not_null() | pl.col("value").is_not_nan())
@@ -193,7 +193,7 @@ def _one_by_one(records: Records) -> pl.DataFrame:
 
 
 def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
-    """Refuse what is outside its domain, a second measurement, or no difference."""
+    """Refuse values outside their domain, duplicates, and differences of the first station."""
     rows = measured.filter(pl.col("kind").is_not_null())
     one = Records(rows, records.column, records.source, records.by)
     kind, value = pl.col("kind"), pl.col("value")

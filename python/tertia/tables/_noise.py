@@ -1,4 +1,4 @@
-"""What is assumed of plots and motion: as given, else fitted from the recording."""
+"""The noise of plots and the motion of targets: given, or fitted to the recording."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What the caller says: sigmas by sensor (None: all others), and of the motion."""
+    """Given values: sigmas by sensor (None: all others), and the parameters of the motion."""
 
     sigmas: dict[str | None, float]
     alpha: float | None
@@ -52,7 +52,7 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A number that was fitted, its relative error, and whose plots it is from."""
+    """A fitted number, its relative error, and the sensors whose plots were used."""
 
     name: str
     value: float
@@ -63,14 +63,14 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """The motion of the targets, the sigmas that replace those of plots, and what was fitted."""
+    """The motion of the targets, the sigmas used instead of those of plots, and fitted values."""
 
     model: SingerModel
     sigmas: dict[str, float]
     fitted: list[Fitted]
 
     def variance(self, sensors: Sequence[str], sigma: FloatArray) -> FloatArray:
-        """Return variances of plots whose own sigmas are (K, steps), nan where there is none."""
+        """Return variances of plots from their own sigmas (K, steps), nan if there is none."""
         found = sigma.copy()
         for own, name in zip(found, sensors, strict=True):
             known = own[~np.isnan(own)]
@@ -85,7 +85,7 @@ class Noise:
 def settle(
     targets: Sequence[Target], sensors: Sequence[str], given: Given, period: float | None
 ) -> Noise:
-    """Fit what is not given; raises RecordError where there is too little for that."""
+    """Fit the values that are not given; raises RecordError if there are too few plots."""
     sigmas = {name: given.sigma(name) for name in sensors}
     stated = {
         name
@@ -121,7 +121,7 @@ def settle(
 def _fit(
     targets: Sequence[Target], sensors: Sequence[str], period: float | None
 ) -> tuple[dict[str, SensorFit], dict[str, str]]:
-    """Return the fits of sensors that can be fitted, and why others cannot."""
+    """Return the fits of sensors, and the reasons why others cannot be fitted."""
     fits, problems = {}, {}
     for name in sensors:
         series = [
@@ -152,7 +152,7 @@ def _motion(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """The noise of a sensor, and of the motion as it sees it, without its outliers."""
+    """The noise of a sensor and of the motion it observed, without outliers."""
 
     sensor: str
     noise: NoiseFit
@@ -180,7 +180,7 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
 def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
     """Return the fit that determines the motion best.
 
-    All sensors see the same motion, so averaging their fits would hardly say more.
+    All sensors observe the same motion, so averaging their fits would hardly add information.
     """
     return min(fits, key=lambda fit: fit.motion_error)
 

@@ -39,10 +39,10 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Located(Generic[R]):
-    """A target, what the library found, how its instants were located, and its measurements.
+    """A target, its estimates, how its instants were located, and its measurements.
 
-    `measurements` have whitened residuals and whether they are outliers, null where not known;
-    `step` numbers the times. `rows` has one row per time, and `sensors` one per sensor and kind.
+    `measurements` have whitened residuals and outlier flags, null where unknown; `step` is the
+    index of the time. `rows` has one row per time, and `sensors` one per sensor and kind.
     """
 
     target: Target
@@ -55,7 +55,7 @@ class Located(Generic[R]):
 
 @dataclass(frozen=True, slots=True)
 class Positions(Generic[R]):
-    """What was found of all targets."""
+    """The results for all targets."""
 
     targets: list[Located[R]]
     stations: Sensors[Station]
@@ -80,7 +80,7 @@ class Positions(Generic[R]):
 
 
 def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
-    """Return the names of columns of results, with those of further vectors (prefix, unit)."""
+    """Return the names of result columns, including further vectors (prefix, unit)."""
     space = np.zeros((0, 3, 3))
     vectors = [coordinates(space[..., 0], space, *form) for form in [("", "m"), *motion]]
     return [
@@ -122,7 +122,7 @@ def of_measurements(
     outliers: ByKind,
     fixes: Location,
 ) -> pl.DataFrame:
-    """Return the measurements with their residuals, and whether they are outliers."""
+    """Return the measurements with their residuals and outlier flags."""
     residual = np.full(target.rows.height, np.nan)
     outlier = np.zeros(target.rows.height, dtype=bool)
     for kind, step, site, own in target.by_kind():
@@ -143,7 +143,7 @@ def of_measurements(
 
 
 def of_instants(target: Target, measurements: pl.DataFrame, fixes: Location) -> dict[str, Any]:
-    """Return columns of how each instant was located, null where it was not."""
+    """Return the columns on how each instant was located, null if it was not."""
     located = pl.Series(np.asarray(fixes.success))
     outliers = measurements.filter("outlier")
     listed = outliers.group_by("step").agg(
@@ -174,7 +174,7 @@ def reason(status: int) -> str | None:
 
 
 def of_sensors(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
-    """Return one row per sensor and kind: mean and rms are those without outliers."""
+    """Return one row per sensor and kind; mean and rms exclude outliers."""
     kept = pl.col("residual").filter(~pl.col("outlier").fill_null(False))
     order = {kind: number for number, kind in enumerate(UNITS)}
     found = (

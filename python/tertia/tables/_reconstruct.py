@@ -1,4 +1,4 @@
-"""Paths of targets from what several stations measured."""
+"""Paths of targets from the measurements of several stations."""
 
 from __future__ import annotations
 
@@ -46,16 +46,16 @@ def reconstruct(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, or per measurement, as for `locate`. A sensor and kind has one
-        sigma.
+        One row per sensor and time, or per measurement, as for `locate`. Each sensor has one sigma
+        per kind.
     sensors : sequence of Station
-        The stations, with the names that the table has.
+        The stations, with the names used in the table.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into targets; by default all are of one.
+        Columns whose values group the rows into targets; by default all rows are one target.
     **options
-        As of `tertia.trajectory.reconstruct`.
+        See `tertia.trajectory.reconstruct`.
 
     Returns
     -------
@@ -66,11 +66,11 @@ def reconstruct(
     Raises
     ------
     RecordError
-        As `locate`; or sigmas that change, or too little to reconstruct a path.
+        As for `locate`; also sigmas that change, or too few measurements to reconstruct a path.
     ValueError
         An option outside its domain.
     TypeError
-        A table of another kind, or an option of the wrong type.
+        A table of an unsupported kind, or an option of the wrong type.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def paths_of(
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Positions[Trajectory]:
-    """Return the paths of all targets with what they were made of; see `reconstruct`."""
+    """Return the paths of all targets with their measurements; see `reconstruct`."""
     stations = sensors_of(sensors)
     results = result_names(_MOTION)
     targets = read_targets(source, stations, columns=columns, by=by, results=results)
@@ -167,7 +167,7 @@ def _constant(target: Target, sensors: Sensors[Station]) -> dict[Kind, FloatArra
 def _rows(
     target: Target, sensors: Sensors[Station], found: Trajectory, measured: pl.DataFrame
 ) -> pl.DataFrame:
-    """Return one row per time, null for what is not known."""
+    """Return one row per time, with null for unknown values."""
     d = found.position.shape[1]
     parts = [found.covariance[:, i * d : (i + 1) * d, i * d : (i + 1) * d] for i in range(3)]
     rows = {
@@ -183,7 +183,7 @@ def _rows(
 
 
 def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> pl.DataFrame:
-    """Return the sensors with the biases that were estimated, in the units of the columns."""
+    """Return the sensors with the estimated biases, in the units of the columns."""
     if found.bias is None:
         return table
     cells: dict[tuple[str, str], tuple[float, float]] = {}

@@ -1,7 +1,7 @@
-"""Records of every kind: one reader for tables and files, by a schema, and one error.
+"""Records of every kind: one reader for tables and files, controlled by a schema, and one error.
 
-A schema names the quantities of a record, the columns that may hold each, and their units. What a
-table calls its columns otherwise, `columns` says.
+A schema lists the quantities of a record, the columns that may hold each, and their units.
+`columns` maps standard column names to those of a table.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ class RecordError(ValueError):
     Attributes
     ----------
     reason : str
-        What is wrong.
+        The error.
     file : str or None
         The file; None for a table in memory.
     row : int or None
-        The row, from 0 on; None where the file or table as a whole is wrong.
+        The row, from 0; None if the file or table as a whole is wrong.
     line : int or None
-        The line of a text file, from 1 on.
+        The line of a text file, from 1.
     column : str or None
-        The column, as it is called there.
+        The column, by its name in the file or table.
     """
 
     def __init__(
@@ -87,11 +87,11 @@ class RecordError(ValueError):
 
 
 class ColumnError(RecordError):
-    """A column that is not there, or that is given for two purposes."""
+    """A column that is missing, or that is given for two purposes."""
 
 
 class RecordWarning(UserWarning):
-    """Records that look wrong, as radians in a column of degrees."""
+    """Records that look wrong, such as radians in a column of degrees."""
 
 
 def doubt(message: str) -> None:
@@ -101,10 +101,11 @@ def doubt(message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A quantity: the columns that may hold it, of which the first that is there counts.
+    """A quantity: the columns that may hold it, of which the first one present is used.
 
-    Each column has the factor to the unit of the library (for identities the base). `required`:
-    one of the columns must be there. `whole`: no cell may be missing. `positive`: numbers must be.
+    Each column has a factor to the unit of the library (for identities, the base). `required`: one
+    of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
+    positive.
     """
 
     kind: Kind
@@ -130,8 +131,9 @@ SENSOR = Field("name", {"sensor": 1.0}, whole=True)
 class Part:
     """A table, or the rows of one file.
 
-    `line` is the line of the first row where a file has lines, `rows` are the places of the rows in
-    the file where some were left out. `sensors` is what the file says of its sensors, by name.
+    `line` is the line of the first row if a file has lines, `rows` are the positions of the rows in
+    the file if some were left out. `sensors` is the information in the file about its sensors, by
+    name.
     """
 
     table: Any
@@ -153,7 +155,7 @@ class Part:
         return RecordError(reason, file=self.file, row=place, line=line, column=column)
 
     def require(self, *columns: str) -> None:
-        """Refuse a table in which none of the columns is there."""
+        """Refuse a table without any of the columns."""
         if not any(column in names(self.table) for column in columns):
             raise ColumnError(
                 f"{self.called} has no column {' or '.join(columns)}; {self.listed()}",
@@ -161,7 +163,7 @@ class Part:
             )
 
     def listed(self) -> str:
-        """Return which columns there are, in words."""
+        """Return the available columns, in words."""
         there = [str(name) for name in names(self.table)]
         listed = f"it has {', '.join(there)}"
         for separator, name in ((";", "semicolons"), ("\t", "tabs")):
@@ -174,7 +176,7 @@ Source: TypeAlias = Sequence[Part]
 
 
 def source_of(table: Any) -> Source:
-    """Return the parts of what may be a table, or files that were read."""
+    """Return the parts of a table, or of files that were read."""
     if isinstance(table, list) and all(isinstance(one, Part) for one in table):
         return table
     names(table)  # refuses what is no table
@@ -185,8 +187,8 @@ def source_of(table: Any) -> Source:
 class Records:
     """The rows of all parts by quantity, in the units of the library; numbers are nan if missing.
 
-    `rows` has `part` and `row` besides, where each row is. `column` says in which column of the
-    files a quantity is, and `by` has the columns that group the rows.
+    `rows` also has `part` and `row`, the origin of each row. `column` gives the column of the files
+    that holds a quantity, and `by` has the columns that group the rows.
     """
 
     rows: pl.DataFrame
@@ -212,10 +214,10 @@ def read(
     sensors: Sequence[str] | None = None,
     results: Sequence[str] = (),
 ) -> Records:
-    """Read records by their schema; `columns` says what a table calls them.
+    """Read records by their schema; `columns` maps standard names to those of a table.
 
-    With the names of `sensors`, the quantity `sensor` is their number. `results` are names that
-    columns of `by` must not have.
+    If the names of `sensors` are given, the quantity `sensor` is their index. `results` are names
+    that columns of `by` must not have.
     """
     called = _called(schema, columns, by, results)
     readers = [Reader(part, schema, called, sensors) for part in source]
@@ -233,7 +235,7 @@ def _called(
     by: Sequence[str],
     results: Sequence[str],
 ) -> dict[str, str]:
-    """Return what columns are called, and refuse names for two purposes."""
+    """Return the names of columns, and refuse names for two purposes."""
     called = dict(columns or {})
     known = list(dict.fromkeys([name for one in schema.values() for name in one.columns]))
     for name in called:
@@ -274,7 +276,7 @@ def _require_alike(first: Reader, other: Reader) -> None:
 
 
 def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
-    """Return columns as text where not all files agree on what they are."""
+    """Return columns as text unless all files agree on their types."""
     for name in frames[0].columns:
         if len({frame[name].dtype for frame in frames}) > 1:
             frames = [frame.with_columns(pl.col(name).cast(pl.String)) for frame in frames]
@@ -282,7 +284,7 @@ def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
 
 
 def kind_of_times(times: pl.Series) -> str:
-    """Return what times are, in words."""
+    """Return the kind of times, in words."""
     if not isinstance(times.dtype, pl.Datetime):
         return "numbers"
     return "dates" if times.dtype.time_zone is None else "dates with a time zone"
@@ -291,8 +293,8 @@ def kind_of_times(times: pl.Series) -> str:
 class Reader:
     """Reads the columns of one part.
 
-    `problems` is None where the first bad row is an error, otherwise it takes the reason of each.
-    `like` are times whose kind those of this part must have.
+    If `problems` is None, the first bad row is an error; otherwise the reason of each is added to
+    it. `like` are times whose kind must be the same as in this part.
     """
 
     def __init__(
@@ -321,7 +323,7 @@ class Reader:
         return pl.DataFrame(found | place)
 
     def groups(self, by: Sequence[str]) -> pl.DataFrame:
-        """Return the columns that group the rows, as they are."""
+        """Return the columns that group the rows, unchanged."""
         for name in by:
             self.part.require(self.called.get(name, name))
         return pl.DataFrame(
@@ -469,7 +471,7 @@ class Reader:
 
 
 def _absent(kind: Kind, count: int) -> pl.Series:
-    """Return the cells of a column that is not there."""
+    """Return the cells of a missing column."""
     if kind == "number":
         return pl.repeat(math.nan, count, dtype=pl.Float64, eager=True)
     if kind == "identity":
@@ -478,7 +480,7 @@ def _absent(kind: Kind, count: int) -> pl.Series:
 
 
 def _moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Series:
-    """Return dates with times of ISO 8601, of the kind that the first one is; null elsewhere."""
+    """Return ISO 8601 dates with times, of the same kind as the first one; null elsewhere."""
     column = column.str.replace(" ", "T", literal=True)
     if zoned is None:
         zoned = pl.Series([(first or "").replace(" ", "T")]).str.contains(_OFFSET)[0]
@@ -491,13 +493,13 @@ def _moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Ser
 
 
 def without_marks(column: pl.Series) -> pl.Series:
-    """Return text without spaces around it, null where it says that there is nothing."""
+    """Return text without surrounding spaces, null if it marks a missing value."""
     column = column.str.strip_chars()
     return column.set(column.str.to_lowercase().is_in(MARKS).fill_null(False), None)
 
 
 def is_mark(text: str) -> bool:
-    """Return whether a text says that there is nothing."""
+    """Return whether a text marks a missing value."""
     return text.strip().lower() in MARKS
 
 
@@ -525,7 +527,7 @@ def doubt_unit(name: str, values: pl.Series) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Times of records, and the seconds that stand for them: those since `origin`, if dates."""
+    """Times of records, and the corresponding seconds: since `origin`, if they are dates."""
 
     dtype: Any
     origin: int = 0
@@ -563,7 +565,7 @@ class Clock:
 
 
 def identity_texts(numbers: IntArray, name: str) -> pl.Series:
-    """Return identities as they are written in a column, null where there is none."""
+    """Return identities as written in a column, null where there is none."""
     digits = _DIGITS.get(IDENTITIES[name])
     if digits is None:
         return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)

@@ -1,4 +1,4 @@
-"""Outliers of groups of measurements, marked in the table."""
+"""Outliers in groups of measurements, marked in the table."""
 
 from __future__ import annotations
 
@@ -40,22 +40,22 @@ def screen(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per measurement, those of a group in the order in which they came.
+        One row per measurement, within a group in the order of measurement.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str
         Columns by whose values the rows are grouped into samples; by default all rows are one.
     rule : {"bursts", "leave-one-out", "k-sigma"}
-        The function of `tertia.screening`.
+        Function of `tertia.screening`.
     period : float, optional
-        360.0 for degrees, 2*pi for radians, whose angles are unwrapped before; by default the
-        measurements do not wrap.
+        360.0 for degrees, 2*pi for radians; angles are unwrapped first. By default the measurements
+        do not wrap.
     name : str
         Name of the new column.
     **options
-        As of the function, but `nan_policy`.
+        Parameters of the function, except `nan_policy`.
 
     Returns
     -------
@@ -68,10 +68,9 @@ def screen(
     RecordError
         A column that is not there or holds no numbers, or a measurement that is infinite.
     ValueError
-        A column of this name that is there already, an unknown rule, or an option outside its
-        domain.
+        A column of this name that already exists, an unknown rule, or an option outside its domain.
     TypeError
-        A table of another kind, or an option of the wrong type.
+        A table of an unsupported kind, or an option of the wrong type.
 
     Examples
     --------

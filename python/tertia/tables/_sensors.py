@@ -1,4 +1,4 @@
-"""Sensors described in rows: where they are, how they measure, how fast they turn."""
+"""Sensors described in rows: positions, accuracies and scan periods."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ _DOUBTFUL_SIGMA = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Sensors(Generic[S]):
-    """Radars or stations, and what their own class does not hold.
+    """Radars or stations, with further properties that their classes do not have.
 
-    `norths` are radians to add to azimuths: not 0 for a radar on the earth, away from the origin of
-    the plane. `range_difference_sigma` is in metres, nan where none is stated. `frame` is that of
-    latitudes and longitudes. `file` is where all this is from.
+    `norths` are radians to add to azimuths, for radars on the earth whose north differs from that
+    of the plane. `range_difference_sigma` is in metres, nan if none is stated. `frame` is that of
+    latitudes and longitudes. `file` is the source.
     """
 
     items: Sequence[S]
@@ -63,7 +63,7 @@ class Sensors(Generic[S]):
 
     @property
     def names(self) -> list[str]:
-        """The names; one without is called by its number."""
+        """The names; a sensor without a name has its index."""
         return [str(k) if one.name is None else one.name for k, one in enumerate(self.items)]
 
     @property
@@ -78,7 +78,7 @@ class Sensors(Generic[S]):
     def geodetic(self, position: FloatArray) -> dict[str, pl.Series]:
         """Return latitude, longitude and in space height of positions, (N, D), by column.
 
-        Positions in the plane are on the ellipsoid; null where a position is none on the earth.
+        Positions in the plane are on the ellipsoid; null for positions that are not on the earth.
         Without a frame there are no columns.
         """
         if self.frame is None:
@@ -90,7 +90,7 @@ class Sensors(Generic[S]):
         return {name: known(cells) for name, cells in zip(GEODETIC, found, strict=False)}
 
     def origin(self) -> str | None:
-        """Return where the origin is, in words; None where nobody knows."""
+        """Return the place of the origin, in words; None if unknown."""
         if self.frame is None:
             return None
         place = f"latitude {self.frame.latitude:.10g}, longitude {self.frame.longitude:.10g}"
@@ -99,7 +99,7 @@ class Sensors(Generic[S]):
         return f"origin of east, north and up: {place}, height {self.frame.height:.10g} m"
 
     def flat(self) -> Sensors[Station]:
-        """Return stations without their heights: bearings have no use for them."""
+        """Return stations without their heights, which bearings do not need."""
         if self.dimension == 2:
             return self  # type: ignore[return-value]
         if self.frame is not None:
@@ -112,7 +112,7 @@ class Sensors(Generic[S]):
 
 
 def sensors_of(items: Sequence[S] | Sensors[S]) -> Sensors[S]:
-    """Return sensors that may be a plain sequence."""
+    """Return sensors, which may also be given as a plain sequence."""
     if isinstance(items, Sensors):
         return items
     return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan))
@@ -127,8 +127,8 @@ def radars(
 ) -> Sensors[Radar]:
     """Return the radars that rows describe.
 
-    `origin` is where east and north of latitudes and longitudes are zero. What recordings say of
-    positions and scan periods (`found`) counts where the rows say nothing.
+    `origin` is the place where east and north are zero. Positions and scan periods from recordings
+    (`found`) are used if the rows do not give them.
     """
     described = _named(rows, "radar", file)
     if found is not None:
@@ -168,7 +168,7 @@ def stations(
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """What is said of one sensor."""
+    """The cells that describe one sensor."""
 
     row: Row
     name: str
@@ -233,7 +233,7 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
 
 
 def _completed(cells: _Cells, found: Row) -> Row:
-    """Return what is known of a radar: what the rows say, and what a recording says."""
+    """Return the properties of a radar, from the rows and from a recording."""
 
     def has(*columns: str) -> bool:
         return any(cells.number(column) is not None for column in columns)
@@ -275,8 +275,8 @@ def _places(
 ) -> tuple[FloatArray, FloatArray | None, LocalFrame | None]:
     """Return positions, (K, D), in the plane, or in space if any sensor has a height.
 
-    Of latitudes and longitudes the frame is at the origin, by default at the first sensor, and the
-    east, north and up of each are the rows of `axes`, (K, D, D); otherwise there are none.
+    For latitudes and longitudes, the frame is at the origin, by default at the first sensor, and
+    `axes`, (K, D, D), has the east, north and up of each sensor as rows; otherwise there are none.
     """
     local, geodetic = (_first_given(cells, form) for form in (LOCAL, GEODETIC))
     if local and geodetic:
@@ -293,7 +293,7 @@ def _places(
 
 
 def _first_given(cells: Sequence[_Cells], form: Iterable[str]) -> str | None:
-    """Return which coordinate of this form is given first, and of whom."""
+    """Return the first given coordinate of this form, and its sensor."""
     given = (
         f"{column} of {one.name}"
         for one in cells
@@ -346,7 +346,7 @@ def _in_the_plane(axes: FloatArray) -> FloatArray:
 
 
 def _on_the_ellipsoid(frame: LocalFrame, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return latitude and longitude of what lies below or above positions in the plane."""
+    """Return latitude and longitude of the points below or above positions in the plane."""
     from pyproj import Proj  # noqa: PLC0415  # only here is pyproj needed
 
     # east and north of a place on the ellipsoid are its orthographic projection

@@ -39,18 +39,19 @@ def smooth(
     values : str or sequence of str
         Columns of the axes.
     sigma : float, str or sequence of these
-        Standard deviation of the plots, or the column that has it: for all axes, or for each.
+        Standard deviation of the plots, or the column that contains it: for all axes, or for each.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into targets; by default all are of one.
+        Columns whose values group the rows into targets; by default all rows are one target.
     jerk : float, optional
-        Intensity of the white jerk; by default that which makes each track most likely.
+        Intensity of the white jerk; by default the most likely one for each track.
 
     Returns
     -------
     table of the same kind
-        The same rows with more columns, for each axis: the smoothed value, rate and acceleration,
-        each followed by its sigma, as `east_smoothed_m`, `east_smoothed_sigma_m`, `east_rate_m_s`
-        and `east_acceleration_m_s2`; null where nothing is known.
+        The same rows with additional columns for each axis: the smoothed value, rate and
+        acceleration, each followed by its sigma, for example `east_smoothed_m`,
+        `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`; unknown values are
+        null.
 
     Raises
     ------
@@ -58,12 +59,11 @@ def smooth(
         A column that is not there or holds no numbers, a measurement that is infinite, or a time
         that is missing.
     ValueError
-        A column of a result that is there already, a sigma that is not positive, or a negative
-        jerk.
+        A result column that already exists, a sigma that is not positive, or a negative jerk.
     numpy.linalg.LinAlgError
-        Sigmas that are lost to rounding beside each other.
+        Sigmas so different that rounding makes the smaller ones vanish.
     TypeError
-        A table of another kind, or an option of the wrong type.
+        A table of an unsupported kind, or an option of the wrong type.
 
     Examples
     --------

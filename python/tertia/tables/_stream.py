@@ -1,4 +1,4 @@
-"""Groups that arrive in batches."""
+"""Processing of groups that arrive in batches."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ def stream(
 ) -> Iterator[Table]:
     """Apply a function of this module to a table that arrives in batches.
 
-    As much is in memory as a batch and the rows of a group that is not complete.
+    Memory holds one batch and the rows of one incomplete group.
 
     Parameters
     ----------
     function : callable
         `bearing`, `screen`, `fuse_series` or `smooth`.
     batches : iterable of tables of one kind
-        Consecutive rows. Those of a group come one after the other, in as many batches as they
-        take.
+        Consecutive rows. The rows of a group must be consecutive, but may extend over several
+        batches.
     by : str or sequence of str
-        Columns by whose values the rows are grouped; by default all rows are one group, which is
-        complete when the batches end.
+        Columns whose values group the rows; by default all rows are one group, which is complete
+        when the batches end.
     **options
-        As of the function.
+        Parameters of the function.
 
     Returns
     -------
     iterator of tables of the same kind
-        Each is what the function returns for groups that are complete.
+        The results of the function for complete groups.
 
     Raises
     ------
     ValueError
-        A group whose rows go on after those of another one, or as the function.
+        A group whose rows are not consecutive, or an error of the function.
     TypeError
-        As the function.
+        As for the function.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def stream(
 
 
 def _runs(frame: pl.DataFrame, by: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return where the groups of a batch begin, and their names."""
+    """Return the start of each group in a batch, and its name."""
     if not by:
         return [0], [""]
     run = frame.select(pl.struct(by).rle_id().alias("")).get_column("")
@@ -92,7 +92,7 @@ def _runs(frame: pl.DataFrame, by: Sequence[str]) -> tuple[list[int], list[str]]
 
 
 def _begin(groups: Sequence[str], begun: set[int]) -> None:
-    """Refuse a group that ended before; of so many of them only hashes are kept."""
+    """Refuse a group that has ended; only hashes of groups are kept, to save memory."""
     for group in groups:
         if hash(group) in begun:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Tracks of the plots of radars."""
+"""Tracks from the plots of radars."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Plots, their radars, what their times are, and the column of their identities."""
+    """Plots, their radars, the kind of their times, and the column of their identities."""
 
     plots: Plots
     sensors: Sensors[Radar]
@@ -65,7 +65,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """A recording, its tracks, and how long they took."""
+    """A recording, its tracks, and the processing time."""
 
     recording: Recording
     plans: Sequence[FlightPlan]
@@ -74,13 +74,13 @@ class Tracking:
 
     @property
     def rows(self) -> pl.DataFrame:
-        """The rows of the tracks as they are in files."""
+        """The rows of the tracks, with the columns of files."""
         of = self.recording
         return track_rows(self.table, of.clock, of.identity, of.sensors, self.plans)
 
     @property
     def refused(self) -> dict[str, int]:
-        """How many plots could not be used, by the reason."""
+        """Number of plots that could not be used, by reason."""
         statuses, counts = np.unique(self.table.track_of_plot, return_counts=True)
         pairs = zip(statuses.tolist(), counts.tolist(), strict=True)
         return {PlotStatus(status).message: count for status, count in pairs if status < 0}
@@ -106,7 +106,7 @@ class Tracking:
         return pl.DataFrame(rows, schema | {"update_probability": pl.Float64}, orient="row")
 
     def summary(self) -> dict[str, Any]:
-        """Return figures of the whole."""
+        """Return measures of the whole recording."""
         table, plots = self.table, self.recording.plots
         followed = table.plan >= 0
         moments = plots.time[np.isfinite(plots.time)]
@@ -152,7 +152,7 @@ def track(
     plans: Sequence[FlightPlan] = (),
     **options: Any,
 ) -> Table:
-    """Track the targets that radars see, as the command `tertia track`.
+    """Track targets from the plots of radars, as the command `tertia track`.
 
     Parameters
     ----------
@@ -162,13 +162,13 @@ def track(
         `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
         `identity`.
     sensors : sequence of Radar
-        The radars. One without a name is called by its index.
+        The radars. A radar without a name has its index as name.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     plans : sequence of FlightPlan
-        Where targets intend to fly.
+        Flight plans of the targets.
     **options
-        As of `tertia.tracker.Tracker`. With `mode_3a`, 7500, 7600 and 7700 are emergency codes by
+        See `tertia.tracker.Tracker`. With `mode_3a`, 7500, 7600 and 7700 are emergency codes by
         default.
 
     Returns
@@ -182,12 +182,12 @@ def track(
     Raises
     ------
     RecordError
-        A column that is not there, a time that is missing, a sensor that is not among `sensors`, or
+        A missing column, a time that is missing, a sensor that is not among `sensors`, or
         a cell that cannot be understood.
     ValueError
         An option outside its domain.
     TypeError
-        A table of another kind, or an option of the wrong type.
+        A table of an unsupported kind, or an option of the wrong type.
 
     Examples
     --------
@@ -219,7 +219,7 @@ def recording_of(
 
 
 def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Radar]) -> Plots:
-    """Return rows that were read by the schema of plots as the library takes them."""
+    """Return plots from rows that were read by the schema of plots."""
     sensor = rows["sensor"].to_numpy()
     return Plots(
         clock.seconds(rows["time"]),
@@ -247,7 +247,7 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
 
 
 def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
-    """Return how plans are called: by their names, or by numbers from 1 on."""
+    """Return the names of plans, or their numbers from 1."""
     return [str(k) if one.name is None else one.name for k, one in enumerate(plans, start=1)]
 
 
@@ -258,7 +258,7 @@ def track_rows(
     sensors: Sensors[Radar],
     plans: Sequence[FlightPlan],
 ) -> pl.DataFrame:
-    """Return one row per row of the table, null for what is not known."""
+    """Return one row per row of the track table; unknown values are null."""
     followed = table.plan >= 0
     return pl.DataFrame(
         {

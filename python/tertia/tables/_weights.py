@@ -1,4 +1,4 @@
-"""What each sensor's estimate of the same thing is worth."""
+"""Weights of several sensors' estimates of the same quantity."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LOSSES = (1e-6, 1e6)
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """The sensors, a row each, and last the fused estimate; what estimating the weights costs."""
+    """One row per sensor, the fused estimate last, and the loss from estimating the weights."""
 
     rows: pl.DataFrame
     fused: FusedEstimate
@@ -48,26 +48,27 @@ def weights(
     differences: bool = False,
     loss: float = 0.05,
 ) -> Table:
-    """Weigh sensors that measured the same thing many times, as the command `tertia weights`.
+    """Estimate the weights of sensors that measured the same quantity, as `tertia weights`.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement: `sensor`, and all components; incomplete rows are left out.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here.
+        Names of the columns in this table, by their standard names.
     values : str or sequence of str
-        Columns of the components of what is measured.
+        Columns of the components of the measured quantity.
     differences : bool
-        Whether the noise is that of successive differences, because what is measured moves slowly.
+        Whether the noise is estimated from successive differences, because the measured quantity
+        changes slowly.
     loss : float
-        Relative loss of precision for which the measurements are counted.
+        Relative loss of precision for which the required number of measurements is computed.
 
     Returns
     -------
     table of the same kind
-        A row per sensor, and the last one, `fused`: `sensor`, `measurement_count`, means with their
-        sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each two components
+        One row per sensor, and a last row, `fused`: `sensor`, `measurement_count`, means with their
+        sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each pair of components
         `weight_east_north`).
 
     Raises
@@ -80,7 +81,7 @@ def weights(
     numpy.linalg.LinAlgError
         A covariance that is singular.
     TypeError
-        A table of another kind.
+        A table of an unsupported kind.
 
     Examples
     --------
@@ -104,7 +105,7 @@ def weights_of(
     differences: bool = False,
     loss: float = 0.05,
 ) -> Weighed:
-    """Return the weights with what estimating them costs; see `weights`."""
+    """Return the weights and the loss from estimating them; see `weights`."""
     if not _LOSSES[0] <= loss <= _LOSSES[1]:
         raise ValueError(f"loss is {loss:g}; it must be between {_LOSSES[0]:g} and {_LOSSES[1]:g}")
     components = as_names(values)
