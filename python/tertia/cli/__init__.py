@@ -1,7 +1,8 @@
 """Command line: recordings in files. Needs the extra `cli`.
 
-A command parses its options, calls `tertia.tables` once, prints and writes: `commands` has them,
-`files` what reads and writes, `terminal` what they print and how they end.
+A command parses its options, calls `tertia.tables` once, and prints and writes the results.
+`commands` contains the commands, `files` the readers and writers, and `terminal` the output and the
+exit codes.
 """
 
 import sys

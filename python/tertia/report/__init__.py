@@ -1,4 +1,4 @@
-"""A recording of radars in one page: tracks, how good each radar is, fusion, plans, the truth.
+"""Reports: a recording of radars on one page, with tracks, noise, fusion, plans and truth.
 
 `make` needs the extra `report` (Plotly, Jinja2); the page needs a browser and no network.
 """

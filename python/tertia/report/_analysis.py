@@ -1,4 +1,4 @@
-"""What a page shows of a recording: tracks, radars, fusion, truth, plans, emitters."""
+"""The analysis shown on a page: tracks, radars, fusion, truth, plans, emitters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ INTERSECTION = "covariance intersection, as found"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fusion:
-    """Tracks of single radars fused at common instants, in several ways, by name."""
+    """Tracks of single radars, fused at common instants by several methods, by name."""
 
     stated: Common
     found: Common
@@ -43,7 +43,7 @@ class Fusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """A recording, and what the page shows of it."""
+    """A recording and its analysis."""
 
     plots: Plots
     radars: Sequence[Radar]
@@ -65,12 +65,12 @@ class Analysis:
 
     @property
     def edges(self) -> FloatArray:
-        """Times at which stretches of time begin and end, (T + 1,)."""
+        """Times at which periods begin and end, (T + 1,)."""
         return self.registration.history.edges
 
     @property
     def middle(self) -> FloatArray:
-        """Times in the middle of the stretches, (T,)."""
+        """Times of the middle of the periods, (T,)."""
         return (self.edges[:-1] + self.edges[1:]) / 2
 
 
@@ -147,7 +147,7 @@ def analyse(
 
 
 def _fuse(stated: Common, better: Common) -> Fusion:
-    """Fuse at the instants at which the radars have tracks, with the noise stated and found."""
+    """Fuse at the common instants of the tracks, with stated and with estimated noise."""
     pair = stated, better
     keys = [set(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
     both = keys[0] & keys[1]
@@ -173,7 +173,7 @@ def _fuse(stated: Common, better: Common) -> Fusion:
 def _judge_all(
     sets: dict[str, TrackTable], truth: Truth, max_distance: float, update_interval: float | None
 ) -> tuple[dict[str, Judged], float]:
-    """Evaluate all sets of tracks with the same update interval, which is returned as well."""
+    """Evaluate all sets of tracks with the same update interval; return it as well."""
     rows = {name: confirmed_rows(table) for name, table in sets.items()}
     rows = {name: one for name, one in rows.items() if np.any(one.updated)}
     usual = usual_periods(rows[TOGETHER]) if TOGETHER in rows else []
@@ -187,7 +187,7 @@ def _judge_all(
 
 
 def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
-    """Compare the states with the targets that the joint tracks follow."""
+    """Compare the states with the targets of the joint tracks."""
     tracks = joint.rows.track[joint.rows.updated]
     target = _shown(tracks, joint.indicators.matching.target, fused.stated.track)
     places = truth.at(target, fused.stated.time)[:, :2]
@@ -217,7 +217,7 @@ def _shown(track: IntArray, target: IntArray, wanted: IntArray) -> IntArray:
 def mean_nees(
     time: FloatArray, nees: FloatArray, edges: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean normalised errors per axis in stretches of time, and their numbers."""
+    """Return mean normalised errors per axis in each period, and their numbers."""
     known = np.isfinite(nees)
     which = in_stretches(time[known], edges)
     count = np.bincount(which, minlength=len(edges) - 1)
@@ -226,6 +226,6 @@ def mean_nees(
 
 
 def within(nees: FloatArray) -> float:
-    """Return the share of errors within the 95 % ellipse, nan if there are none."""
+    """Return the fraction of errors within the 95 % ellipse, nan if there are none."""
     known = nees[np.isfinite(nees)]
     return float(np.mean(known <= MOST_NEES)) if len(known) else np.nan

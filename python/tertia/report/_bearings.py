@@ -52,8 +52,8 @@ class Emitter:
 class Heard:
     """An emitter, its bearing from each station (radians, nan where unknown), and its position.
 
-    `moves` if the bearings of the two halves of the record differ; then no position is estimated
-    from all of it. `instants` are the positions at single times, if any.
+    `moves` is true if the bearings of the two halves of the record differ; then no position is
+    estimated from the whole record. `instants` are the positions at single times, if any.
     """
 
     emitter: Emitter

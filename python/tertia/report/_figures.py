@@ -1,4 +1,4 @@
-"""The figures of a page, as Plotly reads them."""
+"""The figures of a page, as dictionaries for Plotly."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Panel:
 
 
 def numbers(values: npt.ArrayLike, digits: int = _DIGITS) -> list[float | None]:
-    """Return numbers with so many digits as JSON has them, None where unknown."""
+    """Return numbers rounded for JSON, None where unknown."""
     array = np.asarray(values, dtype=np.float64)
     return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in array.tolist()]
 
@@ -73,13 +73,13 @@ def line(name: str, x: npt.ArrayLike, y: npt.ArrayLike, k: int = 0, **more: Any)
 
 
 def joined(lines: Sequence[FloatArray]) -> FloatArray:
-    """Return lines (N, 2) one after the other, with a gap after each."""
+    """Return lines (N, 2) as one line, with a gap after each."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([np.zeros((0, 2)), *(part for one in lines for part in (one, gap))])
 
 
 def rows_of(count: int, x_title: str, y_titles: Sequence[str]) -> dict[str, Any]:
-    """Return the layout of panels above each other with a common axis."""
+    """Return the layout of stacked panels with a common axis."""
     gap = 0.1 if count > 1 else 0.0
     size = (1.0 - gap * (count - 1)) / count
     layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{count}"}}
@@ -301,7 +301,7 @@ def _marked(k: int) -> dict[str, Any]:
 
 
 def _panel(name: str, i: int) -> dict[str, Any]:
-    """Return what puts a line into panel i, with one entry in the legend for all panels."""
+    """Return the settings of a line in panel i, with one legend entry for all panels."""
     return {"legendgroup": name, "showlegend": i == 0, "yaxis": _axis(i)}
 
 

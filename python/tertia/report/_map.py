@@ -1,4 +1,4 @@
-"""The map of a page: its fixed parts, and what moves over time."""
+"""The map of a page: its fixed parts, and those that move over time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROOM = 0.06
 
 
 def map_of(analysis: Analysis) -> dict[str, Any]:
-    """Return data and layout of the map, and what the player needs."""
+    """Return the data and layout of the map, and the data of the player."""
     joint, own = analysis.joint, analysis.joint[analysis.joint.confirmed]
     rows = _thinned(own)
     data: list[dict[str, Any]] = [_plots(analysis)]

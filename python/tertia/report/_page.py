@@ -79,6 +79,6 @@ def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _script(value: Any) -> Markup:
-    """Return JSON for a script element, which no text of the recording can close."""
+    """Return JSON for a script element; text of the recording cannot close the element."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

@@ -1,4 +1,4 @@
-"""Which tracks follow their flight plans, and which leave them."""
+"""Conformance of tracks to their flight plans."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ENDS = 3000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A track and its plan: when it conformed, and its cross-track along_track in metres.
+    """A track and its plan: when it conformed, and its cross-track distance in metres.
 
     `left` and `back` are times in seconds; nan: never.
     """
@@ -35,7 +35,7 @@ class Followed:
 
 
 def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
-    """Return the names of plans, or their numbers from 1 on."""
+    """Return the names of plans, or their numbers from 1."""
     return [str(number) if p.name is None else p.name for number, p in enumerate(plans, start=1)]
 
 
@@ -68,7 +68,7 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float)
 
 
 def _flights(found: Sequence[Followed]) -> list[Followed]:
-    """Leave out tracks that exist at the same time as a longer one of the same plan."""
+    """Leave out tracks that overlap in time with a longer one of the same plan."""
     kept: list[Followed] = []
     for one in sorted(found, key=lambda one: -len(one.time)):
         middle = float(np.median(one.time))
@@ -79,7 +79,7 @@ def _flights(found: Sequence[Followed]) -> list[Followed]:
 
 
 def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:
-    """Return when the plan was left for so long, and when it was met again."""
+    """Return the time at which the plan was left for long enough, and that of the return to it."""
     edges = np.flatnonzero(np.diff(on, prepend=True, append=True))
     for begin, end in edges.reshape(-1, 2):
         if end - begin >= _ROW and time[end - 1] - time[begin] >= lasting:

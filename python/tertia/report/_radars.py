@@ -37,7 +37,7 @@ def innovations(table: TrackTable, k: int) -> Innovations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Updates:
-    """Counts of what a radar saw, in T stretches of time.
+    """Counts of the plots of a radar, in T periods.
 
     `expected` and `hit` count scans of confirmed tracks, `outlier` updates with an innovation that
     is too large, `unassociated` plots with the identity of a track that does not use them,
@@ -57,7 +57,7 @@ class Updates:
 def updates(
     joint: TrackTable, plots: Plots, k: int, found: Innovations, edges: FloatArray
 ) -> Updates:
-    """Count the updates of one radar in stretches of time."""
+    """Count the updates of one radar in each period."""
     # after the last plot of a track nothing is missed
     last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
     taken = joint.plot >= 0

@@ -1,4 +1,4 @@
-"""From a recording to its page."""
+"""Report of a recording."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Report:
     html : str
         The page: one file that needs no network.
     summary : dict
-        The tables of the page and its `findings`, as values that JSON can hold; None where
-        something is unknown. Names end in their units.
+        The tables of the page and its `findings`, as values for JSON; unknown values are None.
+        Names end in their units.
     """
 
     html: str
@@ -76,9 +76,9 @@ def make(
 ) -> Report:
     """Make a page of a recording.
 
-    The page shows tracks of all radars together and of each alone, the latter fused at common
-    instants; noise and biases of the radars, as found by `tertia.registration`; updates and
-    outliers over time; conformance to flight plans; all tracks versus truth, where it is known; and
+    The page shows the tracks of all radars together and of each alone, the latter fused at common
+    instants; noise and biases of the radars, as estimated by `tertia.registration`; updates and
+    outliers over time; conformance to flight plans; all tracks versus truth, if it is given; and
     positions of emitters from bearings.
 
     Parameters
@@ -88,7 +88,7 @@ def make(
     sensors : sequence of K Radar
         The radars.
     motion : {"imm", "cv", "singer", "window"} or a model
-        How targets move; see `tertia.tracker.Tracker`.
+        Motion model of the targets; see `tertia.tracker.Tracker`.
     plans : sequence of FlightPlan
         Flight plans, for the motions "imm" and "window".
     truth : tertia.metrics.Truth, optional
@@ -98,17 +98,17 @@ def make(
     bearings : sequence of Emitter
         Bearings of each emitter from all stations.
     max_distance : float
-        Largest distance in metres from a track to the target that it follows; the cutoff of GOSPA.
+        Largest distance in metres from a track to its target; also the cutoff of GOSPA.
     update_interval : float, optional
         Required seconds between updates; by default those of the fastest radar.
     title : str
         The title of the page.
     since : str, optional
-        The date and time at which times are zero, as text.
+        Date and time of the zero of the time scale, as text.
     progress : callable, optional
-        Called before each step with its name and the share that is done, 0 to 1.
+        Called before each step with its name and the fraction completed, 0 to 1.
     **options
-        How tracks are made; see `tertia.tracker.Tracker`.
+        Options of the tracker; see `tertia.tracker.Tracker`.
 
     Returns
     -------
@@ -120,20 +120,20 @@ def make(
     ImportError
         The extra `report` is not installed.
     ValueError
-        Stations in space, bearings that do not match them, a parameter outside its domain, and
-        what the tracker refuses.
+        Stations in space, bearings that do not match them, a parameter outside its domain, or an
+        error of the tracker.
     TypeError
         An argument of the wrong type.
 
     Notes
     -----
-    Noise and biases are those of `tertia.registration.register`. Positions and velocities are fused
-    by `tertia.fusion.fuse`; a track of a single radar belongs to the joint track with most of its
-    plots.
+    Noise and biases are estimated by `tertia.registration.register`. Positions and velocities are
+    fused by `tertia.fusion.fuse`; a track of a single radar is assigned to the joint track with
+    most of its plots.
 
-    Long recordings are thinned on the page, but not in any computation: it holds at most 30,000
-    rows of tracks, 10,000 plots and 15,000 positions of the truth, every n-th in order of time, and
-    the first 500 rows of each table. The player interpolates between the rows.
+    Long recordings are thinned on the page, but not in any computation: the page contains at most
+    30,000 rows of tracks, 10,000 plots and 15,000 positions of the truth, by keeping every n-th,
+    and the first 500 rows of each table. The player interpolates between the rows.
 
     Examples
     --------

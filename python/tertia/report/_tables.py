@@ -1,4 +1,4 @@
-"""The tables of a page, its findings, and the same as a summary."""
+"""The tables and findings of a page, and its summary."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Table:
 
 
 def text(value: object) -> str:
-    """Return a cell with three digits, or all digits before the point."""
+    """Return a number as text with three digits, or all digits before the decimal point."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return "–"
     if isinstance(value, float):
@@ -50,7 +50,7 @@ def text(value: object) -> str:
 
 
 def plus_minus(value: float | None, error: float | None) -> str:
-    """Return a value with its error, with the digits that the error allows."""
+    """Return a value with its error, rounded according to the error."""
     if value is None or error is None or not (np.isfinite(value) and np.isfinite(error)):
         return "–"
     return " ± ".join(rounded(value, error))
@@ -130,7 +130,7 @@ def fusion_rows(analysis: Analysis) -> list[Row]:
 
 
 def evaluation_rows(analysis: Analysis) -> list[Row]:
-    """Return the figures of each set of tracks versus truth, one row per figure."""
+    """Return the measures of each set of tracks versus truth, one row per measure."""
     if not analysis.judged:
         return []
     columns = {
@@ -388,7 +388,7 @@ def _track_table(analysis: Analysis) -> Table:
 
 
 def summary(analysis: Analysis) -> Row:
-    """Return everything as numbers, lists and texts for JSON, None where unknown."""
+    """Return all results as numbers, lists and texts for JSON; unknown values are None."""
     time = analysis.plots.time[np.isfinite(analysis.plots.time)]
     statuses, counts = np.unique(analysis.joint.track_of_plot, return_counts=True)
     return {
@@ -411,7 +411,7 @@ def summary(analysis: Analysis) -> Row:
 
 
 def findings(analysis: Analysis) -> list[str]:
-    """Return what stands out, as sentences."""
+    """Return the findings, as sentences."""
     found = []
     for row in radar_rows(analysis):
         found += _noise_findings(row) + _bias_findings(row)
@@ -441,7 +441,7 @@ def findings(analysis: Analysis) -> list[str]:
 
 
 def _better(analysis: Analysis) -> list[str]:
-    """Return how the noise found changes the tracks, where it matters."""
+    """Return how the estimated noise changes the tracks, if the change is significant."""
     stated, found = (analysis.judged[name].indicators for name in (TOGETHER, FOUND))
     if stated.false_tracks <= found.false_tracks and found.rmse > (1.0 - _OFF) * stated.rmse:
         return []

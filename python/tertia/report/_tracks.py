@@ -38,7 +38,7 @@ class Combined:
 
 
 def combine(states: Common, method: fusion.InstantMethod) -> Combined:
-    """Fuse the states at each instant; a weight is the mean of those east and north."""
+    """Fuse the states at each instant; a weight is the mean of the weights east and north."""
     found = fusion.fuse(states.state, states.covariance, method=method)
     weight = np.trace(found.weights[..., :2, :2], axis1=-2, axis2=-1) / 2
     weight[~states.present] = np.nan

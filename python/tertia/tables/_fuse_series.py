@@ -159,8 +159,8 @@ def fuse_series(
     ------
     RecordError
         A column that is missing, holds no numbers or is given for two purposes, a plot without a
-        time or sensor, two plots of one target by one sensor at one time, or too little to fit what
-        is not given.
+        time or sensor, two plots of one target by one sensor at one time, or too few plots to fit
+        the values that are not given.
     ValueError
         An option outside its domain.
     TypeError

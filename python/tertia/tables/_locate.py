@@ -70,8 +70,8 @@ def locate(
     Raises
     ------
     RecordError
-        A missing column, a cell that cannot be understood, a measurement that cannot be
-        or comes twice, or a sigma that is not stated.
+        A missing column, a cell that cannot be understood, an impossible or duplicate measurement,
+        or a sigma that is not stated.
     ValueError
         An option outside its domain.
     TypeError

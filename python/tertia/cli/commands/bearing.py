@@ -55,8 +55,8 @@ def bearing(
 ) -> dict[str, Any]:
     """Estimate a bearing and its sigma per group, and count the outliers.
 
-    The measurements of a group must be in the order in which they came. Missing ones (empty, NA,
-    nan, null, None, -) are left out and counted.
+    The measurements of a group must be in order of time. Missing ones (empty, NA, nan, null, None,
+    -) are left out and counted.
     """
     write.check_suffixes(output, plot_file)
     with working("Estimating"):
@@ -96,7 +96,7 @@ def bearing(
 
 
 def _cells(value: str) -> Any:
-    """Return what makes text of a row, with digits as far as they are known."""
+    """Return the function that formats a row, with as many digits as are known."""
     sigma = column_name(value, "sigma")
 
     def cells(row: dict[str, object]) -> dict[str, str]:

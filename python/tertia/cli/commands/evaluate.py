@@ -52,10 +52,10 @@ def evaluate(
     ] = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Compare tracks with the truth: how often, how well, and how many false ones.
+    """Compare tracks with the truth: update rate, accuracy, and false tracks.
 
-    Confirmed tracks count, and of them the rows with a plot. Between its times a target flies
-    straight; before its first and after its last it is not there.
+    Only confirmed tracks are compared, and only their rows with a plot. The truth is interpolated
+    linearly between its times; a target is absent before its first and after its last time.
     """
     write.check_suffixes(output, plot_file, targets)
     with working("Comparing the tracks"):

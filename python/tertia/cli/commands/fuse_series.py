@@ -76,11 +76,11 @@ def fuse_series(
     output: Output = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Fuse the plots of several sensors into one track, and show what each sensor is worth.
+    """Fuse the plots of several sensors into one track, and show the weight of each sensor.
 
-    One row per plot, in any order: time_s, sensor (by default each file is one, of its name),
-    azimuth_deg, and perhaps azimuth_sigma_deg. A missing plot (empty, NA, nan, null, None, -)
-    leaves a time at which the track is estimated all the same.
+    One row per plot, in any order: time_s, sensor (by default the name of each file), azimuth_deg,
+    and optionally azimuth_sigma_deg. At the time of a missing plot (empty, NA, nan, null, None, -)
+    the track is still estimated.
     """
     write.check_suffixes(output, plot_file)
     found = fusion_of(
@@ -115,7 +115,7 @@ def fuse_series(
 
 
 def _stated(options: Sequence[str]) -> dict[Any, float]:
-    """Return what `--sigma` says, by sensor; None is for all others."""
+    """Return the values of `--sigma` by sensor; None is for all others."""
     stated: dict[str | None, float] = {}
     for option in options:
         name, separator, text = option.rpartition("=")

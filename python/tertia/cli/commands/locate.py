@@ -1,4 +1,4 @@
-"""`tertia locate`: positions of single instants from what several stations measured."""
+"""`tertia locate`: positions at single instants from the measurements of several stations."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -59,10 +59,10 @@ def locate(
     measurements: MeasurementOutput = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Locate a target at every instant by ranges, azimuths, elevations or range differences.
+    """Locate a target at every instant from ranges, azimuths, elevations or range differences.
 
     One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
-    one per measurement, with kind and value. Measurements of equal times make an instant.
+    one per measurement, with kind and value. Measurements with equal times form an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
     stations = read.read_stations(sensors)
@@ -105,7 +105,7 @@ def _start(text: str | None, dimension: int) -> list[float] | None:
 
 
 def _say_sigma(one: Located[Location]) -> None:
-    """Say what sigma was estimated, if none was stated."""
+    """Print the estimated sigma, if none was stated."""
     if one.result.measurement_sigma is None:
         return
     [kind] = one.target.values

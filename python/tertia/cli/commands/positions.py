@@ -1,4 +1,4 @@
-"""What `tertia locate` and `tertia reconstruct` print, write and draw alike."""
+"""The common output of `tertia locate` and `tertia reconstruct`."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ _MANY = 0.01
 
 
 def print_all(found: Positions[Any], by: Sequence[str]) -> None:
-    """Print what was found of each sensor, and where the origin is."""
+    """Print the results of each sensor, and the origin."""
     print_table(found.sensors, text=[*by, "sensor", "kind"])
     origin = found.stations.origin()
     if origin is not None:
@@ -31,7 +31,7 @@ def print_all(found: Positions[Any], by: Sequence[str]) -> None:
 
 
 def say_located(one: Located[Any]) -> None:
-    """Say how many instants of a target were located, why others were not, and how well."""
+    """Print how many instants of a target were located, how well, and why others were not."""
     fixes, sigma = one.fixes, one.result.sigma
     located = np.asarray(fixes.success)
     total = np.sqrt(np.sum(sigma[np.isfinite(sigma).all(axis=1)] ** 2, axis=1))

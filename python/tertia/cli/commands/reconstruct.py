@@ -70,7 +70,7 @@ def reconstruct(
     """Reconstruct a path from ranges, azimuths, elevations or range differences.
 
     One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
-    one per measurement, with kind and value. Measurements of equal times make an instant.
+    one per measurement, with kind and value. Measurements with equal times form an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
     options: dict[str, Any] = {"degree": _degree(degree), "bias": _bias(bias)}

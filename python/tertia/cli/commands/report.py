@@ -79,9 +79,9 @@ def report(
 ) -> dict[str, Any]:
     """Show a recording on one page: tracks, radars, fusion, plans, errors.
 
-    Plots, radars and plans are those of tertia track, the truth that of tertia evaluate; bearings
-    are those of the stations of the sensors file, as in tertia locate, and --by is for them. The
-    page needs no network.
+    Plots, radars and plans are read as by tertia track, the truth as by tertia evaluate, and
+    bearings as by tertia locate, from the stations of the sensors file; --by applies to bearings.
+    The page needs no network.
     """
     if output.suffix.lower() not in _SUFFIXES:
         fail(f"cannot write {output}: its name must end in {', '.join(_SUFFIXES)}", WRONG_USAGE)
@@ -125,7 +125,7 @@ def report(
 
 @contextmanager
 def _bar() -> Iterator[Callable[[str, float], None]]:
-    """Show what is done, and how much of it all, if somebody can see it."""
+    """Show the current step and the progress, on a terminal."""
     console = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"),

@@ -1,4 +1,4 @@
-"""`tertia simulate`: air traffic and direction finders in files, to try the other commands on."""
+"""`tertia simulate`: files of simulated air traffic and direction finders."""
 
 import json
 from collections.abc import Sequence
@@ -63,11 +63,12 @@ def simulate(
     ] = 3.0,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 1,
 ) -> dict[str, Any]:
-    """Simulate air traffic as radars see it, and emitters as direction finders hear them.
+    """Simulate air traffic observed by radars, and emitters observed by direction finders.
 
-    The files are what the other commands read: plots.csv, sensors.toml, plans.json, truth.csv;
+    The files are inputs of the other commands: plots.csv, sensors.toml, plans.json, truth.csv;
     azimuths.csv, the plots of the aircraft as seen from the first radar, for tertia fuse-series;
-    bearings.csv, for tertia locate; scene.json says which sensors err more than they state.
+    bearings.csv, for tertia locate. scene.json lists the sensors whose errors are larger than
+    stated.
     """
     if folder.exists() and not folder.is_dir():
         fail(f"cannot write {folder}: it is no folder", WRONG_USAGE)
@@ -123,7 +124,7 @@ def simulate(
 
 
 def _radars(scene: SetUp, count: int) -> list[Radar]:
-    """Return the radars as they are stated: the first at the origin, the others around it."""
+    """Return the radars with their stated accuracy; the first is at the origin."""
     first, found = scene.radar, []
     for k in range(count):
         angle = 2 * np.pi * (k - 1) / max(count - 1, 1)
@@ -177,7 +178,7 @@ def _seen(
     duration: float,
     random: np.random.Generator,
 ) -> tuple[pl.DataFrame, dict[str, Any]]:
-    """Return the plots with what each is of, and what is wrong with the last radar."""
+    """Return the plots with their sources, and with the errors of the last radar."""
     real, bias = list(radars), np.zeros((len(radars), 2))
     faults: dict[str, Any] = {}
     if len(radars) > 1:
@@ -230,7 +231,7 @@ def _frame(record: RadarPlots) -> pl.DataFrame:
 
 
 def _plot_rows(seen: pl.DataFrame, radars: Sequence[Radar]) -> pl.DataFrame:
-    """Return the plots as files have them."""
+    """Return the plots with the columns of files."""
     code = seen["identity"].to_list()
     level = (seen["height"] / FLIGHT_LEVEL).round().fill_nan(None)
     return pl.DataFrame(
@@ -281,7 +282,7 @@ def _azimuth_rows(
 
 
 def _truth(traffic: Traffic, duration: float) -> pl.DataFrame:
-    """Return where each flight is while it is in the air."""
+    """Return the positions of each flight while it is in the air."""
     times = np.arange(0.0, duration + _TRUTH_STEP / 2, _TRUTH_STEP)
     parts = []
     for k, plan in enumerate(traffic.plans):
@@ -301,7 +302,7 @@ def _truth(traffic: Traffic, duration: float) -> pl.DataFrame:
 
 
 def _left(traffic: Traffic, duration: float) -> dict[str, float]:
-    """Return who left the plan, and when."""
+    """Return the flights that left their plans, and when."""
     return {
         str(plan.name): round(float(time), 1)
         for plan, time in zip(traffic.plans, traffic.left, strict=True)
@@ -320,7 +321,7 @@ def _stations(count: int) -> list[Station]:
 
 
 def _bearings(stations: Sequence[Station], random: np.random.Generator) -> pl.DataFrame:
-    """Return what each finder hears of each emitter, a bearing a second."""
+    """Return the bearings of each emitter from each finder, one per second."""
     parts = []
     for target, emitter in _EMITTERS.items():
         for k, station in enumerate(stations):

@@ -1,4 +1,4 @@
-"""`tertia track --stream`: plots that come line by line, tracks that go row by row."""
+"""`tertia track --stream`: tracks from a stream of plots, row by row."""
 
 import csv
 import json
@@ -38,7 +38,7 @@ _WRITTEN = 1000
 
 
 def source(files: Sequence[Path], latency: float | None) -> Path:
-    """Return where a stream comes from, or fail."""
+    """Return the source of a stream, or fail."""
     if sys.stdout is sys.stderr:
         # where --json has put what else is printed
         fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
@@ -62,7 +62,7 @@ def run(
     latency: float | None,
     rows: Rows | None,
 ) -> None:
-    """Track what comes from a file, or from standard input."""
+    """Track plots from a file or from standard input."""
     tracker = Tracker(sensors.items, plans=plans, **options)
     name = "standard input" if path == STDIN else str(path)
     stream = _Stream(tracker, _Plots(name, columns, sensors), latency, rows)
@@ -80,9 +80,9 @@ def run(
 
 
 class _Plots:
-    """Makes plots of lines; the first line shows whether they are CSV or JSON.
+    """Converts lines to plots; the first line shows whether they are CSV or JSON.
 
-    `line` and `row` count lines and those of them that may be plots, and `bad` those that are none.
+    `line` counts lines, `row` those that may be plots, and `bad` those that are not.
     """
 
     def __init__(self, name: str, columns: Mapping[str, str], sensors: Sensors[Radar]) -> None:
@@ -141,7 +141,7 @@ class _Plots:
         return rows
 
     def _cells(self, lines: Sequence[bytes]) -> Iterator[Cells | str]:
-        """Yield the cells of each line, or why there are none."""
+        """Yield the cells of each line, or the reason why there are none."""
         for line in lines:
             self.line += 1
             text = line.decode("utf-8-sig" if self.line == 1 else "utf-8", "replace").strip()
@@ -155,7 +155,7 @@ class _Plots:
             yield _of_json(text) if self._header is None else _of_csv(text, self._header)
 
     def _begin(self, line: str) -> None:
-        """Take the header, which must have the columns that are needed."""
+        """Read the header, which must have the required columns."""
         self._header = [name.strip() for name in next(csv.reader([line]))]
         part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
         Reader(part, PLOTS, self._columns, self.sensors.names).rows()
@@ -165,7 +165,7 @@ class _Plots:
                 self._chosen[quantity] = there[0]
 
     def _choose(self, cells: Sequence[Cells]) -> None:
-        """Choose the columns of quantities that did not come before."""
+        """Choose the columns of quantities that have not occurred before."""
         there = set().union(*cells) if self._header is None else set()
         for quantity, choices in self._choices.items():
             known = [name for name in choices if name in there]
@@ -173,7 +173,7 @@ class _Plots:
                 self._chosen.setdefault(quantity, known[0])
 
     def _read(self, text: pl.DataFrame, problems: dict[int, str]) -> pl.DataFrame:
-        """Read texts by the schema; what cannot be read is a problem."""
+        """Read texts by the schema; a text that cannot be read is a problem."""
         names = self.sensors.names
         absent = [
             choices[0]
@@ -192,7 +192,7 @@ class _Plots:
     def _learn_times(
         self, text: pl.DataFrame, called: Mapping[str, str], problems: Mapping[int, str]
     ) -> None:
-        """Learn what times look like of the first one that is good."""
+        """Determine the kind of times from the first good one."""
         column = text[self._choices["time"][0]]
         for at in range(len(column)):
             wrong: dict[int, str] = {}
@@ -203,7 +203,7 @@ class _Plots:
                 return
 
     def _doubt(self, text: pl.DataFrame, *, last: bool = False) -> None:
-        """Warn once, when there are enough plots or no more, where a unit looks wrong."""
+        """Warn once if a unit looks wrong, when there are enough plots or the stream ends."""
         if self._doubted is None:
             return
         self._doubted.append(text)
@@ -218,7 +218,7 @@ class _Plots:
                 doubt_unit(next(names), texts[called].cast(pl.Float64, strict=False))
 
     def end(self) -> None:
-        """Fail if there was no plot, and say how many lines were left out."""
+        """Fail if there was no plot; otherwise print how many lines were ignored."""
         if not self.row:
             fail(f"{self.name} is empty")
         if self.bad == self.row:
@@ -250,10 +250,10 @@ def _text(value: object) -> str | None:
 
 
 class _Stream:
-    """Tracks plots as their lines come, and writes the rows of confirmed tracks.
+    """Tracks plots as their lines arrive, and writes the rows of confirmed tracks.
 
-    Plots are gathered for `latency` seconds of their own time, by default a quarter of the shortest
-    scan, or until nothing has come for as long.
+    Plots are collected for `latency` seconds of their own time, by default a quarter of the
+    shortest scan, or until nothing has arrived for that time.
     """
 
     def __init__(
@@ -271,7 +271,7 @@ class _Stream:
         self._headed = False
 
     def run(self, descriptor: int, out: BinaryIO) -> None:
-        """Read until nobody writes any more, or nobody reads, or somebody interrupts."""
+        """Read until the input ends, the output is closed, or the user interrupts."""
         code = 0
         try:
             try:
@@ -298,7 +298,7 @@ class _Stream:
             raise typer.Exit(code)
 
     def _take(self, rows: pl.DataFrame, out: BinaryIO) -> None:
-        """Gather plots, and track those that are complete."""
+        """Collect plots, and track those that are complete."""
         clock, period = self._plots.clock, self._tracker.clock_period
         if clock is None:
             return
@@ -320,7 +320,7 @@ class _Stream:
             self._gathered.append(rows[begin:])
 
     def _flush(self, out: BinaryIO) -> None:
-        """Track what was gathered, and write what became of it."""
+        """Track the collected plots, and write their rows."""
         gathered, self._gathered = self._gathered, []
         clock = self._plots.clock
         if not gathered or clock is None:

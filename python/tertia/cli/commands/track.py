@@ -1,4 +1,4 @@
-"""`tertia track`: tracks of the plots of radars."""
+"""`tertia track`: tracks from the plots of radars."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -88,7 +88,7 @@ def track(
         typer.Option(help="What a stream writes; by default what it reads."),
     ] = None,
 ) -> dict[str, Any]:
-    """Track the targets that one radar or several see, along their flight plans if they have any.
+    """Track targets from the plots of one or several radars, with flight plans if given.
 
     One row per plot: time_s, range_m or range_nm, azimuth_deg; sensor, if there are several; and,
     if known, height_m or flight_level, and icao_address, mode_3a or identity. Rows in any order.

@@ -1,4 +1,4 @@
-"""`tertia weights`: what each sensor's estimate of the same thing is worth."""
+"""`tertia weights`: weights of several sensors' estimates of the same quantity."""
 
 from typing import Annotated, Any
 
@@ -40,10 +40,10 @@ def weights(
     ] = 0.05,
     output: Output = None,
 ) -> dict[str, Any]:
-    """Weigh sensors that measured the same thing many times, by how much each of them scatters.
+    """Estimate the weights of sensors that measured the same quantity, from their scatter.
 
     One row per measurement, with the sensor and all components; incomplete rows are left out. The
-    weights come from estimated covariances; what that costs is printed.
+    weights are computed from estimated covariances; the resulting loss of precision is printed.
     """
     write.check_suffixes(output)
     values = list(dict.fromkeys(value))
@@ -81,7 +81,7 @@ def weights(
 
 
 def _rounded(row: dict[str, Any], values: list[str]) -> dict[str, Any]:
-    """Return a row with digits as far as they are known."""
+    """Return a row with as many digits as are known."""
     row = dict(row)
     for name in values:
         sigma = column_name(name, "sigma")

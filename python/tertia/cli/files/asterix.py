@@ -1,4 +1,4 @@
-"""Recordings in ASTERIX, as the commands take them."""
+"""ASTERIX recordings as input of the commands."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def _read(path: Path) -> AsterixRecording:
 
 
 def plots(path: Path) -> Part:
-    """Return the plots of a recording that were measured, and what it says of its radars."""
+    """Return the measured plots of a recording, and its information about radars."""
     found = _read(path)
     left_out = pl.col("simulated") | pl.col("field_monitor") | (pl.col("detection") == "none")
     measured = found.plots.filter(~left_out.fill_null(False))
@@ -53,7 +53,7 @@ def plots(path: Path) -> Part:
 
 
 def truth(path: Path) -> Part:
-    """Return where targets were, by their ADS-B reports or else by system tracks."""
+    """Return the positions of targets from ADS-B reports, or else from system tracks."""
     found = _read(path)
     rows = found.tracks if found.reports.is_empty() else found.reports
     if rows.is_empty():

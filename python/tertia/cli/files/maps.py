@@ -27,10 +27,10 @@ _DIGITS, _HEIGHT_DIGITS = 8, 3
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A line over time, or the place of an instant, with its properties.
+    """A line over time, or the position at an instant, with its properties.
 
-    `times` are dates or seconds; `places` longitudes, latitudes and perhaps heights, (N, 2) or
-    (N, 3).
+    `times` are dates or seconds; `places` are longitudes, latitudes and optionally heights, (N, 2)
+    or (N, 3).
     """
 
     name: str
@@ -44,7 +44,7 @@ class Feature:
         return int(self.places.shape[1]) > 2
 
     def coordinates(self, *, unwrapped: bool) -> list[list[float]]:
-        """Return the places as files have them; `unwrapped`: no leap at 180 degrees."""
+        """Return the places in the order of files; `unwrapped`: no jump at 180 degrees."""
         places = self.places.copy()
         if unwrapped:
             places[:, 0] = np.unwrap(places[:, 0], period=360.0)
@@ -60,7 +60,7 @@ def is_map(path: Path | None) -> bool:
 
 
 def check(output: Path | None, sensors: Sensors[Any]) -> None:
-    """Fail before the work if positions would not be on the earth."""
+    """Fail before any processing if positions are not in latitude and longitude."""
     if output is None or not is_map(output):
         return
     if sensors.frame is None:
@@ -76,7 +76,7 @@ def check(output: Path | None, sensors: Sensors[Any]) -> None:
 def feature(rows: pl.DataFrame, name: str, properties: Mapping[str, Any]) -> Feature | None:
     """Return the line of rows in order of time, None without a position.
 
-    Where some heights are unknown, they are the nearest known ones in time.
+    Unknown heights are replaced by the nearest known ones in time.
     """
     rows = rows.drop_nulls(list(GEODETIC[:2])).sort("time_s", maintain_order=True)
     if rows.is_empty():
@@ -90,7 +90,7 @@ def feature(rows: pl.DataFrame, name: str, properties: Mapping[str, Any]) -> Fea
 
 
 def write(features: Sequence[Feature | None], path: Path, noun: str) -> None:
-    """Write lines and points in the format that the name of the file says, and say so."""
+    """Write lines and points in the format of the file name, and print a note."""
     there = [one for one in features if one is not None]
     writers: dict[str, Callable[[Sequence[Feature]], str]] = {GEOJSON: _geojson, KML: _kml}
     text = writers[path.suffix.lower()](there)
@@ -124,7 +124,7 @@ def _geojson_feature(one: Feature) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON has it."""
+    """Return a value in a type of JSON."""
     if isinstance(value, datetime):
         return value.isoformat().replace("+00:00", "Z")
     return None if isinstance(value, float) and not np.isfinite(value) else value
@@ -152,6 +152,6 @@ def _kml(features: Sequence[Feature]) -> str:
 
 
 def _moment(time: datetime | float) -> str:
-    """Return a time as KML has it."""
+    """Return a time in the format of KML."""
     moment = time if isinstance(time, datetime) else _EPOCH + timedelta(seconds=float(time))
     return moment.replace(tzinfo=None).isoformat(timespec="milliseconds") + "Z"

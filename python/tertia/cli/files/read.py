@@ -1,4 +1,4 @@
-"""Tables, recordings, sensors and plans read from files, as `tertia.tables` takes them."""
+"""Reading of tables, recordings, sensors and plans from files."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _ORIGIN = "origin"
 
 
 def kind_of(path: Path) -> str:
-    """Return how the name of a file ends, in small letters, without that of its packing."""
+    """Return the extension of a file name in lower case, without that of its compression."""
     suffix = path.suffix.lower()
     return path.with_suffix("").suffix.lower() if suffix in _PACKED else suffix
 
 
 def has_lines(path: Path) -> bool:
-    """Return whether a file has lines of CSV or JSON, not packed, as far as its name says."""
+    """Return whether a file has uncompressed lines of CSV or JSON, judging by its name."""
     packed = path.suffix.lower() in _PACKED
     return not packed and kind_of(path) not in {*_BINARY, *asterix.SUFFIXES, ".json"}
 
@@ -120,7 +120,7 @@ def _frame(path: Path) -> pl.DataFrame:
 
 
 def _say_why(path: Path, error: str) -> NoReturn:
-    """Fail, and say what is wrong with a file that Polars does not understand."""
+    """Fail, with the reason why Polars cannot read a file."""
     if path.stat().st_size == 0:
         fail(f"{path} is empty")
     kind = kind_of(path)
@@ -141,7 +141,7 @@ def _is_object(line: bytes) -> bool:
 
 
 def read_radars(path: Path, source: Source = ()) -> Sensors[Radar]:
-    """Return the radars of a sensors file, completed by what recordings say of them."""
+    """Return the radars of a sensors file, completed from recordings."""
     rows, origin = _described(path, "radar")
     # the first recording counts
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
@@ -191,7 +191,7 @@ def _described(
 def read_plans(
     path: Path | None, origin: tuple[float, float] | None, sensors: Sensors[Any]
 ) -> list[FlightPlan]:
-    """Return the plans of a file, one at least; their east and north are those of the sensors."""
+    """Return the plans of a file, at least one; their origin is that of the sensors."""
     if path is None:
         return []
     frame = sensors.frame

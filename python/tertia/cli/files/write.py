@@ -1,4 +1,4 @@
-"""Tables, texts and pictures written to files: whole, or not at all."""
+"""Writing of tables, texts and pictures to files: completely, or not at all."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def check_suffixes(
     *others: Path | None,
     maps: Sequence[str] = (),
 ) -> None:
-    """Fail before the work if a result, of which each is a file, could not be written after it.
+    """Fail before any processing if a result, each of which is a file, could not be written.
 
     The first may be one of the `maps`, too.
     """
@@ -81,7 +81,7 @@ def _check_suffix(path: Path, known: Iterable[str]) -> None:
 
 
 def write(table: pl.DataFrame, path: Path) -> None:
-    """Write a table in the format that the name of the file says, and say so."""
+    """Write a table in the format of the file name, and print a note."""
     with _whole(path) as file:
         WRITERS[path.suffix.lower()](table, file)
     typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
@@ -99,7 +99,7 @@ def write_text(text: str, path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder if it is not there, or fail."""
+    """Make a folder if it does not exist, or fail."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -114,7 +114,7 @@ def save(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[BinaryIO]:
-    """Open a file beside this one, which takes its place when it is complete, or fail."""
+    """Open a temporary file that replaces this one when it is complete, or fail."""
     target = path.resolve()
     part = target.with_name(f".{target.name}.{os.getpid()}")
     try:

@@ -1,1 +1,1 @@
-"""The terminal: what is printed, options that several commands have, how commands end."""
+"""The terminal: output, common options, and exit codes of commands."""

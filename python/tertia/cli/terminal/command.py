@@ -1,4 +1,4 @@
-"""What all commands have in common: results for machines, and ends that are no errors of theirs."""
+"""Common behaviour of all commands: JSON output, error messages and exit codes."""
 
 import contextlib
 import errno
@@ -26,7 +26,7 @@ _Json = Annotated[
 
 
 def command(function: Callable[..., Any]) -> Callable[..., None]:
-    """Return a command whose mistakes are one line each, and which ends so if interrupted.
+    """Return a command that reports each error in one line, also if it is interrupted.
 
     If the function returns something, the command has the option --json, which prints that.
     """
@@ -60,9 +60,9 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
 
 @contextlib.contextmanager
 def _mistakes() -> Iterator[None]:
-    """Say what looks wrong in records, and end in one line where something is wrong.
+    """Print warnings about records, and exit with one line on an error.
 
-    What the records are worth is known by then, so what the library refuses is an option.
+    The records have been checked at this point, so an error of the library is due to an option.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("always", RecordWarning)
@@ -87,7 +87,7 @@ def _mistakes() -> Iterator[None]:
 
 @contextlib.contextmanager
 def written_out() -> Iterator[None]:
-    """End in one line where what is printed cannot be written, silently where nobody reads it."""
+    """Exit with one line if output cannot be written, silently if the reader closed the pipe."""
     try:
         try:
             yield
@@ -104,7 +104,7 @@ def written_out() -> Iterator[None]:
 
 
 def _plain(value: Any) -> Any:
-    """Return numbers, texts, lists and dictionaries that JSON has; None in place of nan."""
+    """Return a value as numbers, texts, lists and dictionaries for JSON; nan becomes None."""
     if isinstance(value, dict):
         return {str(key): _plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,6 +1,6 @@
-"""Options that several commands have, and how they are understood.
+"""Options of several commands, and their parsing.
 
-Files have `readable=False`: what cannot be read is an error where it is read, in one line.
+Files have `readable=False`: unreadable files are reported when they are read, in one line.
 """
 
 from collections.abc import Callable, Sequence
@@ -114,7 +114,7 @@ def pair(
 
 
 def column_names(options: Sequence[str] | None) -> dict[str, str]:
-    """Return the columns that options NAME=COLUMN give, by name."""
+    """Return the columns given by options NAME=COLUMN, by name."""
     columns: dict[str, str] = {}
     for option in options or ():
         name, _, column = option.partition("=")

@@ -1,4 +1,4 @@
-"""Lines that come as long as somebody writes them."""
+"""Lines from a pipe, as they are written."""
 
 import enum
 import os
@@ -10,16 +10,16 @@ _BYTES, _WAITING = 1 << 16, 16
 
 
 class Quiet(enum.Enum):
-    """That no line is there: not now, or not for a while."""
+    """Marks that no line has arrived: at present, or for some time."""
 
     NOW = enum.auto()
     LONG = enum.auto()
 
 
 class Lines:
-    """The lines that can be read from a file descriptor, and when there are none.
+    """The lines that can be read from a file descriptor, and marks where there are none.
 
-    A thread reads, so that a pause is noticed; it waits where lines are not taken.
+    A thread reads, to detect pauses; it waits until the lines are taken.
     """
 
     def __init__(self, descriptor: int, pause: float) -> None:
@@ -39,7 +39,7 @@ class Lines:
             self._read.put(part)
 
     def __iter__(self) -> Iterator[list[bytes] | Quiet]:
-        """Yield lines that came together, and before it is waited for more, that there is none."""
+        """Yield lines that arrived together, and a mark before waiting for more."""
         rest = b""
         while part := (yield from self._next()):
             *lines, rest = (rest + part).split(b"\n")

@@ -1,4 +1,4 @@
-"""What is said on the terminal: errors, progress, tables."""
+"""Output on the terminal: errors, progress, tables."""
 
 import math
 from collections.abc import Callable, Collection, Iterable
@@ -23,13 +23,13 @@ T = TypeVar("T")
 
 
 def fail(message: str, code: int = FAILED) -> NoReturn:
-    """Say on stderr why, and leave."""
+    """Print an error to stderr, and exit."""
     note(f"tertia: {message}")
     raise typer.Exit(code)
 
 
 def note(message: str) -> None:
-    """Say something on stderr."""
+    """Print a note to stderr."""
     typer.echo(message, err=True)
 
 
@@ -56,7 +56,7 @@ def _number(value: float) -> str:
 
 
 def progress(what: str) -> Callable[[Collection[T]], Iterable[T]]:
-    """Return what shows a progress bar over items, if somebody can see it."""
+    """Return a progress bar over items, if the output is a terminal."""
 
     def over(items: Collection[T]) -> Iterable[T]:
         console = Console(stderr=True)
@@ -73,7 +73,7 @@ def progress(what: str) -> Callable[[Collection[T]], Iterable[T]]:
 
 
 def working(what: str) -> AbstractContextManager[object]:
-    """Show that something is under way, if somebody can see it."""
+    """Show that processing is under way, if the output is a terminal."""
     console = Console(stderr=True)
     return console.status(what) if console.is_terminal else nullcontext()
 
@@ -85,9 +85,10 @@ def print_table(
     text: Collection[str],
     limited: str = "rows are shown",
 ) -> None:
-    """Print a table whose rows `cells` turns into text.
+    """Print a table; `cells` converts its rows to text.
 
-    The columns `text` are left-justified; `limited` ends the sentence on rows that are not shown.
+    The columns `text` are left-justified; `limited` completes the sentence about rows that are not
+    shown.
     """
     out = Table(box=box.SIMPLE_HEAD)
     for name in table.columns:
