@@ -19,8 +19,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, finite, positive, radians, real, samples, threads
-from tertia._trajectory import Record, by_polynomials, temporal_first
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    finite,
+    integer,
+    positive,
+    radians,
+    real,
+    samples,
+    threads,
+)
 from tertia.location import Location, LocationStatus, checked, location_of
 from tertia.sensors import (
     ANGLES,
@@ -241,55 +250,57 @@ def reconstruct(
         raise ValueError("nothing was measured; give range, azimuth, elevation or range_difference")
     if jerk is not None and not 0 <= real(jerk, "jerk") < np.inf:
         raise ValueError(f"jerk is {jerk}; it must not be negative")
-    record = Record(stations, places, axes, sigmas, instants, measured, spatial, n_threads)
-    wanted = _estimated(bias, measured, order, smoother)
-    if order == "temporal-first":
-        if axes is not None and axes.ndim > 3:
-            raise ValueError("axes of stations change along time; order must be 'spatial-first'")
-        return _trajectory(record, *temporal_first(record, smoother, window, degree))
-    if smoother == "local-polynomial":
-        return _trajectory(record, *by_polynomials(record, window, degree))
-    return _by_rts(record, jerk, wanted)
-
-
-def _by_rts(record: Record, jerk: float | None, biased: tuple[Kind, ...]) -> Trajectory:
-    """Locate every instant, then smooth the positions."""
-    n, k, d = len(record.time), record.places.shape[-2], record.places.shape[-1]
-    values, sigmas = np.full((n, len(KINDS), k), np.nan), np.full((len(KINDS), k), np.nan)
-    for kind, measured in record.measured.items():
-        at, first = KINDS.index(kind), int(kind == "range_difference")
-        values[:, at, first:], sigmas[at, first:] = measured, record.sigmas[kind]
-    found = _core.reconstruct(
-        {
-            "stations": record.places,
-            "axes": record.axes,
-            "time": record.time,
-            "values": values,
-            "sigmas": sigmas,
-            "robust": record.spatial == "robust",
-        },
-        jerk,
-        [KINDS.index(kind) for kind in biased],
-        threads(record.n_threads),
+    if places.shape[-1] == 2 and "elevation" in measured:
+        raise ValueError("elevation needs stations with three coordinates")
+    if order == "temporal-first" and axes is not None and axes.ndim > 3:
+        raise ValueError("axes of stations change along time; order must be 'spatial-first'")
+    estimated = _estimated(bias, measured, order, smoother)
+    values, deviations = (
+        np.full((len(instants), len(KINDS), k), np.nan),
+        np.full((len(KINDS), k), np.nan),
     )
+    for kind, array in measured.items():
+        at, first = KINDS.index(kind), int(kind == "range_difference")
+        values[:, at, first:], deviations[at, first:] = array, sigmas[kind]
+    record = {
+        "stations": places,
+        "axes": axes,
+        "time": instants,
+        "values": values,
+        "sigmas": deviations,
+        "robust": spatial == "robust",
+    }
+    steps = {
+        "temporal_first": order == "temporal-first",
+        "polynomials": _polynomials(window, degree) if smoother == "local-polynomial" else None,
+        "jerk": jerk,
+        "biased": [KINDS.index(kind) for kind in estimated],
+    }
+    found = _core.reconstruct(record, steps, threads(n_threads))
     if found["failure"] is not None:
-        _raise(found["failure"], record.stations)
-    mean, covariance = found["mean"], found["covariance"]
-    kinds = tuple(record.measured)
+        _raise(found["failure"], stations)
+    d, mean, smoothed = places.shape[-1], found["mean"], found["smoothed"]
+    kinds = tuple(measured)
     return Trajectory(
-        record.time,
+        instants,
         mean[:, :d],
         mean[:, d : 2 * d],
         mean[:, 2 * d :],
-        covariance=covariance,
+        covariance=found["covariance"],
         fixes=location_of(found["fixes"], kinds, estimated=False),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
         bias=None if found["bias"] is None else _bias(*found["bias"]),
-        smoothed=SmoothedPositions(
-            mean, found["smoothed_covariance"], found["innovation"], *found["summary"]
-        ),
+        smoothed=None if smoothed is None else SmoothedPositions(mean, *smoothed),
     )
+
+
+def _polynomials(window: int, degree: int | Literal["adaptive"]) -> tuple[int, int | None]:
+    if isinstance(degree, str):
+        if degree != "adaptive":
+            raise ValueError(f"degree is {degree!r}; it must be 'adaptive' or an integer")
+        return integer(window, "window", 1), None
+    return integer(window, "window", 1), integer(degree, "degree", 0)
 
 
 def _bias(values: list[float], sigmas: list[float]) -> Bias:
@@ -313,28 +324,6 @@ def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoRet
     raise ValueError(
         f"biases of {named} are not observable: together they move the positions and change no "
         "residual"
-    )
-
-
-def _trajectory(
-    record: Record, states: tuple[FloatArray, ...], covariance: FloatArray, fixes: Location
-) -> Trajectory:
-    position, velocity, acceleration = states
-    residuals = {
-        kind: residual / record.sigma(kind)
-        for kind, residual in record.residuals(record.measured, position).items()
-    }
-    return Trajectory(
-        record.time,
-        position,
-        velocity,
-        acceleration,
-        covariance=covariance,
-        fixes=fixes,
-        outlier=fixes.outlier,
-        residual=ByKind(**{str(kind): residual for kind, residual in residuals.items()}),
-        bias=None,
-        smoothed=None,
     )
 
 

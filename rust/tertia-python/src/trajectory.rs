@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use std::num::NonZero;
 use tertia::location::Fix;
 use tertia::sensors::KINDS;
-use tertia::trajectory::{self, Failure, Record, Trajectory};
+use tertia::trajectory::{self, Failure, Polynomials, Record, Trajectory};
 
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
@@ -15,16 +15,16 @@ type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
 /// dilutions and standard deviations, as of `locate`.
 type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, Vec<Array<'py>>);
 
+/// Covariance, innovation, likelihood, count, jerk and its standard uncertainty.
+type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, f64, f64);
+
 /// What came out, or why nothing did: which numbers of an instant, or which problems.
 #[derive(IntoPyObject)]
 pub struct Reconstructed<'py> {
     failure: Option<(&'static str, Vec<usize>)>,
     mean: Option<Array<'py>>,
     covariance: Option<Array<'py>>,
-    smoothed_covariance: Option<Array<'py>>,
-    innovation: Option<Array<'py>>,
-    /// Likelihood, count, jerk and its standard uncertainty.
-    summary: Option<(f64, usize, f64, f64)>,
+    smoothed: Option<Smoothed<'py>>,
     fixes: Option<Located<'py>>,
     outlier: Option<Marks<'py>>,
     residual: Option<Array<'py>>,
@@ -44,14 +44,26 @@ pub struct Measured<'py> {
     robust: bool,
 }
 
-/// A trajectory, with the biases of kinds by their number.
+/// The order of the steps, and how the second one works.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Steps {
+    temporal_first: bool,
+    /// Window and degree, if it is not chosen; none: smoothed with white jerk.
+    polynomials: Option<(usize, Option<usize>)>,
+    /// For positions.
+    jerk: Option<f64>,
+    /// Numbers of the kinds of which biases are estimated.
+    biased: Vec<usize>,
+}
+
+/// A trajectory from what was measured.
 #[pyfunction]
-#[pyo3(signature = (measured, jerk, biased, n_threads))]
+#[pyo3(signature = (measured, steps, n_threads))]
 pub fn reconstruct<'py>(
     py: Python<'py>,
     measured: Measured<'py>,
-    jerk: Option<f64>,
-    biased: Vec<usize>,
+    steps: Steps,
     n_threads: Option<NonZero<usize>>,
 ) -> PyResult<Reconstructed<'py>> {
     let stations = Samples::extract(&measured.stations, "stations")?;
@@ -78,13 +90,13 @@ pub fn reconstruct<'py>(
     let shapes = record.values.len() == n * KINDS * k
         && fits(record.stations.len(), k * d)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
-        && biased.iter().all(|kind| *kind < KINDS);
+        && steps.biased.iter().all(|kind| *kind < KINDS);
     if !shapes {
         return Err(PyValueError::new_err("the shapes do not fit together"));
     }
     let found = py.detach(|| match d {
-        2 => trajectory::reconstruct::<2, 6>(&record, jerk, &biased),
-        _ => trajectory::reconstruct::<3, 9>(&record, jerk, &biased),
+        2 => steps.take::<2, 6>(&record),
+        _ => steps.take::<3, 9>(&record),
     });
     match found {
         Ok(found) => Reconstructed::new(py, found, n, d, k),
@@ -98,15 +110,27 @@ pub fn reconstruct<'py>(
     }
 }
 
+impl Steps {
+    fn take<const D: usize, const N: usize>(
+        &self,
+        record: &Record<'_>,
+    ) -> Result<Trajectory, Failure> {
+        let polynomials = self.polynomials.map(|(window, degree)| Polynomials { window, degree });
+        match polynomials {
+            _ if self.temporal_first => trajectory::temporal_first::<D, N>(record, polynomials),
+            Some(polynomials) => trajectory::by_polynomials::<D, N>(record, polynomials),
+            None => trajectory::reconstruct::<D, N>(record, self.jerk, &self.biased),
+        }
+    }
+}
+
 impl<'py> Reconstructed<'py> {
     fn failed(why: &'static str, numbers: Vec<usize>) -> Self {
         Self {
             failure: Some((why, numbers)),
             mean: None,
             covariance: None,
-            smoothed_covariance: None,
-            innovation: None,
-            summary: None,
+            smoothed: None,
             fixes: None,
             outlier: None,
             residual: None,
@@ -134,18 +158,22 @@ impl<'py> Reconstructed<'py> {
             array(py, &[n, KINDS, k], fixes.outlier)?,
             columns,
         );
+        let smoothed = found.smoothed.map(|smoothed| -> PyResult<Smoothed<'py>> {
+            let (summary, fit) = (smoothed.summary, smoothed.fit);
+            Ok((
+                array(py, &[n, states, states], smoothed.covariance)?,
+                array(py, &[n, d], smoothed.innovation)?,
+                summary.log_likelihood,
+                summary.count,
+                fit.jerk,
+                fit.sigma(),
+            ))
+        });
         Ok(Self {
             failure: None,
             mean: Some(array(py, &[n, states], found.mean)?),
             covariance: Some(array(py, &[n, states, states], found.covariance)?),
-            smoothed_covariance: Some(array(py, &[n, states, states], found.smoothed_covariance)?),
-            innovation: Some(array(py, &[n, d], found.innovation)?),
-            summary: Some((
-                found.summary.log_likelihood,
-                found.summary.count,
-                found.fit.jerk,
-                found.fit.sigma(),
-            )),
+            smoothed: smoothed.transpose()?,
             fixes: Some(located),
             outlier: Some(array(py, &[n, KINDS, k], found.outlier)?),
             residual: Some(array(py, &[n, KINDS, k], found.residual)?),

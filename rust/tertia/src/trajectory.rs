@@ -1,8 +1,9 @@
 //! Trajectory: positions along time from what several stations measured, some of it wrong.
 //!
-//! Every instant is located, and the positions are smoothed; what the smooth path contradicts is
-//! left out, positions are linearised about the path, and constant biases of the stations are
-//! estimated from contradictions between them. Cost O(N K).
+//! By [`reconstruct`] every instant is located, and the positions are smoothed; what the smooth path
+//! contradicts is left out, positions are linearised about the path, and constant biases of the
+//! stations are estimated from contradictions between them. [`by_polynomials`] smooths positions
+//! without a model of motion, [`temporal_first`] what each station measured. Cost O(N K).
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -14,12 +15,18 @@ mod found;
 mod jerk;
 mod measured;
 mod path;
+mod series;
+mod spatial;
+mod temporal;
 mod tukey;
 mod weight;
 
 pub use failure::Failure;
 pub use fixes::Fixes;
 pub use measured::Record;
+pub use series::Polynomials;
+pub use spatial::by_polynomials;
+pub use temporal::temporal_first;
 
 use crate::sensors::KINDS;
 use crate::smoothing::{JerkFit, Summary};
@@ -38,14 +45,8 @@ pub struct Trajectory {
     pub mean: Vec<f64>,
     /// Their covariances (N, 3D, 3D), ∞ where unknown, with the uncertainty of jerk and biases.
     pub covariance: Vec<f64>,
-    /// The same without that.
-    pub smoothed_covariance: Vec<f64>,
-    /// Innovations of the smoother (N, D).
-    pub innovation: Vec<f64>,
-    /// What the smoother found.
-    pub summary: Summary,
-    /// The jerk that was given or found.
-    pub fit: JerkFit,
+    /// What the smoother of positions found; none with polynomials, and of smoothed measurements.
+    pub smoothed: Option<Smoothed>,
     /// Positions of the single instants.
     pub fixes: Fixes,
     /// Measurements that were left out (N, 4, K).
@@ -55,6 +56,42 @@ pub struct Trajectory {
     /// Biases and their standard deviations (4, K): 0 and ∞ where nothing was measured, 0 and 0 of
     /// kinds that were not asked for. None if none was.
     pub bias: Option<(Vec<f64>, Vec<f64>)>,
+}
+
+/// What a smoother with white jerk found.
+#[derive(Clone, Debug)]
+pub struct Smoothed {
+    /// Covariances of the states (N, 3D, 3D) without the uncertainty of jerk and biases.
+    pub covariance: Vec<f64>,
+    /// Innovations (N, D).
+    pub innovation: Vec<f64>,
+    /// Likelihood and count.
+    pub summary: Summary,
+    /// The jerk that was given or found.
+    pub fit: JerkFit,
+}
+
+impl Trajectory {
+    /// States that follow from positions of the instants, without biases.
+    fn of_fixes<const D: usize, const N: usize>(
+        record: &Record<'_>,
+        fixes: Fixes,
+        mean: Vec<f64>,
+        covariance: Vec<f64>,
+    ) -> Self {
+        let residual = residuals::<D, N>(record, None, &mean);
+        let outlier = fixes.outlier.clone();
+        Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None }
+    }
+}
+
+/// Diagonal matrices (N, S, S) of variances (N, S).
+fn without_correlations(variance: &[f64], size: usize) -> Vec<f64> {
+    let mut matrices = vec![0.0; variance.len() * size];
+    for (at, variance) in variance.iter().enumerate() {
+        matrices[at * size + at % size] = *variance;
+    }
+    matrices
 }
 
 /// Locates every instant, then smooths the positions. Of the `biased` kinds, in the order of an
@@ -88,11 +125,13 @@ pub fn reconstruct<const D: usize, const N: usize>(
     let residual = residuals::<D, N>(record, biases.as_ref(), &best.mean);
     Ok(Trajectory {
         covariance,
-        innovation,
-        summary: best.summary,
-        fit: best.fit,
+        smoothed: Some(Smoothed {
+            covariance: best.covariance,
+            innovation,
+            summary: best.summary,
+            fit: best.fit,
+        }),
         mean: best.mean,
-        smoothed_covariance: best.covariance,
         outlier,
         residual,
         bias: biases.map(|biases| by_station(record, &biases, biased)),

@@ -51,7 +51,7 @@ impl Fixes {
         }
         let mut new = Self::empty(changed.len(), width, D);
         new.fill::<D>(record, &changed, &values, &sigmas);
-        let mut all = match before {
+        let all = match before {
             None => new,
             Some((old, _)) => {
                 let mut all = old.clone();
@@ -65,14 +65,30 @@ impl Fixes {
                 all
             }
         };
-        if all.fixes.iter().all(|fix| fix.problem != Problem::None) {
-            let mut reasons: Vec<u8> = all.fixes.iter().map(|fix| fix.problem as u8).collect();
-            reasons.sort_unstable();
-            reasons.dedup();
-            all.fixes.clear();
-            return Err(Failure::NotLocated(reasons));
+        all.located()
+    }
+
+    /// Locates all instants, from these values and standard deviations (N, 4, K).
+    pub(super) fn of<const D: usize>(
+        record: &Record<'_>,
+        values: &[f64],
+        sigmas: &[f64],
+    ) -> Result<Self, Failure> {
+        let all: Vec<usize> = (0..record.len()).collect();
+        let mut fixes = Self::empty(all.len(), record.width(), D);
+        fixes.fill::<D>(record, &all, values, sigmas);
+        fixes.located()
+    }
+
+    /// Fails if no instant is.
+    fn located(self) -> Result<Self, Failure> {
+        if (0..self.fixes.len()).any(|t| self.is_located(t)) {
+            return Ok(self);
         }
-        Ok(all)
+        let mut reasons: Vec<u8> = self.fixes.iter().map(|fix| fix.problem as u8).collect();
+        reasons.sort_unstable();
+        reasons.dedup();
+        Err(Failure::NotLocated(reasons))
     }
 
     fn empty(n: usize, width: usize, d: usize) -> Self {

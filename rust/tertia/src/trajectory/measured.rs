@@ -93,8 +93,17 @@ impl<const D: usize> Measured<D> {
 
     /// Whitened residuals and gradients of an instant at a position.
     pub fn rows(&self, t: usize, position: &[f64]) -> impl Iterator<Item = (usize, Row<D>)> {
-        let p: Vector<D> = std::array::from_fn(|i| position[i] - self.origins[t][i]);
+        let p = self.relative(t, position);
         self.instant(t).map(move |m| (m, self.list[m].row(&p)))
+    }
+
+    /// A position as seen from the first station of an instant.
+    pub fn relative(&self, t: usize, position: &[f64]) -> Vector<D> {
+        std::array::from_fn(|i| position[i] - self.origins[t][i])
+    }
+
+    pub fn one(&self, m: usize) -> &Measurement<D> {
+        &self.list[m]
     }
 
     /// 1/σ

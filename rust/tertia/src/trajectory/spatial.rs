@@ -1,0 +1,41 @@
+//! Positions of the instants first, each coordinate smoothed by local polynomials.
+
+use super::failure::Failure;
+use super::fixes::Fixes;
+use super::measured::{Measured, Record};
+use super::series::{Noisy, Polynomials, Series};
+use super::{Trajectory, without_correlations};
+
+/// Locates every instant, then smooths each coordinate by polynomials. N is 3 D.
+///
+/// # Errors
+/// No instant that can be located, or polynomials that are not there.
+pub fn by_polynomials<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    polynomials: Polynomials,
+) -> Result<Trajectory, Failure> {
+    let measured = Measured::<D>::new(record, record.values.to_vec());
+    let fixes = Fixes::locate(record, &measured, &vec![1.0; record.values.len()], None)?;
+    let coordinate = |axis: usize| -> Noisy {
+        let of = |t: usize| {
+            let variance = fixes.covariance[(t * D + axis) * D + axis];
+            let known = variance.is_finite();
+            if known { (fixes.position[t * D + axis], variance) } else { (f64::NAN, 1.0) }
+        };
+        (0..record.len()).map(of).unzip()
+    };
+    let rows: Vec<Noisy> = (0..D).map(coordinate).collect();
+    let series = Series::smoothed(record, &rows, Some(polynomials))?;
+    let (mut mean, mut variance) = (vec![0.0; record.len() * N], vec![0.0; record.len() * N]);
+    for t in 0..record.len() {
+        for derivative in 0..3 {
+            for (axis, series) in series.iter().enumerate() {
+                let at = t * N + derivative * D + axis;
+                mean[at] = series.value[derivative][t];
+                variance[at] = series.sigma[derivative][t].powi(2);
+            }
+        }
+    }
+    let covariance = without_correlations(&variance, N);
+    Ok(Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance))
+}
