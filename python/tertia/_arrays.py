@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import operator
 import sys
-from typing import Any, Literal, TypeAlias
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 NanPolicy: TypeAlias = Literal["raise", "omit"]
 
+_T = TypeVar("_T")
 _ARRAY = np.ndarray
 _FLOAT64 = np.dtype(np.float64)
 
@@ -61,18 +63,27 @@ def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
 def finite(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers, all of them finite."""
     array = samples(value, name)
-    _require_each(array, np.isfinite(array), name, "a finite number")
+    require_each(array, np.isfinite(array), name, "a finite number")
     return array
 
 
 def positive(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers, all of them finite and positive."""
     array = finite(value, name)
-    _require_each(array, array > 0, name, "a positive number")
+    require_each(array, array > 0, name, "a positive number")
     return array
 
 
-def _require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
+def points(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return `value` as finite positions in a plane or in space."""
+    array = finite(value, name)
+    if array.ndim != 2 or array.shape[-1] not in (2, 3):
+        raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
+    return array
+
+
+def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
+    """Fail with the first number for which the requirement does not hold."""
     bad = np.argwhere(~holds)
     if len(bad):
         index = tuple(bad[0])
@@ -141,6 +152,35 @@ def real(value: Any, name: str) -> float:
     except (TypeError, ValueError, OverflowError):
         pass
     raise TypeError(f"{name} is {value!r}; it must be a real number")
+
+
+def positive_number(value: Any, name: str) -> float:
+    """Return `value` as a float, finite and positive."""
+    return float(positive(real(value, name), name))
+
+
+def probability(value: Any, name: str) -> float:
+    """Return `value` as a float between 0 and 1."""
+    number = real(value, name)
+    if not 0.0 < number < 1.0:
+        raise ValueError(f"{name} is {number}; it must be between 0 and 1")
+    return number
+
+
+def instance(value: Any, name: str, *kinds: type) -> None:
+    """Fail unless `value` is of one of these kinds."""
+    if not isinstance(value, kinds):
+        names = " or a ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} is {value!r}; it must be a {names}")
+
+
+def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
+    """Return a sequence of objects of a kind as a tuple."""
+    if not isinstance(values, Sequence):
+        raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
+    for i, value in enumerate(values):
+        instance(value, f"{name}[{i}]", kind)
+    return tuple(values)
 
 
 def threads(n_threads: int | None) -> int | None:

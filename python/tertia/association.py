@@ -16,7 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, finite, integer, real, scalar_or_array
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    finite,
+    integer,
+    points,
+    real,
+    require_each,
+    scalar_or_array,
+)
 
 __all__ = [
     "GUARD",
@@ -136,10 +145,8 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
 
     Raises
     ------
-    ValueError
-        A number outside its domain, or an unknown name.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A number outside its domain, an unknown name, or an argument of the wrong type.
 
     Examples
     --------
@@ -243,10 +250,8 @@ def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> fl
 
     Raises
     ------
-    ValueError
-        A number outside its domain.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A number outside its domain, or an argument of the wrong type.
 
     Examples
     --------
@@ -372,7 +377,7 @@ def gate(
     >>> pairs.track, pairs.plot, pairs.nis
     (array([0, 1]), array([0, 1]), array([0.25, 4.  ]))
     """
-    tracks, scan = _points(predicted, "predicted"), _points(plots, "plots")
+    tracks, scan = points(predicted, "predicted"), points(plots, "plots")
     m = tracks.shape[-1]
     if scan.shape[-1] != m:
         raise ValueError(f"plots has shape {scan.shape}; it must be (N, {m}), as predicted")
@@ -461,7 +466,7 @@ def associate(
         raise ValueError(f"score is {score!r}; it must be 'likelihood' or 'paper'")
     if method not in ("gnn", "nearest"):
         raise ValueError(f"method is {method!r}; it must be 'gnn' or 'nearest'")
-    tracks, scan = _points(predicted, "predicted"), _points(plots, "plots")
+    tracks, scan = points(predicted, "predicted"), points(plots, "plots")
     pairs = gate(tracks, covariance, scan, plot_covariance, gate_probability=gate_probability)
     m = tracks.shape[-1]
     if score == "paper":
@@ -510,17 +515,8 @@ def _content(gate_probability: float | Gate) -> float:
 def _squares(nis: npt.ArrayLike) -> FloatArray:
     """Return normalised innovations squared."""
     distance = finite(nis, "nis")
-    if np.any(distance < 0.0):
-        raise ValueError("nis must not be negative")
+    require_each(distance, distance >= 0.0, "nis", "zero or positive")
     return distance
-
-
-def _points(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return positions, (N, 2) or (N, 3)."""
-    array = finite(value, name)
-    if array.ndim != 2 or array.shape[-1] not in (2, 3):
-        raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
-    return array
 
 
 def _matrices(value: npt.ArrayLike, name: str, count: int, m: int) -> FloatArray:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, real, samples, scalar_or_array
+from tertia._arrays import FloatArray, finite, real, require_each, samples, scalar_or_array
 from tertia.sensors import Station
 
 if TYPE_CHECKING:
@@ -349,10 +349,6 @@ def _numbers(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return numbers after checking that they are within their domain; nan means missing."""
     array = samples(value, name)
     most = _POLE if name == "latitude" else _LARGEST
-    bad = np.argwhere(np.abs(array) > most)
-    if len(bad):
-        at = ", ".join(map(str, bad[0]))
-        domain = "between -90 and 90 degrees" if name == "latitude" else "a finite number"
-        place = f"{name}[{at}]" if at else name
-        raise ValueError(f"{place} is {array[tuple(bad[0])]}; it must be {domain}")
+    domain = "between -90 and 90 degrees" if name == "latitude" else "a finite number"
+    require_each(array, ~(np.abs(array) > most), name, domain)
     return array

@@ -18,10 +18,13 @@ from tertia._arrays import (
     IntArray,
     finite,
     positive,
+    probability,
     radians,
     real,
+    require_each,
     samples,
     scalar_or_array,
+    sequence_of,
 )
 
 __all__ = ["Bias", "ByKind", "Kind", "Radar", "Station"]
@@ -62,10 +65,9 @@ class Station:
 
     Raises
     ------
-    ValueError
-        A wrong shape, a number outside its domain, or axes that are not a rotation.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A wrong shape, a number outside its domain, axes that are not a rotation, or an argument of
+        the wrong type.
 
     Examples
     --------
@@ -134,10 +136,8 @@ class Radar:
 
     Raises
     ------
-    ValueError
-        A wrong shape, or a number outside its domain.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A wrong shape, a number outside its domain, or an argument of the wrong type.
 
     Examples
     --------
@@ -169,9 +169,7 @@ class Radar:
         place = finite(position, "position")
         if place.shape not in {(2,), (3,)}:
             raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
-        probability = real(detection_probability, "detection_probability")
-        if not 0.0 < probability < 1.0:
-            raise ValueError(f"detection_probability is {probability}; it must be between 0 and 1")
+        detected = probability(detection_probability, "detection_probability")
         limit = real(max_range, "max_range")
         if not limit > 0.0:
             raise ValueError(f"max_range is {limit}; it must be positive")
@@ -184,7 +182,7 @@ class Radar:
             object.__setattr__(self, key, _sigma(number, key, degrees))
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "max_range", limit)
-        object.__setattr__(self, "detection_probability", probability)
+        object.__setattr__(self, "detection_probability", detected)
         object.__setattr__(self, "name", name)
 
 
@@ -212,10 +210,9 @@ class Bias:
 
     Raises
     ------
-    ValueError
-        A wrong shape, a bias that is not finite, or a sigma that is negative or nan.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A wrong shape, a bias that is not finite, a sigma that is negative or nan, or an argument of
+        the wrong type.
 
     Examples
     --------
@@ -337,11 +334,7 @@ def stack_stations(
         if places.ndim < 2 or places.shape[-2] == 0:
             raise ValueError(f"stations has shape {places.shape}; it must be (..., K, D)")
         return places, None, {}
-    known: list[Station] = []
-    for at, station in enumerate(stations):
-        if not isinstance(station, Station):
-            raise TypeError(f"stations[{at}] is {station!r}; it must be a Station")
-        known.append(station)
+    known = sequence_of(stations, Station, "stations")
     positions = [station.position for station in known]
     try:
         places = np.stack(np.broadcast_arrays(*positions), axis=-2)
@@ -423,8 +416,5 @@ def _bias_number(value: npt.ArrayLike, name: str, degrees: bool) -> FloatArray:
         known = radians(value, name, degrees=degrees) if name in ANGLES else value
         return finite(known, name)
     array = angle_sigma(value, name, degrees=degrees)
-    bad = np.argwhere(~(array >= 0))
-    if len(bad):
-        place = name + "".join(f"[{at}]" for at in bad[0])
-        raise ValueError(f"{place} is {array[tuple(bad[0])]}; it must be 0, positive or inf")
+    require_each(array, array >= 0, name, "0, positive or inf")
     return array

@@ -204,7 +204,7 @@ class TestScores:
     @pytest.mark.parametrize(
         ("call", "kind", "message"),
         [
-            (lambda: paper_score(-1.0), ValueError, "nis must not be negative"),
+            (lambda: paper_score(-1.0), ValueError, "nis is -1.0; it must be zero or positive"),
             (lambda: paper_score(NAN), ValueError, "nis is nan"),
             (lambda: paper_score(1.0, 1.0), ValueError, "q is 1"),
             (lambda: paper_score([], 0.5), ValueError, "q is 0.5"),

@@ -361,7 +361,7 @@ class TestRadarScenario:
     @pytest.mark.parametrize(
         ("options", "error", "message"),
         [
-            ({"name": "calm"}, ValueError, "name is 'calm'; it must be 'healthy', 'noisy', .* or"),
+            ({"name": "calm"}, ValueError, "name is 'calm'; it must be one of healthy, noisy, .*"),
             ({"name": "Healthy"}, ValueError, "name is 'Healthy'"),
             ({"name": None}, ValueError, "name is None"),
             ({"name": ["turn"]}, ValueError, r"name is \['turn'\]"),

@@ -9,7 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, finite, positive, real, scalar_or_array
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    finite,
+    positive,
+    positive_number,
+    real,
+    scalar_or_array,
+)
 
 _GRAVITY = 9.80665
 _BANK = float(np.radians(25.0))
@@ -179,7 +187,7 @@ class FlightPlan:
             raise ValueError(
                 f"waypoints has shape {places.shape}; it must be (N, 2) with two or more waypoints"
             )
-        rate = float(positive(real(turn_rate, "turn_rate"), "turn_rate"))
+        rate = positive_number(turn_rate, "turn_rate")
         if bank is not None and turn_radius is not None:
             raise ValueError("bank and turn_radius are both given; give one of them")
         angle = _bank(bank)
@@ -353,7 +361,7 @@ def _bank(bank: float | None) -> float:
 
 def _turning(speed: float, turn_radius: float, rate: float) -> tuple[float, float]:
     """Return bank angle and largest turn rate for turns of a radius at a speed."""
-    radius = float(positive(real(turn_radius, "turn_radius"), "turn_radius"))
+    radius = positive_number(turn_radius, "turn_radius")
     return float(np.arctan2(speed**2, _GRAVITY * radius)), max(rate, speed / radius)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, positive, real, samples
+from tertia._arrays import FloatArray, positive_number, samples
 
 
 def tracks_of(
@@ -63,4 +63,4 @@ def one_track(
         raise ValueError(f"time must increase; {present[at]} is followed by {present[at + 1]}")
     if update_interval is None:
         return track, float(np.median(steps)) if steps.size else 0.0
-    return track, float(positive(real(update_interval, "update_interval"), "update_interval"))
+    return track, positive_number(update_interval, "update_interval")

@@ -20,7 +20,7 @@ from sklearn.base import BaseEstimator, OneToOneFeatureMixin, OutlierMixin, Tran
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from tertia import screening, smoothing
-from tertia._arrays import FloatArray, IntArray, real
+from tertia._arrays import FloatArray, IntArray, probability
 
 __all__ = ["BandDetector", "BurstDetector", "Cleaner", "Smoother"]
 
@@ -57,9 +57,7 @@ class _Band(_Columns):
 
     def _fit_bands(self, X: Any, *, together: bool) -> None:  # noqa: N803  # as scikit-learn
         values = self._values(X, ensure_min_samples=_FEWEST)
-        significance = real(self.significance, "significance")
-        if not 0.0 < significance < 1.0:
-            raise ValueError(f"significance is {significance}; it must be between 0 and 1")
+        significance = probability(self.significance, "significance")
         if together:
             significance = -math.expm1(math.log1p(-significance) / values.shape[1])
         bands = [_band(column, significance) for column in values.T]

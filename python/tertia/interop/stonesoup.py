@@ -32,7 +32,7 @@ from stonesoup.types.update import GaussianStateUpdate, Update
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
 
 from tertia import fusion
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, instance
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
 from tertia.tracker import Plots, Tracker, TrackTable
@@ -305,8 +305,7 @@ def predictor(model: SingerModel, axes: int = 2) -> Any:
     >>> predictor(SingerModel(1.0, 0.05, 1.0, exact=True)).transition_model.ndim_state
     6
     """
-    if not isinstance(model, SingerModel):
-        raise TypeError(f"model is {model!r}; it must be a SingerModel")
+    instance(model, "model", SingerModel)
     motions = [SingerMotion(model) for _ in range(axes)]
     return KalmanPredictor(CombinedLinearGaussianTransitionModel(motions))
 

@@ -14,7 +14,7 @@ import pandas as pd
 from traffic.core import Flight
 
 from tertia import smoothing
-from tertia._arrays import BoolArray, FloatArray, positive, real
+from tertia._arrays import BoolArray, FloatArray, positive_number
 from tertia._units import FOOT, KNOT
 from tertia.geo import LocalFrame
 from tertia.kalman import fit_noise
@@ -65,10 +65,9 @@ def smooth(
 
     Raises
     ------
-    ValueError
-        Fewer than 10 positions, a sigma that is not positive, or noise that cannot be fitted.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        Fewer than 10 positions, a sigma that is not positive, noise that cannot be fitted, or an
+        argument of the wrong type.
 
     Notes
     -----
@@ -116,7 +115,7 @@ def _vertical(
 ) -> tuple[dict[str, FloatArray | BoolArray], FloatArray]:
     """Return the columns of the vertical motion, and the heights in metres."""
     y = altitude[:, np.newaxis] * FOOT
-    known = None if sigma is None else _positive(sigma, "altitude_sigma") * FOOT
+    known = None if sigma is None else positive_number(sigma, "altitude_sigma") * FOOT
     found, outlier = _robust(time, y, y, known, "altitude")
     value, deviation = found.mean / FOOT, found.sigma / FOOT
     covariance = found.covariance[:, 0, 1] / (FOOT * _FOOT_PER_MINUTE)
@@ -146,7 +145,7 @@ def _horizontal(
     middle = there[len(there) // 2]
     frame = LocalFrame(latitude[middle], longitude[middle])
     places = frame.to_local(latitude, longitude)
-    known = None if sigma is None else _positive(sigma, "position_sigma")
+    known = None if sigma is None else positive_number(sigma, "position_sigma")
     # the vertical has no noise here, so it says nothing about noise and motion
     found, outlier = _robust(time, places, places[:, :2], known, "position")
     north, east, _ = (np.asarray(value) for value in frame.to_geodetic(found.position))
@@ -233,10 +232,6 @@ def _far(
         squares = np.sum(off**2 / np.maximum(spread, 1e-6 * variance), axis=1)
         far: BoolArray = squares > _GATE
     return far
-
-
-def _positive(value: float, name: str) -> float:
-    return float(positive(real(value, name), name))
 
 
 def _known(sigma: FloatArray) -> FloatArray:

@@ -12,8 +12,6 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import FloatArray, integer, real, samples, scalar_or_array
 
-__all__ = ["autocorrelation", "consistency_bounds", "nees", "nis", "rmse"]
-
 
 def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
     """Return normalised estimation errors squared, `e' P^-1 e`.
@@ -84,10 +82,8 @@ def nis(innovation: npt.ArrayLike, variance: npt.ArrayLike) -> float | FloatArra
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit, or a variance that is not positive.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        Shapes that do not fit, a variance that is not positive, or an argument of the wrong type.
 
     Examples
     --------
@@ -128,10 +124,8 @@ def consistency_bounds(
 
     Raises
     ------
-    ValueError
-        A number outside its domain, or a product above 1e8.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A number outside its domain, a product above 1e8, or an argument of the wrong type.
 
     Examples
     --------
@@ -162,10 +156,8 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
 
     Raises
     ------
-    ValueError
-        An axis out of range.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        An axis out of range, or an argument of the wrong type.
 
     Examples
     --------
@@ -201,10 +193,8 @@ def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
 
     Raises
     ------
-    ValueError
-        No more steps than `nlags`.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        No more steps than `nlags`, or an argument of the wrong type.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,16 +35,9 @@ class Rows:
 
     def updates(self) -> Rows:
         """Return the rows with a plot."""
-        of = self.updated
-        return Rows(
-            self.time[of],
-            self.track[of],
-            self.radar[of],
-            self.position[of],
-            self.velocity[of],
-            None if self.covariance is None else self.covariance[of],
-            of[of],
-        )
+        columns = {name: getattr(self, name) for name in self.__slots__}
+        known = {name: column for name, column in columns.items() if column is not None}
+        return replace(self, **{name: column[self.updated] for name, column in known.items()})
 
 
 def usual_periods(rows: Rows) -> list[float]:

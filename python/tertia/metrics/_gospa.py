@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, finite, positive, real
+from tertia._arrays import FloatArray, IntArray, points, positive_number, real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,10 +70,9 @@ def gospa(
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit, a number that is not finite or outside its domain.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        Shapes that do not fit, a number that is not finite or outside its domain, or an argument of
+        the wrong type.
 
     Notes
     -----
@@ -90,13 +89,10 @@ def gospa(
     >>> metrics.gospa([[3, 0], [500, 0]], [[0, 0], [0, 90]], cutoff=10)
     Gospa(10.4403: localisation 9, missed 50, false 50)
     """
-    found, true = finite(estimates, "estimates"), finite(truth, "truth")
-    for array, name in ((found, "estimates"), (true, "truth")):
-        if array.ndim != 2 or array.shape[-1] not in (2, 3):
-            raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
+    found, true = points(estimates, "estimates"), points(truth, "truth")
     if found.shape[-1] != true.shape[-1]:
         raise ValueError(f"estimates has shape {found.shape} and truth {true.shape}")
-    limit = float(positive(real(cutoff, "cutoff"), "cutoff"))
+    limit = positive_number(cutoff, "cutoff")
     power, divisor = real(p, "p"), real(alpha, "alpha")
     if not 1.0 <= power < np.inf:
         raise ValueError(f"p is {power}; it must be at least 1")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray, positive, real
+from tertia._arrays import FloatArray, IntArray, positive_number
 from tertia.metrics._consistency import rmse
 from tertia.metrics._matching import Matching, Tracks, match_tracks
 from tertia.metrics._truth import Truth
@@ -118,7 +118,7 @@ def indicators(
     Indicators(probability of update 0.5455, long gaps 0.4545, 0 false tracks, 0 of 1 targets \
 missed, 0 switches, RMSE 0 m)
     """
-    interval = float(positive(real(update_interval, "update_interval"), "update_interval"))
+    interval = positive_number(update_interval, "update_interval")
     matching = match_tracks(tracks, truth, max_distance=max_distance, update_interval=interval)
     times = np.asarray(tracks.time, dtype=np.float64)
     expected, missed, long, first = _updates(truth, matching, times, interval)

@@ -10,7 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray, positive, real, samples
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    instance,
+    positive_number,
+    samples,
+)
 from tertia.metrics._gospa import pairs_within
 from tertia.metrics._truth import Truth, rows
 
@@ -36,10 +43,8 @@ def track_errors(
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        Shapes that do not fit, or an argument of the wrong type.
 
     Examples
     --------
@@ -141,10 +146,9 @@ def match_tracks(
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit, or a number that is not finite or outside its domain.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        Shapes that do not fit, a number that is not finite or outside its domain, or an argument of
+        the wrong type.
 
     Notes
     -----
@@ -164,14 +168,13 @@ def match_tracks(
     >>> metrics.match_tracks(tracks, truth, max_distance=50).target
     array([ 0, -1,  0])
     """
-    if not isinstance(truth, Truth):
-        raise TypeError(f"truth is {truth!r}; it must be a Truth")
+    instance(truth, "truth", Truth)
     times, labels, points = rows(tracks.time, tracks.track, tracks.position, "tracks.", "track")
     if points.shape[1] != truth.position.shape[1]:
         raise ValueError(
             f"tracks.position has shape {points.shape} and truth.position {truth.position.shape}"
         )
-    limit = float(positive(real(max_distance, "max_distance"), "max_distance"))
+    limit = positive_number(max_distance, "max_distance")
     order, ends = _scans(times, update_interval)
     names, track = np.unique(labels, return_inverse=True)
     memory = _Memory(len(names), len(truth))
@@ -190,7 +193,7 @@ def _scans(time: FloatArray, update_interval: float | None) -> tuple[IntArray, I
     order = np.argsort(time, kind="stable")
     number = time[order]
     if update_interval is not None:
-        length = float(positive(real(update_interval, "update_interval"), "update_interval"))
+        length = positive_number(update_interval, "update_interval")
         number = np.floor((number - number[:1]) / length)
     begins = np.flatnonzero(np.diff(number, prepend=np.nan) != 0)
     return order, np.append(begins, len(order))

@@ -41,11 +41,9 @@ class Truth:
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         Shapes that do not fit, a number that is not finite, a target with two positions at one
-        time, no row.
-    TypeError
-        An argument of the wrong type.
+        time, no row, or an argument of the wrong type.
 
     Examples
     --------

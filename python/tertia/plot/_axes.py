@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, real, samples
+from tertia._arrays import BoolArray, FloatArray, samples
+from tertia._arrays import probability as _share
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -190,10 +191,7 @@ def names_of(sensors: Any, count: int) -> list[Any]:
 
 def ellipse_radius(probability: float) -> float:
     """Return the radius, in standard deviations, of the ellipse of a probability."""
-    share = real(probability, "probability")
-    if not 0 < share < 1:
-        raise ValueError(f"probability is {share}; it must be between 0 and 1")
-    return math.sqrt(-2 * math.log1p(-share))
+    return math.sqrt(-2 * math.log1p(-_share(probability, "probability")))
 
 
 def ellipse(centre: FloatArray, covariance: FloatArray, radius: float, name: str) -> FloatArray:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, flag
+from tertia._arrays import BoolArray, FloatArray, IntArray, flag, instance, sequence_of
 from tertia.flightplan import FlightPlan
 from tertia.plot._axes import (
     BAND,
@@ -88,8 +88,7 @@ def tracks(
     >>> plot.tracks(table, [radar], ax=Figure().subplots()).get_title()
     '1 track'
     """
-    if not isinstance(table, TrackTable):
-        raise TypeError(f"table is {table!r}; it must be a TrackTable")
+    instance(table, "table", TrackTable)
     radius = ellipse_radius(probability)
     legend = flag(legend, "legend")
     seen = np.empty((0, 2))
@@ -161,8 +160,7 @@ def update_probability(
     >>> plot.update_probability(table, [radar], ax=Figure().subplots()).get_title()
     '91.3 % of 23 scans'
     """
-    if not isinstance(table, TrackTable):
-        raise TypeError(f"table is {table!r}; it must be a TrackTable")
+    instance(table, "table", TrackTable)
     _check_radars(table.sensor, radars, "table")
     legend = flag(legend, "legend")
     ax = new_axes() if ax is None else ax
@@ -247,9 +245,7 @@ def _draw_ellipses(
 
 
 def _check_radars(numbers: IntArray, radars: Sequence[Radar], name: str) -> None:
-    for k, radar in enumerate(radars):
-        if not isinstance(radar, Radar):
-            raise TypeError(f"radars[{k}] is {radar!r}; it must be a Radar")
+    sequence_of(radars, Radar, "radars")
     if np.any((numbers < 0) | (numbers >= len(radars))):
         raise ValueError(f"{name} has a radar that is not among the {len(radars)} given")
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, flag
+from tertia._arrays import BoolArray, FloatArray, flag, instance
 from tertia.location import Location
 from tertia.plot._axes import (
     BAND,
@@ -105,8 +105,7 @@ def trajectory(
     >>> panels["plan"].get_title()
     '40 of 40 instants located, 0 outliers'
     """
-    if not isinstance(result, (Trajectory, Location)):
-        raise TypeError(f"result is {result!r}; it must be a Trajectory or a Location")
+    instance(result, "result", Trajectory, Location)
     if result.position.ndim != 2:
         raise ValueError(
             f"result has positions of shape {result.position.shape}; (N, D) can be drawn"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,11 @@ class Analysis:
     def middle(self) -> FloatArray:
         """Times of the middle of the periods, (T,)."""
         return (self.edges[:-1] + self.edges[1:]) / 2
+
+    @property
+    def station_names(self) -> list[str]:
+        """Names of the stations, or their numbers from 1 on."""
+        return [str(station.name or k) for k, station in enumerate(self.stations, start=1)]
 
 
 def analyse(
@@ -149,16 +154,11 @@ def analyse(
 def _fuse(stated: Common, better: Common) -> Fusion:
     """Fuse at the common instants of the tracks, with stated and with estimated noise."""
     pair = stated, better
-    keys = [set(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
-    both = keys[0] & keys[1]
+    keys = [list(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
+    both = set(keys[0]) & set(keys[1])
     stated, better = (
-        one.chosen(
-            np.array(
-                [key in both for key in zip(one.track.tolist(), one.time.tolist(), strict=True)],
-                dtype=bool,
-            )
-        )
-        for one in pair
+        one.chosen(np.array([key in both for key in own], dtype=bool))
+        for one, own in zip(pair, keys, strict=True)
     )
     ways = {
         OPTIMAL: combine(stated, "matrix"),
@@ -201,7 +201,7 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
         name: np.asarray(metrics.nees(error[name], spread[:, :2, :2]))
         for name, (_, spread) in states.items()
     }
-    return Fusion(fused.stated, fused.found, fused.ways, fused.states, error, nees)
+    return replace(fused, error=error, nees=nees)
 
 
 def _shown(track: IntArray, target: IntArray, wanted: IntArray) -> IntArray:
@@ -214,14 +214,12 @@ def _shown(track: IntArray, target: IntArray, wanted: IntArray) -> IntArray:
     return found
 
 
-def mean_nees(
-    time: FloatArray, nees: FloatArray, edges: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean normalised errors per axis in each period, and their numbers."""
-    known = np.isfinite(nees)
+def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the mean of the known values in each period, and their numbers."""
+    known = np.isfinite(values)
     which = in_stretches(time[known], edges)
     count = np.bincount(which, minlength=len(edges) - 1)
-    total = np.bincount(which, nees[known] / 2, minlength=len(edges) - 1)
+    total = np.bincount(which, values[known], minlength=len(edges) - 1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan), count.astype(np.float64)
 
 

@@ -12,13 +12,12 @@ import numpy.typing as npt
 from tertia import metrics
 from tertia._arrays import FloatArray
 from tertia.metrics._evaluation import PARTS
-from tertia.registration._register import in_stretches
 from tertia.report._analysis import (
     INTERSECTION,
     OPTIMAL_FOUND,
     TOGETHER,
     Analysis,
-    mean_nees,
+    means,
 )
 from tertia.report._bearings import Heard
 
@@ -87,8 +86,7 @@ def rows_of(count: int, x_title: str, y_titles: Sequence[str]) -> dict[str, Any]
         layout["xaxis"]["anchor"] = "y"
     for i, title in enumerate(y_titles):
         top = 1.0 - i * (size + gap)
-        key = "yaxis" if i == 0 else f"yaxis{i + 1}"
-        layout[key] = {
+        layout[_axis(i, "yaxis")] = {
             "title": {"text": title},
             "domain": [max(top - size, 0.0), top],
             "anchor": "x",
@@ -97,8 +95,8 @@ def rows_of(count: int, x_title: str, y_titles: Sequence[str]) -> dict[str, Any]
     return layout
 
 
-def _axis(i: int) -> str:
-    return "y" if i == 0 else f"y{i + 1}"
+def _axis(i: int, stem: str = "y") -> str:
+    return stem if i == 0 else f"{stem}{i + 1}"
 
 
 def radar_panels(analysis: Analysis, time: str) -> list[Panel]:
@@ -113,34 +111,13 @@ def _noise(analysis: Analysis, time: str) -> Panel:
         for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
             stated = getattr(radar, f"{kind}_sigma") * unit
             factor, sigma = (getattr(one, kind)[k] for one in (history.factor, history.sigma))
-            data.append(
-                line(
-                    name,
-                    analysis.middle,
-                    factor * stated,
-                    k,
-                    **_marked(k),
-                    error_y={
-                        "type": "data",
-                        "array": numbers(sigma * stated * _SIDES, 3),
-                        "thickness": 1,
-                        "width": 2,
-                    },
-                    line={"dash": "solid"},
-                    **_panel(name, i),
-                )
-            )
-            data.append(
-                line(
-                    f"{name}, stated",
-                    analysis.edges[[0, -1]],
-                    [stated, stated],
-                    k,
-                    line={"dash": "dot", "width": 1.5},
-                    **_panel(name, i),
-                    hoverinfo="skip",
-                )
-            )
+            half = numbers(sigma * stated * _SIDES, 3)
+            bars = {"type": "data", "array": half, "thickness": 1, "width": 2}
+            more = {"error_y": bars, "line": {"dash": "solid"}, **_panel(name, i)}
+            data.append(_marked(name, analysis.middle, factor * stated, k, **more))
+            more = {"line": {"dash": "dot", "width": 1.5}, **_panel(name, i), "hoverinfo": "skip"}
+            ends = analysis.edges[[0, -1]]
+            data.append(line(f"{name}, stated", ends, [stated, stated], k, **more))
     layout = rows_of(2, time, ["sigma of range (m)", "sigma of azimuth (°)"])
     caption = (
         "Scatter of plots about short straight lines in the radar's own tracks, with 95 % error "
@@ -154,15 +131,7 @@ def _update_probability(analysis: Analysis, time: str) -> Panel:
     for k, (name, one) in enumerate(zip(analysis.names, analysis.updates, strict=True)):
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.where(one.expected > 0, one.hit / one.expected, np.nan)
-        data.append(
-            line(
-                name,
-                one.time,
-                share,
-                k,
-                **_marked(k),
-            )
-        )
+        data.append(_marked(name, one.time, share, k))
     layout = rows_of(1, time, ["probability of update"])
     layout["yaxis"]["range"] = [0.0, 1.02]
     caption = "Share of scans in which a confirmed track within the radar's range was updated."
@@ -175,16 +144,7 @@ def _outliers(analysis: Analysis, time: str) -> Panel:
         for k, (name, one) in enumerate(zip(analysis.names, analysis.updates, strict=True)):
             with np.errstate(invalid="ignore", divide="ignore"):
                 share = np.where(one.plots > 0, 100.0 * getattr(one, kind) / one.plots, np.nan)
-            data.append(
-                line(
-                    name,
-                    one.time,
-                    share,
-                    k,
-                    **_marked(k),
-                    **_panel(name, i),
-                )
-            )
+            data.append(_marked(name, one.time, share, k, **_panel(name, i)))
     layout = rows_of(3, time, ["outliers (%)", "unassociated (%)", "refused (%)"])
     caption = (
         "Shares of a radar's plots. Outliers update a track with an innovation that the stated "
@@ -202,25 +162,12 @@ def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
     data, titles = [], []
     for i, one in enumerate(analysis.fusion.ways.values()):
         titles.append(("as stated", "as found", "intersection")[i])
-        which = in_stretches(analysis.fusion.stated.time, analysis.edges)
         for k, name in enumerate(analysis.names):
-            known = np.isfinite(one.weight[:, k])
-            count = np.bincount(which[known], minlength=len(analysis.middle))
-            total = np.bincount(which[known], one.weight[known, k], minlength=len(analysis.middle))
-            mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-            data.append(
-                line(
-                    name,
-                    analysis.middle,
-                    mean,
-                    k,
-                    **_marked(k),
-                    **_panel(name, i),
-                )
-            )
+            mean, _ = means(analysis.fusion.stated.time, one.weight[:, k], analysis.edges)
+            data.append(_marked(name, analysis.middle, mean, k, **_panel(name, i)))
     layout = rows_of(3, time, titles)
     for i in range(3):
-        layout["yaxis" if i == 0 else f"yaxis{i + 1}"]["range"] = [0.0, 1.0]
+        layout[_axis(i, "yaxis")]["range"] = [0.0, 1.0]
     caption = (
         "Mean weight of a radar's track in the fused position, where the radar has a track. Top: "
         "optimal weights for the noise as stated; middle: for the noise found in each stretch of "
@@ -251,34 +198,20 @@ def _nees(analysis: Analysis, time: str) -> Panel:
     judged = analysis.judged[TOGETHER]
     assert judged.nees is not None
     middle = analysis.middle
-    mean, count = mean_nees(judged.time, judged.nees, analysis.edges)
+    mean, count = means(judged.time, judged.nees / 2, analysis.edges)
     bounds = np.array([_bounds(int(n)) for n in count])
+    look: Figure = {"line": {"color": GREY, "width": 1, "dash": "dot"}, "legendgroup": "bounds"}
+    fill: Figure = {"fill": "tonexty", "fillcolor": "rgba(138,143,152,0.2)"}
     data = [
-        line(
-            "95 % bounds",
-            middle,
-            bounds[:, 1],
-            line={"color": GREY, "width": 1, "dash": "dot"},
-            legendgroup="bounds",
-        ),
-        line(
-            "lower bound",
-            middle,
-            bounds[:, 0],
-            line={"color": GREY, "width": 1, "dash": "dot"},
-            fill="tonexty",
-            fillcolor="rgba(138,143,152,0.2)",
-            legendgroup="bounds",
-            showlegend=False,
-        ),
-        _along(TOGETHER, middle, mean, 0),
+        line("95 % bounds", middle, bounds[:, 1], **look),
+        line("lower bound", middle, bounds[:, 0], **look, **fill, showlegend=False),
+        _marked(TOGETHER, middle, mean, 0),
     ]
     if analysis.fusion is not None:
         for k, name in enumerate((OPTIMAL_FOUND, INTERSECTION), start=1):
-            mean, _ = mean_nees(
-                analysis.fusion.stated.time, analysis.fusion.nees[name], analysis.edges
-            )
-            data.append(_along(name, middle, mean, k))
+            nees = analysis.fusion.nees[name] / 2
+            mean, _ = means(analysis.fusion.stated.time, nees, analysis.edges)
+            data.append(_marked(name, middle, mean, k))
     layout = rows_of(1, time, ["NEES per axis"])
     caption = (
         "Mean normalised squared error of position: 1 where covariances are right, more where they "
@@ -288,16 +221,15 @@ def _nees(analysis: Analysis, time: str) -> Panel:
     return Panel("nees", "NEES over time", caption, {"data": data, "layout": layout})
 
 
-def _along(name: str, x: FloatArray, y: FloatArray, k: int) -> dict[str, Any]:
-    return line(name, x, y, k, **_marked(k))
+def _marked(name: str, x: FloatArray, y: FloatArray, k: int, **more: Any) -> dict[str, Any]:
+    """Return line number k with marks at its points."""
+    marker = {"symbol": MARKS[k % len(MARKS)], "size": 7}
+    return line(name, x, y, k, mode="lines+markers", marker=marker, **more)
 
 
-def _marked(k: int) -> dict[str, Any]:
-    """Return the look of line number k with marks at its points."""
-    return {
-        "mode": "lines+markers",
-        "marker": {"symbol": MARKS[k % len(MARKS)], "size": 7},
-    }
+def _dots(name: str, places: FloatArray, marker: dict[str, Any]) -> dict[str, Any]:
+    """Return places on a map without a line."""
+    return line(name, places[:, 0] / 1e3, places[:, 1] / 1e3, mode="markers", marker=marker)
 
 
 def _panel(name: str, i: int) -> dict[str, Any]:
@@ -350,20 +282,15 @@ def finder_panels(analysis: Analysis, time: str) -> list[Panel]:
 
 def _finder_map(analysis: Analysis, heard: Heard, number: int) -> Panel:
     places = np.array([station.position[:2] for station in analysis.stations])
-    names = [str(s.name or k + 1) for k, s in enumerate(analysis.stations)]
+    names = analysis.station_names
     data: list[dict[str, Any]] = []
     centre = places.mean(axis=0)
     if heard.instants is not None:
         at = heard.instants.position[np.asarray(heard.instants.success)][:, :2]
         centre = np.median(at, axis=0)
         step = max(1, len(at) // _POINTS)
-        data.append(
-            {
-                **line("single instants", at[::step, 0] / 1e3, at[::step, 1] / 1e3),
-                "mode": "markers",
-                "marker": {"color": GREY, "size": 4, "opacity": 0.6},
-            }
-        )
+        marker = {"color": GREY, "size": 4, "opacity": 0.6}
+        data.append(_dots("single instants", at[::step], marker))
     if heard.position is not None:
         centre = heard.position.position[0]
     for k, (place, azimuth, sigma) in enumerate(
@@ -375,42 +302,18 @@ def _finder_map(analysis: Analysis, heard: Heard, number: int) -> Panel:
         for off, dash, width in ((0.0, "solid", 1.5), (-1, "dot", 1), (1, "dot", 1)):
             angle = azimuth + off * _SIDES * sigma
             end = place + reach * np.array([np.sin(angle), np.cos(angle)])
-            data.append(
-                line(
-                    names[k],
-                    [place[0] / 1e3, end[0] / 1e3],
-                    [place[1] / 1e3, end[1] / 1e3],
-                    k,
-                    line={"dash": dash, "width": width},
-                    legendgroup=names[k],
-                    showlegend=off == 0.0,
-                    hoverinfo="skip",
-                )
-            )
-    data.append(
-        {
-            "type": "scatter",
-            "mode": "markers+text",
-            "name": "direction finders",
-            "x": numbers(places[:, 0] / 1e3),
-            "y": numbers(places[:, 1] / 1e3),
-            "text": names,
-            "textposition": "top center",
-            "cliponaxis": False,
-            "marker": {"symbol": "triangle-up", "size": 11, "color": GREY},
-        }
-    )
+            more = {"legendgroup": names[k], "showlegend": off == 0.0, "hoverinfo": "skip"}
+            east, north = np.array([place, end]).T / 1e3
+            look = {"dash": dash, "width": width}
+            data.append(line(names[k], east, north, k, line=look, **more))
+    marker = {"size": 11, "color": GREY}
+    data.append(triangles("direction finders", places, names, marker, "top center"))
     if heard.position is not None:
         place, spread = heard.position.position[0], heard.position.covariance[0]
         ring = ellipse(place, spread) / 1e3
         data.append(line("95 % ellipse", ring[:, 0], ring[:, 1], 7, line={"dash": "solid"}))
-        data.append(
-            {
-                **line("position", [place[0] / 1e3], [place[1] / 1e3]),
-                "mode": "markers",
-                "marker": {"symbol": "cross", "size": 9, "color": COLOURS[1]},
-            }
-        )
+        marker = {"symbol": "cross", "size": 9, "color": COLOURS[1]}
+        data.append(_dots("position", place[np.newaxis], marker))
     layout = plane()
     caption = (
         "The bearings of the two halves of the record differ, so the emitter moves: only positions "
@@ -424,9 +327,8 @@ def _finder_map(analysis: Analysis, heard: Heard, number: int) -> Panel:
 
 def _finder_bearings(analysis: Analysis, heard: Heard, number: int, time: str) -> Panel:
     data = []
-    names = [str(s.name or k + 1) for k, s in enumerate(analysis.stations)]
     step = max(1, len(heard.emitter.time) // _POINTS)
-    for k, name in enumerate(names):
+    for k, name in enumerate(analysis.station_names):
         values = np.degrees(heard.emitter.azimuth[:, k])
         centre = np.degrees(heard.bearing[k])
         if not np.isfinite(centre):
@@ -434,23 +336,10 @@ def _finder_bearings(analysis: Analysis, heard: Heard, number: int, time: str) -
         off = (values - centre + 180.0) % 360.0 - 180.0
         for wrong, mark in ((False, MARKS[k % len(MARKS)]), (True, "x-open")):
             own = (heard.outlier[:, k] == wrong) & np.isfinite(off)
-            data.append(
-                {
-                    **line(
-                        f"{name}, outliers" if wrong else name,
-                        heard.emitter.time[own][::step],
-                        off[own][::step],
-                        k,
-                        legendgroup=name,
-                    ),
-                    "mode": "markers",
-                    "marker": {
-                        "color": COLOURS[k % len(COLOURS)],
-                        "symbol": mark,
-                        "size": 9 if wrong else 5,
-                    },
-                }
-            )
+            look = {"color": COLOURS[k % len(COLOURS)], "symbol": mark, "size": 9 if wrong else 5}
+            more = {"legendgroup": name, "mode": "markers", "marker": look}
+            label, time_of = f"{name}, outliers" if wrong else name, heard.emitter.time[own]
+            data.append(line(label, time_of[::step], off[own][::step], k, **more))
     layout = rows_of(1, time, ["off the estimate (°)"])
     layout["yaxis"]["rangemode"] = "normal"
     caption = (
@@ -466,6 +355,23 @@ def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:
     angle = np.linspace(0.0, 2 * np.pi, _CORNERS)
     ring = np.stack([np.cos(angle), np.sin(angle)])
     return np.asarray(place[:2] + np.sqrt(_ELLIPSE) * (root @ ring).T)
+
+
+def triangles(
+    name: str, places: FloatArray, names: list[str], marker: dict[str, Any], position: str
+) -> dict[str, Any]:
+    """Return sensors with their names on a map."""
+    return {
+        "type": "scatter",
+        "mode": "markers+text",
+        "name": name,
+        "x": numbers(places[:, 0] / 1e3),
+        "y": numbers(places[:, 1] / 1e3),
+        "text": names,
+        "textposition": position,
+        "cliponaxis": False,
+        "marker": {"symbol": "triangle-up", **marker},
+    }
 
 
 def plane() -> dict[str, Any]:

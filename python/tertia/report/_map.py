@@ -8,7 +8,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray, IntArray
 from tertia.report._analysis import Analysis
-from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane
+from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane, triangles
 from tertia.tracker import TrackTable
 
 # rows of tracks, plots and positions of the truth in a page at most
@@ -146,11 +146,7 @@ def _plots(analysis: Analysis) -> dict[str, Any]:
 
 def _moving_plots(analysis: Analysis) -> dict[str, Any]:
     time, place = _chosen_plots(analysis)
-    return {
-        "t": numbers(time, 8),
-        "x": numbers(place[:, 0]),
-        "y": numbers(place[:, 1]),
-    }
+    return {"t": numbers(time, 8), "x": numbers(place[:, 0]), "y": numbers(place[:, 1])}
 
 
 def _plans(analysis: Analysis) -> dict[str, Any]:
@@ -188,22 +184,8 @@ def _truth_tracks(analysis: Analysis) -> list[dict[str, Any]]:
 
 
 def _radars(analysis: Analysis) -> dict[str, Any]:
-    places = np.array([radar.position[:2] for radar in analysis.radars]) / 1e3
-    count = len(places)
-    return {
-        "type": "scatter",
-        "mode": "markers+text",
-        "name": "radars",
-        "x": numbers(places[:, 0]),
-        "y": numbers(places[:, 1]),
-        "text": list(analysis.names),
-        "textposition": "bottom center",
-        "cliponaxis": False,
-        "hoverinfo": "text",
-        "marker": {
-            "symbol": "triangle-up",
-            "size": 14,
-            "color": [COLOURS[k % len(COLOURS)] for k in range(count)],
-            "line": {"width": 1, "color": GREY},
-        },
-    }
+    places = np.array([radar.position[:2] for radar in analysis.radars])
+    colours = [COLOURS[k % len(COLOURS)] for k in range(len(places))]
+    marker = {"size": 14, "color": colours, "line": {"width": 1, "color": GREY}}
+    sites = triangles("radars", places, list(analysis.names), marker, "bottom center")
+    return sites | {"hoverinfo": "text"}

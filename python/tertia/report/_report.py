@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tertia import tracker
-from tertia._arrays import positive, real
+from tertia._arrays import positive_number
 from tertia.flightplan import FlightPlan
 from tertia.metrics import Truth
 from tertia.report._analysis import analyse
@@ -17,8 +17,6 @@ from tertia.report._bearings import Emitter
 from tertia.report._tables import summary
 from tertia.sensors import Radar, Station
 from tertia.tracker import Motion, Plots, TrackTable
-
-__all__ = ["Report", "make"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,11 +117,9 @@ def make(
     ------
     ImportError
         The extra `report` is not installed.
-    ValueError
-        Stations in space, bearings that do not match them, a parameter outside its domain, or an
-        error of the tracker.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        Stations in space, bearings that do not match them, a parameter outside its domain or of the
+        wrong type, or an error of the tracker.
 
     Notes
     -----
@@ -172,10 +168,10 @@ def make(
         truth=truth,
         stations=stations,
         emitters=bearings,
-        max_distance=float(positive(real(max_distance, "max_distance"), "max_distance")),
+        max_distance=positive_number(max_distance, "max_distance"),
         update_interval=None
         if update_interval is None
-        else float(positive(real(update_interval, "update_interval"), "update_interval")),
+        else positive_number(update_interval, "update_interval"),
         progress=progress or quiet,
     )
     numbers = summary(analysis)

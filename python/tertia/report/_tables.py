@@ -27,6 +27,8 @@ ROWS = 500
 # standard errors beyond which a finding is shown, and relative size of noise and bias that matters
 _SURE, _OFF, _BIASED = 3.0, 0.15, 0.5
 _DEGREES = 180.0 / np.pi
+# kinds of measurements, their units in names of columns, and these in texts
+_KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +173,6 @@ def emitter_rows(analysis: Analysis) -> list[Row]:
     """Return position and bearings of each emitter."""
     rows = []
     for heard in analysis.heard:
-        names = [str(s.name or k + 1) for k, s in enumerate(analysis.stations)]
         row: Row = {
             "emitter": heard.emitter.name,
             "moves": heard.moves,
@@ -183,7 +184,7 @@ def emitter_rows(analysis: Analysis) -> list[Row]:
                     "count": int(np.sum(~np.isnan(heard.emitter.azimuth[:, k]))),
                     "outliers": int(heard.outlier[:, k].sum()),
                 }
-                for k, name in enumerate(names)
+                for k, name in enumerate(analysis.station_names)
             ],
         }
         if heard.position is not None:
@@ -246,17 +247,12 @@ def _table(name: str, caption: str, columns: dict[str, str], rows: list[Row]) ->
 
 
 def _radar_table(analysis: Analysis) -> Table:
-    rows = []
-    for row in radar_rows(analysis):
-        rows.append(
-            row
-            | {
-                "range": plus_minus(row["range_sigma_m"], row["range_sigma_error_m"]),
-                "azimuth": plus_minus(row["azimuth_sigma_deg"], row["azimuth_sigma_error_deg"]),
-                "range_bias": plus_minus(row["range_bias_m"], row["range_bias_sigma_m"]),
-                "azimuth_bias": plus_minus(row["azimuth_bias_deg"], row["azimuth_bias_sigma_deg"]),
-            }
-        )
+    rows = radar_rows(analysis)
+    for row in rows:
+        for kind, unit, _ in _KINDS:
+            level, bias = f"{kind}_sigma", f"{kind}_bias"
+            row[kind] = plus_minus(row[f"{level}_{unit}"], row[f"{level}_error_{unit}"])
+            row[bias] = plus_minus(row[f"{bias}_{unit}"], row[f"{bias}_sigma_{unit}"])
     columns = {
         "radar": "radar",
         "plots": "plots",
@@ -453,7 +449,7 @@ def _better(analysis: Analysis) -> list[str]:
 
 def _noise_findings(row: Row) -> list[str]:
     found = []
-    for kind, unit, sign in (("range", "m", " m"), ("azimuth", "deg", "°")):
+    for kind, unit, sign in _KINDS:
         sigma, error = row[f"{kind}_sigma_{unit}"], row[f"{kind}_sigma_error_{unit}"]
         stated = row[f"{kind}_sigma_stated_{unit}"]
         if sigma is None or error is None:
@@ -468,7 +464,7 @@ def _noise_findings(row: Row) -> list[str]:
 
 def _bias_findings(row: Row) -> list[str]:
     found = []
-    for kind, unit, sign in (("range", "m", " m"), ("azimuth", "deg", "°")):
+    for kind, unit, sign in _KINDS:
         bias, error = row[f"{kind}_bias_{unit}"], row[f"{kind}_bias_sigma_{unit}"]
         stated = row[f"{kind}_sigma_stated_{unit}"]
         if bias is not None and abs(bias) > max(_SURE * error, _BIASED * stated):

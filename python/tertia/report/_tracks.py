@@ -16,15 +16,8 @@ from tertia.tracker import TrackTable
 def confirmed_rows(table: TrackTable) -> Rows:
     """Return the rows of confirmed tracks, for evaluation."""
     own = table[table.confirmed]
-    return Rows(
-        own.time,
-        own.track,
-        own.sensor,
-        own.position,
-        own.velocity,
-        own.covariance[:, :2, :2],
-        own.plot >= 0,
-    )
+    kept = own.time, own.track, own.sensor, own.position, own.velocity
+    return Rows(*kept, own.covariance[:, :2, :2], own.plot >= 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,6 @@ import numpy as np
 from tertia._arrays import BoolArray, FloatArray, generator, integer
 from tertia.simulate._parameters import _number, _pair, _period, _require, _shape, _wrap
 
-__all__ = ["BearingRecord", "direction_finder"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BearingRecord:
@@ -85,10 +83,8 @@ def direction_finder(
 
     Raises
     ------
-    ValueError
-        A parameter outside its domain.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        A parameter outside its domain, or of the wrong type.
 
     Examples
     --------

@@ -9,8 +9,6 @@ from tertia._arrays import FloatArray, finite, generator
 from tertia._wishart import standard_wishart
 from tertia.simulate._parameters import _number, _require, _shape
 
-__all__ = ["wishart"]
-
 
 def wishart(
     covariance: npt.ArrayLike,
@@ -42,10 +40,8 @@ def wishart(
     ------
     numpy.linalg.LinAlgError
         The covariance is not positive definite.
-    ValueError
-        A wrong shape, or a number outside its domain.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A wrong shape, a number outside its domain, or an argument of the wrong type.
 
     Examples
     --------

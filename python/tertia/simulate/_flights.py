@@ -8,15 +8,13 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, generator
+from tertia._arrays import FloatArray, finite, generator, sequence_of
 from tertia.flightplan import FlightPlan
 from tertia.simulate._motion import Pilots, fly
-from tertia.simulate._parameters import _number, _require
+from tertia.simulate._parameters import _choice, _number, _require
 from tertia.simulate._routes import TURNS, FlightScenario, build
 from tertia.simulate._traffic import Traffic, dense_traffic
 from tertia.tracker import NO_IDENTITY
-
-__all__ = ["flights"]
 
 # rate of roll in radians per second: mean, standard deviation, minimum
 _ROLL, _ROLL_SIGMA, _ROLL_MIN = np.radians([5.0, 1.0, 2.5])
@@ -86,12 +84,10 @@ def flights(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         An unknown scenario, or one with a turn where a plan has none; a leg shorter than a metre; a
         speed below 30 m/s, a speed error above a quarter of the speed, a wind above 0.4 of the
-        airspeed; a parameter outside its domain.
-    TypeError
-        A parameter of the wrong type.
+        airspeed; a parameter outside its domain; or a parameter of the wrong type.
 
     Examples
     --------
@@ -144,12 +140,8 @@ def flights(
 
 def _plans(plans: Sequence[FlightPlan]) -> tuple[FlightPlan, ...]:
     """Return the plans, all of them with legs."""
-    if not isinstance(plans, Sequence):
-        raise TypeError(f"plans is {plans!r}; it must be a sequence of FlightPlan")
-    filed = tuple(plans)
+    filed = sequence_of(plans, FlightPlan, "plans")
     for i, plan in enumerate(filed):
-        if not isinstance(plan, FlightPlan):
-            raise TypeError(f"plans[{i}] is {plan!r}; it must be a FlightPlan")
         short = np.flatnonzero(np.hypot(*np.diff(plan.waypoints, axis=0).T) < 1.0)
         if len(short):
             raise ValueError(
@@ -168,10 +160,8 @@ def _scenarios(scenario: Any, plans: Sequence[FlightPlan]) -> list[FlightScenari
     """Return the scenario of each flight."""
     names: list[Any] = [scenario] * len(plans) if isinstance(scenario, str) else list(scenario)
     _require(len(names) == len(plans), "scenario", scenario, f"one, or one of {len(plans)} each")
-    known = get_args(FlightScenario)
     for i, (name, plan) in enumerate(zip(names, plans, strict=True)):
-        valid = isinstance(name, str) and name in known
-        _require(valid, "scenario", name, f"one of {', '.join(known)}")
+        _choice(name, "scenario", get_args(FlightScenario))
         if name in TURNS and len(plan.waypoints) < 3:
             raise ValueError(f"plans[{i}] has no turn; the scenario {name!r} needs one")
     return names

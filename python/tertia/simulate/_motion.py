@@ -10,6 +10,7 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import FloatArray
+from tertia.simulate._parameters import _root
 from tertia.simulate._routes import Route
 
 # metres per second and seconds: the slow variation of the speed
@@ -54,18 +55,9 @@ def fly(
             random.bit_generator.state = before
             random.standard_normal((used, 2, 2, n))
     count, numbers, turning, departure = flights.samples()
-    position, velocity, turn_rate, height = numbers
-    left, returned = departure
-    return {
-        "count": count,
-        "position": position,
-        "velocity": velocity,
-        "turn_rate": turn_rate,
-        "turning": turning,
-        "height": height,
-        "left": left,
-        "returned": returned,
-    }
+    found = ("position", "velocity", "turn_rate", "height", "left", "returned")
+    samples = dict(zip(found, (*numbers, *departure), strict=True))
+    return samples | {"count": count, "turning": turning}
 
 
 def _table(routes: Sequence[Route]) -> dict[str, Any]:
@@ -102,9 +94,7 @@ class _Wander:
         variance = sigma**2 * np.diag([1.0, time**-2])
         noise = variance - transition @ variance @ transition.T
         # of hardly more than rank one for a short step
-        values, vectors = np.linalg.eigh(noise)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        self.matrices = transition.tolist(), root.tolist()
+        self.matrices = transition.tolist(), _root(noise).tolist()
         self._scale = np.array([sigma, sigma / time])
 
     def start(self, n: int, random: np.random.Generator) -> FloatArray:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
 
 from tertia._arrays import FloatArray, integer, real
 
@@ -35,6 +38,10 @@ def _require(holds: bool, name: str, value: object, requirement: str) -> None:
         raise ValueError(f"{name} is {value!r}; it must be {requirement}")
 
 
+def _choice(value: object, name: str, known: Sequence[str]) -> None:
+    _require(isinstance(value, str) and value in known, name, value, f"one of {', '.join(known)}")
+
+
 def _period(period: float | None) -> float | None:
     """Return the wrap of angles, which is positive, or None."""
     if period is not None:
@@ -48,3 +55,10 @@ def _wrap(angle: FloatArray, period: float | None) -> None:
     if period is not None:
         angle %= period
         angle[angle >= period] = 0.0
+
+
+def _root(matrix: FloatArray) -> FloatArray:
+    """Return a square root of a matrix that may be singular, by its eigenvalues."""
+    values, vectors = np.linalg.eigh(matrix)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, instance, sequence_of
 from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Radar
 from tertia.simulate._parameters import _number, _require
 from tertia.simulate._traffic import Traffic
 from tertia.tracker import NO_IDENTITY, Plots
-
-__all__ = ["RadarPlots", "radar_plots"]
 
 # no aircraft: clutter
 CLUTTER = -1
@@ -58,13 +56,8 @@ class RadarPlots:
 
     def __getitem__(self, index: slice | IntArray | BoolArray) -> RadarPlots:
         """Return some of the plots."""
-        return RadarPlots(
-            self.plots[index],
-            self.target[index],
-            self.outlier[index],
-            self.duplicate[index],
-            self.phase,
-        )
+        names = ("plots", "target", "outlier", "duplicate")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def alone(self, flight: int) -> RadarPlots:
         """Return the plots of one flight, with all clutter between its first and last plot."""
@@ -132,10 +125,9 @@ def radar_plots(
 
     Raises
     ------
-    ValueError
-        A parameter outside its domain, shapes that do not match, or clutter without a range.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        A parameter outside its domain, shapes that do not match, clutter without a range, or a
+        parameter of the wrong type.
 
     Examples
     --------
@@ -144,9 +136,8 @@ def radar_plots(
     >>> radar_plots(traffic, [set_up("middle").radar], clutter=5, rng=1)
     RadarPlots(684, 498 of them clutter)
     """
-    if not isinstance(traffic, Traffic):
-        raise TypeError(f"traffic is {traffic!r}; it must be Traffic")
-    stations = _radars(radars)
+    instance(traffic, "traffic", Traffic)
+    stations = sequence_of(radars, Radar, "radars")
     count, random = len(stations), generator(rng)
     false = _per_radar(clutter, "clutter", (count,))
     _require(bool(np.all(false >= 0)), "clutter", false.tolist(), "zero or more")
@@ -190,16 +181,6 @@ class _Defects:
     no_height: float
     no_identity: float
     garbled: float
-
-
-def _radars(radars: Sequence[Radar]) -> list[Radar]:
-    if not isinstance(radars, Sequence):
-        raise TypeError(f"radars is {radars!r}; it must be a sequence of Radar")
-    chosen = list(radars)
-    for i, radar in enumerate(chosen):
-        if not isinstance(radar, Radar):
-            raise TypeError(f"radars[{i}] is {radar!r}; it must be a Radar")
-    return chosen
 
 
 def _per_radar(value: npt.ArrayLike, name: str, shape: tuple[int, ...]) -> FloatArray:
@@ -296,12 +277,8 @@ def _clutter(
 
 def _nothing(n: int = 0) -> dict[str, npt.NDArray[np.generic]]:
     """Return the columns of plots without measurements."""
-    unknown = np.full(n, np.nan)
     return {
-        "time": unknown,
-        "range": unknown,
-        "azimuth": unknown,
-        "height": unknown,
+        **dict.fromkeys(("time", "range", "azimuth", "height"), np.full(n, np.nan)),
         "identity": np.full(n, NO_IDENTITY),
         "target": np.full(n, CLUTTER),
         "outlier": np.zeros(n, dtype=np.bool_),

@@ -10,9 +10,16 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer
 from tertia.kalman._model import SingerModel, _require_model
-from tertia.simulate._parameters import _LARGEST, _number, _period, _require, _shape, _wrap
-
-__all__ = ["RadarRecord", "RadarScenario", "ScenarioName", "radar_scenario", "radars"]
+from tertia.simulate._parameters import (
+    _LARGEST,
+    _choice,
+    _number,
+    _period,
+    _require,
+    _root,
+    _shape,
+    _wrap,
+)
 
 ScenarioName: TypeAlias = Literal[
     "healthy", "noisy", "outliers", "turn", "known", "unknown", "outage", "asynchronous"
@@ -96,10 +103,8 @@ def radars(
 
     Raises
     ------
-    ValueError
-        A parameter outside its domain, or shapes that do not fit.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        A parameter outside its domain, shapes that do not fit, or a parameter of the wrong type.
 
     Examples
     --------
@@ -120,11 +125,7 @@ def radars(
     random, shape = generator(rng), _shape(batch)
     truth = np.zeros((*shape, steps, 3))
     truth[..., 0, :2] = _number(angle, "angle"), _number(rate, "rate")
-    transition = model.transition()
-    noise = model.process_noise()
-    # Q may be singular: its square root by eigenvalues
-    values, vectors = np.linalg.eigh(noise)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    transition, root = model.transition(), _root(model.process_noise())
     truth[..., 0, 2] = model.acceleration_sigma * random.standard_normal(shape)
     for step in range(1, steps):
         push = random.standard_normal((*shape, 3)) @ root.T
@@ -212,10 +213,8 @@ def radar_scenario(
 
     Raises
     ------
-    ValueError
-        An unknown name, or a parameter outside its domain.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        An unknown name, a parameter outside its domain, or a parameter of the wrong type.
 
     Examples
     --------
@@ -230,10 +229,7 @@ def radar_scenario(
     equal: 0.173
     adaptive: 0.081
     """
-    names = get_args(ScenarioName)
-    if not isinstance(name, str) or name not in names:
-        choices = ", ".join(map(repr, names[:-1]))
-        raise ValueError(f"name is {name!r}; it must be {choices} or {names[-1]!r}")
+    _choice(name, "name", get_args(ScenarioName))
     model = SingerModel(5.0, 1 / 20, 0.003) if model is None else model
     _require_model(model)
     steps = integer(steps, "steps", 2 * _SETTLED)

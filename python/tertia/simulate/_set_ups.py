@@ -10,10 +10,8 @@ import numpy as np
 from tertia._arrays import BoolArray, FloatArray, IntArray, generator, integer
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
-from tertia.simulate._parameters import _require
+from tertia.simulate._parameters import _choice
 from tertia.simulate._routes import GRAVITY
-
-__all__ = ["SetUp", "SetUpName", "routes", "set_up"]
 
 SetUpName: TypeAlias = Literal["tma", "middle", "en-route"]
 
@@ -77,8 +75,7 @@ def set_up(name: SetUpName) -> SetUp:
     >>> set_up("tma").radar.scan_period, set_up("en-route").speed
     (4.0, (200.0, 250.0))
     """
-    known = tuple(_SET_UPS)
-    _require(isinstance(name, str) and name in known, "name", name, f"one of {', '.join(known)}")
+    _choice(name, "name", tuple(_SET_UPS))
     return _SET_UPS[name]
 
 
@@ -123,6 +120,9 @@ _SET_UPS: dict[str, SetUp] = {
 }
 
 
+_find = set_up
+
+
 def routes(
     set_up: SetUpName | SetUp, n: int, rng: np.random.Generator | int | None = None
 ) -> list[FlightPlan]:
@@ -148,10 +148,9 @@ def routes(
 
     Raises
     ------
-    ValueError
-        An unknown set-up, or one whose distances leave no room for routes.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        An unknown set-up, one whose distances leave no room for routes, or a parameter of the wrong
+        type.
 
     Examples
     --------
@@ -160,7 +159,7 @@ def routes(
     >>> [len(plan.waypoints) for plan in plans]
     [5, 5, 6]
     """
-    scene = set_up if isinstance(set_up, SetUp) else _named(set_up)
+    scene = set_up if isinstance(set_up, SetUp) else _find(set_up)
     n, random = integer(n, "n", 0), generator(rng)
     plans: list[FlightPlan] = []
     for _ in range(_TRIES):
@@ -188,10 +187,6 @@ def routes(
 
 # candidates drawn at once, and how often
 _BATCH, _TRIES = 2000, 500
-
-
-def _named(name: SetUpName) -> SetUp:
-    return set_up(name)
 
 
 def _draw(

@@ -12,8 +12,6 @@ from tertia._arrays import BoolArray, FloatArray, finite, generator
 from tertia.sensors import Kind, Station, stack_stations, to_station_axes
 from tertia.simulate._parameters import _number, _require, _shape
 
-__all__ = ["PassiveLocation", "StationRecord", "passive_location", "stations"]
-
 # metres: farther away, the lines of sight are parallel in double precision
 _FARTHEST = 1e12
 
@@ -84,11 +82,9 @@ def passive_location(
 
     Raises
     ------
-    ValueError
-        A wrong shape, a number outside its domain, or a target on the line through the stations,
-        where the azimuths do not cross.
-    TypeError
-        An argument of the wrong type.
+    ValueError, TypeError
+        A wrong shape, a number outside its domain, a target on the line through the stations, where
+        the azimuths do not cross, or an argument of the wrong type.
 
     Examples
     --------
@@ -186,10 +182,8 @@ def stations(
 
     Raises
     ------
-    ValueError
-        A parameter outside its domain.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        A parameter outside its domain, or of the wrong type.
 
     Examples
     --------

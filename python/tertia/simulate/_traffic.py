@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -11,9 +11,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, integer, samples
 from tertia.flightplan import FlightPlan
-from tertia.simulate._parameters import _number, _pair, _require
-
-__all__ = ["EncounterName", "Traffic", "dense_traffic", "encounter"]
+from tertia.simulate._parameters import _choice, _number, _pair, _require
 
 EncounterName: TypeAlias = Literal["crossing", "formation", "in-trail"]
 
@@ -88,21 +86,9 @@ class Traffic:
         chosen = np.arange(len(self))[index]
         if chosen.ndim != 1:
             raise TypeError(f"index is {index!r}; it must be a slice or an array of flights")
-        return Traffic(
-            self.start[chosen],
-            self.count[chosen],
-            self.step,
-            self.position[chosen],
-            self.velocity[chosen],
-            self.turn_rate[chosen],
-            self.turning[chosen],
-            self.height[chosen],
-            self.identity[chosen],
-            self.wind[chosen],
-            self.left[chosen],
-            self.returned[chosen],
-            tuple(self.plans[i] for i in chosen) if self.plans else (),
-        )
+        plans = tuple(self.plans[i] for i in chosen) if self.plans else ()
+        columns = (name for name in self.__slots__ if name not in ("step", "plans"))
+        return replace(self, plans=plans, **{name: getattr(self, name)[chosen] for name in columns})
 
     @property
     def end(self) -> FloatArray:
@@ -113,11 +99,8 @@ class Traffic:
     def time(self) -> FloatArray:
         """Time of every sample, shape (F, S); nan after the end of a flight."""
         sample = np.arange(self.position.shape[1])
-        return np.where(
-            sample < self.count[:, np.newaxis],
-            self.start[:, np.newaxis] + self.step * sample,
-            np.nan,
-        )
+        time = self.start[:, np.newaxis] + self.step * sample
+        return np.where(sample < self.count[:, np.newaxis], time, np.nan)
 
     def at(self, flight: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return position and velocity of flights at any times.
@@ -162,12 +145,12 @@ class Traffic:
             ) from None
         inside = (when >= self.start[who]) & (when <= self.end[who])
         position, velocity, _ = self._state(who.reshape(-1), when.reshape(-1))
-        inside = inside.reshape(-1, 1)
         shape = (*when.shape, 2)
-        return (
-            np.where(inside, position, np.nan).reshape(shape),
-            np.where(inside, velocity, np.nan).reshape(shape),
+        position, velocity = (
+            np.where(inside.reshape(-1, 1), values, np.nan).reshape(shape)
+            for values in (position, velocity)
         )
+        return position, velocity
 
     def _state(
         self, flight: IntArray, time: FloatArray
@@ -175,9 +158,8 @@ class Traffic:
         """Return position, velocity and height at times, even before start or after end."""
         if not len(flight):
             return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-        position, velocity, height = _core.traffic_states(
-            self._columns(), np.ascontiguousarray(flight), np.ascontiguousarray(time)
-        )
+        flight, time = np.ascontiguousarray(flight), np.ascontiguousarray(time)
+        position, velocity, height = _core.traffic_states(self._columns(), flight, time)
         return position, velocity, height
 
     def _columns(self) -> dict[str, Any]:
@@ -237,10 +219,8 @@ def dense_traffic(
 
     Raises
     ------
-    ValueError
-        A parameter outside its domain.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        A parameter outside its domain, or of the wrong type.
 
     Examples
     --------
@@ -316,10 +296,8 @@ def encounter(
 
     Raises
     ------
-    ValueError
-        An unknown name, or a parameter outside its domain.
-    TypeError
-        A parameter of the wrong type.
+    ValueError, TypeError
+        An unknown name, a parameter outside its domain, or a parameter of the wrong type.
 
     Examples
     --------
@@ -328,8 +306,7 @@ def encounter(
     >>> formation
     Traffic(3 flights, 0 to 600 s)
     """
-    names = get_args(EncounterName)
-    _require(isinstance(name, str) and name in names, "name", name, f"one of {', '.join(names)}")
+    _choice(name, "name", get_args(EncounterName))
     n, random = integer(n, "n", 0), generator(rng)
     centre = finite(middle, "middle")
     _require(centre.shape == (2,), "middle", centre.shape, "of shape (2,)")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray, IntArray, positive, real
+from tertia._arrays import FloatArray, IntArray, positive_number
 from tertia.metrics import Truth
 from tertia.metrics._evaluation import Judged, Rows, figures, judge, rmse, usual_periods
 from tertia.tables._frames import Table, names, result
@@ -137,10 +137,10 @@ def evaluation_of(
     update_interval: float | None = None,
 ) -> Evaluation:
     """Return the measures of all tracks and of each target; see `evaluate`."""
-    distance = float(positive(real(max_distance, "max_distance"), "max_distance"))
+    distance = positive_number(max_distance, "max_distance")
     interval = update_interval
     if interval is not None:
-        interval = float(positive(real(interval, "update_interval"), "update_interval"))
+        interval = positive_number(interval, "update_interval")
     shown, real_places = read(tracks, TRACKS, columns=columns), _read_truth(truth)
     times = [shown.rows["time"], real_places.rows["time"]]
     kinds = [kind_of_times(one) for one in times]

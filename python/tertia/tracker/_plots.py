@@ -5,17 +5,15 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, radians, samples
+from tertia._arrays import FloatArray, IntArray, radians, samples, sequence_of
 from tertia.sensors import Radar
 from tertia.tracker._models import core_radar
-
-_T = TypeVar("_T")
 
 # identity of a plot that has none
 NO_IDENTITY = -1
@@ -145,7 +143,7 @@ class Plots:
         >>> position.round(1)
         array([[ 75000.1, 129904. ]])
         """
-        radars = [core_radar(radar) for radar in require_each(sensors, Radar, "sensors")]
+        radars = [core_radar(radar) for radar in sequence_of(sensors, Radar, "sensors")]
         return _core.plots_to_cartesian(radars, self)
 
 
@@ -176,16 +174,6 @@ _MESSAGES = {
     PlotStatus.CLOCK_ERROR: "the plot comes alone and long after the others, as with a wrong clock",
     PlotStatus.DUPLICATE: "the plot repeats the one before it",
 }
-
-
-def require_each(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
-    """Return a sequence of objects of a kind as a tuple."""
-    if not isinstance(values, Sequence):
-        raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
-    for i, value in enumerate(values):
-        if not isinstance(value, kind):
-            raise TypeError(f"{name}[{i}] is {value!r}; it must be a {kind.__name__}")
-    return tuple(values)
 
 
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:

@@ -8,12 +8,22 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, finite, integer, positive, real, threads
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    finite,
+    integer,
+    positive,
+    positive_number,
+    real,
+    sequence_of,
+    threads,
+)
 from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
 from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
-from tertia.tracker._plots import Plots, require_each
+from tertia.tracker._plots import Plots
 from tertia.tracker._table import TrackTable
 
 _State: TypeAlias = (
@@ -169,11 +179,11 @@ class Tracker:
         n_threads: int | None = None,
     ) -> None:
         self.n_threads = threads(n_threads)
-        self.sensors = require_each(sensors, Radar, "sensors")
-        self.plans = require_each(plans, FlightPlan, "plans")
+        self.sensors = sequence_of(sensors, Radar, "sensors")
+        self.plans = sequence_of(plans, FlightPlan, "plans")
         self.clock_period = None
         if clock_period is not None:
-            self.clock_period = float(positive(real(clock_period, "clock_period"), "clock_period"))
+            self.clock_period = positive_number(clock_period, "clock_period")
         if not self.sensors:
             raise ValueError("sensors is empty; there must be at least one")
         settings = core_settings(
