@@ -1,4 +1,4 @@
-"""Association: which plot of a scan belongs to which track.
+"""Association: assignment of the plots of a scan to tracks.
 
 Source: Glagovskiy, Lavina, Rudelson 2014: gates, their sectors and the score of a plot for a track;
 the usual likelihood ratio replaces the printed score where it is better. Symbols: the innovation is
@@ -107,9 +107,9 @@ class Association:
     Attributes
     ----------
     track_of_plot : ndarray of int, shape (N,)
-        Index of each plot's track; -1 where it has none.
+        Index of each plot's track; -1 if it has none.
     plot_of_track : ndarray of int, shape (T,)
-        Index of each track's plot; -1 where it has none.
+        Index of each track's plot; -1 if it has none.
     score : ndarray of shape (T,)
         Score of the plot of each track; nan where it has none.
     nis : ndarray of shape (T,)
@@ -129,7 +129,7 @@ class Association:
 
 
 def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2) -> float:
-    """Return the normalised innovation squared within which a true plot lies with this probability.
+    """Return the threshold of the normalised innovation squared for a gate probability.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
 def gate_sectors(
     innovation: npt.ArrayLike, covariance: npt.ArrayLike, velocity: npt.ArrayLike
 ) -> GateSector | IntArray:
-    """Return the sectors of the gates that plots are in.
+    """Return the sectors of the gates for plots.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def gate_sectors(
 
     Examples
     --------
-    An aircraft that flies north, and plots ahead and to the left of where it was expected:
+    An aircraft flies north, with plots ahead and to the left of its predicted position:
 
     >>> from tertia.association import GateSector, gate_sectors
     >>> gate_sectors([[0, 200], [-300, 100]], [[1e4, 0], [0, 1e4]], [0, 220])

@@ -1,7 +1,9 @@
 """Fusion: plots of several radars into one track, estimates of several sensors into one.
 
-Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, misprints mended
-(`method="paper"`), the usual rules, and a default that estimates how accurate each radar is.
+Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, with misprints
+corrected (`method="paper"`), the usual rules, and a default that estimates the accuracy of each
+radar. All radars measure one angle in one frame; `common_azimuth` converts azimuths from other
+sites to it.
 
 All radars measure one angle in one frame; `common_azimuth` turns those of other sites into it.
 """

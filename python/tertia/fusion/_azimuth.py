@@ -17,18 +17,18 @@ def common_azimuth(
     azimuth_sigma: npt.ArrayLike,
     origin: npt.ArrayLike = (0.0, 0.0),
 ) -> tuple[FloatArray, FloatArray]:
-    """Turn range and azimuth of a sensor into those seen from a common origin.
+    """Convert range and azimuth of a sensor to those seen from a common origin.
 
     Parameters
     ----------
     range, azimuth : array_like of shape (...)
         Range in metres and azimuth in radians, clockwise from north, as the sensor measures them.
     position : array_like of shape (2,)
-        The sensor, east and north in metres.
+        Position of the sensor, east and north in metres.
     range_sigma, azimuth_sigma : array_like of shape (...)
         Their standard deviations.
     origin : array_like of shape (2,)
-        The common origin, likewise.
+        Position of the common origin, east and north in metres.
 
     Returns
     -------

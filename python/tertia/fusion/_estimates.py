@@ -1,4 +1,4 @@
-"""Estimates that several sensors have of the same vector, fused."""
+"""Fusion of several sensors' estimates of the same vector."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ InstantMethod: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedEstimate:
-    """A fused estimate, and whether the estimates that it was made of agree.
+    """A fused estimate, and a test of the agreement of its inputs.
 
     Attributes
     ----------
     mean : ndarray of shape (..., m)
         The fused estimate; nan where no sensor has one.
     covariance : ndarray of shape (..., m, m)
-        Its covariance, if those given are right; from "covariance-intersection" an upper bound.
-        Where no sensor has an estimate, infinite variances.
+        Covariance of the fused estimate, if the given covariances are right; for
+        "covariance-intersection" an upper bound. If no sensor has an estimate, variances are
+        infinite.
     weights : ndarray of shape (..., K, m, m)
         The weight of each estimate, which sum to the identity; 0 where a sensor has none. From
         `fuse_scalar` the gain of the scalar, of shape (..., m).
@@ -35,10 +36,11 @@ class FusedEstimate:
         Sum of the squared differences of the estimates in units of their covariances; nan from
         methods other than "matrix".
     degrees_of_freedom : int or ndarray of shape (...)
-        Of the chi-square distribution that `statistic` has where the covariances are right.
+        Degrees of freedom of the chi-square distribution of `statistic` if the covariances are
+        right.
     pvalue : float or ndarray of shape (...)
-        Probability of a larger statistic then; nan where there is none. If it is small, an estimate
-        or a covariance is wrong.
+        Probability of a larger statistic if the covariances are right; nan where there is none. A
+        small p-value means that an estimate or a covariance is wrong.
     """
 
     mean: FloatArray
@@ -73,13 +75,13 @@ def fuse(
     period: float | None = None,
     n_threads: int | None = None,
 ) -> FusedEstimate:
-    """Fuse the estimates that several sensors have of the same vector, and test if they agree.
+    """Fuse several sensors' estimates of the same vector, and test whether they agree.
 
     Parameters
     ----------
     estimates : array_like of shape (..., K, m)
-        Estimates of K >= 1 sensors. nan in all components: the sensor has none, and what else is
-        given of it is not read.
+        Estimates of K >= 1 sensors. nan in all components means that the sensor has no estimate;
+        its other data are not read.
     covariances : array_like of shape (..., K, m, m)
         Their covariances. Leading axes of all arrays are broadcast against each other. With
         "matrix", a covariance may be singular where the others are not singular in the same
@@ -95,7 +97,7 @@ def fuse(
         of j (columns), and the transpose of [j, i]. Blocks [i, i] are not read. By default the
         errors are independent. Covariance intersection does not use them: its bound holds for any.
     weights : array_like of shape (K,), optional
-        For "static", and only there: what the weights are proportional to.
+        Weights for "static", and only there, up to a common factor.
     period : float, optional
         Of the first component, if that is an angle: 360.0 for degrees, 2*pi for radians. The fused
         angle is in [0, period).
@@ -140,7 +142,7 @@ def fuse(
 
     Examples
     --------
-    Two tracks whose errors have something in common:
+    Two tracks with partly common errors:
 
     >>> from tertia.fusion import fuse
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
@@ -180,9 +182,9 @@ def fuse_scalar(
 ) -> FusedEstimate:
     """Add one redundant measured scalar to an estimate, and test if they agree.
 
-    A scalar has no covariance matrix of its own, but it is information: `h h' / sigma²`, of rank
-    one. This is the right way to add a measurement to an estimate that was made of others, where
-    two estimates that share measurements would not be independent.
+    A scalar has no covariance matrix of its own, but it contains information: `h h' / sigma²`, of
+    rank one. This is the right way to add a measurement to an estimate from other measurements;
+    fusing two estimates that share measurements would treat them as independent.
 
     Parameters
     ----------
@@ -193,8 +195,8 @@ def fuse_scalar(
     h : array_like of shape (..., m)
         Derivatives of the scalar with respect to the components.
     measured : array_like of shape (...)
-        The measured scalar less the constant of its linear model `z = h . x`. For a nonlinear one
-        `z = f(x)` it is `measured z - f(estimate) + h . estimate`.
+        The measured scalar minus the constant of its linear model `z = h . x`. For a nonlinear
+        model `z = f(x)` it is `measured z - f(estimate) + h . estimate`.
     sigma : array_like of shape (...)
         Standard deviation of the scalar.
     n_threads : int, optional

@@ -48,7 +48,8 @@ class FusedSeries:
         Plots that were taken for single outliers. With rules other than "robust", the radar's own
         filter needs some steps to recover from one, and may take its next plots for outliers, too.
     innovation, innovation_variance : ndarray of shape (..., K, steps)
-        Of the radars' own filters, with the noise as given; nan where there is none.
+        Normalised innovations squared of the radars' own filters, with the noise as given; nan
+        where there is none.
     """
 
     mean: FloatArray
@@ -98,8 +99,9 @@ def fuse_series(
     Parameters
     ----------
     z : array_like of shape (..., K, steps)
-        Plots of the angle by K >= 1 radars at common times; nan where a radar has none. Radars that
-        scan at different times have the times of all, with nan between their own.
+        Plots of the angle by K >= 1 radars at common times; nan where a radar has none. For radars
+        that scan at different times, list the times of all radars, with nan between a radar's own
+        plots.
     measurement_variance : array_like of shape (), (K, 1) or (..., K, steps)
         Variance of their noise, as stated.
     model : SingerModel
@@ -163,10 +165,10 @@ def fuse_series(
     Their mixture gives the state and its covariance, and the probabilities of each radar's levels
     for the next step. Cost O(K steps) besides the radars' own filters.
 
-    "adaptive": each radar's filter runs with the noise as stated. A radar whose innovations are
-    larger than expected and than the median of the others' (so that no radar is blamed for a
-    manoeuvre) is taken to have more noise, and its track the covariance that follows from that. The
-    errors of two tracks are correlated through their common motion. Cost O(K² steps).
+    "adaptive": each radar's filter runs with the noise as stated. If the innovations of a radar are
+    larger than expected and than the median of the others' (which avoids blaming a radar for a
+    manoeuvre), its noise is increased, and the covariance of its track accordingly. The errors of
+    two tracks are correlated through their common motion. Cost O(K² steps).
 
     A systematic error of a radar is not noise, and is not detected.
 

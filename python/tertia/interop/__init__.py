@@ -1,4 +1,4 @@
-"""Other libraries' own kinds of objects, for those who work with them anyway.
+"""Interoperability: components for other libraries.
 
 `tertia.interop.sklearn` has estimators of scikit-learn, `tertia.interop.stonesoup` components of
 Stone Soup, `tertia.interop.traffic` smooths flights of traffic. Each needs an extra of its name.

@@ -5,7 +5,7 @@ Source: Panasyuk, Pudovkin, Rogachev 2018, equations (14) to (20), misprints men
 alone. Units are the caller's: any angle, with any unit of time.
 
 Without an initial state the start is exact: angle and rate are unknown, and the acceleration has
-the variance of its model. Whatever is unknown has the variance inf and, before the first plot, the
+the variance of its model. Unknown quantities have the variance inf and, before the first plot, the
 mean nan.
 """
 

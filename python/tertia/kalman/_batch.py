@@ -1,4 +1,4 @@
-"""Series of plots in the form that the core takes."""
+"""Conversion of series of plots to arguments of the core."""
 
 from __future__ import annotations
 

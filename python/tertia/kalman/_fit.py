@@ -1,4 +1,4 @@
-"""Noise and motion from recordings."""
+"""Estimation of noise and motion from recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion model, and what a filter of it converges to."""
+"""The motion model, and the steady state of its filter."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SingerModel:
     dt : float
         Time between plots, used where no times are given.
     alpha : float
-        Manoeuvre frequency: the reciprocal of the time in which an acceleration fades.
+        Manoeuvre frequency: the reciprocal of the time constant of the acceleration.
     acceleration_sigma : float
         Standard deviation of the acceleration.
     exact : bool
@@ -70,7 +70,7 @@ class SingerModel:
 
 
 def steady_state(model: SingerModel, measurement_variance: float) -> tuple[FloatArray, FloatArray]:
-    """Return the gain and the covariance that the filter converges to.
+    """Return the gain and the covariance of the filter in the steady state.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Metrics: how large errors are, whether they agree with their covariances, how good tracks are.
+"""Metrics: errors, their consistency with covariances, and the quality of tracks.
 
-`nees`, `nis`, `consistency_bounds`, `autocorrelation` and `rmse` are about errors. `track_errors`
+`nees`, `nis`, `consistency_bounds`, `autocorrelation` and `rmse` evaluate errors. `track_errors`
 resolves them along and across a course, `gospa` compares sets of positions, and `match_tracks` and
 `indicators` compare tracks with the truth.
 """

@@ -1,4 +1,4 @@
-"""Consistency: whether errors are as large as the stated covariances say.
+"""Consistency of errors with the stated covariances.
 
 Normalised squared errors (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) have a mean of 1 per
 dimension if the covariances are right; a larger mean shows errors larger than stated.
@@ -175,7 +175,7 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
 
 
 def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
-    """Return the autocorrelation of innovations, which is 0 for a filter that fits.
+    """Return the autocorrelation of innovations, which is 0 for a correct filter.
 
     Parameters
     ----------

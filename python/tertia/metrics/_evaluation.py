@@ -1,4 +1,4 @@
-"""Tracks versus truth: rows of both, pictures of instants, GOSPA, figures of the whole."""
+"""Tracks versus truth: their rows, positions at common instants, GOSPA, and overall measures."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def usual_periods(rows: Rows) -> list[float]:
 
 
 def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
-    """Return where tracks are shown, (M, T, 2), extrapolated from their last rows.
+    """Return the positions of tracks, (M, T, 2), extrapolated from their last rows.
 
-    A track is shown from its first row until `lasting` seconds after its last; nan otherwise.
+    A track exists from its first row until `lasting` seconds after its last; nan otherwise.
     """
     order = np.lexsort((rows.time, rows.track))
     _, starts = np.unique(rows.track[order], return_index=True)
@@ -130,7 +130,7 @@ def judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: floa
 
 
 def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]]:
-    """Return the figures of all tracks: names, values and units; None where nothing is known."""
+    """Return measures of all tracks: names, values and units; unknown values are None."""
     shown, truth = judged.indicators, judged.truth
     latency = shown.latency[~np.isnan(shown.latency)]
     confirmed = len(np.unique(judged.rows.track))

@@ -47,7 +47,7 @@ def gospa(
     p: float = 2.0,
     alpha: float = 2.0,
 ) -> Gospa:
-    """Return how far a set of estimated positions is from the true ones.
+    """Return the distance of a set of estimated positions from the true ones.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ def gospa(
     truth : array_like of shape (M, m)
         True positions.
     cutoff : float
-        Metres at which an estimate is as bad as none.
+        Distance in metres from which on an estimate is as bad as none.
     p : float
-        Exponent, at least 1: the larger it is, the more large errors cost.
+        Exponent, at least 1: with larger values, large errors have more weight.
     alpha : float
         Above 0 and at most 2. With 2, a target or estimate without a partner costs half of
         `cutoff**p`.
@@ -83,7 +83,7 @@ def gospa(
 
     Examples
     --------
-    One target is seen 3 m off, one is missed, and one estimate is false:
+    One target has an error of 3 m, one is missed, and one estimate is false:
 
     >>> from tertia import metrics
     >>> metrics.gospa([[3, 0], [500, 0]], [[0, 0], [0, 90]], cutoff=10)
@@ -116,7 +116,7 @@ def gospa(
 def pairs_within(
     points: FloatArray, others: FloatArray, limit: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the indices of all points and others that are not farther apart, and how far."""
+    """Return the indices and distances of all pairs within a distance."""
     m = points.shape[-1]
     # in units of the limit, so that squares stay in range
     unit = np.broadcast_to(np.eye(m), (len(points), m, m))

@@ -1,4 +1,4 @@
-"""The figures by which air navigation services judge tracks."""
+"""Performance indicators of tracks, as used in air navigation services."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Indicators:
-    """How good tracks are, versus the truth.
+    """Performance indicators of tracks versus truth.
 
     Attributes
     ----------
     probability_of_update : float
-        Share of the expected updates that took place; nan where none was expected.
+        Fraction of the expected updates that took place; nan if none was expected.
     long_gap_ratio : float
-        Share of the expected updates that are missing in gaps longer than 3.3 update intervals.
+        Fraction of the expected updates that are missing in gaps longer than 3.3 update intervals.
     expected_updates, missed_updates : ndarray of int, shape (K,)
-        Of each target.
+        Number of updates for each target.
     false_updates : int
-        Updates that show no target.
+        Number of updates that do not belong to a target.
     false_tracks : int
-        Tracks of which fewer than half of the updates show a target.
+        Number of tracks with fewer than half of their updates on a target.
     missed_targets : int
-        Targets that no track shows.
+        Number of targets without a track.
     switches : int
-        Track swaps: how often a target continued under another track.
+        Number of track swaps: a target continues under another track.
     latency : ndarray of shape (K,)
         Seconds from the first time of a target to its first update; nan where it has none.
     rmse : float
         Root mean square distance of the updates from their targets, in metres.
     matching : Matching
-        Which update shows which target; the order of targets is that of `matching.targets`.
+        Target of each update; the order of targets is that of `matching.targets`.
     """
 
     probability_of_update: float
@@ -70,7 +70,7 @@ class Indicators:
 def indicators(
     tracks: Tracks, truth: Truth, *, max_distance: float, update_interval: float
 ) -> Indicators:
-    """Compare tracks with the truth, by the figures that air navigation services use.
+    """Compare tracks with the truth, by the indicators of air navigation services.
 
     Parameters
     ----------
@@ -79,14 +79,14 @@ def indicators(
     truth : Truth
         The targets.
     max_distance : float
-        Metres; a track that is farther from a target does not show it.
+        Largest distance in metres from a track to its target.
     update_interval : float
-        Required seconds from update to update.
+        Required seconds between updates.
 
     Returns
     -------
     Indicators
-        The figures.
+        The indicators.
 
     Raises
     ------
@@ -96,16 +96,16 @@ def indicators(
     Notes
     -----
     The probability of update and the ratio of long gaps are requirements of the EUROCONTROL
-    Specification for ATM Surveillance System Performance (EUROCONTROL-SPEC-147, 2015). A target
-    counts from its first update to the end of its truth. A gap of `dt` between two updates has
+    Specification for ATM Surveillance System Performance (EUROCONTROL-SPEC-147, 2015). A target is
+    evaluated from its first update to the end of its truth. A gap of `dt` between two updates has
     `round(dt / update_interval)` expected updates, one of which took place. From the last update to
-    the end of the truth `floor(dt / update_interval + 0.1)` are missed. A target without any update
-    misses all from its first time on. Sums are over all targets, so every expected update has the
-    same weight. The time until the first update is in `latency` instead.
+    the end of the truth, `floor(dt / update_interval + 0.1)` are missed. A target without any
+    update misses all from its first time on. Sums are over all targets, so every expected update
+    has the same weight. The time until the first update is not counted; it is given in `latency`.
 
     Examples
     --------
-    A target is seen every 4 s for 40 s, but not from 12 s to 28 s:
+    A target is updated every 4 s for 40 s, but not from 12 s to 28 s:
 
     >>> from types import SimpleNamespace
     >>> import numpy as np

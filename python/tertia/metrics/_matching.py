@@ -1,4 +1,4 @@
-"""Which target each track shows."""
+"""Matching of tracks with targets."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def track_errors(
     Returns
     -------
     along_track, cross_track : float or ndarray of shape (...)
-        Positive ahead, and positive to the right.
+        Errors along the track, positive ahead, and across it, positive to the right.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def track_errors(
 
     Examples
     --------
-    An aircraft flies east and is shown 30 m behind and 40 m to the left of where it is:
+    An aircraft flies east; its track is 30 m behind it and 40 m to its left:
 
     >>> import numpy as np
     >>> from tertia import metrics
@@ -75,18 +75,18 @@ def track_errors(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matching:
-    """Which target each update of a track shows, and where it is off.
+    """The target of each update of a track, and the error.
 
     Attributes
     ----------
     target : ndarray of int, shape (N,)
-        Index into `targets`; -1 where an update shows none.
+        Index into `targets`; -1 for an update without a target.
     error : ndarray of shape (N, m)
-        Position minus truth; nan where an update shows no target.
+        Position minus truth; nan for an update without a target.
     targets : ndarray of shape (K,)
         The identifiers of the targets, as in `Truth`.
     switches : ndarray of int, shape (K,)
-        How often each target continued under another track.
+        Number of times that each target continued under another track.
     """
 
     target: IntArray
@@ -96,17 +96,17 @@ class Matching:
 
     @property
     def matched(self) -> BoolArray:
-        """Whether an update shows a target, of shape (N,)."""
+        """Whether an update belongs to a target, of shape (N,)."""
         return self.target >= 0
 
     def __repr__(self) -> str:
-        """Return how many updates show a target."""
+        """Return how many updates belong to a target."""
         count = np.count_nonzero(self.matched)
         return f"Matching({count} of {len(self.target)} updates, {len(self.targets)} targets)"
 
 
 class Tracks(Protocol):
-    """What has updates of tracks, as a `tertia.tracker.TrackTable` does."""
+    """A type with updates of tracks, such as `tertia.tracker.TrackTable`."""
 
     @property
     def time(self) -> npt.ArrayLike:
@@ -124,20 +124,21 @@ class Tracks(Protocol):
 def match_tracks(
     tracks: Tracks, truth: Truth, *, max_distance: float, update_interval: float | None = None
 ) -> Matching:
-    """Find which target each update of a track shows.
+    """Find the target of each update of a track.
 
     Parameters
     ----------
     tracks : Tracks
-        Anything with `time` (N,), `track` (N,) and `position` (N, m), such as a `TrackTable`. Every
-        row counts as an update: leave out rows without a plot and of tentative tracks before.
+        An object with `time` (N,), `track` (N,) and `position` (N, m), such as a `TrackTable`.
+        Every row counts as an update: remove rows without a plot and rows of tentative tracks
+        first.
     truth : Truth
         The targets.
     max_distance : float
-        Metres; a track that is farther from a target does not show it.
+        Largest distance in metres from a track to its target.
     update_interval : float, optional
-        Seconds in which every track is updated about once: these updates are matched together. By
-        default those of equal time.
+        Period in seconds in which every track is updated about once; these updates are matched
+        together. By default updates of equal time are.
 
     Returns
     -------
@@ -153,10 +154,11 @@ def match_tracks(
     Notes
     -----
     As in CLEAR MOT (Bernardin, Stiefelhagen 2008), a track keeps its target while it is within
-    `max_distance`, even where another target is nearer, unless the target has continued under
-    another track meanwhile. The rest is paired one to one: as many pairs as possible, and among
-    these choices the one with the least sum of distances. So a second track of the same target
-    shows none. The distance of a track that is updated several times in an interval is the mean.
+    `max_distance`, even if another target is nearer, unless the target has continued under another
+    track in the meantime. The others are paired one to one: as many pairs as possible and, among
+    these choices, the one with the smallest sum of distances. A second track of the same target
+    therefore has no target. If a track is updated several times in an interval, its distance is the
+    mean.
 
     Examples
     --------
@@ -189,7 +191,7 @@ def match_tracks(
 
 
 def _scans(time: FloatArray, update_interval: float | None) -> tuple[IntArray, IntArray]:
-    """Return the updates in order of time, and where scans begin and end."""
+    """Return the updates in order of time, and the bounds of scans."""
     order = np.argsort(time, kind="stable")
     number = time[order]
     if update_interval is not None:
@@ -224,7 +226,7 @@ def _candidates(
 
 
 class _Memory:
-    """Which tracks and targets were paired last."""
+    """The last pairing of tracks and targets."""
 
     def __init__(self, tracks: int, targets: int) -> None:
         self.target_of = np.full(tracks, _NONE)
@@ -234,7 +236,7 @@ class _Memory:
     def match(
         self, track: IntArray, target: IntArray, distance: FloatArray, limit: float
     ) -> BoolArray:
-        """Return which of the candidate pairs of a scan are chosen, and remember them."""
+        """Choose among the candidate pairs of a scan, and store the choice."""
         key = track * len(self.track_of) + target
         pairs, inverse = np.unique(key, return_inverse=True)
         mean = np.bincount(inverse, distance) / np.bincount(inverse)

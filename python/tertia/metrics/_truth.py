@@ -1,4 +1,4 @@
-"""Where the targets really were."""
+"""True positions of targets."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from tertia._arrays import BoolArray, FloatArray, IntArray, finite
 class Truth:
     """True positions of targets over time, with which tracks are compared.
 
-    Between its times a target flies straight; before its first and after its last it is not there.
+    The truth is interpolated linearly between its times; a target is absent before its first and
+    after its last time.
 
     Parameters
     ----------
     time : array_like of shape (L,)
         Times in seconds, in any order.
     target : array_like of shape (L,)
-        Whose position it is: integers or strings.
+        Identifiers of the targets: integers or strings.
     position : array_like of shape (L, m)
         Positions in metres, m = 2 or 3.
 
@@ -108,7 +109,7 @@ class Truth:
         yield from zip(self.targets.tolist(), *paths, strict=True)
 
     def present(self, target: npt.ArrayLike, time: npt.ArrayLike) -> BoolArray:
-        """Return whether targets are there; arguments as of `at`."""
+        """Return whether targets are present; arguments as for `at`."""
         k, when = np.asarray(target), np.asarray(time)
         return np.asarray((k >= 0) & (when >= self.first[k]) & (when <= self.last[k]))
 
@@ -125,7 +126,7 @@ class Truth:
         Returns
         -------
         ndarray of shape (..., m)
-            Positions in metres, nan where a target is not there.
+            Positions in metres, nan where a target is absent.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there = self.present(k, when)
@@ -134,10 +135,9 @@ class Truth:
         return found
 
     def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return courses in radians clockwise from north; arguments as of `at`.
+        """Return courses in radians clockwise from north; arguments as for `at`.
 
-        They are interpolated between central differences; nan where a target has one position
-        alone.
+        They are interpolated between central differences; nan if a target has only one position.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         found = np.full(k.shape, np.nan)

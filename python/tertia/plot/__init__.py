@@ -1,9 +1,9 @@
-"""Pictures: what was measured, what was flagged, and the result.
+"""Pictures of measurements, outliers and results.
 
-Needs the extra `plot` (Matplotlib); without it the functions raise ImportError, and for an argument
-of the wrong type TypeError. Nothing is shown or saved: they return the axes. Outliers differ in
-shape as well as in colour; the colours are those of Okabe and Ito, which colour-blind readers can
-distinguish.
+Needs the extra `plot` (Matplotlib). Without it the functions raise ImportError; for an argument of
+the wrong type they raise TypeError. They return the axes, and do not show or save anything.
+Outliers differ in shape as well as in colour; the colours are those of Okabe and Ito, which
+colour-blind readers can distinguish.
 """
 
 from tertia.plot._axes import rounded as rounded

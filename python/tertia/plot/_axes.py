@@ -1,4 +1,4 @@
-"""What pictures share: colours, legends, time axes, bands, ellipses, views from above, texts."""
+"""Common parts of pictures: colours, legends, time axes, bands, ellipses, maps, texts."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -48,14 +48,14 @@ def new_axes() -> "Axes":
 
 
 def add_legend(ax: "Axes") -> None:
-    """Draw a legend in a space of its own above what is drawn."""
+    """Draw a legend above the axes."""
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + _HEADROOM * (high - low))
     ax.legend(loc="upper center", ncols=3, fontsize="small")
 
 
 def add_shared_legend(figure: "FigureBase", panels: "Iterable[Axes]", columns: int) -> None:
-    """Draw one legend below some panels, in which everything is named once."""
+    """Draw a common legend below several panels."""
     named: dict[str, Any] = {}
     for ax in panels:
         handles, labels = ax.get_legend_handles_labels()
@@ -73,14 +73,14 @@ def draw_band(
 
 
 def bounds(value: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return value minus and plus half a width, nan where either is not known."""
+    """Return value minus and plus half a width, nan where either is unknown."""
     known = np.isfinite(value) & np.isfinite(half)
     shown, width = np.where(known, value, np.nan), np.where(known, half, np.nan)
     return shown - width, shown + width
 
 
 def sensor_looks(k: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the looks of the line and of the markers of a sensor."""
+    """Return the styles of the line and of the markers of a sensor."""
     colour = {"color": _COLOURS[k % len(_COLOURS)]}
     line = _LINES[k // len(_COLOURS) % len(_LINES)]
     marker = _MARKERS[k % len(_MARKERS)]
@@ -104,7 +104,7 @@ def draw_deviations(
     *,
     inner: float,
 ) -> None:
-    """Draw deviations, (K, steps), and flag outliers; those beyond `inner` are drawn there."""
+    """Draw deviations, (K, steps), and mark outliers; `inner` is the limit of the axis."""
     shown = np.clip(deviations, -inner, inner)
     for k, name in enumerate(names):
         has = np.isfinite(deviations[k])
@@ -127,7 +127,7 @@ def draw_deviations(
 
 
 def time_axis(time: npt.ArrayLike | None, count: int) -> Times:
-    """Return the times to draw over: as given, or numbers from 0."""
+    """Return the times of the axis: as given, or numbers from 0."""
     if time is None:
         return np.arange(count)
     times = np.asarray(time)
@@ -158,7 +158,7 @@ def view_from_above(ax: "Axes", unit: str = "m", *, adjustable: Adjustable = "da
 
 
 def draw_sites(ax: "Axes", paths: Iterable[FloatArray], label: str) -> None:
-    """Draw sensors as triangles, at the end of the paths, (n, 2), of those that move."""
+    """Draw sensors as triangles; moving sensors at the end of their paths, (n, 2)."""
     for k, path in enumerate(paths):
         ax.plot(
             *path.T,
@@ -177,14 +177,14 @@ def draw_sites(ax: "Axes", paths: Iterable[FloatArray], label: str) -> None:
 def add_names(
     ax: "Axes", names: Iterable[Any], places: FloatArray, shift: tuple[float, float] = (5, 5)
 ) -> None:
-    """Write the names beside places; None has no name."""
+    """Write the names beside positions; None has no name."""
     for name, place in zip(names, places, strict=True):
         if name is not None:
             ax.annotate(str(name), tuple(place[:2]), xytext=shift, textcoords="offset points")
 
 
 def names_of(sensors: Any, count: int) -> list[Any]:
-    """Return the names of sensors, None where they are mere positions."""
+    """Return the names of sensors, None for sensors given as positions."""
     names = [getattr(one, "name", None) for one in sensors] if isinstance(sensors, Sequence) else []
     return names if len(names) == count else [None] * count
 
@@ -226,7 +226,7 @@ def ellipses(
 
 
 def near(angles: FloatArray, origin: float | FloatArray, period: float | None) -> FloatArray:
-    """Turn angles by whole periods to within half a period of the origin."""
+    """Shift angles by whole periods to within half a period of the origin."""
     if period is None:
         return angles
     turned: FloatArray = angles - period * np.round((angles - origin) / period)
@@ -234,7 +234,7 @@ def near(angles: FloatArray, origin: float | FloatArray, period: float | None) -
 
 
 def angle_unit(period: float | None) -> str:
-    """Return the unit to which a period belongs, as it follows the name of an axis."""
+    """Return the unit of a period, as a suffix of axis labels."""
     units = {360.0: " (°)", 2 * math.pi: " (rad)"}
     return units.get(period or 0.0, "")
 
@@ -260,5 +260,5 @@ def with_sigmas(values: Iterable[float], sigmas: Iterable[float]) -> str:
 
 
 def counted(number: int | np.signedinteger[Any], noun: str) -> str:
-    """Return a number with its noun, in the plural where there is not one."""
+    """Return a number with its noun, in the plural unless the number is one."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -37,7 +37,7 @@ def fused(
 ) -> "Axes":
     """Draw estimates of a vector and the fused estimate, with their error ellipses.
 
-    Ellipses of two out of more components are those of these two, whatever the others are.
+    If there are more than two components, ellipses are of the marginal distribution of two.
 
     Parameters
     ----------
@@ -51,19 +51,18 @@ def fused(
     components : (int, int)
         The components along the two axes, from 0.
     probability : float
-        Probability with which an ellipse holds the true vector, for normal errors.
+        Probability that an ellipse contains the true vector, for normal errors.
     equal : bool
         Whether both axes have the same scale.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name the estimates.
 
     Returns
     -------
     matplotlib.axes.Axes
-        One component over the other. Up to six estimates differ in colour, marker and line; more
-        look alike.
+        One component over the other. The first six estimates differ in colour, marker and line.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Pictures of fused series: several sensors about their track, weights and noise."""
+"""Pictures of fused series: plots relative to the track, weights and noise."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -47,7 +47,7 @@ def fused_series(
     legend: bool = True,
     figure: "FigureBase | None" = None,
 ) -> tuple["Axes", "Axes", "Axes"]:
-    """Draw the plots of several sensors about their fused track, the weights and the noise.
+    """Draw the plots of several sensors relative to their fused track, the weights and the noise.
 
     Parameters
     ----------
@@ -64,15 +64,15 @@ def fused_series(
     sensors : sequence of str, optional
         Names of the sensors; by default they are numbered from 0.
     legend : bool
-        Whether to draw one, below the panels.
+        Whether to draw a legend, below the panels.
     figure : matplotlib.figure.Figure or SubFigure, optional
-        Where to draw; by default a new figure.
+        Figure to draw on; by default a new one.
 
     Returns
     -------
     plots, weights, noise : matplotlib.axes.Axes
-        Three panels over the same time. Plots minus the fused angle, with its 2-sigma band;
-        outliers are crossed, and those far away are drawn at the edge. Weights in the fused angle.
+        Three panels with a common time axis. Plots minus the fused angle, with its 2-sigma band;
+        outliers are crossed, and distant ones are drawn at the edge. Weights in the fused angle.
         Standard deviations of the plots as estimated (solid) and as stated (dashed).
 
     Raises
@@ -160,7 +160,7 @@ def _draw_plots(
 def _draw_weights(ax: "Axes", times: Times, weights: FloatArray, has_plot: BoolArray) -> None:
     """Draw the weights of all steps, and in bold those of each sensor's own plots.
 
-    The weights of sensors that take turns go up and down with every step.
+    If sensors measure alternately, the weights change with every step.
     """
     if np.isnan(weights).all():
         ax.text(0.5, 0.5, "no weights", transform=ax.transAxes, ha="center", va="center")

@@ -1,4 +1,4 @@
-"""Pictures of positions: stations, what they measured, error ellipses, maps of accuracy."""
+"""Pictures of positions: stations, measurements, error ellipses, maps of accuracy."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -40,7 +40,7 @@ def location(
     legend: bool = True,
     probability: float = 0.95,
 ) -> "Axes":
-    """Draw stations, what they measured, and the position with its error ellipse, from above.
+    """Draw stations, measurements, and the position with its error ellipse, from above.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def location(
         The ranges in metres, drawn as arcs about the stations; in space, those on the ground below
         the target.
     probability : float
-        Probability with which the ellipse holds the true position, for normal errors.
+        Probability that the ellipse contains the true position, for normal errors.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name stations, measurements and position.
 
@@ -132,7 +132,7 @@ def accuracy_map(
     result : Accuracy
         Their accuracy.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
 
     Returns
     -------

@@ -54,7 +54,7 @@ def bearing(
     block_size : int
         As given to `tertia.estimate_bearing`; it is not part of the estimate.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name measurements, outliers and bearing.
 
@@ -109,7 +109,7 @@ def screening(
     screening : Screening
         Its screening.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name measurements, outliers and band.
 

@@ -49,7 +49,7 @@ def smoothing(
     width : float
         Half the width of the band, in standard deviations.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name points, curve and band.
 
@@ -131,7 +131,7 @@ def consistency(
     time : array_like of shape (steps,), optional
         Times of the steps, numbers or datetime64; by default they are numbered from 0.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name means and bounds.
 

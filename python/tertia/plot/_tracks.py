@@ -62,7 +62,7 @@ def tracks(
         Probability with which an ellipse holds the true position, for normal errors. Three are
         drawn per track.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name tracks, plots and plans.
 
@@ -125,7 +125,7 @@ def tracks(
 def update_probability(
     table: TrackTable, radars: Sequence[Radar], *, ax: "Axes | None" = None, legend: bool = True
 ) -> "Axes":
-    """Draw how often radars update the confirmed tracks, over their range.
+    """Draw the update probability of confirmed tracks versus range, for each radar.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def update_probability(
     radars : sequence of Radar
         All radars of the table.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default on a new figure.
+        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name the radars.
 

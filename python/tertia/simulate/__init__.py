@@ -1,4 +1,4 @@
-"""Simulated records with the truth, to test estimators on."""
+"""Simulation: records with their truth, to test estimators."""
 
 from tertia.simulate._bearings import BearingRecord, direction_finder
 from tertia.simulate._covariances import wishart

@@ -22,7 +22,7 @@ def wishart(
     Parameters
     ----------
     covariance : array_like of shape (m, m)
-        Their mean.
+        Mean of the matrices.
     degrees_of_freedom : float
         n - 1 for the sample covariance of n measurements. A whole number, or above m - 1; below m
         the matrices are singular.

@@ -36,12 +36,12 @@ def flights(
     step: float = 1.0,
     rng: np.random.Generator | int | None = None,
 ) -> Traffic:
-    """Simulate aircraft that fly their plans, or leave them.
+    """Simulate aircraft that follow or leave their plans.
 
-    Aircraft are point masses that turn by banking, with a limited rate of roll, in a constant wind.
-    A turn begins where the pilot expects it to end on the next leg; legs are held against the wind
-    and intercepted without oscillation. Plans do not account for the wind: the airspeed is the
-    plan's ground speed plus an error.
+    Aircraft are point masses that turn by banking, with a limited roll rate, in a constant wind. A
+    turn begins where the pilot expects it to end on the next leg; on legs the heading is corrected
+    for the wind, and legs are intercepted without oscillation. Plans do not account for the wind:
+    the airspeed is the planned ground speed plus an error.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def flights(
     speed_error : float
         Largest error of the airspeed in metres per second, uniform across flights.
     lasting : float
-        Seconds after leaving their plan at which flights that never return end.
+        Seconds after leaving the plan until the end of a flight that never returns.
     step : float
         Seconds between samples.
     rng : numpy.random.Generator or int, optional

@@ -1,4 +1,4 @@
-"""How aircraft fly routes: what the core needs of them, and the random numbers of their flights."""
+"""Motion of aircraft along routes: arguments of the core, and random numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NUMBERS, _STEPS = 1_000_000, 256
 
 @dataclass(frozen=True, slots=True)
 class Pilots:
-    """What differs among flights: wind, error of the speed, bank and roll, limit of turn rates."""
+    """Differences among flights: wind, speed error, bank and roll, limit of turn rates."""
 
     wind: FloatArray
     speed_error: FloatArray

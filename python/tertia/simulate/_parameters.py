@@ -1,4 +1,4 @@
-"""Checks of what simulations are asked for."""
+"""Checks of the parameters of simulations."""
 
 from __future__ import annotations
 

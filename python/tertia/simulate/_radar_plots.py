@@ -29,7 +29,7 @@ class RadarPlots:
     Attributes
     ----------
     plots : Plots
-        The plots, as a tracker takes them.
+        The plots, as input of a tracker.
     target : ndarray of int, shape (N,)
         Index of the flight that caused the plot; -1: clutter.
     outlier : ndarray of bool, shape (N,)
@@ -88,10 +88,10 @@ def radar_plots(
 ) -> RadarPlots:
     """Simulate the plots that rotating radars make of traffic.
 
-    The beam turns clockwise, once per scan period. An aircraft within range is detected with the
-    radar's probability when the beam passes it; range and azimuth have normal noise. The range is
-    the slant range if the flight has a height, even if the plot lacks it. Clutter is uniform over
-    the area within range, Poisson in number, and has no identity.
+    The beam rotates clockwise, once per scan period. An aircraft within range is detected with the
+    radar's detection probability when the beam passes it; range and azimuth have normal noise. If
+    the flight has a height, the range is the slant range, even if the plot has no height. Clutter
+    has a Poisson number, is uniform over the area within range, and has no identity.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def radar_plots(
     outlier_size : float
         Standard deviation of its errors, relative to the noise.
     duplicate_probability : float
-        Probability that a plot comes twice, with different noise.
+        Probability that a plot is duplicated, with different noise.
     height_missing_probability, identity_missing_probability : float
         Probability that the reply is missing.
     identity_garbled_probability : float
@@ -193,7 +193,7 @@ def _per_radar(value: npt.ArrayLike, name: str, shape: tuple[int, ...]) -> Float
 
 
 def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, FloatArray]:
-    """Return when the beam passes which flight, scan by scan."""
+    """Return the times at which the beam passes each flight, scan by scan."""
     if not len(traffic):
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     place = radar.position[:2].tolist()

@@ -81,12 +81,12 @@ def radars(
         Probability that a step has a plot: 0 in an outage, or between the scans of a slower radar.
         False counts as 0, True as 1.
     outlier_probability : array_like of shape (), (K, 1) or (K, steps)
-        Probability that a plot is an outlier, likewise.
+        Probability that a plot is an outlier.
     outlier_size : float
         Standard deviation of an outlier, in units of the noise's.
     turn : (int, int, float), optional
-        First and last step of a turn, and the rate (angle per unit of time) that it adds at most:
-        the rate follows a raised cosine.
+        First and last step of a turn, and the maximum of the rate (angle per unit of time) that it
+        adds; the rate follows a raised cosine.
     angle, rate : float
         Initial angle and rate of the target.
     period : float, optional
@@ -144,7 +144,7 @@ def radars(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarScenario(RadarRecord):
-    """Plots of two radars in a scenario, the truth, and what a filter assumes.
+    """Plots of two radars in a scenario, the truth, and the model of the filters.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class RadarScenario(RadarRecord):
     model : SingerModel
         Motion that the filter assumes.
     counted : ndarray of bool, shape (steps,)
-        Steps at which errors count: filters have settled, and radar 1 scans.
+        Steps at which errors are evaluated: filters have settled, and radar 1 scans.
     disturbed : ndarray of bool, shape (steps,)
         Steps of the disturbance or of the turn; in "unknown" all.
     """
@@ -178,7 +178,7 @@ def radar_scenario(
     batch: int | tuple[int, ...] = (),
     rng: np.random.Generator | int | None = None,
 ) -> RadarScenario:
-    """Simulate two radars in one of the scenarios in which the documentation compares methods.
+    """Simulate two radars in one of the scenarios of the documentation.
 
     Units are degrees and seconds. Unless noted otherwise the noise has a sigma of 0.1, and both
     radars state it correctly.
@@ -209,7 +209,7 @@ def radar_scenario(
     Returns
     -------
     RadarScenario
-        Plots, truth, and the filter's assumptions. Errors count from scan 20 on.
+        Plots, truth, and the model of the filters. Errors are evaluated from scan 20 on.
 
     Raises
     ------
@@ -303,7 +303,7 @@ def _per_step(
 
 
 def _numbers(value: npt.ArrayLike) -> npt.ArrayLike:
-    """Return booleans as 0 and 1, and all else as it is."""
+    """Return booleans as 0 and 1, and other values unchanged."""
     try:
         array = np.asanyarray(value)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Radars of three kinds of airspace, and routes that suit them."""
+"""Radars of three kinds of airspace, with suitable routes."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ _BANK = np.radians(25.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetUp:
-    """A radar, and the traffic that it watches.
+    """A radar and its traffic.
 
     Attributes
     ----------
     radar : Radar
         At the origin.
     distance : (float, float)
-        How near to it routes come, and how far, in metres.
+        Smallest and largest distance of routes from the radar in metres.
     speed : (float, float)
         Lowest and highest ground speed of plans in metres per second.
     height : (float, float)
         Lowest and highest flight level of plans in metres.
     wind : float
-        Highest wind in metres per second: what `flights` takes.
+        Highest wind in metres per second; see `flights`.
     """
 
     radar: Radar
@@ -52,7 +52,7 @@ class SetUp:
 
 
 def set_up(name: SetUpName) -> SetUp:
-    """Return a radar, and the traffic that it watches.
+    """Return a radar and its traffic.
 
     Parameters
     ----------

@@ -18,15 +18,16 @@ _FARTHEST = 1e12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassiveLocation:
-    """Two stations that measure two azimuths and a range difference, and how well they locate.
+    """Two stations that measure two azimuths and a range difference, and their accuracy.
 
     Attributes
     ----------
     position : ndarray of shape (..., 2)
         Target, east and north in metres.
     jacobian : ndarray of shape (..., 3, 2)
-        Derivatives of the azimuth from the first station, that from the second (radians) and the
-        range to the first station less that to the second (metres), by the position.
+        Derivatives of the azimuth from the first station, the azimuth from the second (radians),
+        and the range to the first station minus that to the second (metres), with respect to the
+        position.
     sigma : ndarray of shape (3,)
         Standard deviations of the three measurements.
     covariances : ndarray of shape (..., 2, 2, 2)
@@ -60,7 +61,7 @@ def passive_location(
     azimuth_sigma: float = np.radians(0.3).item(),
     range_difference_sigma: float = 100.0,
 ) -> PassiveLocation:
-    """Return how well two passive stations locate a target.
+    """Return the accuracy with which two passive stations locate a target.
 
     This is the example of the source of `tertia.weights`.
 
@@ -69,7 +70,7 @@ def passive_location(
     position : array_like of shape (..., 2)
         Target, east and north in metres.
     stations : array_like of shape (2, 2)
-        Positions of the stations, likewise.
+        Positions of the stations, east and north in metres.
     azimuth_sigma : float
         Standard deviation of an azimuth, in radians.
     range_difference_sigma : float
@@ -163,7 +164,7 @@ def stations(
     position : array_like of shape (..., D)
         True position of the target.
     kinds : sequence of {"range", "azimuth", "elevation"}, optional
-        What is measured; by default every kind with a standard deviation.
+        Kinds that are measured; by default all with a standard deviation.
     outlier_probability : float
         Probability that a measurement is an outlier.
     outlier_size : float

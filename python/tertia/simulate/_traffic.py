@@ -52,7 +52,7 @@ class Traffic:
     wind : ndarray of shape (F, 2)
         Velocity of the air.
     left, returned : ndarray of shape (F,)
-        Times at which the flight leaves its plan, and at which it is back on it; nan: never.
+        Times at which the flight leaves its plan and returns to it; nan if never.
     plans : tuple of FlightPlan
         The plans; empty if aircraft fly without plans.
     """
@@ -110,7 +110,7 @@ class Traffic:
         Parameters
         ----------
         flight : array_like of int, shape (...)
-            Which flights.
+            Indices of the flights.
         time : array_like of shape (...)
             Seconds.
 
@@ -259,7 +259,7 @@ def encounter(
     step: float = 2.0,
     rng: np.random.Generator | int | None = None,
 ) -> Traffic:
-    """Simulate straight flights that are hard to tell apart.
+    """Simulate straight flights that are difficult to distinguish.
 
     Parameters
     ----------
