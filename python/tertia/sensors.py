@@ -1,4 +1,4 @@
-"""Sensors: where stations and radars are, what they measure, and how they err.
+"""Sensors: positions, measurements and errors of stations and radars.
 
 Positions are local east, north and up in metres; azimuths and elevations are radians, azimuths
 clockwise from north.
@@ -110,7 +110,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Radar:
-    """A radar: where it is, how it turns, and how well it measures.
+    """A radar: its position, scan period and accuracy.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Radar:
     scan_period : float
         Seconds per rotation of the antenna.
     max_range : float
-        Metres; nothing is detected beyond.
+        Largest range of detections in metres.
     detection_probability : float
         Probability that a target within range is detected in a scan.
     name : str or None
@@ -188,11 +188,11 @@ class Radar:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class Bias:
-    """Systematic errors of a sensor: what is assumed of them, or what was found.
+    """Systematic errors of a sensor, assumed or estimated.
 
-    A measurement less its bias has no systematic error but that of the bias, which is normal with
-    the standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known, inf that
-    nothing is known of it, and None that it is to be estimated.
+    After its bias is subtracted, a measurement has only the systematic error of the bias, which is
+    normal with the standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known,
+    inf that it is unknown, and None that it is to be estimated.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ _LEFT = 1.0 - 6.0 * math.exp(-4.5) / math.sqrt(2.0 * math.pi) / (1.0 - _TAKEN)
 
 
 class _Columns(BaseEstimator):  # type: ignore[misc]
-    """What takes a matrix in which nan is 'no measurement'."""
+    """Base of estimators for a matrix in which nan is 'no measurement'."""
 
     def _values(self, X: Any, **options: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
         values: FloatArray = validate_data(
@@ -91,14 +91,14 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
     center_, half_width_ : ndarray of shape (n_features,)
         The bands.
     offset_ : float
-        What `score_samples` is compared with: -1.
+        Threshold of `score_samples`: -1.
     n_features_in_ : int
         Number of columns.
 
     Notes
     -----
-    The significance holds for new rows, normal noise and independent columns. With few rows,
-    cleaning removes more than is allowed for: 0.01 becomes 0.013 with 20 rows, 0.015 with 10.
+    The significance applies to new rows, normal noise and independent columns. With few rows,
+    cleaning removes more than intended: 0.01 becomes 0.013 with 20 rows, 0.015 with 10.
 
     Examples
     --------

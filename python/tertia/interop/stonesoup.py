@@ -51,8 +51,8 @@ def radar(model: Any, scan_period: float, **options: Any) -> Radar:
     Parameters
     ----------
     model : CartesianToBearingRange or LinearGaussian
-        Of range and bearing, uncorrelated; or of x and y, which become range and azimuth of a radar
-        1e8 m away, along the axes of the covariance.
+        A model of range and bearing, uncorrelated; or of x and y, which become range and azimuth of
+        a radar 1e8 m away, along the axes of the covariance.
     scan_period : float
         Seconds of one antenna rotation.
     **options
@@ -108,9 +108,9 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
     Parameters
     ----------
     detections : iterable of Detection
-        Each with its measurement model.
+        Detections, each with its measurement model.
     models : sequence of measurement models
-        Those of all sensors; a plot's sensor is the index of its own.
+        Measurement models of all sensors; the sensor of a plot is the index of its model.
     start : datetime
         The zero of time.
 
@@ -123,7 +123,7 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
     ValueError
         A detection whose model is not among `models`.
     TypeError
-        A kind of model that `radar` does not take.
+        A kind of model that `radar` does not support.
 
     Examples
     --------
@@ -181,8 +181,8 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
     detector : DetectionReader
         Source of the detections. A step is a scan or a part of one.
     measurement_models : sequence of measurement models
-        Those of all sensors, as for `radar`. Sensors that measure x and y need the option
-        `clutter_density`, since the area that they cover is not known.
+        Measurement models of all sensors, as for `radar`. Sensors that measure x and y need the
+        option `clutter_density`, since the area that they cover is unknown.
     scan_period : float
         Seconds of one antenna rotation.
     options : mapping, optional

@@ -50,7 +50,7 @@ def smooth(
     position_sigma : float, optional
         Standard deviation of the positions in metres, the same east and north. By default fitted.
     altitude_sigma : float, optional
-        That of the altitudes in feet, likewise.
+        Standard deviation of the altitudes in feet. By default fitted.
 
     Returns
     -------
@@ -76,10 +76,10 @@ def smooth(
     others are left out, which is repeated until nothing changes. Reported speeds are not used; they
     can serve as a check.
 
-    One value of jerk stands for the whole flight. Jerk occurs at the ends of turns, so errors are
-    larger there than the sigmas say, and smaller in straight flight: in a flight of seven minutes
-    with one turn, sampled every second, rms errors were 0.9 sigma of position, 0.7 of ground speed
-    and 1.6 of track.
+    The whole flight has one value of jerk. Jerk occurs at the ends of turns, so errors are larger
+    there than the sigmas, and smaller in straight flight: in a flight of seven minutes with one
+    turn, sampled every second, rms errors were 0.9 sigma of position, 0.7 of ground speed and 1.6
+    of track.
 
     Examples
     --------

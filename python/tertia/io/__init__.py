@@ -1,8 +1,9 @@
 """Files: flight plans, and recordings of radars.
 
 Plans are read from CSV, JSON and GeoJSON (extra `io`: Polars for CSV, pyproj for geodetic
-positions), recordings from ASTERIX (extra `asterix`). Angles in files are degrees, in fields whose
-names end in `_deg`; everything else is in SI units, or in the unit that its name ends in.
+positions), recordings from ASTERIX (extra `asterix`). Angles in files are in degrees, in fields
+whose names end in `_deg`; all other quantities are in SI units, or in the unit at the end of the
+name.
 """
 
 from tertia.io._asterix import AsterixRecording, read_asterix

@@ -76,7 +76,7 @@ _SENSORS = {"sensor": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plot_count": "
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AsterixRecording:
-    """What a recording in ASTERIX holds, as tables of Polars; null is what was not said.
+    """Contents of an ASTERIX recording, as tables of Polars; missing items are null.
 
     Attributes
     ----------
@@ -98,9 +98,9 @@ class AsterixRecording:
     skipped : dict of int to int
         Data blocks of other categories, by category.
     repeated : int
-        Plots that came again, as from two lines of a network; each is in the table once.
+        Number of duplicate plots, for example from two network lines; each is in the table once.
     other_packets : int
-        UDP packets of a recording of a network that hold no ASTERIX.
+        Number of UDP packets of a network recording that do not contain ASTERIX.
     """
 
     plots: pl.DataFrame
@@ -112,7 +112,7 @@ class AsterixRecording:
     other_packets: int
 
     def __repr__(self) -> str:
-        """Show how much there is."""
+        """Return the numbers of rows."""
         parts = {
             "plots": self.plots,
             "sensors": self.sensors,
@@ -124,13 +124,13 @@ class AsterixRecording:
 
 
 def read_asterix(path: str | Path) -> AsterixRecording:
-    """Read a recording in ASTERIX.
+    """Read an ASTERIX recording.
 
     Parameters
     ----------
     path : str or Path
-        Data blocks one after the other, or a recording of a network that carried them by UDP (pcap,
-        pcapng). The first bytes say which of both it is.
+        A file of consecutive data blocks, or a network recording of UDP packets that contain them
+        (pcap, pcapng). The first bytes decide which.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     Raises
     ------
     ValueError
-        A file that is cut off, damaged or no ASTERIX; the message has the byte.
+        A file that is truncated, damaged or not ASTERIX; the message gives the byte.
     ImportError
         A library that is not installed.
     OSError
@@ -147,11 +147,9 @@ def read_asterix(path: str | Path) -> AsterixRecording:
 
     Notes
     -----
-    Radars are called by their codes, SAC/SIC. Times are seconds of the day (UTC), and go on beyond
-    86400 where a recording passes midnight. Mode 3/A codes and flight levels that are garbled or
-    not validated are null. What came twice, as from two lines of a network, is there once.
-    The period of a radar is what it says (I034/041), or the median time between its north markers.
-    Heights of radars, system tracks and reports are geometric ones.
+    Radars are named by their codes, SAC/SIC. Times are seconds of the day (UTC), and continue
+    beyond 86400 if a recording passes midnight. Mode 3/A codes and flight levels that are garbled
+    or not validated are null. Duplicates, for example from two network lines, are removed.
 
     Decoded by libasterix, by the newest edition of each category that it knows.
 
@@ -208,7 +206,7 @@ def _read_packets(reader: _Reader, contents: bytes) -> None:
 
 
 class _Reader:
-    """Takes data blocks, and makes rows of them."""
+    """Converts data blocks to rows."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -223,7 +221,7 @@ class _Reader:
         self.turns: dict[str, list[float]] = defaultdict(list)
 
     def is_asterix(self, payload: bytes) -> bool:
-        """Return whether data blocks of known categories fill a packet."""
+        """Return whether a packet consists of data blocks of known categories."""
         at = 0
         while at + _HEADER < len(payload) and payload[at] in self.known:
             length = int.from_bytes(payload[at + 1 : at + _HEADER], "big")
@@ -233,7 +231,7 @@ class _Reader:
         return at == len(payload)
 
     def take(self, contents: bytes, where: str) -> None:
-        """Take data blocks; `where` begins the place of an error."""
+        """Read data blocks; error messages begin with `where`."""
         at = 0
         while at < len(contents):
             category, left = contents[at], len(contents) - at
@@ -308,7 +306,7 @@ class _Reader:
             self.norths[radar].append(time)
 
     def recording(self) -> AsterixRecording:
-        """Return all that was taken."""
+        """Return the recording."""
         import polars as pl  # noqa: PLC0415  # only here is Polars needed
 
         tables = {
@@ -355,7 +353,7 @@ def _codes(radar: str) -> tuple[int, ...]:
 
 
 class _Items:
-    """A record, and how its items are read; None where there is none."""
+    """A record, and access to its items; missing items are None."""
 
     def __init__(self, record: Any) -> None:
         self.record = record
@@ -382,7 +380,7 @@ class _Items:
         return None if content is None else str(content.as_string()).strip() or None
 
     def sound(self, item: str, part: str) -> Any:
-        """Return a part of an item, None where it is garbled or not validated."""
+        """Return a part of an item, None if it is garbled or not validated."""
         return (
             None if self.whole(item, "V") or self.whole(item, "G") else self._content((item, part))
         )

@@ -1,4 +1,4 @@
-"""What was sent by UDP, from a recording of a network (pcap, pcapng)."""
+"""Payloads of UDP packets in a network recording (pcap, pcapng)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAGIC = {
 
 
 def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the number of each packet, from 1 on, and what it carries; others are left out."""
+    """Yield the number of each packet, from 1, and its UDP payload; others are skipped."""
     dpkt = import_module("dpkt")
     broken = (dpkt.Error, struct.error, ValueError)
     try:
@@ -45,7 +45,7 @@ def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _links(dpkt: Any) -> dict[int, Any]:
-    """Return what frames of each type of link are."""
+    """Return the protocol of frames of each link type."""
     raw = {12, 14, 101, 228, 229}
     return {
         0: dpkt.loopback.Loopback,
@@ -65,7 +65,7 @@ class _Raw:
 
 
 def _payload(dpkt: Any, link: Any, frame: bytes) -> bytes | None:
-    """Return what a frame carries by UDP; EOFError where a part of it is missing."""
+    """Return the UDP payload of a frame; EOFError if it is incomplete."""
     try:
         packet = link(frame).data
     except dpkt.UnpackError:

@@ -37,7 +37,7 @@ def read_plans(
     path : str or Path
         A file whose name ends in `.csv`, `.json` or `.geojson`.
     frame : tertia.geo.LocalFrame, optional
-        The local coordinates, needed where the file has geodetic positions.
+        Local coordinates, required if the file has geodetic positions.
     types : mapping of str to float, optional
         Bank angles in radians by aircraft type, for plans that have a type and no bank.
     speed : float, optional
@@ -46,7 +46,7 @@ def read_plans(
     Returns
     -------
     list of FlightPlan
-        In the order of the file. Waypoints that are where the one before them is are left out.
+        Plans in the order of the file. A waypoint at the position of the previous one is left out.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def _plan(
 
 
 def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
-    """Return those of the waypoints that are kept, or of the legs that end at them."""
+    """Return the values of the waypoints that are kept, or of the legs that end at them."""
     if value is None or np.ndim(value) == 0 or len(value) != len(kept) - int(of_legs):
         return value
     return np.asarray(value, dtype=np.float64)[kept[1:] if of_legs else kept]

@@ -1,7 +1,7 @@
 """Tracker: radar plots in, tracks out, scan by scan or for a whole recording.
 
-Plots are polar, of one radar or of several that turn at their own pace. Targets fly straight or
-turn; interacting multiple models estimate which. Azimuths are radians, clockwise from north;
+Plots are polar, from one radar or from several that rotate independently. Targets fly straight or
+turn; interacting multiple models estimate which. Azimuths are in radians, clockwise from north;
 positions are local east and north in metres.
 """
 

@@ -1,4 +1,4 @@
-"""How targets move, follow their flight plans, and are measured: parameters of the tracker."""
+"""Parameters of the tracker: motion of targets, and use of flight plans."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class WindowModel:
 
 @dataclass(frozen=True, slots=True, init=False)
 class PlanModel:
-    """How closely targets follow their flight plans, and the wind.
+    """Parameters of the use of flight plans, and the wind.
 
     Attributes
     ----------
@@ -99,8 +99,8 @@ class PlanModel:
     wind : (float, float)
         East and north velocity of the air, in metres per second: planned turns are flown in it.
     wind_sigma : float
-        Standard deviation of the wind in metres per second: 20 where it is not known, about 6
-        where it is.
+        Standard deviation of the wind in metres per second: 20 if it is unknown, about 6 if it is
+        known.
     """
 
     flown_probability: float
@@ -130,7 +130,7 @@ class PlanModel:
 
 
 def core_motion(motion: Motion) -> _core.Motion:
-    """Return a motion as the core takes it."""
+    """Return a motion model as an argument of the core."""
     names = get_args(MotionName)
     if isinstance(motion, str):
         if motion not in names:
@@ -151,7 +151,7 @@ def core_motion(motion: Motion) -> _core.Motion:
 
 
 def core_radar(radar: Radar) -> _core.Radar:
-    """Return a radar as the core takes it."""
+    """Return a radar as an argument of the core."""
     east, north, *up = radar.position.tolist()
     return _core.Radar(
         position=[east, north, *(up or [0.0])],

@@ -1,4 +1,4 @@
-"""Plots, and why some cannot be used."""
+"""Plots, and the reasons why some cannot be used."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Plots:
         return some
 
     def to_cartesian(self, sensors: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
-        """Return the plots as positions in the plane, as the tracker takes them.
+        """Return the plots as positions in the plane, as used by the tracker.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Plots:
         ValueError
             A plot of a sensor that does not exist.
         TypeError
-            A sensor that is no radar.
+            A sensor that is not a radar.
 
         Examples
         --------
@@ -148,7 +148,7 @@ class Plots:
 
 
 class PlotStatus(enum.IntEnum):
-    """Why a plot was not used: takes the place of the track in `TrackTable.track_of_plot`."""
+    """Reason why a plot was not used; replaces the track in `TrackTable.track_of_plot`."""
 
     INVALID = -1
     LATE = -2
@@ -159,7 +159,7 @@ class PlotStatus(enum.IntEnum):
 
     @property
     def message(self) -> str:
-        """What is wrong, as a sentence."""
+        """The reason, as a sentence."""
         return _MESSAGES[self]
 
 

@@ -28,7 +28,7 @@ class Column:
     shape : tuple of int
         Shape of the value of a row; empty for a single number.
     doc : str
-        What it is.
+        Description of the column.
     """
 
     name: str
@@ -46,7 +46,7 @@ COLUMNS = tuple(
 
 
 def _places() -> dict[str, tuple[Column, int]]:
-    """Return each column, and how many values of its type are before it in a row."""
+    """Return each column, and the number of values of its type before it in a row."""
     before, places = {"float": 0, "int": 0, "bool": 0}, {}
     for column in COLUMNS:
         places[column.name] = column, before[column.type]
@@ -98,9 +98,9 @@ class TrackTable(_Columns):
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
-        Of position and velocity.
+        Covariance of position and velocity.
     innovation : ndarray of shape (N, 2)
-        Plot less prediction, in metres; nan for a missed detection.
+        Plot minus prediction, in metres; nan for a missed detection.
     innovation_covariance : ndarray of shape (N, 2, 2)
         Covariance of the innovation.
     turn_probability : ndarray of shape (N,)
@@ -110,7 +110,7 @@ class TrackTable(_Columns):
     identity : ndarray of int, shape (N,)
         Reply of the transponder; -1 where there is none.
     plan : ndarray of int, shape (N,)
-        Index of the flight plan; -1 where the track has none.
+        Index of the flight plan; -1 if the track has none.
     confirmed : ndarray of bool, shape (N,)
         Whether the track was confirmed by then.
     conforms : ndarray of bool, shape (N,)
@@ -141,7 +141,7 @@ class TrackTable(_Columns):
     def _of(
         cls, numbers: FloatArray, integers: IntArray, flags: BoolArray, track_of_plot: IntArray
     ) -> TrackTable:
-        """Return the table of the core's blocks."""
+        """Return the table from the blocks returned by the core."""
         table = cls.__new__(cls)
         flags_of_row = sum(column.type == "bool" for column in COLUMNS)
         blocks = {"float": numbers, "int": integers, "bool": flags}

@@ -81,9 +81,9 @@ def core_settings(
 
 
 class Tracker:
-    """Tracks of the plots of one or more radars, scan by scan.
+    """A tracker for the plots of one or more radars, scan by scan.
 
-    It can be pickled and copied; the copy continues to the last bit as the original does.
+    It can be pickled and copied; the copy gives the same results as the original, to the last bit.
 
     Parameters
     ----------
@@ -95,15 +95,15 @@ class Tracker:
         over a sliding window of plots, as in the source. A name stands for the model with its usual
         parameters; a `SingerModel` must be exact, and its `dt` is not used.
     plans : sequence of FlightPlan
-        Where targets have filed to fly, for "imm" and "window". A track finds its plan by its
-        identity, or by where and when it flies.
+        Flight plans, for "imm" and "window". A track finds its plan by its identity, or by its
+        position and time.
     plan_model : PlanModel, optional
-        How closely plans are followed, and the wind.
+        Parameters of the use of flight plans, and the wind.
     confirmation : (int, int)
-        Plots that confirm a track, and scans in which they must come. In clutter more are required,
-        so that at most one false track is confirmed in a thousand scans.
+        Number of plots that confirm a track, and number of scans in which they must occur. In
+        clutter more are required, so that at most one false track is confirmed in a thousand scans.
     coasting : int
-        Scans without a plot after which a track ends.
+        Number of scans without a plot after which a track ends.
     clutter_density : float, optional
         False plots per square metre and scan; by default estimated from the plots.
     max_speed : float
@@ -206,12 +206,12 @@ class Tracker:
         )
 
     def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
-        """Process the plots of a scan, or of any stretch of time.
+        """Process the plots of a scan, or of any period.
 
         Parameters
         ----------
         plots : Plots
-            In any order among themselves, at most a scan older than those before.
+            Plots in any order, at most one scan older than those before.
         time : float, optional
             Time in seconds by which all plots have arrived; by default the time of the last plot.
             With it, a scan without plots counts as missed.
@@ -231,7 +231,7 @@ class Tracker:
         return self._track(plots, time, False)
 
     def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
-        """Return rows of confirmed tracks; of a recording also those from before they were."""
+        """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
         instants, end = plots.time, None if time is None else real(time, "time")
@@ -243,7 +243,7 @@ class Tracker:
         return TrackTable._of(*found)
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:
-        """Return the times of a clock that does not start again, next to those before."""
+        """Return continuous times from a clock that starts again, near the earlier ones."""
         known = np.flatnonzero(np.isfinite(time))
         if not len(known):
             return time
@@ -267,7 +267,7 @@ class Tracker:
         track : ndarray of int, shape (T,)
             Numbers of the tracks.
         position : ndarray of shape (T, 2)
-            East and north in metres: along the plan where it is believed, straight on otherwise.
+            East and north in metres: along the plan if it is used, otherwise straight on.
 
         Raises
         ------
@@ -294,14 +294,14 @@ class Tracker:
         ValueError
             There is no such track.
         TypeError
-            A number that is no integer.
+            A number that is not an integer.
         """
         self._suspend(track, suspended=True)
 
     def resume_plan(self, track: int) -> None:
-        """Let a suspended flight plan count again once the track is back on it.
+        """Use a suspended flight plan again as soon as the track is back on it.
 
-        That is after five scans in succession on one of its legs.
+        This requires five successive scans on one of its legs.
 
         Parameters
         ----------
@@ -313,7 +313,7 @@ class Tracker:
         ValueError
             There is no such track.
         TypeError
-            A number that is no integer.
+            A number that is not an integer.
         """
         self._suspend(track, suspended=False)
 
@@ -328,12 +328,12 @@ class Tracker:
         return self._core.suspended_plans()
 
     def __getstate__(self) -> _State:
-        """Return all that the tracker knows."""
+        """Return the complete state of the tracker."""
         saved = self._core.__getstate__()
         return self.sensors, self.plans, self.clock_period, self.n_threads, saved
 
     def __setstate__(self, state: _State) -> None:
-        """Continue from there."""
+        """Restore the state of the tracker."""
         self.sensors, self.plans, self.clock_period, self.n_threads, saved = state
         self._core = _core.PlotTracker.from_state(saved)
 
@@ -348,21 +348,21 @@ def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
     Parameters
     ----------
     plots : Plots
-        In any order.
+        Plots in any order.
     sensors : sequence of Radar
         The radars.
     **options
-        As of `Tracker`.
+        Options of `Tracker`.
 
     Returns
     -------
     TrackTable
-        All tracks that were confirmed, from their first plot on.
+        All confirmed tracks, from their first plot on.
 
     Raises
     ------
     ValueError, TypeError
-        As `Tracker`.
+        As for `Tracker`.
 
     Examples
     --------
