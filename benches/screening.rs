@@ -4,7 +4,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use std::hint::black_box;
 use tertia::screening::{
     BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement, Statistics,
-    mask, statistics, unwrap,
+    mask, statistics, unwrap_about_median,
 };
 
 const LENGTHS: [usize; 6] = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000];
@@ -60,8 +60,8 @@ fn benches(c: &mut Criterion) {
     lengths(c, "bursts", 100_000, |y| {
         rule.screen(y, &mut flags[..y.len()], &mut first[..y.len()], &mut workspace).unwrap();
     });
-    lengths(c, "unwrap", 1_000_000, |y| {
-        unwrap(y, 360.0, &mut first[..y.len()], &mut scratch).unwrap();
+    lengths(c, "unwrap_about_median", 1_000_000, |y| {
+        unwrap_about_median(y, 360.0, &mut first[..y.len()], &mut scratch).unwrap();
     });
 }
 

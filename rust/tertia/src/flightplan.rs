@@ -24,7 +24,7 @@ mod times_over;
 mod turn;
 
 pub(crate) use capture::hazard;
-pub use capture::{Capture, capture, capture_in_wind, lead_in_wind, lead_ratio, start_hazard};
+pub use capture::{Capture, capture, capture_in_wind, lead_in_wind, lead_ratio};
 pub use correlation::{Decision, Link, Sighting, Status, decide, mean_scores, score};
 pub use monitor::{Monitor, Verdict};
 pub use plan::Plan;

@@ -46,7 +46,7 @@
 //! | [`screening::LeaveOneOutRule::screen`] | O(N) a pass | N where values are flagged |
 //! | [`screening::KSigmaRule::screen`] | O(N) | N where values are flagged |
 //! | [`screening::BurstRule::detect`] | O(N · longest burst) | 6 N |
-//! | [`screening::unwrap`] | O(N) | N |
+//! | [`screening::unwrap_about_median`] | O(N) | N |
 //! | [`bearing::Estimator::estimate`] | that of its screening | that of its screening |
 //!
 //! | kernel for K sensors in m dimensions | cost | buffers |

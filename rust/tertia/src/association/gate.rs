@@ -1,8 +1,8 @@
 //! Gates: how far from its prediction a plot may be, and in which sector it is.
 
-use super::grid::Grid;
+use super::grid::{FINITE, Grid};
 use crate::base::distribution::chi_square_upper_quantile;
-use crate::base::error::{Error, Result, require};
+use crate::base::error::{Error, Result, require, require_elements, require_positive};
 use crate::base::matrix::read_covariance;
 use nalgebra::SMatrix;
 
@@ -213,8 +213,7 @@ pub struct Scan<'a> {
 /// A number that is not finite, a matrix that is no covariance or is singular, a threshold that is
 /// not positive.
 pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gated>> {
-    let holds = threshold > 0.0 && threshold.is_finite();
-    require("threshold", threshold, holds, "a positive number")?;
+    require_positive("threshold", threshold)?;
     let tracks = read_points::<M>("predicted", scan.predicted)?;
     let plots = read_points::<M>("plots", scan.plots)?;
     let sums = Sums::<M>::read(scan)?;
@@ -302,15 +301,8 @@ fn cell(half_widths: &[[f64; 2]]) -> f64 {
 }
 
 fn read_points<const M: usize>(argument: &'static str, values: &[f64]) -> Result<Vec<[f64; M]>> {
-    match values.iter().position(|v| !v.is_finite()) {
-        None => Ok(values.as_chunks().0.to_vec()),
-        Some(at) => Err(Error::InvalidElement {
-            argument,
-            index: vec![at / M, at % M],
-            value: values[at],
-            requirement: "every coordinate must be a finite number",
-        }),
-    }
+    require_elements(argument, values, M, f64::is_finite, FINITE)?;
+    Ok(values.as_chunks().0.to_vec())
 }
 
 fn read_covariances<const M: usize>(

@@ -4,11 +4,11 @@
 //! the plane were wrapped around a torus. Neither memory nor time depend on the distances of points,
 //! so distant outliers cost nothing. A row of neighbouring cells is contiguous in memory.
 
-use crate::base::error::{Error, Result, require};
+use crate::base::error::{Result, require, require_elements};
 
 /// Buckets per point, at least: fewer than one point of other cells is looked at in each.
 const BUCKETS_PER_POINT: usize = 2;
-const REQUIREMENT: &str = "every coordinate must be a finite number";
+pub(super) const FINITE: &str = "every coordinate must be a finite number";
 
 /// A point and its place in the caller's list.
 #[derive(Clone, Copy, Debug)]
@@ -58,16 +58,7 @@ impl Grid {
         require("cell", cell, holds, "a positive number")?;
         let few = u32::try_from(points.len()).is_ok();
         require("points", points.len() as f64, few, "fewer than 2³²")?;
-        for (i, point) in points.iter().enumerate() {
-            if let Some(axis) = point.iter().position(|v| !v.is_finite()) {
-                return Err(Error::InvalidElement {
-                    argument: "points",
-                    index: vec![i, axis],
-                    value: point[axis],
-                    requirement: REQUIREMENT,
-                });
-            }
-        }
+        require_elements("points", points.as_flattened(), 2, f64::is_finite, FINITE)?;
         let side = side(points.len());
         (self.mask, self.density) = (side - 1, 1.0 / cell);
         self.sort(points, side * side);

@@ -281,6 +281,29 @@ pub(crate) fn require_each(
     }
 }
 
+/// Fails with the first element for which `holds` is false, of rows of this width.
+pub(crate) fn require_elements(
+    argument: &'static str,
+    rows: &[f64],
+    width: usize,
+    holds: impl Fn(f64) -> bool,
+    requirement: &'static str,
+) -> Result<()> {
+    let Some(at) = rows.iter().position(|&value| !holds(value)) else { return Ok(()) };
+    let index = vec![at / width, at % width];
+    Err(Error::InvalidElement { argument, index, value: rows[at], requirement })
+}
+
+/// Fails with the first time that is larger than `largest` in size, or nan, or before the last one.
+pub(crate) fn require_times(times: &[f64], largest: f64) -> Result<()> {
+    let requirement = "every time must be a finite number";
+    require_each("time", times, |t| t.abs() <= largest, requirement)?;
+    let Some(before) = times.windows(2).position(|pair| pair[1] < pair[0]) else { return Ok(()) };
+    let (argument, requirement) = ("time", "time must not decrease");
+    let (index, value) = (before + 1, times[before + 1]);
+    Err(Error::InvalidMeasurement { argument, index, value, requirement })
+}
+
 /// Fails if there are fewer than `minimum` measurements.
 pub(crate) fn require_count(argument: &'static str, count: usize, minimum: usize) -> Result<()> {
     if count >= minimum { Ok(()) } else { Err(Error::TooFew { argument, count, minimum }) }

@@ -8,8 +8,7 @@ use crate::base::distribution::normal_two_sided;
 const RADII: [f64; 2] = [0.8, 1.6];
 /// Less is left of no turn, radians.
 const DONE: f64 = 0.01;
-/// When turns start: median of the distance to the waypoint in leads, and its log-normal spread.
-const START_MEDIAN: f64 = 1.0;
+/// When turns start: log-normal spread of the distance to the waypoint.
 const START_SPREAD: f64 = 0.18;
 /// The lead in the wind, in those without.
 const LEADS: [f64; 2] = [0.3, 3.0];
@@ -122,13 +121,8 @@ pub fn lead_ratio(turn: &Turn, position: [f64; 2], speed: f64, period: f64) -> f
 }
 
 /// Probability that a turn starts now, if it has not before: `h = min(0.9, 1 − F(r)/F(r before))`,
-/// with F log-normal of median 1 and spread 0.18, of the ratios of [`lead_ratio`] at this scan and
+/// with F log-normal of this median and spread 0.18, of the ratios of [`lead_ratio`] at this scan and
 /// the one before (9 at the first); 0 where at most 4° remain.
-pub fn start_hazard(before: f64, now: f64, remaining: f64) -> f64 {
-    hazard(before, now, remaining, START_MEDIAN)
-}
-
-/// That of [`start_hazard`] with another median.
 pub(crate) fn hazard(before: f64, now: f64, remaining: f64, median: f64) -> f64 {
     if remaining.abs() <= STRAIGHT {
         return 0.0;
@@ -208,10 +202,10 @@ mod tests {
             (0.8, 0.6, 0.9),
         ];
         for (before, now, expected) in hazards {
-            let found = start_hazard(before, now, -1.0);
+            let found = hazard(before, now, -1.0, 1.0);
             assert!((found - expected).abs() < 1e-10, "{before}, {now}: {found}");
         }
-        assert_eq!(start_hazard(1.2, 1.0, 0.06), 0.0);
+        assert_eq!(hazard(1.2, 1.0, 0.06, 1.0), 0.0);
         let ratio = lead_ratio(&turn, [0.0, 4e4], 220.0, 4.0);
         assert!((ratio - (1e4 - 880.0) / turn.lead).abs() < 1e-12);
     }
@@ -229,7 +223,7 @@ mod tests {
         }
         for before in [0.0, 1e-9, 1.0, 9.0] {
             for now in [0.0, 1e-9, 1.0, 9.0] {
-                assert!((0.0..=0.9).contains(&start_hazard(before, now, 1.0)));
+                assert!((0.0..=0.9).contains(&hazard(before, now, 1.0, 1.0)));
             }
         }
     }

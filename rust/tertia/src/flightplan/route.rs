@@ -2,7 +2,7 @@
 
 use super::plane::{Vector, along, between, dot, left, minus, norm};
 use super::turn::Turn;
-use crate::base::error::{Error, Result, require, require_each};
+use crate::base::error::{Error, Result, require, require_count, require_each, require_positive};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -72,8 +72,7 @@ impl Route {
         let holds = start_time.abs() <= 1e6 * FARTHEST;
         require("start_time", start_time, holds, "a number of at most 1e15 in size")?;
         require("bank", bank, bank > 0.0 && bank < FRAC_PI_2, "between 0 and pi/2")?;
-        let holds = turn_rate > 0.0 && turn_rate.is_finite();
-        require("turn_rate", turn_rate, holds, "a positive number")?;
+        require_positive("turn_rate", turn_rate)?;
         let mut route = Self {
             turns: fly_by(waypoints, speeds, bank, turn_rate),
             lengths: waypoints.windows(2).map(|w| norm(minus(w[1], w[0]))).collect(),
@@ -340,7 +339,7 @@ fn fly_by(waypoints: &[Vector], speeds: &[f64], bank: f64, turn_rate: f64) -> Ve
 }
 
 fn check_waypoints(waypoints: &[Vector]) -> Result<()> {
-    crate::base::error::require_count("waypoints", waypoints.len(), 2)?;
+    require_count("waypoints", waypoints.len(), 2)?;
     for (at, w) in waypoints.iter().enumerate() {
         let refuse = |axis: usize, requirement| {
             let (argument, index, value) = ("waypoints", vec![at, axis], w[axis]);

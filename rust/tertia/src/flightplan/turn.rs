@@ -113,11 +113,6 @@ impl Turn {
         self.radius * self.angle.abs()
     }
 
-    /// By how much the arc is shorter than the way by the waypoint: `2 d − R|θ|`.
-    pub fn shortening(&self) -> f64 {
-        2.0 * self.lead - self.arc()
-    }
-
     /// Position and direction at the path coordinate `s`.
     pub fn at(&self, s: f64) -> ([f64; 2], [f64; 2]) {
         let arc = self.arc();

@@ -14,6 +14,7 @@ use super::information::{Direction, Information, Logarithms};
 use super::rows::{invert, solve};
 use super::smoother::Summary;
 use super::track::{ENOUGH, Track};
+use crate::base::small::{Matrix as Square, dot};
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::TAU;
 
@@ -24,8 +25,6 @@ const LOSS: f64 = 1e6;
 /// than the smoother, and a difference of their variances would be inaccurate. For positions, and
 /// for velocities and accelerations.
 const OPENING: [usize; 2] = [12, 48];
-
-type Square<const N: usize> = [[f64; N]; N];
 
 /// State and covariance after an instant's plot, and how the plot came in, number by number.
 #[derive(Clone, Debug)]
@@ -40,7 +39,7 @@ struct Step<const D: usize, const N: usize> {
 }
 
 /// Buffers, which grow with the track.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Adjoint<const D: usize, const N: usize> {
     information: Information,
     triangle: Vec<f64>,
@@ -49,18 +48,6 @@ pub(crate) struct Adjoint<const D: usize, const N: usize> {
     /// Rows of information of the instants before it.
     opening: Vec<Vec<f64>>,
     steps: Vec<Step<D, N>>,
-}
-
-impl<const D: usize, const N: usize> Default for Adjoint<D, N> {
-    fn default() -> Self {
-        Self {
-            information: Information::default(),
-            triangle: Vec::new(),
-            start: 0,
-            opening: Vec::new(),
-            steps: Vec::new(),
-        }
-    }
 }
 
 /// Where the results go.
@@ -440,14 +427,6 @@ fn precision<const D: usize, const N: usize>(t: f64, jerk: f64) -> SMatrix<f64, 
         [60.0 / (t * t), -36.0 / t, 9.0],
     ];
     SMatrix::from_fn(|i, j| if i % D == j % D { q * blocks[i / D][j / D] } else { 0.0 })
-}
-
-fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
-    let mut sum = 0.0;
-    for i in 0..N {
-        sum += a[i] * b[i];
-    }
-    sum
 }
 
 #[cfg(test)]

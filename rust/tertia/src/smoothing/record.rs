@@ -1,6 +1,6 @@
 //! A series along time, as a local polynomial takes it.
 
-use crate::base::error::{Error, Result, require_each};
+use crate::base::error::{Error, Result, require_each, require_times};
 use std::ops::Range;
 
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
@@ -37,13 +37,7 @@ pub(super) fn require_record(record: &Record<'_>) -> Result<()> {
     let requirement = "a measurement must be a finite number, or nan for none";
     require_each("y", record.y, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
     if let Some(times) = record.time {
-        let requirement = "every time must be a finite number";
-        require_each("time", times, |t| t.abs() <= LARGEST, requirement)?;
-        if let Some(before) = times.windows(2).position(|pair| pair[1] < pair[0]) {
-            let (argument, requirement) = ("time", "time must not decrease");
-            let (index, value) = (before + 1, times[before + 1]);
-            return Err(Error::InvalidMeasurement { argument, index, value, requirement });
-        }
+        require_times(times, LARGEST)?;
     }
     let requirement = "it must be positive, between 1e-140 and 1e140, where there is a measurement";
     for index in 0..record.y.len() {

@@ -97,8 +97,7 @@ impl WithSimd for Convolution<'_> {
         let Self { stencil, y, value } = self;
         let half = stencil.window / 2;
         let mut squares = [0.0; LANES];
-        let mut start = 0;
-        while start < value.len() {
+        for start in (0..value.len()).step_by(LANES) {
             let count = LANES.min(value.len() - start);
             let block = full(&y[start..start + count + 2 * half], LANES + 2 * half);
             let block = &block[..];
@@ -119,7 +118,6 @@ impl WithSimd for Convolution<'_> {
                 }
             }
             value[start..start + count].copy_from_slice(&result[..count]);
-            start += count;
         }
         squares.iter().sum()
     }
@@ -190,8 +188,7 @@ impl WithSimd for Adaptive<'_> {
         let stencil = choice.stencil;
         let (window, half, top) = (stencil.window, stencil.window / 2, stencil.degree);
         let mut total = 0.0;
-        let mut start = 0;
-        while start < value.len() {
+        for start in (0..value.len()).step_by(LANES) {
             let count = LANES.min(value.len() - start);
             let block = full(&y[start..start + count + 2 * half], LANES + 2 * half);
             let block = &block[..];
@@ -245,7 +242,6 @@ impl WithSimd for Adaptive<'_> {
                 degree[start + l] = p as i64;
                 total += left * left;
             }
-            start += count;
         }
         total
     }

@@ -1,7 +1,7 @@
 //! The plots of a target: positions with their covariances, at instants.
 
 use super::basis::Basis;
-use crate::base::error::{Error, Result};
+use crate::base::error::{Error, Result, require_elements, require_times};
 
 /// Products of two standard deviations and of their reciprocals stay finite.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
@@ -129,10 +129,11 @@ impl<'a> Track<'a> {
         noise: Noise<'_>,
         prior: Option<Prior<'_>>,
     ) -> Result<Self> {
-        require_times(times)?;
+        require_times(times, LARGEST)?;
         let (d, n) = (dimension, times.len());
         assert_eq!(y.len(), n * d);
-        require_plots(y, d)?;
+        let requirement = "a plot must be a finite number, or nan for none";
+        require_elements("y", y, d, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
         let mut track = Self {
             dimension,
             times,
@@ -313,33 +314,6 @@ impl<'a> Track<'a> {
     /// What the plots determine, in numbers.
     pub(super) fn rank(&self) -> usize {
         self.seen.iter().map(|seen| seen.count).sum()
-    }
-}
-
-fn require_times(times: &[f64]) -> Result<()> {
-    let argument = "time";
-    for (index, &value) in times.iter().enumerate() {
-        if value.is_nan() || value.abs() > LARGEST {
-            let requirement = "every time must be a finite number";
-            return Err(Error::InvalidMeasurement { argument, index, value, requirement });
-        }
-        if index > 0 && value < times[index - 1] {
-            let requirement = "time must not decrease";
-            return Err(Error::InvalidMeasurement { argument, index, value, requirement });
-        }
-    }
-    Ok(())
-}
-
-fn require_plots(y: &[f64], d: usize) -> Result<()> {
-    match y.iter().position(|y| y.abs() > LARGEST) {
-        None => Ok(()),
-        Some(i) => Err(Error::InvalidElement {
-            argument: "y",
-            index: vec![i / d, i % d],
-            value: y[i],
-            requirement: "a plot must be a finite number, or nan for none",
-        }),
     }
 }
 

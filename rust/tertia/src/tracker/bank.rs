@@ -85,15 +85,7 @@ impl Bank {
             self.straight.mean
         };
         let mut moments = Moments::about(origin);
-        if weight(STRAIGHT) > 0.0 {
-            moments.add(weight(STRAIGHT), &self.straight);
-        }
-        if weight(TURN) > 0.0 {
-            moments.add_part(weight(TURN), &self.turn);
-        }
-        if weight(PLAN) > 0.0 {
-            moments.add(weight(PLAN), &self.plan);
-        }
+        self.add_weighted(&mut moments, [weight(STRAIGHT), weight(TURN), weight(PLAN)]);
         moments.estimate()
     }
 
@@ -157,13 +149,17 @@ impl Bank {
 
     /// Adds position and velocity of all models.
     #[inline]
-    pub fn add_to(&self, moments: &mut Moments<4>, scale: f64) {
-        let [straight, turn, plan] = self.probability.map(|p| p * scale);
+    pub fn add_to(&self, moments: &mut Moments<4>) {
+        self.add_weighted(moments, self.probability);
+    }
+
+    #[inline]
+    fn add_weighted(&self, moments: &mut Moments<4>, [straight, turn, plan]: [f64; MODELS]) {
         if straight > 0.0 {
             moments.add(straight, &self.straight);
         }
         if turn > 0.0 {
-            moments.add_part(turn, &self.turn);
+            moments.add(turn, &self.turn);
         }
         if plan > 0.0 {
             moments.add(plan, &self.plan);

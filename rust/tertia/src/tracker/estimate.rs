@@ -87,6 +87,14 @@ impl<const N: usize> Estimate<N> {
         (-0.5 * inverse.form(y)).exp() / (std::f64::consts::TAU * s.determinant().sqrt())
     }
 
+    /// The moments of this estimate and another one together, with these weights.
+    pub(super) fn merged(&self, own: f64, other: &Self, weight: f64) -> Self {
+        let mut moments = Moments::about(self.mean);
+        moments.add(own / (own + weight), self);
+        moments.add(weight / (own + weight), other);
+        moments.estimate()
+    }
+
     /// Adds white acceleration of a spectral density (m²/s³) over the time `t`.
     #[inline]
     pub(super) fn accelerate(&mut self, noise: Plane, t: f64) {
@@ -122,14 +130,9 @@ impl<const N: usize> Moments<N> {
         Self { mean: SVector::zeros(), square: SMatrix::zeros(), origin }
     }
 
-    #[inline]
-    pub fn add(&mut self, weight: f64, estimate: &Estimate<N>) {
-        self.add_part(weight, estimate);
-    }
-
     /// Adds an estimate of M states, of which the first N count.
     #[inline(always)]
-    pub fn add_part<const M: usize>(&mut self, weight: f64, estimate: &Estimate<M>) {
+    pub fn add<const M: usize>(&mut self, weight: f64, estimate: &Estimate<M>) {
         let (mean, covariance) = (&estimate.mean.data.0[0], estimate.columns());
         let (sum, origin) = (&mut self.mean.data.0[0], &self.origin.data.0[0]);
         let square = &mut self.square.data.0;

@@ -241,7 +241,7 @@ impl Multiple {
 
     fn estimate(&self) -> Estimate<4> {
         let mut moments = Moments::about(self.bank.straight.mean);
-        self.banks().for_each(|bank| bank.add_to(&mut moments, 1.0));
+        self.banks().for_each(|bank| bank.add_to(&mut moments));
         moments.estimate()
     }
 

@@ -158,15 +158,10 @@ impl Tracker {
 
     fn check(&self, plots: &[Plot], end: Option<f64>) -> Result<()> {
         let radars = self.settings.radars.len();
-        for (i, plot) in plots.iter().enumerate() {
-            if plot.radar >= radars {
-                return Err(Error::InvalidElement {
-                    argument: "radar",
-                    index: vec![i],
-                    value: plot.radar as f64,
-                    requirement: "the index of one of the radars",
-                });
-            }
+        if let Some(at) = plots.iter().position(|plot| plot.radar >= radars) {
+            let (argument, requirement) = ("radar", "the index of one of the radars");
+            let (index, value) = (vec![at], plots[at].radar as f64);
+            return Err(Error::InvalidElement { argument, index, value, requirement });
         }
         let end = end.unwrap_or(0.0);
         require("end", end, end.is_finite(), "a finite number")

@@ -1,7 +1,7 @@
 //! Models of how targets move, and their parameters.
 
 use crate::association::gate::{self, GUARD, INNER, OUTER};
-use crate::base::error::{Result, require};
+use crate::base::error::{Result, require, require_positive};
 use crate::kalman::Singer;
 use serde::{Deserialize, Serialize};
 
@@ -39,11 +39,8 @@ impl Motion {
     /// # Errors
     /// A number outside its domain.
     pub(super) fn check(&self) -> Result<()> {
-        let positive = |name, value: f64| {
-            require(name, value, value > 0.0 && value.is_finite(), "a positive number")
-        };
         match self {
-            Self::Cv(sigma) => positive("straight_sigma", *sigma),
+            Self::Cv(sigma) => require_positive("straight_sigma", *sigma),
             Self::Imm(model) => [
                 ("straight_sigma", model.straight_sigma),
                 ("turn_sigma", model.turn_sigma),
@@ -53,7 +50,7 @@ impl Motion {
                 ("turn_time", model.turn_time),
             ]
             .into_iter()
-            .try_for_each(|(name, value)| positive(name, value)),
+            .try_for_each(|(name, value)| require_positive(name, value)),
             Self::Singer(_) | Self::Window(_) => Ok(()),
         }
     }

@@ -6,7 +6,7 @@
 //! keeps to the leg.
 
 use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, entered, without_rate};
-use super::estimate::{Estimate, Moments, Plane};
+use super::estimate::{Estimate, Plane};
 use super::kinematics;
 use super::motion::ImmModel;
 use super::settings::Settings;
@@ -441,10 +441,7 @@ fn keep_to_leg(estimate: &mut Estimate<4>, course: [f64; 2], t: f64, q: f64) {
 fn fold_plan(bank: &mut Bank) {
     let [straight, _, plan] = bank.probability;
     if plan > 0.0 {
-        let mut moments = Moments::about(bank.straight.mean);
-        moments.add(straight / (straight + plan), &bank.straight);
-        moments.add(plan / (straight + plan), &bank.plan);
-        bank.straight = moments.estimate();
+        bank.straight = bank.straight.merged(straight, &bank.plan, plan);
         bank.probability[STRAIGHT] += plan;
         bank.probability[PLAN] = 0.0;
     }
@@ -453,19 +450,13 @@ fn fold_plan(bank: &mut Bank) {
 /// Merges another bank into this one, model by model.
 fn merge(bank: &mut Bank, mut other: Bank) {
     fold_plan(&mut other);
-    let (mine, theirs) = (bank.probability, other.probability);
-    let total = [mine[STRAIGHT] + theirs[STRAIGHT], mine[TURN] + theirs[TURN]];
-    if theirs[STRAIGHT] > 0.0 {
-        let mut moments = Moments::about(bank.straight.mean);
-        moments.add(mine[STRAIGHT] / total[STRAIGHT], &bank.straight);
-        moments.add(theirs[STRAIGHT] / total[STRAIGHT], &other.straight);
-        bank.straight = moments.estimate();
+    let ([straight, turn, _], [others_straight, others_turn, _]) =
+        (bank.probability, other.probability);
+    if others_straight > 0.0 {
+        bank.straight = bank.straight.merged(straight, &other.straight, others_straight);
     }
-    if theirs[TURN] > 0.0 {
-        let mut moments = Moments::about(bank.turn.mean);
-        moments.add(mine[TURN] / total[TURN], &bank.turn);
-        moments.add(theirs[TURN] / total[TURN], &other.turn);
-        bank.turn = moments.estimate();
+    if others_turn > 0.0 {
+        bank.turn = bank.turn.merged(turn, &other.turn, others_turn);
     }
-    bank.probability = [total[STRAIGHT], total[TURN], 0.0];
+    bank.probability = [straight + others_straight, turn + others_turn, 0.0];
 }

@@ -1,7 +1,7 @@
 //! Radars and their plots: from range and azimuth to east and north.
 
 use super::estimate::Plane;
-use crate::base::error::{Result, require};
+use crate::base::error::{Result, require, require_positive};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
@@ -36,13 +36,9 @@ impl Radar {
         for place in self.position {
             require("position", place, place.is_finite(), "a finite number")?;
         }
-        for (name, value) in [
-            ("range_sigma", self.range_sigma),
-            ("azimuth_sigma", self.azimuth_sigma),
-            ("scan_period", self.scan_period),
-        ] {
-            require(name, value, value > 0.0 && value.is_finite(), "a positive number")?;
-        }
+        require_positive("range_sigma", self.range_sigma)?;
+        require_positive("azimuth_sigma", self.azimuth_sigma)?;
+        require_positive("scan_period", self.scan_period)?;
         require("max_range", self.max_range, self.max_range > 0.0, "a positive number")?;
         let p = self.detection_probability;
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")

@@ -9,7 +9,7 @@ use super::clutter::Clutter;
 use super::plot::{Measured, PlotStatus};
 use super::row::{Row, Rows};
 use super::settings::Settings;
-use super::share::{Share, Shares};
+use super::share::{Share, Shares, View};
 use super::track::Track;
 use crate::association::Grid;
 
@@ -207,17 +207,17 @@ impl Scan {
             }
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
-        let (plots, claimed, deferred) = (&plots[..], &claimed[..], &deferred[..]);
         let (settings, clutter) = (sky.settings, &*sky.clutter);
+        let view = View { plots, claimed, deferred, settings, clutter };
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
         shares.settle(sky.threads, claims, &mut tracks, same, |share, claims, tracks| {
             for group in claims.chunk_by(|a, b| a.root == b.root) {
-                share.group(group, tracks, (plots, claimed, deferred), (settings, clutter));
+                share.group(group, tracks, view);
                 share.assign();
-                share.correct(group, tracks, plots, settings, (confirmed, with_rows));
+                share.correct(group, tracks, view, (confirmed, with_rows));
                 if confirmed {
-                    share.guard(group, tracks, (plots, claimed, deferred), (settings, clutter));
+                    share.guard(group, tracks, view);
                 }
             }
         });

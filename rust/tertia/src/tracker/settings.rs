@@ -3,7 +3,7 @@
 use super::motion::Motion;
 use super::plot::Radar;
 use crate::association::gate::{self, GUARD};
-use crate::base::error::{Result, require};
+use crate::base::error::{Result, require, require_positive};
 use crate::flightplan::Plan;
 use serde::{Deserialize, Serialize};
 
@@ -83,11 +83,8 @@ impl Settings {
     /// A number outside its domain.
     pub fn check_options(&self) -> Result<()> {
         self.motion.check()?;
-        let positive = |name, value: f64| {
-            require(name, value, value > 0.0 && value.is_finite(), "a positive number")
-        };
-        positive("max_speed", self.max_speed)?;
-        positive("guard", self.guard)?;
+        require_positive("max_speed", self.max_speed)?;
+        require_positive("guard", self.guard)?;
         for a in self.guard_acceleration {
             require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
         }
@@ -103,9 +100,9 @@ impl Settings {
         for v in self.wind {
             require("wind", v, v.is_finite(), "a finite number")?;
         }
-        let b = self.clutter_density;
-        let holds = b.is_nan() || b > 0.0 && b.is_finite();
-        require("clutter_density", b, holds, "a positive number")?;
+        if !self.clutter_density.is_nan() {
+            require_positive("clutter_density", self.clutter_density)?;
+        }
         let p = self.identity_error_probability;
         require("identity_error_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }

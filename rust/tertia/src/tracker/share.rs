@@ -28,9 +28,17 @@ pub(super) struct Given {
     row: u32,
 }
 
-/// The plots of a scan, those that are claimed, and which of them wait.
-type Seen<'a> = (&'a [Measured], &'a [u32], &'a [bool]);
-type World<'a> = (&'a Settings, &'a [Clutter]);
+/// What all threads see of a scan.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub plots: &'a [Measured],
+    /// Plots of the claims.
+    pub claimed: &'a [u32],
+    /// Which plots wait.
+    pub deferred: &'a [bool],
+    pub settings: &'a Settings,
+    pub clutter: &'a [Clutter],
+}
 
 /// The work of one thread at a time, and its buffers.
 #[derive(Default)]
@@ -107,13 +115,8 @@ impl Share {
     }
 
     /// Brings the tracks of a group to the time of their plots, and scores the pairs.
-    pub fn group(
-        &mut self,
-        group: &[Claim],
-        tracks: &mut [&mut Track],
-        (plots, claimed, deferred): Seen<'_>,
-        (settings, clutter): World<'_>,
-    ) {
+    pub fn group(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
+        let View { plots, claimed, deferred, settings, clutter } = view;
         self.pairs.clear();
         self.columns.clear();
         self.choice.clear();
@@ -168,8 +171,7 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        plots: &[Measured],
-        settings: &Settings,
+        View { plots, settings, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         for (row, claim) in group.iter().enumerate() {
@@ -195,13 +197,8 @@ impl Share {
     }
 
     /// Tracks without a plot take the likeliest remaining one in the guard gate.
-    pub fn guard(
-        &mut self,
-        group: &[Claim],
-        tracks: &mut [&mut Track],
-        (plots, claimed, deferred): Seen<'_>,
-        (settings, clutter): World<'_>,
-    ) {
+    pub fn guard(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
+        let View { plots, claimed, deferred, settings, clutter } = view;
         for row in 0..group.len() {
             if self.choice[row].is_some() {
                 continue;
