@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -35,17 +35,7 @@ MODELS = {
     "middle": ImmModel(straight_sigma=0.05),
     "tma": ImmModel(straight_sigma=0.05, turn_rate_walk=float(np.radians(0.25))),
 }
-SCENARIOS: tuple[simulate.FlightScenario, ...] = (
-    "conforming",
-    "speed",
-    "shortcut",
-    "holding",
-    "vectoring",
-    "hijack",
-    "straight-on",
-    "wrong-turn",
-    "fly-over",
-)
+SCENARIOS: tuple[simulate.FlightScenario, ...] = get_args(simulate.FlightScenario)
 # motions, with and without flight plans
 MOTIONS = ("imm with plans", "imm", "singer", "cv", "window", "window with plans")
 # error of a known wind, and the wind_sigma that is given for it, m/s

@@ -251,7 +251,7 @@ def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> fl
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or an argument of the wrong type.
+        A negative `nis`, a `q` of 1 or less, or an argument of the wrong type.
 
     Examples
     --------
@@ -406,14 +406,8 @@ def associate(
 
     Parameters
     ----------
-    predicted : array_like of shape (T, m)
-        Predicted positions, m = 2 or 3; the first two coordinates span the plane.
-    covariance : array_like of shape (T, m, m) or (m, m)
-        Their covariances: those of the innovations, unless `plot_covariance` is given.
-    plots : array_like of shape (N, m)
-        Positions of the plots of one scan.
-    plot_covariance : array_like of shape (N, m, m) or (m, m), optional
-        Covariances of the plots.
+    predicted, covariance, plots, plot_covariance : array_like
+        As for `gate`: (T, m), (T, m, m) or (m, m), (N, m), and (N, m, m) or (m, m).
     method : {"gnn", "nearest"}
         Global nearest neighbour, which maximises the sum of gains; or repeatedly the best
         remaining pair.
@@ -435,13 +429,8 @@ def associate(
 
     Raises
     ------
-    ValueError
-        Shapes that do not fit, a number that is not finite or outside its domain, a clutter density
-        that is missing.
-    numpy.linalg.LinAlgError
-        A covariance that is indefinite, or singular where it stands alone.
-    TypeError
-        An argument of the wrong type.
+    ValueError, numpy.linalg.LinAlgError, TypeError
+        As `gate`, and where the clutter density is missing.
 
     Notes
     -----

@@ -129,7 +129,7 @@ class LocalFrame:
         Raises
         ------
         ValueError
-            A wrong shape or an infinite number.
+            Positions that are not in space, or an infinite number.
 
         Examples
         --------
@@ -148,12 +148,12 @@ class LocalFrame:
         Parameters
         ----------
         ecef : array_like of shape (..., 3)
-            Earth-centred, earth-fixed x, y and z in metres.
+            Earth-centred, earth-fixed x, y and z in metres; nan where there is no position.
 
         Returns
         -------
-        ndarray of shape (..., 3)
-            Metres.
+        local : ndarray of shape (..., 3)
+            Metres, nan likewise.
 
         Raises
         ------
@@ -175,17 +175,17 @@ class LocalFrame:
         Parameters
         ----------
         position : array_like of shape (..., 3)
-            East, north and up in metres.
+            East, north and up in metres; nan where there is no position.
 
         Returns
         -------
-        ndarray of shape (..., 3)
-            Earth-centred, earth-fixed x, y and z in metres.
+        ecef : ndarray of shape (..., 3)
+            Earth-centred, earth-fixed x, y and z in metres, nan likewise.
 
         Raises
         ------
         ValueError
-            A wrong shape or an infinite number.
+            As `from_ecef`.
 
         Examples
         --------

@@ -83,23 +83,18 @@ def radar(model: Any, scan_period: float, **options: Any) -> Radar:
         if covariance[0, 1] != 0 or np.any(np.asarray(model.rotation_offset, dtype=float)[:2]):
             raise ValueError("bearing and range must not be correlated, nor the sensor tilted")
         place = np.asarray(model.translation_offset, dtype=np.float64)[:2, 0]
-        bearing, distance = np.sqrt(np.diag(covariance)).tolist()
-        return Radar(
-            place, range_sigma=distance, azimuth_sigma=bearing, scan_period=scan_period, **options
-        )
-    if not isinstance(model, LinearGaussian) or covariance.shape != (2, 2):
+        azimuth_sigma, range_sigma = np.sqrt(np.diag(covariance)).tolist()
+    elif isinstance(model, LinearGaussian) and covariance.shape == (2, 2):
+        place = -_FAR * _line_of_sight(model)
+        across, range_sigma = np.sqrt(np.linalg.eigvalsh(covariance)).tolist()
+        azimuth_sigma = across / _FAR
+    else:
         raise TypeError(
             f"the measurement model is a {type(model).__name__}; it must be of bearing and range, "
             "or of x and y"
         )
-    across, along = np.sqrt(np.linalg.eigvalsh(covariance)).tolist()
-    return Radar(
-        -_FAR * _line_of_sight(model),
-        range_sigma=along,
-        azimuth_sigma=across / _FAR,
-        scan_period=scan_period,
-        **options,
-    )
+    noise = {"range_sigma": range_sigma, "azimuth_sigma": azimuth_sigma}
+    return Radar(place, scan_period=scan_period, **noise, **options)
 
 
 def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> Plots:

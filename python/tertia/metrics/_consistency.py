@@ -157,7 +157,7 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
     Raises
     ------
     ValueError, TypeError
-        An axis out of range, or an argument of the wrong type.
+        An axis out of range, or errors that are not real numbers.
 
     Examples
     --------

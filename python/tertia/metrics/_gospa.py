@@ -71,8 +71,8 @@ def gospa(
     Raises
     ------
     ValueError, TypeError
-        Shapes that do not fit, a number that is not finite or outside its domain, or an argument of
-        the wrong type.
+        Positions that do not fit, a `cutoff` or exponent outside its domain, or an argument of the
+        wrong type.
 
     Notes
     -----

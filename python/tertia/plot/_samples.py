@@ -1,6 +1,6 @@
 """Pictures of single samples."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -144,14 +144,8 @@ def screening(
     _draw_measurements(ax, values, screening.outlier)
     replaced = np.flatnonzero(screening.outlier & ~np.isnan(screening.cleaned))
     if replaced.size:
-        ax.plot(
-            replaced,
-            screening.cleaned[replaced],
-            "D",
-            color=_REPLACED,
-            markersize=4,
-            label="replacement",
-        )
+        looks: dict[str, Any] = {"color": _REPLACED, "markersize": 4, "label": "replacement"}
+        ax.plot(replaced, screening.cleaned[replaced], "D", **looks)
     ax.axhline(mean, color=RESULT, linewidth=1.5, label="mean")
     found, present = np.count_nonzero(screening.outlier), np.count_nonzero(~np.isnan(values))
     ax.set(title=f"{found} of {present} outliers", ylabel="value")
@@ -205,15 +199,8 @@ def _draw_blocks(ax: "Axes", means: FloatArray, weights: FloatArray, extents: Fl
     first, last = extents[drawn].T
     opacity = _FAINTEST + (1 - _FAINTEST) * weights[drawn] / weights.max()
     colours = [(0.3, 0.3, 0.3, alpha) for alpha in opacity]
-    ax.hlines(
-        means[drawn],
-        first - 0.5,
-        last + 0.5,
-        colors=colours,
-        linewidth=3,
-        zorder=3,
-        label="block mean",
-    )
+    looks: dict[str, Any] = {"linewidth": 3, "zorder": 3, "label": "block mean"}
+    ax.hlines(means[drawn], first - 0.5, last + 0.5, colors=colours, **looks)
 
 
 def _finish(ax: "Axes", legend: bool) -> "Axes":

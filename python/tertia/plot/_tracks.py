@@ -1,7 +1,7 @@
 """Pictures of tracks of many targets: from above, and how often radars update them."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -221,15 +221,13 @@ def _draw_tracks(ax: "Axes", table: TrackTable, lines: dict[int, IntArray]) -> N
         turns = (table.turn_probability > 0.5)[rows, np.newaxis]
         turning += [np.where(turns, table.position[rows], np.nan), GAP]
     if np.any(table.turn_probability > 0.5):
-        ax.plot(
-            *_km(np.vstack(turning)),
-            color=FLAGGED,
-            linewidth=5,
-            alpha=0.4,
-            zorder=2,
-            solid_capstyle="round",
-            label="manoeuvre",
-        )
+        looks: dict[str, Any] = {
+            "color": FLAGGED,
+            "linewidth": 5,
+            "alpha": 0.4,
+            "solid_capstyle": "round",
+        }
+        ax.plot(*_km(np.vstack(turning)), **looks, zorder=2, label="manoeuvre")
 
 
 def _draw_ellipses(

@@ -347,12 +347,10 @@ def _emitter_table(analysis: Analysis) -> Table:
 
 def _bearing_table(analysis: Analysis) -> Table:
     rows = [
-        {
+        one
+        | {
             "emitter": row["emitter"],
-            "station": one["station"],
             "bearing": plus_minus(one["bearing_deg"], one["sigma_deg"]),
-            "count": one["count"],
-            "outliers": one["outliers"],
         }
         for row in emitter_rows(analysis)
         for one in row["bearings"]

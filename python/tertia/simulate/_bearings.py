@@ -72,7 +72,7 @@ def direction_finder(
     period : float or None
         Bearings are wrapped to [0, period); None leaves them unwrapped.
     batch : int or tuple of int
-        Shape of the batch of records.
+        Shape of the batch: so many records.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed.
 
@@ -84,7 +84,7 @@ def direction_finder(
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain, or of the wrong type.
+        A parameter outside its domain or of the wrong type, or a pair in falling order.
 
     Examples
     --------

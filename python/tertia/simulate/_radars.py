@@ -201,10 +201,8 @@ def radar_scenario(
         `SingerModel(5.0, 1 / 20, 0.003)`.
     steps : int
         Scans of each radar, at least 40.
-    batch : int or tuple of int
-        Shape of the batch of records.
-    rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+    batch, rng
+        As for `radars`.
 
     Returns
     -------
@@ -214,7 +212,8 @@ def radar_scenario(
     Raises
     ------
     ValueError, TypeError
-        An unknown name, a parameter outside its domain, or a parameter of the wrong type.
+        An unknown scenario, fewer than 40 scans, or a parameter outside its domain or of the wrong
+        type.
 
     Examples
     --------

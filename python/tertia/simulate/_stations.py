@@ -184,7 +184,7 @@ def stations(
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain, or of the wrong type.
+        An unknown kind, or a parameter outside its domain or of the wrong type.
 
     Examples
     --------

@@ -205,10 +205,8 @@ def dense_traffic(
         Lowest and highest speed in metres per second.
     turning_share : float
         Probability that an aircraft turns.
-    duration : float
-        Seconds.
-    step : float
-        Seconds between samples.
+    duration, step : float
+        Seconds from first to last sample, and from one to the next.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed.
 
@@ -220,7 +218,7 @@ def dense_traffic(
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain, or of the wrong type.
+        A parameter outside its domain or of the wrong type, or a lowest speed above the highest.
 
     Examples
     --------
@@ -282,22 +280,20 @@ def encounter(
         Mean course in radians, clockwise from north.
     height : float
         Metres, the same for all.
-    duration : float
-        Seconds.
-    step : float
-        Seconds between samples.
+    duration, step : float
+        As for `dense_traffic`.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed; aircraft are numbered in random order.
 
     Returns
     -------
     Traffic
-        All flights start at time 0. The identity is the index of the aircraft.
+        The flights, as `dense_traffic` returns them.
 
     Raises
     ------
     ValueError, TypeError
-        An unknown name, a parameter outside its domain, or a parameter of the wrong type.
+        An unknown encounter, or a parameter outside its domain or of the wrong type.
 
     Examples
     --------
