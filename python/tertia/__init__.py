@@ -1,17 +1,24 @@
-"""One estimate with an error bar that can be believed.
+"""Estimates with reliable error bars from redundant measurements, some of which are wrong.
 
-For measurements that are redundant and sometimes wrong. `tertia.screening` finds the anomalous
-ones, `tertia.bearing` makes one bearing with its sigma of what is left, `tertia.weights` combines
-estimates and tells what not knowing their covariances costs, `tertia.sensors` describes stations
-and radars, `tertia.location` makes a position of what several stations measured, `tertia.kalman`
-makes tracks of plots, `tertia.smoothing` smooths positions along time, `tertia.trajectory` does
-both for what stations measured along time,
-`tertia.fusion` makes one track of several radars', `tertia.association` tells which plot belongs
-to which track, `tertia.flightplan` what tracks have to do with flight plans, `tertia.io` reads
-these, `tertia.tracker` makes tracks of scans of plots, `tertia.metrics` tells whether errors are
-as claimed and how good tracks are, `tertia.simulate` makes records to try them on. `tertia.plot`
-needs the extra `plot`, `tertia.geo` the extra `geo`, `tertia.report`, which tells what is in a
-recording on one page, the extra `report`, the command `tertia` the extra `cli`.
+The modules, in the order in which they build on each other:
+
+- `tertia.screening` finds outliers;
+- `tertia.bearing` estimates one bearing from a record of measured bearings;
+- `tertia.weights` computes weights from covariances, and the loss from estimating these;
+- `tertia.sensors` describes stations and radars;
+- `tertia.location` locates a target at one instant, from several stations;
+- `tertia.kalman` filters and smooths an angle over time;
+- `tertia.smoothing` smooths positions and other series over time;
+- `tertia.trajectory` reconstructs a path from the measurements of several stations;
+- `tertia.fusion` fuses estimates of several sensors, and plots of several radars;
+- `tertia.association` assigns plots to tracks;
+- `tertia.flightplan` compares tracks with flight plans;
+- `tertia.tracker` tracks many targets;
+- `tertia.registration` estimates the noise and the biases of radars.
+
+`tertia.simulate` simulates records, `tertia.metrics` evaluates errors and tracks, and `tertia.io`
+reads flight plans and ASTERIX. Further modules need extras: `tertia.geo`, `tertia.plot`,
+`tertia.tables`, `tertia.interop` and `tertia.report`; the command `tertia` needs the extra `cli`.
 """
 
 import importlib
@@ -73,7 +80,7 @@ if DEBUG_BUILD:
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is: all modules together take as long as NumPy."""
+    """Import a module on first use: all modules together take as long as NumPy."""
     if name in {"BearingEstimate", "estimate_bearing"}:
         found = getattr(importlib.import_module("tertia.bearing"), name)
     elif name in __all__:

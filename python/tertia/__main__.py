@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> None:
-    """Run it; an interrupt ends it in one line even while its modules are imported."""
+    """Run the command; an interrupt ends it with one line, even during imports."""
     try:
         from tertia import cli  # noqa: PLC0415  # what takes long must be inside
 

@@ -1,4 +1,4 @@
-"""What every public function does with its arguments and results."""
+"""Conversion and checks of the arguments and results of public functions."""
 
 from __future__ import annotations
 

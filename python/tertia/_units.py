@@ -1,4 +1,4 @@
-"""Units that aviation uses beside those of the SI."""
+"""Units of aviation that are not SI units."""
 
 from __future__ import annotations
 

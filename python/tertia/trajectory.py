@@ -363,7 +363,7 @@ def _checked(
     *,
     degrees: bool,
 ) -> FloatArray:
-    """Return measurements, of which each has a standard deviation."""
+    """Return checked measurements; each must have a standard deviation."""
     n, k = shape
     count = k - int(kind == "range_difference")
     array = radians(values, kind, degrees=degrees) if kind in ANGLES else samples(values, kind)

@@ -2,10 +2,10 @@
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, with misprints
 corrected (`method="paper"`), the usual rules, and a default that estimates the accuracy of each
-radar. All radars measure one angle in one frame; `common_azimuth` converts azimuths from other
-sites to it.
+radar.
 
-All radars measure one angle in one frame; `common_azimuth` turns those of other sites into it.
+All radars measure one angle in one frame; `common_azimuth` converts azimuths from other sites to
+it.
 """
 
 from tertia import _core

@@ -138,7 +138,8 @@ def fuse_series(
         For "adaptive" and "adaptive-matrix": mean normalised innovation, over that of the others,
         above which a radar is treated as noisier than stated.
     outlier_gate : float
-        Square of a single normalised innovation, likewise, above which a plot is an outlier.
+        Square of a single normalised innovation, relative to those of the others, above which a
+        plot is an outlier.
     n_threads : int, optional
         Threads to use; by default one for little work and all cores for much.
 

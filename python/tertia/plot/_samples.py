@@ -100,7 +100,7 @@ def bearing(
 def screening(
     y: npt.ArrayLike, screening: Screening, *, legend: bool = True, ax: "Axes | None" = None
 ) -> "Axes":
-    """Draw a sample, its outliers and their replacements, and the band of what passes.
+    """Draw a sample, its outliers and their replacements, and the acceptance band.
 
     Parameters
     ----------

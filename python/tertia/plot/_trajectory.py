@@ -69,7 +69,7 @@ def trajectory(
         Probability with which an ellipse holds the true position, for normal errors. About ten are
         drawn.
     legend : bool
-        Whether to name what all panels show.
+        Whether to draw a legend for all panels.
     figure : matplotlib.figure.Figure or SubFigure, optional
         Where to draw; by default on a new one.
 

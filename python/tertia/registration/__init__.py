@@ -1,11 +1,11 @@
-"""Registration: how much noise radars have, and by how much they are biased.
+"""Registration: the noise and the biases of radars, estimated from their plots.
 
-`register` finds both from the plots themselves: the noise from their scatter about short straight
-lines in each radar's own tracks, the biases from differences between tracks of different radars.
+`register` estimates the noise from the scatter of plots about short straight lines in each radar's
+own tracks, and the biases from the differences between tracks of different radars.
 
-The kernels stand left of the tracker in the core, where a tracker that registers its radars while
-it runs can use them. This module stands right of `tertia.tracker`: it takes recordings, and makes
-the tracks that the kernels need, several times over.
+In the core, the kernels stand to the left of the tracker, where a tracker that registers its radars
+during operation can use them. This module stands to the right of `tertia.tracker`, because it takes
+recordings and makes the tracks that the kernels need.
 """
 
 from tertia.registration._register import register

@@ -1,4 +1,4 @@
-"""From a recording to the noise and the biases of its radars."""
+"""Estimation of the noise and the biases of radars from a recording."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _STRETCHES, _SCANS = 24, 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounds:
-    """A registration, and the tracks of each radar alone that led to it.
+    """A registration, and the tracks of each radar alone that it uses.
 
-    `stated` are the tracks with the noise that the radars state, `found` those with the noise that
-    was found; `common` are the states of the former at common instants.
+    `stated` are the tracks with the stated noise, `found` those with the estimated noise; `common`
+    are the states of the former at common instants.
     """
 
     registration: Registration
@@ -44,7 +44,7 @@ def register(
     n_threads: int | None = None,
     **options: Any,
 ) -> Registration:
-    """Find the noise and the biases of radars from their plots.
+    """Estimate the noise and the biases of radars from their plots.
 
     Parameters
     ----------
@@ -53,11 +53,11 @@ def register(
     sensors : sequence of K Radar
         The radars.
     tracks : TrackTable, optional
-        Tracks of all plots and all radars; by default they are made.
+        Tracks from all plots and all radars; by default they are made here.
     n_threads : int, optional
         Number of threads; by default one for little work and all cores for much.
     **options
-        How tracks are made; see `tertia.tracker.Tracker`.
+        Options of the tracker; see `tertia.tracker.Tracker`.
 
     Returns
     -------
@@ -67,26 +67,27 @@ def register(
     Raises
     ------
     ValueError
-        No radar, a table that has not the plots, and what the tracker refuses.
+        No radar, a table without the plots, or an error of the tracker.
     TypeError
         An argument of the wrong type.
 
     Notes
     -----
-    **Noise.** Each six successive plots of a track that is straight make a line. The mean squares
+    **Noise.** A line is fitted to every six successive plots of a straight track. The mean squares
     about the lines, in range and in azimuth, have a robust mean: lines beyond the 99.9 % quantile
-    of chi-squared do not count. Tracks are made three times, each time with the noise found
-    before, since gates that are too narrow keep out the worst plots.
+    of chi-squared are excluded. Tracking is repeated three times, each time with the noise
+    estimated before, because too narrow gates exclude the plots with the largest errors.
 
     **Biases.** Tracks of each radar alone are compared at common instants, one per scan of the
     slowest radar. The biases follow from the differences of all pairs of radars by weighted least
-    squares, with Huber's weights beyond 2.5 standard deviations and a prior of ten times the
-    stated noise. A bias whose standard deviation remains above half its prior is unknown: no
-    difference between radars shows it. Standard deviations take all instants of a track as
-    one measurement, so they hold where errors last as long as the track.
+    squares, with Huber's weights beyond 2.5 standard deviations and a prior of ten times the stated
+    noise. A bias is unknown if its standard deviation remains above half its prior, because no
+    difference between radars depends on it. Standard deviations treat all instants of a track as
+    one measurement, so they remain valid for errors that last as long as the track.
 
-    Biases are taken as constant, without a range gain, and times as correct. Differences do not
-    show an error that all radars share. Cost O(N log N) in plots, and O(M K⁴) in M common instants.
+    Biases are assumed to be constant, without a range gain, and times to be correct. Differences do
+    not show an error common to all radars. Cost O(N log N) in plots, and O(M K⁴) in M common
+    instants.
 
     References
     ----------
@@ -177,8 +178,8 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
 def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:
     """Return states without biases, and with covariances scaled to the noise of their time.
 
-    The states are those of tracks with the noise of the whole recording. Along the range and across
-    it, their standard deviations follow the noise in each stretch of time. Unknown biases remain.
+    The states are from tracks with the noise of the whole recording. Their standard deviations
+    along and across the range are scaled to the noise of each period. Unknown biases remain.
     """
     history, whole = registration.history, registration.noise_factor
     which = in_stretches(states.time, history.edges)
@@ -201,7 +202,7 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
 
 
 def in_stretches(time: FloatArray, edges: FloatArray) -> IntArray:
-    """Return in which stretch of time each time is."""
+    """Return the period of each time."""
     return np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
 
 
@@ -212,7 +213,7 @@ def _by_kind(columns: FloatArray) -> ByKind:
 
 
 def _edges(plots: Plots, period: float) -> FloatArray:
-    """Return the edges of stretches of time, each of several scans."""
+    """Return the edges of periods, each of several scans."""
     known = plots.time[np.isfinite(plots.time)]
     if not len(known):
         return np.array([0.0, 1.0])

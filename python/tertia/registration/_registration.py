@@ -1,4 +1,4 @@
-"""What registration finds."""
+"""Results of registration."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tertia.sensors import Bias, ByKind, Radar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseHistory:
-    """Noise of radars over time, in T stretches of equal length.
+    """Noise of radars over time, in T periods of equal length.
 
     Attributes
     ----------
     edges : ndarray of shape (T + 1,)
-        Times in seconds at which the stretches begin and end.
+        Times in seconds at which the periods begin and end.
     factor : ByKind
-        Noise found over noise stated, of shape (K, T), for range and azimuth; nan where a stretch
+        Ratio of estimated to stated noise, of shape (K, T), for range and azimuth; nan if a period
         has too few straight tracks.
     sigma : ByKind
         Standard deviations of the factors, likewise.
@@ -32,22 +32,22 @@ class NoiseHistory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Noise and biases of K radars, as their plots show them.
+    """Noise and biases of K radars, estimated from their plots.
 
     Attributes
     ----------
     bias : Bias
-        Biases of range and azimuth, of shape (K,), with their standard deviations. Where the plots
-        say nothing of a bias, it is 0 with a standard deviation of inf.
+        Biases of range and azimuth, of shape (K,), with their standard deviations. A bias that the
+        plots do not determine is 0 with a standard deviation of inf.
     noise_factor : ByKind
-        Noise found over noise stated, of shape (K,), for range and azimuth; nan where there are
+        Ratio of estimated to stated noise, of shape (K,), for range and azimuth; nan if there are
         too few straight tracks.
     noise_factor_sigma : ByKind
         Standard deviations of the factors, likewise.
     history : NoiseHistory
         The same over time.
     sensors : tuple of K Radar
-        The radars with the noise that was found.
+        The radars with the estimated noise.
     """
 
     bias: Bias

@@ -68,7 +68,7 @@ def heights(plan: FlightPlan) -> FloatArray:
 def build(
     plan: FlightPlan, scenario: FlightScenario, lasting: float, random: np.random.Generator
 ) -> Route:
-    """Return the route of a scenario; a flight that never returns goes on for `lasting` seconds."""
+    """Return the route of a scenario; a flight that never returns lasts `lasting` seconds."""
     return _BUILDERS[scenario](_Planned(plan), lasting, random)
 
 
@@ -289,7 +289,7 @@ def _ahead(plan: _Planned, place: FloatArray, along: FloatArray, leg: int, first
 
 
 def right(along: FloatArray) -> FloatArray:
-    """Return the vectors to the right of those of unit length."""
+    """Return unit vectors to the right of unit vectors."""
     return np.stack([along[..., 1], -along[..., 0]], axis=-1)
 
 

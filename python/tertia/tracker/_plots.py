@@ -124,8 +124,8 @@ class Plots:
             mean of sine and cosine of a noisy azimuth is smaller by exp(-sigma^2 / 2), which is
             corrected.
         covariance : ndarray of shape (N, 2, 2)
-            `J diag(range_sigma^2, azimuth_sigma^2) J'`; where there is a height, with the share
-            that the slant range and the error of the height add.
+            `J diag(range_sigma^2, azimuth_sigma^2) J'`; with a height, plus the contributions of
+            the slant range and the height error.
 
         Raises
         ------

@@ -66,7 +66,7 @@ class _Columns:
     _count: int
 
     def __getattr__(self, name: str) -> Any:
-        """Return a column; called where it has not been cut out yet."""
+        """Return a column; called on first access."""
         try:
             column, first = _PLACES[name]
         except KeyError:

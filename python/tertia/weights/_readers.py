@@ -1,4 +1,4 @@
-"""What `weights` and `fusion` read: numbers of moderate size, and arrays of one batch."""
+"""Arguments of `weights` and `fusion`: numbers of moderate size, and arrays of one batch."""
 
 from __future__ import annotations
 
