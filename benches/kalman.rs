@@ -2,7 +2,10 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
-use tertia::kalman::{Filter, LANES, PerStep, Series, Singer, Steps, Workspace, run_block, smooth};
+use std::num::NonZero;
+use tertia::kalman::{
+    Batch, End, Filter, PerStep, Row, Series, Singer, Steps, Table, Workspace, smooth,
+};
 
 const STEPS: usize = 10_000;
 
@@ -47,36 +50,30 @@ fn benches(c: &mut Criterion) {
 }
 
 fn blocks(c: &mut Criterion) {
+    const SERIES: usize = 16;
     const N: usize = 200;
     let model = Singer::try_new(0.05, 0.003, false).unwrap();
-    let transition = PerStep::Constant(model.over(5.0).unwrap());
-    let plots: Vec<f64> = (0..LANES * N)
+    let plots: Vec<f64> = (0..SERIES * N)
         .map(|i| if i % 50 == 7 { f64::NAN } else { 0.01 * (i % N) as f64 + (i as f64).sin() })
         .collect();
-    let rows: Vec<_> = plots.chunks_exact(N).collect();
-    let variance = PerStep::Constant(0.01);
-    let series: [_; LANES] = std::array::from_fn(|l| Series { z: rows[l], variance, transition });
-    let filters = [Filter::new(model.acceleration_variance(), None); LANES];
-    let mut mean = vec![0.0; 3 * LANES * N];
-    let mut covariance = vec![0.0; 6 * LANES * N];
+    let (variance, dt) = (Table::new(&[0.01], 1), Table::new(&[5.0], 1));
+    let batch = Batch::try_new((&plots, N, SERIES), variance, dt, None, model, None).unwrap();
+    let mut mean = vec![0.0; 3 * SERIES * N];
+    let mut covariance = vec![0.0; 6 * SERIES * N];
     let mut group = c.benchmark_group("kalman, blocks");
-    group.throughput(Throughput::Elements((LANES * N) as u64));
+    group.throughput(Throughput::Elements((SERIES * N) as u64));
     for (name, room) in [("final state", 0), ("means and covariances", N)] {
         group.bench_function(name, |b| {
-            let mut out: Vec<_> = mean
+            let mut rows: Vec<_> = mean
                 .chunks_mut(3 * N)
                 .zip(covariance.chunks_mut(6 * N))
-                .map(|(mean, covariance)| Steps {
-                    mean: &mut mean[..3 * room],
-                    covariance: &mut covariance[..6 * room],
-                    innovation: &mut [],
-                    variance: &mut [],
+                .map(|(mean, covariance)| {
+                    let (mean, covariance) = (&mut mean[..3 * room], &mut covariance[..6 * room]);
+                    let (innovation, variance) = (&mut [][..], &mut [][..]);
+                    Row { steps: Steps { mean, covariance, innovation, variance }, end: End::NONE }
                 })
                 .collect();
-            b.iter(|| {
-                let mut out: Vec<_> = out.iter_mut().collect();
-                run_block(&series, &filters, None, &mut out)
-            });
+            b.iter(|| batch.filter(black_box(&mut rows), 0.0, NonZero::new(1)));
         });
     }
     group.finish();

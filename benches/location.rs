@@ -2,7 +2,8 @@
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
-use tertia::location::{Instant, KINDS, Locator, Method, Output, Workspace};
+use tertia::location::{Instant, Locator, Method, Output, Workspace};
+use tertia::sensors::KINDS;
 
 /// Stations on a circle, and what they measure of a target beside its centre.
 fn instant<const D: usize>(count: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {

@@ -3,7 +3,7 @@
 
 use tertia::Result;
 use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Workspace};
-use tertia::screening::{BurstRule, BurstWorkspace, unwrap};
+use tertia::screening::{BurstRule, BurstWorkspace, unwrap_about_median};
 
 /// A hundred bearings of an emitter in the north, 3.4 degrees of noise or so.
 fn record() -> Vec<f64> {
@@ -22,7 +22,7 @@ fn main() -> Result<()> {
 
     // screening alone: angles are unwrapped first
     let (mut angle, mut scratch) = (vec![0.0; theta.len()], Vec::new());
-    unwrap(&theta, 360.0, &mut angle, &mut scratch)?;
+    unwrap_about_median(&theta, 360.0, &mut angle, &mut scratch)?;
     let mut outlier = vec![false; theta.len()];
     let summary = rule.detect(&angle, &mut outlier, &mut BurstWorkspace::default())?;
     let wrong: Vec<_> = (0..theta.len()).filter(|&i| outlier[i]).collect();

@@ -94,11 +94,6 @@ impl Monitor {
         self.leg
     }
 
-    /// The cumulative sum B.
-    pub fn cusum(&self) -> f64 {
-        self.cusum
-    }
-
     /// Whether the plan is blocked.
     pub fn is_blocked(&self) -> bool {
         self.blocked
