@@ -93,13 +93,13 @@ def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: st
 def radians(
     value: npt.ArrayLike, name: str, *, degrees: bool = False, is_sigma: bool = False
 ) -> FloatArray:
-    """Return angles in radians; nan remains, and what cannot be radians is refused.
+    """Return angles in radians; nan is kept, and values that cannot be radians are refused.
 
-    Where there is geometry (`sensors`, `location`, `trajectory`, `tracker`, `geo`, `simulate`),
-    angles are radians, clockwise from north. Whoever has degrees says `degrees=True`, which
-    converts the angles given in that call; what is stored or returned is radians. Series of angles
-    (`bearing`, `screening`, `kalman`, `smoothing`, `fusion`) are in the unit of their `period`,
-    and only latitude, longitude and columns named `*_deg` are always degrees.
+    In modules with geometry (`sensors`, `location`, `trajectory`, `tracker`, `geo`, `simulate`),
+    angles are in radians, clockwise from north. `degrees=True` converts the angles given in that
+    call; stored and returned angles are in radians. Series of angles (`bearing`, `screening`,
+    `kalman`, `smoothing`, `fusion`) are in the unit of their `period`, and only latitude, longitude
+    and columns named `*_deg` are always in degrees.
 
     An azimuth of more than two turns or a sigma of more than half a turn is nearly always degrees
     that were not declared, and would otherwise give a wrong position without a word.

@@ -153,7 +153,7 @@ class LocalFrame:
         Returns
         -------
         local : ndarray of shape (..., 3)
-            Metres, nan likewise.
+            Metres; nan where there is none.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class LocalFrame:
         Returns
         -------
         ecef : ndarray of shape (..., 3)
-            Earth-centred, earth-fixed x, y and z in metres, nan likewise.
+            Earth-centred, earth-fixed x, y and z in metres; nan where there is none.
 
         Raises
         ------

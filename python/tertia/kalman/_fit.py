@@ -46,7 +46,7 @@ class NoiseFit:
     count : int
         Number of plots with an innovation.
     density_sigma : float
-        Standard uncertainty of `density`, likewise.
+        Standard uncertainty of `density`, to first order.
     limits : tuple of str
         Names of the cases above; empty if no parameter is 0 or infinite.
     outlier : ndarray of bool, of the shape of the plots

@@ -81,7 +81,7 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
     y : array_like of shape (..., n)
         The others, n >= 1. `x` and `y[..., 0]` broadcast against each other.
     sigma : array_like of shape (...)
-        Standard deviation of one measurement, in the unit of y; broadcasts likewise.
+        Standard deviation of one measurement, in the unit of y; broadcast in the same way.
 
     Returns
     -------
