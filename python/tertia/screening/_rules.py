@@ -352,7 +352,7 @@ def unwrap_about_median(
 
     Whole periods are added until every angle is within half a period of the circular mean, then of
     the median of the result; the first angle sets the turn. Nearly half of the angles may be wrong
-    without moving the others. (`numpy.unwrap` compares neighbours instead, and one wrong angle
+    without moving the others. (`numpy.unwrap` compares neighbours, so one wrong angle
     moves all that follow.)
 
     Parameters
