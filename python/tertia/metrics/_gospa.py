@@ -22,9 +22,9 @@ class Gospa:
     localisation : float
         Sum of the distances of estimates from their targets, each to the power `p`.
     missed : float
-        The same for targets without an estimate.
+        Cost of the targets without an estimate.
     false : float
-        The same for estimates without a target.
+        Cost of the estimates without a target.
     """
 
     distance: float

@@ -56,11 +56,11 @@ def fused_series(
     result : FusedSeries
         Their fused track.
     measurement_variance : array_like of shape (), (K, 1) or (K, steps), optional
-        As given to `fuse_series`, to draw the stated standard deviations.
+        Variances given to `fuse_series`, to draw the stated standard deviations.
     time : array_like of shape (steps,), optional
         Times of the steps, numbers or datetime64; by default they are numbered from 0.
     period : float, optional
-        As given to `fuse_series`.
+        Period given to `fuse_series`.
     sensors : sequence of str, optional
         Names of the sensors; by default they are numbered from 0.
     legend : bool

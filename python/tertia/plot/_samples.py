@@ -50,9 +50,9 @@ def bearing(
     estimate : BearingEstimate
         The bearing.
     period : float or None
-        As given to `tertia.estimate_bearing`, in the unit of `theta`.
+        Period given to `tertia.estimate_bearing`, in the unit of `theta`.
     block_size : int
-        As given to `tertia.estimate_bearing`; it is not part of the estimate.
+        Block size given to `tertia.estimate_bearing`, since the estimate does not contain it.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool

@@ -45,7 +45,7 @@ class Registration:
     noise_factor_sigma : ByKind
         Standard deviations of the factors, likewise.
     history : NoiseHistory
-        The same over time.
+        Noise over time.
     sensors : tuple of K Radar
         The radars with the estimated noise.
     """

@@ -226,7 +226,7 @@ def cochran(
     variances : array_like of shape (..., L)
         Sample variances, L >= 2.
     degrees_of_freedom : float
-        Of each variance: the number of measurements behind it less one.
+        Number of measurements for each variance minus one.
     significance : float
         Probability of an alarm when all variances are equal.
 
@@ -279,7 +279,7 @@ def critical_value(
     test : {"leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"}
         The function of the same name; for "leave-one-out" the threshold is its k.
     degrees_of_freedom : float
-        Of each variance, 1 to 1e9, for "cochran" only.
+        Degrees of freedom of each variance, 1 to 1e9, for "cochran" only.
 
     Returns
     -------
@@ -327,7 +327,7 @@ def false_alarm_probability(
     test : {"leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"}
         As in `critical_value`.
     degrees_of_freedom : float
-        Of each variance, 1 to 1e9, for "cochran" only.
+        Degrees of freedom of each variance, 1 to 1e9, for "cochran" only.
 
     Returns
     -------

@@ -42,7 +42,7 @@ class Traffic:
     velocity : ndarray of shape (F, S, 2)
         Over the ground, in metres per second.
     turn_rate : ndarray of shape (F, S)
-        Of the course over the ground in radians per second, positive clockwise.
+        Rate of the course over the ground in radians per second, positive clockwise.
     turning : ndarray of bool, shape (F, S)
         Whether the aircraft turns: it banks by more than 5 degrees.
     height : ndarray of shape (F, S)

@@ -43,13 +43,13 @@ class FusionLoss:
     loss : float or ndarray of shape (...)
         `trace(mean_squared_error) / trace(fused_covariance) - 1`.
     component_loss : ndarray of shape (..., m)
-        The same for each component alone, which does not depend on units.
+        Loss of each component alone, which does not depend on units.
     mean_squared_error : ndarray of shape (..., m, m)
-        Of the estimate fused with estimated weights.
+        Mean squared error of the estimate fused with estimated weights.
     fused_covariance : ndarray of shape (..., m, m)
-        Of the estimate fused with the true weights.
+        Covariance of the estimate fused with the true weights.
     loss_sigma : float, ndarray of shape (...) or None
-        Of `loss`, where it was simulated.
+        Standard error of `loss` if it was simulated.
     method : {"first-order", "monte-carlo"}
         How it was computed.
     """
