@@ -263,6 +263,9 @@ pub fn t_test<'py>(
     one_by_one(py, &x, &row, y, 2, |_, x, others| screening::t_test(x, others))
 }
 
+/// The index of a test, its value and row, and where its statistic and p-value go.
+type Job<'a> = ((usize, (&'a f64, &'a i64)), &'a mut (f64, f64));
+
 /// Moments of every row of y, once; then a test for every x.
 fn one_by_one<'py>(
     py: Python<'py>,
@@ -280,7 +283,7 @@ fn one_by_one<'py>(
     let mut results = repeated((0.0, 0.0), x.len())?;
     let cost = TAIL_NS * x.len() as f64;
     let items = x.iter().zip(&row).enumerate().zip(&mut results);
-    let work = |(): &mut (), ((i, (&x, &row)), out): ((usize, (&f64, &i64)), &mut (f64, f64))| {
+    let work = |(): &mut (), ((i, (&x, &row)), out): Job<'_>| {
         if let Some(others) = &others[row as usize] {
             let result = test(i, x, others)?;
             *out = (result.statistic, result.pvalue);
