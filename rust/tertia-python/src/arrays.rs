@@ -7,18 +7,33 @@ use numpy::{
 use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::borrow::Cow;
-use tertia::batch::RowError;
+use std::num::NonZero;
+use tertia::batch::{RowError, for_each_row};
 use tertia::missing::Present;
 
 pyo3::import_exception!(numpy.linalg, LinAlgError);
 
-/// A float64 array whose last axis is the sample axis; the leading axes are the batch.
-pub struct Samples<'py> {
-    array: PyReadonlyArrayDyn<'py, f64>,
-    name: &'static str,
+/// What results are, in Python.
+pub type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+pub type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
+pub type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
+/// Number of threads, where it is given.
+pub type Threads = Option<NonZero<usize>>;
+
+/// A float64 array; its leading axes are the batch.
+pub struct Input<'py>(PyReadonlyArrayDyn<'py, f64>);
+
+impl<'py> FromPyObject<'_, 'py> for Input<'py> {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let array = value.cast::<PyArrayDyn<f64>>();
+        let array = array.map_err(|_| PyTypeError::new_err("it must be an array of float64"))?;
+        Ok(Self(array.readonly()))
+    }
 }
 
-/// The shape and the values of [`Samples`], contiguous: one row per element of the batch.
+/// The shape and the values of an [`Input`], contiguous: one row per element of the batch.
 pub struct Rows<'a> {
     pub shape: &'a [usize],
     pub values: Cow<'a, [f64]>,
@@ -27,38 +42,30 @@ pub struct Rows<'a> {
     axes: usize,
 }
 
-impl<'py> Samples<'py> {
-    pub fn extract(value: &Bound<'py, PyAny>, name: &'static str) -> PyResult<Self> {
-        let array = value
-            .cast::<PyArrayDyn<f64>>()
-            .map_err(|_| PyTypeError::new_err(format!("{name} must be an array of float64")))?;
-        if array.ndim() == 0 {
-            return Err(PyValueError::new_err(format!(
-                "{name} is a single number; it must be an array with the sample along its last axis"
-            )));
-        }
-        Ok(Self { array: array.readonly(), name })
-    }
-
-    /// The rows, which must have at least `minimum` measurements.
-    pub fn rows(&self, minimum: usize) -> PyResult<Rows<'_>> {
-        let count = self.array.shape()[self.array.ndim() - 1];
-        if count < minimum {
-            let error = tertia::Error::TooFew { argument: self.name, count, minimum };
-            return Err(value_error(error));
-        }
-        self.blocks(1)
-    }
-
+impl Input<'_> {
     /// The shape.
     pub fn shape(&self) -> &[usize] {
-        self.array.shape()
+        self.0.shape()
     }
 
-    /// Rows of so many axes, which must be there.
-    pub fn blocks(&self, axes: usize) -> PyResult<Rows<'_>> {
+    /// The rows, which must have at least `minimum` numbers.
+    pub fn rows(&self, name: &'static str, minimum: usize) -> PyResult<Rows<'_>> {
+        let rows = self.blocks(name, 1)?;
+        if rows.len() < minimum {
+            let error = tertia::Error::TooFew { argument: name, count: rows.len(), minimum };
+            return Err(value_error(error));
+        }
+        Ok(rows)
+    }
+
+    /// Rows of so many axes.
+    pub fn blocks(&self, name: &'static str, axes: usize) -> PyResult<Rows<'_>> {
+        let shape = self.shape();
+        if shape.len() < axes {
+            return Err(does_not_fit(name, shape));
+        }
         // not the array's own `as_slice`, which also gives memory that lies column by column
-        let view = self.array.as_array();
+        let view = self.0.as_array();
         let values = match view.to_slice() {
             Some(slice) => Cow::Borrowed(slice),
             None => {
@@ -67,8 +74,33 @@ impl<'py> Samples<'py> {
                 Cow::Owned(values)
             }
         };
-        Ok(Rows { shape: self.array.shape(), values, name: self.name, axes })
+        Ok(Rows { shape, values, name, axes })
     }
+
+    /// All numbers.
+    pub fn numbers(&self, name: &'static str) -> PyResult<Vec<f64>> {
+        Ok(self.rows(name, 0)?.values.into_owned())
+    }
+
+    /// Rows of so many numbers, which are the last axes.
+    pub fn points<const M: usize>(
+        &self,
+        name: &'static str,
+        axes: usize,
+    ) -> PyResult<Vec<[f64; M]>> {
+        let rows = self.blocks(name, axes)?;
+        rows.require(M, rows.count())?;
+        Ok(rows.values.as_chunks().0.to_vec())
+    }
+
+    /// Rows of two numbers.
+    pub fn pairs(&self, name: &'static str) -> PyResult<Vec<[f64; 2]>> {
+        self.points(name, 1)
+    }
+}
+
+fn does_not_fit(name: &str, shape: &[usize]) -> PyErr {
+    PyValueError::new_err(format!("{name} has shape {shape:?}; it does not fit"))
 }
 
 impl Rows<'_> {
@@ -93,6 +125,54 @@ impl Rows<'_> {
         (0..self.count()).map(move |row| &self.values[row * n..(row + 1) * n])
     }
 
+    /// Numbers in all.
+    pub fn size(&self) -> f64 {
+        self.values.len() as f64
+    }
+
+    /// Room for results of the same shape.
+    pub fn output<'py, T: Element + Send>(&self, py: Python<'py>) -> PyResult<Output<'py, T>> {
+        let (batch, tail) = self.shape.split_at(self.shape.len() - self.axes);
+        Output::new(py, batch, tail)
+    }
+
+    /// Row `row`, or the only one.
+    pub fn shared(&self, row: usize) -> &[f64] {
+        let n = self.len();
+        let start = if self.count() == 1 { 0 } else { row * n };
+        &self.values[start..start + n]
+    }
+
+    /// Fails unless there are so many rows of this length.
+    pub fn require(&self, length: usize, count: usize) -> PyResult<()> {
+        if self.len() == length && self.count() == count {
+            return Ok(());
+        }
+        Err(does_not_fit(self.name, self.shape))
+    }
+
+    /// The same of rows of which one is enough for all.
+    pub fn require_shared(&self, length: usize, count: usize) -> PyResult<()> {
+        self.require(length, if self.count() == 1 { 1 } else { count })
+    }
+
+    /// Calls `work` with a state per thread on every row, its index, and where its results go;
+    /// `nanoseconds` is the cost of all rows.
+    pub fn each<O: Send, S>(
+        &self,
+        py: Python<'_>,
+        nanoseconds: f64,
+        n_threads: Threads,
+        outputs: impl ExactSizeIterator<Item = O> + Send,
+        state: impl Fn() -> S + Sync + Send,
+        work: impl Fn(&mut S, (usize, &[f64]), O) -> tertia::Result<()> + Sync + Send,
+    ) -> PyResult<()> {
+        let items = self.iter().enumerate().zip(outputs);
+        let work = |state: &mut S, (row, out)| work(state, row, out);
+        release(py, nanoseconds, || for_each_row(items, nanoseconds, n_threads, state, work))
+            .map_err(|failure| self.error(failure))
+    }
+
     /// The Python error for a failed row, with the row's place in the batch.
     pub fn error(&self, failure: RowError) -> PyErr {
         let text = failure.error.to_string();
@@ -104,32 +184,6 @@ impl Rows<'_> {
         };
         error_with(text, &failure.error)
     }
-}
-
-/// All numbers of an array.
-pub fn numbers(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<f64>> {
-    Ok(Samples::extract(value, name)?.rows(0)?.values.into_owned())
-}
-
-/// Rows of so many numbers, which are the last axes.
-pub fn rows_of<const M: usize>(
-    value: &Bound<'_, PyAny>,
-    name: &'static str,
-    axes: usize,
-) -> PyResult<Vec<[f64; M]>> {
-    let samples = Samples::extract(value, name)?;
-    let rows = if samples.shape().len() < axes { None } else { Some(samples.blocks(axes)?) };
-    let fits = |rows: &Rows<'_>| rows.len() == M;
-    let Some(rows) = rows.filter(fits) else {
-        let shape = samples.shape();
-        return Err(PyValueError::new_err(format!("{name} has shape {shape:?}; it does not fit")));
-    };
-    Ok(rows.values.as_chunks().0.to_vec())
-}
-
-/// Rows of two numbers.
-pub fn pairs(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<[f64; 2]>> {
-    rows_of::<2>(value, name, 1)
 }
 
 fn is_name(text: &str) -> bool {
@@ -150,6 +204,21 @@ fn unravel(mut row: usize, batch: &[usize]) -> String {
 /// Error of a kernel outside a batch.
 pub fn value_error(error: tertia::Error) -> PyErr {
     error_with(error.to_string(), &error)
+}
+
+/// What goes by a name, one of these.
+pub fn choice<T: Clone>(argument: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
+    if let Some((_, chosen)) = choices.iter().find(|(choice, _)| *choice == name) {
+        return Ok(chosen.clone());
+    }
+    let names: Vec<_> = choices.iter().map(|(name, _)| format!("'{name}'")).collect();
+    let (last, others) = names.split_last().expect("there is something to choose");
+    Err(unknown(argument, name, &format!("{} or {last}", others.join(", "))))
+}
+
+/// The error for a word that is not among the choices.
+pub fn unknown(argument: &str, value: &str, choices: &str) -> PyErr {
+    PyValueError::new_err(format!("{argument} is '{value}'; it must be {choices}"))
 }
 
 fn error_with(text: String, error: &tertia::Error) -> PyErr {
@@ -187,9 +256,23 @@ pub fn release<T: Send>(py: Python<'_>, nanoseconds: f64, work: impl FnOnce() ->
 pub fn array<'py, T: Element>(
     py: Python<'py>,
     shape: &[usize],
-    values: Vec<T>,
+    values: impl IntoIterator<Item = T>,
 ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-    PyArray::from_vec(py, values).reshape(shape)
+    PyArray::from_vec(py, values.into_iter().collect()).reshape(shape)
+}
+
+/// Fresh arrays of this shape, one for each number of the results.
+pub fn columns<'py, R, T: Element, const K: usize>(
+    py: Python<'py>,
+    shape: &[usize],
+    results: &[R],
+    of: [fn(&R) -> T; K],
+) -> PyResult<[Bound<'py, PyArrayDyn<T>>; K]> {
+    let mut columns = Vec::with_capacity(K);
+    for of in of {
+        columns.push(array(py, shape, results.iter().map(of))?);
+    }
+    Ok(std::array::from_fn(|_| columns.remove(0)))
 }
 
 /// So many numbers find room wherever Python runs.
@@ -197,26 +280,46 @@ const SMALL: usize = 100_000;
 
 /// A fresh array for the results of a kernel. NumPy allocates it, because it asks for huge pages:
 /// the statistics of 10^7 values took 3 ns a value instead of 10.
-pub struct Output<'py, T: Element>(PyReadwriteArrayDyn<'py, T>);
+pub struct Output<'py, T: Element = f64> {
+    array: PyReadwriteArrayDyn<'py, T>,
+    /// Axes of the batch.
+    axes: usize,
+}
 
-impl<'py, T: Element> Output<'py, T> {
-    pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+impl<'py, T: Element + Send> Output<'py, T> {
+    /// Room for a row of shape `tail` for each element of the batch.
+    pub fn new(py: Python<'py>, batch: &[usize], tail: &[usize]) -> PyResult<Self> {
+        let shape = [batch, tail].concat();
         let count = shape.iter().try_fold(1_usize, |count, &size| count.checked_mul(size));
         let count = count.unwrap_or(usize::MAX);
         if count > SMALL {
             // rust-numpy panics where NumPy has no memory
             room_for::<T>(count)?;
         }
-        Ok(Self(PyArrayDyn::zeros(py, shape, false).readwrite()))
+        let array = PyArrayDyn::zeros(py, shape, false).readwrite();
+        Ok(Self { array, axes: batch.len() })
     }
 
     /// The numbers, row after row.
     pub fn values(&mut self) -> PyResult<&mut [T]> {
-        Ok(self.0.as_slice_mut()?)
+        Ok(self.array.as_slice_mut()?)
     }
 
-    pub fn into_array(self) -> Bound<'py, PyArrayDyn<T>> {
-        (**self.0).clone()
+    /// The rows.
+    pub fn rows(&mut self) -> PyResult<impl ExactSizeIterator<Item = &mut [T]> + Send> {
+        let (batch, tail) = self.array.shape().split_at(self.axes);
+        let (count, size) = (batch.iter().product(), tail.iter().product());
+        Ok(chunks(self.values()?, size, count))
+    }
+}
+
+impl<'py, T: Element> IntoPyObject<'py> for Output<'py, T> {
+    type Target = PyArrayDyn<T>;
+    type Output = Bound<'py, PyArrayDyn<T>>;
+    type Error = std::convert::Infallible;
+
+    fn into_pyobject(self, _py: Python<'py>) -> Result<Self::Output, Self::Error> {
+        Ok((**self.array).clone())
     }
 }
 

@@ -1,18 +1,18 @@
 //! Bindings of `tertia::association`.
 
-use crate::arrays::{Output, Rows, Samples, array, release, room_for, value_error};
-use crate::screening::unknown;
-use numpy::{PyArrayDyn, PyReadonlyArray1};
+use crate::arrays::{
+    Array, Input, Integers, Output, array, choice, columns, release, room_for, value_error,
+};
+use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::num::NonZero;
 use tertia::Error;
 use tertia::association::gate::{self, Factor, GateSector, Scan, Thresholds};
 use tertia::association::score::{self, Surroundings};
 use tertia::association::{Assigner, Pair};
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Indices<'py> = Bound<'py, PyArrayDyn<i64>>;
-type Gated<'py> = (Indices<'py>, Indices<'py>, Array<'py>, Array<'py>);
+type Gated<'py> = (Integers<'py>, Integers<'py>, Array<'py>, Array<'py>);
 
 /// Cost of a query of the index, of a region, of a score, of a pair in an assignment.
 const QUERY_NS: f64 = 100.0;
@@ -32,126 +32,100 @@ pub fn gate_threshold(probability: f64, dimension: usize) -> PyResult<f64> {
 #[pyfunction]
 pub fn gate_sectors<'py>(
     py: Python<'py>,
-    innovation: &Bound<'py, PyAny>,
-    covariance: &Bound<'py, PyAny>,
-    velocity: &Bound<'py, PyAny>,
-) -> PyResult<Indices<'py>> {
-    let innovation = Samples::extract(innovation, "innovation")?;
-    let covariance = Samples::extract(covariance, "covariance")?;
-    let velocity = Samples::extract(velocity, "velocity")?;
-    let (rows, sigmas, courses) =
-        (innovation.blocks(1)?, covariance.blocks(2)?, velocity.blocks(1)?);
-    require_equal(&[(&rows, "innovation"), (&courses, "velocity")], rows.count(), 2)?;
-    require_equal(&[(&sigmas, "covariance")], rows.count(), 4)?;
+    innovation: Input<'py>,
+    covariance: Input<'py>,
+    velocity: Input<'py>,
+) -> PyResult<Output<'py, i64>> {
+    let rows = innovation.blocks("innovation", 1)?;
+    let (sigmas, courses) = (covariance.blocks("covariance", 2)?, velocity.blocks("velocity", 1)?);
+    rows.require(2, rows.count())?;
+    courses.require(2, rows.count())?;
+    sigmas.require(4, rows.count())?;
     let thresholds = Thresholds::new(2).map_err(value_error)?;
-    let mut out = Output::<i64>::new(py, rows.batch())?;
-    let values = out.values()?;
-    let (e, s, v) =
-        (rows.values.as_chunks().0, sigmas.values.as_chunks::<2>().0, courses.values.as_chunks().0);
-    let done = release(py, SECTOR_NS * rows.count() as f64, || {
-        for (i, (e, s, v)) in triples(e, s.as_chunks().0, v).enumerate() {
-            let factor = Factor::try_new(s).ok_or(i)?;
-            values[i] = GateSector::of(*e, *v, &factor, &thresholds) as i64;
-        }
-        Ok(())
-    });
-    done.map_err(|row| {
-        let error = Error::Singular { argument: "covariance", index: Vec::new() };
-        sigmas.error(tertia::batch::RowError { row, error })
-    })?;
-    Ok(out.into_array())
-}
-
-/// Three slices side by side.
-fn triples<'a, A, B, C>(
-    a: &'a [A],
-    b: &'a [B],
-    c: &'a [C],
-) -> impl Iterator<Item = (&'a A, &'a B, &'a C)> {
-    a.iter().zip(b).zip(c).map(|((a, b), c)| (a, b, c))
-}
-
-/// Fails unless all have so many rows of this length.
-fn require_equal(all: &[(&Rows<'_>, &str)], count: usize, length: usize) -> PyResult<()> {
-    for (rows, name) in all {
-        if rows.len() != length || rows.count() != count {
-            let shape = rows.shape;
-            return Err(PyValueError::new_err(format!("{name} has shape {shape:?}; not fitting")));
-        }
-    }
-    Ok(())
+    let mut out = Output::new(py, rows.batch(), &[])?;
+    let outputs = out.values()?.iter_mut();
+    let (e, v) = (rows.values.as_chunks().0, courses.values.as_chunks().0);
+    let matrices = sigmas.values.as_chunks::<2>().0.as_chunks().0;
+    sigmas.each(
+        py,
+        SECTOR_NS * rows.size(),
+        NonZero::new(1),
+        outputs,
+        || (),
+        |(), (i, _), out| {
+            let singular = Error::Singular { argument: "covariance", index: Vec::new() };
+            let factor = Factor::try_new(&matrices[i]).ok_or(singular)?;
+            *out = GateSector::of(e[i], v[i], &factor, &thresholds) as i64;
+            Ok(())
+        },
+    )?;
+    Ok(out)
 }
 
 /// The paper's scores of any d².
 #[pyfunction]
 pub fn paper_score<'py>(
     py: Python<'py>,
-    d2: &Bound<'py, PyAny>,
+    d2: Input<'py>,
     q: f64,
     dimension: usize,
-) -> PyResult<Array<'py>> {
-    let d2 = Samples::extract(d2, "d2")?;
-    let rows = d2.blocks(1)?;
-    let mut out = Output::new(py, rows.shape)?;
+) -> PyResult<Output<'py>> {
+    let rows = d2.blocks("d2", 1)?;
+    let mut out = rows.output(py)?;
     let values = out.values()?;
-    let done = release(py, SCORE_NS * rows.values.len() as f64, || {
+    let done = release(py, SCORE_NS * rows.size(), || {
         for (value, &d2) in values.iter_mut().zip(rows.values.iter()) {
             *value = score::paper(d2, q, dimension)?;
         }
         score::paper(0.0, q, dimension)
     });
     done.map_err(value_error)?;
-    Ok(out.into_array())
+    Ok(out)
 }
 
 /// Log-likelihood ratios of any d² with `ln |Σ|` of the same shape, and that of a missed target.
 #[pyfunction]
 pub fn likelihood_score<'py>(
     py: Python<'py>,
-    d2: &Bound<'py, PyAny>,
-    ln_determinant: &Bound<'py, PyAny>,
+    d2: Input<'py>,
+    ln_determinant: Input<'py>,
     dimension: usize,
     detection_probability: f64,
     clutter_density: f64,
-) -> PyResult<(Array<'py>, f64)> {
+) -> PyResult<(Output<'py>, f64)> {
     let surroundings =
         Surroundings::new(detection_probability, clutter_density).map_err(value_error)?;
-    let d2 = Samples::extract(d2, "d2")?;
-    let ln_determinant = Samples::extract(ln_determinant, "ln_determinant")?;
-    let (rows, volumes) = (d2.blocks(1)?, ln_determinant.blocks(1)?);
-    require_equal(&[(&volumes, "ln_determinant")], rows.count(), rows.len())?;
-    let mut out = Output::new(py, rows.shape)?;
+    let (rows, volumes) = (d2.blocks("d2", 1)?, ln_determinant.blocks("ln_determinant", 1)?);
+    volumes.require(rows.len(), rows.count())?;
+    let mut out = rows.output(py)?;
     let values = out.values()?;
-    release(py, SCORE_NS * rows.values.len() as f64, || {
+    release(py, SCORE_NS * rows.size(), || {
         for ((value, &d2), &volume) in values.iter_mut().zip(&*rows.values).zip(&*volumes.values) {
             *value = surroundings.likelihood(score::log_density(d2, volume, dimension));
         }
     });
-    Ok((out.into_array(), surroundings.missed()))
+    Ok((out, surroundings.missed()))
 }
 
 /// Track, plot, d² and `ln |Σ|` of every plot within the gate of a track.
 #[pyfunction]
 pub fn gate_pairs<'py>(
     py: Python<'py>,
-    predicted: &Bound<'py, PyAny>,
-    covariance: &Bound<'py, PyAny>,
-    plots: &Bound<'py, PyAny>,
-    plot_covariance: Option<&Bound<'py, PyAny>>,
+    predicted: Input<'py>,
+    covariance: Input<'py>,
+    plots: Input<'py>,
+    plot_covariance: Option<Input<'py>>,
     threshold: f64,
 ) -> PyResult<Gated<'py>> {
-    let predicted = Samples::extract(predicted, "predicted")?;
-    let covariance = Samples::extract(covariance, "covariance")?;
-    let plots = Samples::extract(plots, "plots")?;
-    let noise = plot_covariance.map(|noise| Samples::extract(noise, "plot_covariance"));
+    let (tracks, plots) = (predicted.blocks("predicted", 1)?, plots.blocks("plots", 1)?);
+    let sigmas = covariance.blocks("covariance", 2)?;
+    let noise = plot_covariance.as_ref().map(|noise| noise.blocks("plot_covariance", 2));
     let noise = noise.transpose()?;
-    let (tracks, sigmas, plots) = (predicted.blocks(1)?, covariance.blocks(2)?, plots.blocks(1)?);
-    let noise = noise.as_ref().map(|noise| noise.blocks(2)).transpose()?;
     let m = tracks.len();
-    require_equal(&[(&sigmas, "covariance")], tracks.count(), m * m)?;
-    require_equal(&[(&plots, "plots")], plots.count(), m)?;
+    sigmas.require(m * m, tracks.count())?;
+    plots.require(m, plots.count())?;
     if let Some(noise) = &noise {
-        require_equal(&[(noise, "plot_covariance")], plots.count(), m * m)?;
+        noise.require(m * m, plots.count())?;
     }
     let scan = Scan {
         predicted: &tracks.values,
@@ -171,12 +145,10 @@ pub fn gate_pairs<'py>(
     });
     let found = found.map_err(value_error)?;
     let shape = [found.len()];
-    Ok((
-        array(py, &shape, found.iter().map(|pair| i64::from(pair.track)).collect())?,
-        array(py, &shape, found.iter().map(|pair| i64::from(pair.plot)).collect())?,
-        array(py, &shape, found.iter().map(|pair| pair.nis).collect())?,
-        array(py, &shape, found.iter().map(|pair| pair.ln_determinant).collect())?,
-    ))
+    let [track, plot] =
+        columns(py, &shape, &found, [|pair| i64::from(pair.track), |pair| i64::from(pair.plot)])?;
+    let [nis, volume] = columns(py, &shape, &found, [|pair| pair.nis, |pair| pair.ln_determinant])?;
+    Ok((track, plot, nis, volume))
 }
 
 /// The column of each row, -1 where there is none.
@@ -190,16 +162,12 @@ pub fn assign_pairs<'py>(
     rows: u32,
     columns: u32,
     method: &str,
-) -> PyResult<Indices<'py>> {
+) -> PyResult<Integers<'py>> {
     let (row, column, gain) = (row.as_array(), column.as_array(), gain.as_array());
     if row.len() != gain.len() || column.len() != gain.len() {
         return Err(PyValueError::new_err("row, column and gain must have the same length"));
     }
-    let global = match method {
-        "gnn" => true,
-        "nearest" => false,
-        other => return Err(unknown("method", other, "'gnn' or 'nearest'")),
-    };
+    let global = choice("method", method, &[("gnn", true), ("nearest", false)])?;
     let mut pairs = room_for(row.len())?;
     for ((&row, &column), &gain) in row.iter().zip(column).zip(gain) {
         let (row, column) = (index(row, rows, "row")?, index(column, columns, "column")?);

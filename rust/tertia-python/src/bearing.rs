@@ -1,11 +1,7 @@
 //! Bindings of `tertia::bearing`.
 
-use crate::arrays::{Gaps, Output, Samples, array, chunks, repeated, value_error};
-use crate::screening::unknown;
-use numpy::PyArrayDyn;
+use crate::arrays::{Array, Gaps, Input, Output, Threads, columns, repeated, unknown, value_error};
 use pyo3::prelude::*;
-use std::num::NonZero;
-use tertia::batch::for_each_row;
 use tertia::bearing::{
     BlockOutput, Estimate, Estimator, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
@@ -14,10 +10,8 @@ use tertia::screening::BurstRule;
 /// Cost per measurement of the slowest method, for the choice of threads.
 const ESTIMATE_NS: f64 = 100.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Blocks<'py> = (Array<'py>, Array<'py>, Array<'py>);
-type Estimated<'py> =
-    (Array<'py>, Array<'py>, Bound<'py, PyArrayDyn<bool>>, Array<'py>, Option<Blocks<'py>>);
+type Blocks<'py> = (Output<'py>, Output<'py>, Output<'py>);
+type Estimated<'py> = (Array<'py>, Array<'py>, Output<'py, bool>, Array<'py>, Option<Blocks<'py>>);
 
 /// The options of the Python function, as they come.
 #[derive(FromPyObject)]
@@ -93,62 +87,40 @@ impl Options {
 #[pyfunction]
 pub fn estimate_bearing<'py>(
     py: Python<'py>,
-    theta: &Bound<'py, PyAny>,
+    theta: Input<'py>,
     options: Options,
     omit: bool,
-    n_threads: Option<NonZero<usize>>,
+    n_threads: Threads,
 ) -> PyResult<Estimated<'py>> {
-    let samples = Samples::extract(theta, "theta")?;
     let estimator = options.estimator()?;
-    let rows = samples.rows(if omit { 0 } else { estimator.min_count() })?;
-    let (n, count) = (rows.len(), rows.count());
-    let blocks = estimator.blocks(n);
-    let mut outlier = Output::new(py, rows.shape)?;
-    let outliers = outlier.values()?;
-    let mut estimates = repeated(Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 }, count)?;
-    let mut mean = repeated(0.0, blocks * count)?;
-    let mut variance = repeated(0.0, blocks * count)?;
-    let mut weight = repeated(0.0, blocks * count)?;
-    let cost = ESTIMATE_NS * (n * count) as f64;
-    py.detach(|| {
-        let columns = chunks(&mut mean, blocks, count)
-            .zip(chunks(&mut variance, blocks, count))
-            .zip(chunks(&mut weight, blocks, count));
-        let outputs = chunks(outliers, n, count).zip(columns).zip(&mut estimates);
-        let new = || (Workspace::default(), Gaps::default());
-        for_each_row(rows.iter().zip(outputs), cost, n_threads, new, |(workspace, gaps), item| {
-            let (theta, ((flags, ((mean, variance), weight)), out)) = item;
-            let mut blocks = BlockOutput { mean, variance, weight };
-            if omit {
-                gaps.collect(theta);
-                let Gaps { present, outlier, .. } = gaps;
-                *out = estimator
-                    .estimate(present.values(), outlier, &mut blocks, workspace)
-                    .map_err(|error| present.locate(error))?;
-                present.scatter(outlier, false, flags);
-            } else {
-                *out = estimator.estimate(theta, flags, &mut blocks, workspace)?;
-            }
-            Ok(())
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let column =
-        |f: fn(&Estimate) -> f64| array(py, rows.batch(), estimates.iter().map(f).collect());
-    let shape = [rows.batch(), &[blocks]].concat();
-    let blocks = match blocks {
-        0 => None,
-        _ => Some((
-            array(py, &shape, mean)?,
-            array(py, &shape, variance)?,
-            array(py, &shape, weight)?,
-        )),
-    };
-    Ok((
-        column(|e| e.value)?,
-        column(|e| e.sigma)?,
-        outlier.into_array(),
-        column(|e| e.polarity)?,
-        blocks,
-    ))
+    let rows = theta.rows("theta", if omit { 0 } else { estimator.min_count() })?;
+    let blocks = estimator.blocks(rows.len());
+    let mut outlier = rows.output(py)?;
+    let none = Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 };
+    let mut estimates = repeated(none, rows.count())?;
+    let of_blocks = || Output::new(py, rows.batch(), &[blocks]);
+    let (mut mean, mut variance, mut weight) = (of_blocks()?, of_blocks()?, of_blocks()?);
+    let block_outputs = mean.rows()?.zip(variance.rows()?).zip(weight.rows()?);
+    let outputs = outlier.rows()?.zip(block_outputs).zip(&mut estimates);
+    let new = || (Workspace::default(), Gaps::default());
+    let cost = ESTIMATE_NS * rows.size();
+    rows.each(py, cost, n_threads, outputs, new, |(workspace, gaps), (_, theta), out| {
+        let ((flags, ((mean, variance), weight)), out) = out;
+        let mut blocks = BlockOutput { mean, variance, weight };
+        if omit {
+            gaps.collect(theta);
+            let Gaps { present, outlier, .. } = gaps;
+            *out = estimator
+                .estimate(present.values(), outlier, &mut blocks, workspace)
+                .map_err(|error| present.locate(error))?;
+            present.scatter(outlier, false, flags);
+        } else {
+            *out = estimator.estimate(theta, flags, &mut blocks, workspace)?;
+        }
+        Ok(())
+    })?;
+    let of: [fn(&Estimate) -> f64; 3] = [|e| e.value, |e| e.sigma, |e| e.polarity];
+    let [value, sigma, polarity] = columns(py, rows.batch(), &estimates, of)?;
+    let blocks = (blocks > 0).then_some((mean, variance, weight));
+    Ok((value, sigma, outlier, polarity, blocks))
 }

@@ -1,12 +1,10 @@
 //! Bindings of `tertia::flightplan`.
 
 use crate::arrays::{
-    Output, Samples, array, chunks, numbers, pairs, release, repeated, rows_of, value_error,
+    Array, Input, Integers, Marks, Output, Threads, array, columns, release, value_error,
 };
-use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::flightplan::{
     self, Monitor, Plan, Projection, Sighting, SpeedHistory, TimeOver, Turn, Verdict,
@@ -18,9 +16,6 @@ const SCORE_NS: f64 = 170.0;
 /// Cost of a position or projection by leg, likewise.
 const LEG_NS: f64 = 150.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
-type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
 type Projected<'py> = (Array<'py>, Array<'py>, Array<'py>, Integers<'py>);
 
 /// A flight plan, checked and laid out once.
@@ -37,16 +32,16 @@ impl Route {
     /// Waypoints (N, 2), speeds (N − 1), heights (N, or none), identity (negative: not known).
     #[new]
     fn new(
-        waypoints: &Bound<'_, PyAny>,
-        speeds: &Bound<'_, PyAny>,
-        heights: &Bound<'_, PyAny>,
+        waypoints: Input<'_>,
+        speeds: Input<'_>,
+        heights: Input<'_>,
         start_time: f64,
         bank: f64,
         turn_rate: f64,
         identity: i64,
     ) -> PyResult<Self> {
-        let waypoints = pairs(waypoints, "waypoints")?;
-        let (speeds, heights) = (numbers(speeds, "speeds")?, numbers(heights, "heights")?);
+        let waypoints = waypoints.pairs("waypoints")?;
+        let (speeds, heights) = (speeds.numbers("speeds")?, heights.numbers("heights")?);
         let route =
             flightplan::Route::try_new(&waypoints, &speeds, start_time, &heights, bank, turn_rate)
                 .map_err(value_error)?;
@@ -96,17 +91,12 @@ impl Route {
     fn turns<'py>(&self, py: Python<'py>) -> PyResult<([Array<'py>; 4], [Array<'py>; 3])> {
         let route = &self.plan.route;
         let turns = &route.turns()[..route.legs() - 1];
-        let column = |f: fn(&Turn) -> f64| array(py, &[turns.len()], turns.iter().map(f).collect());
-        let points = |f: fn(&Turn) -> [f64; 2]| {
-            array(py, &[turns.len(), 2], turns.iter().flat_map(f).collect())
-        };
+        let points =
+            |f: fn(&Turn) -> [f64; 2]| array(py, &[turns.len(), 2], turns.iter().flat_map(f));
+        let of: [fn(&Turn) -> f64; 4] =
+            [|turn| turn.angle, |turn| turn.radius, |turn| turn.lead, Turn::arc];
         Ok((
-            [
-                column(|turn| turn.angle)?,
-                column(|turn| turn.radius)?,
-                column(|turn| turn.lead)?,
-                column(Turn::arc)?,
-            ],
+            columns(py, &[turns.len()], turns, of)?,
             [points(|turn| turn.start)?, points(|turn| turn.end)?, points(|turn| turn.centre)?],
         ))
     }
@@ -115,20 +105,15 @@ impl Route {
     fn path<'py>(
         &self,
         py: Python<'py>,
-        values: &Bound<'py, PyAny>,
+        values: Input<'py>,
         are_times: bool,
-    ) -> PyResult<[Array<'py>; 3]> {
+    ) -> PyResult<[Output<'py>; 3]> {
         let route = &self.plan.route;
-        let samples = Samples::extract(values, if are_times { "time" } else { "along_track" })?;
-        let rows = samples.blocks(0)?;
-        let shape = [rows.shape, &[2]].concat();
-        let (mut position, mut direction) = (Output::new(py, &shape)?, Output::new(py, &shape)?);
-        let mut height = Output::new(py, rows.shape)?;
-        let count = rows.values.len();
-        let outputs = chunks(position.values()?, 2, count)
-            .zip(chunks(direction.values()?, 2, count))
-            .zip(height.values()?);
-        release(py, LEG_NS * count as f64, || {
+        let rows = values.blocks(if are_times { "time" } else { "along_track" }, 0)?;
+        let new = |tail: &[usize]| Output::new(py, rows.shape, tail);
+        let (mut position, mut direction, mut height) = (new(&[2])?, new(&[2])?, new(&[])?);
+        let outputs = position.rows()?.zip(direction.rows()?).zip(height.values()?);
+        release(py, LEG_NS * rows.size(), || {
             for (&value, ((position, direction), height)) in rows.values.iter().zip(outputs) {
                 let (p, u) = if are_times { route.at(value) } else { route.path(value) };
                 position.copy_from_slice(&p);
@@ -136,29 +121,22 @@ impl Route {
                 *height = route.height(if are_times { route.distance(value) } else { value });
             }
         });
-        Ok([position.into_array(), direction.into_array(), height.into_array()])
+        Ok([position, direction, height])
     }
 
     /// Along-track and cross-track distances, directions and legs of the nearest points of the path.
-    fn project<'py>(
-        &self,
-        py: Python<'py>,
-        positions: &Bound<'py, PyAny>,
-    ) -> PyResult<Projected<'py>> {
+    fn project<'py>(&self, py: Python<'py>, positions: Input<'py>) -> PyResult<Projected<'py>> {
         let route = &self.plan.route;
-        let samples = Samples::extract(positions, "position")?;
-        let rows = samples.blocks(1)?;
-        let points = pairs(positions, "position")?;
+        let rows = positions.blocks("position", 1)?;
+        let points = positions.pairs("position")?;
         let cost = LEG_NS * (points.len() * route.legs()) as f64;
         let found: Vec<Projection> =
             release(py, cost, || points.iter().map(|&p| route.project(p)).collect());
         let batch = rows.batch();
-        Ok((
-            array(py, batch, found.iter().map(|f| f.along_track).collect())?,
-            array(py, batch, found.iter().map(|f| f.cross_track).collect())?,
-            array(py, rows.shape, found.iter().flat_map(|f| f.course).collect())?,
-            array(py, batch, found.iter().map(|f| f.leg as i64).collect())?,
-        ))
+        let [along, across] = columns(py, batch, &found, [|f| f.along_track, |f| f.cross_track])?;
+        let course = array(py, rows.shape, found.iter().flat_map(|f| f.course))?;
+        let leg = array(py, batch, found.iter().map(|f| f.leg as i64))?;
+        Ok((along, across, course, leg))
     }
 }
 
@@ -173,25 +151,22 @@ impl Route {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Tracks<'py> {
-    time: Bound<'py, PyAny>,
-    position: Bound<'py, PyAny>,
-    velocity: Bound<'py, PyAny>,
-    covariance: Option<Bound<'py, PyAny>>,
-    height: Option<Bound<'py, PyAny>>,
+    time: Input<'py>,
+    position: Input<'py>,
+    velocity: Input<'py>,
+    covariance: Option<Input<'py>>,
+    height: Option<Input<'py>>,
 }
 
 impl Tracks<'_> {
     /// The sightings of all tracks, one after the other, and the shape (..., N).
     fn sightings(&self) -> PyResult<(Vec<Sighting>, Vec<usize>)> {
-        let time = Samples::extract(&self.time, "time")?;
-        let shape = time.shape().to_vec();
-        let time = time.rows(0)?.values.into_owned();
+        let (shape, time) = (self.time.shape().to_vec(), self.time.numbers("time")?);
         let (position, velocity) =
-            (pairs(&self.position, "position")?, pairs(&self.velocity, "velocity")?);
+            (self.position.pairs("position")?, self.velocity.pairs("velocity")?);
         let covariance = self.covariance.as_ref();
-        let covariance =
-            covariance.map(|value| rows_of::<16>(value, "covariance", 2)).transpose()?;
-        let height = self.height.as_ref().map(|value| numbers(value, "height")).transpose()?;
+        let covariance = covariance.map(|value| value.points::<16>("covariance", 2)).transpose()?;
+        let height = self.height.as_ref().map(|value| value.numbers("height")).transpose()?;
         let n = time.len();
         let counts = [
             position.len(),
@@ -215,16 +190,19 @@ impl Tracks<'_> {
 #[pyfunction]
 pub fn plan_speeds<'py>(
     py: Python<'py>,
-    waypoints: &Bound<'py, PyAny>,
-    times: &Bound<'py, PyAny>,
+    waypoints: Input<'py>,
+    times: Input<'py>,
     bank: f64,
     turn_rate: f64,
 ) -> PyResult<Array<'py>> {
-    let (waypoints, times) = (pairs(waypoints, "waypoints")?, numbers(times, "times")?);
+    let (waypoints, times) = (waypoints.pairs("waypoints")?, times.numbers("times")?);
     let route = flightplan::Route::through(&waypoints, &times, &[], bank, turn_rate)
         .map_err(value_error)?;
     array(py, &[route.legs()], route.speeds().to_vec())
 }
+
+/// The index of a track, and where its scores, its plan and the reason go.
+type Row<'a> = (usize, ((&'a mut [f64], &'a mut i64), &'a mut i64));
 
 /// Mean scores (..., M) of tracks (..., N) against M plans, the plan of each, and why.
 #[pyfunction]
@@ -232,45 +210,34 @@ pub fn correlate<'py>(
     py: Python<'py>,
     plans: Vec<PyRef<'py, Route>>,
     tracks: Tracks<'py>,
-    identities: &Bound<'py, PyAny>,
-    n_threads: Option<NonZero<usize>>,
-) -> PyResult<(Array<'py>, Integers<'py>, Integers<'py>)> {
+    identities: Vec<i64>,
+    n_threads: Threads,
+) -> PyResult<(Output<'py>, Output<'py, i64>, Output<'py, i64>)> {
     let names: Vec<i64> = plans.iter().map(|route| route.plan.identity).collect();
     let routes: Vec<&flightplan::Route> = plans.iter().map(|route| &route.plan.route).collect();
     let (seen, shape) = tracks.sightings()?;
     let (&n, batch) = shape.split_last().unwrap_or((&0, &[]));
     let count: usize = batch.iter().product();
-    let identities: Vec<i64> = identities.extract()?;
     if identities.len() != count {
         return Err(PyValueError::new_err("identities must have one for each track"));
     }
-    let mut scores = Output::new(py, &[batch, &[routes.len()]].concat())?;
-    let (mut chosen, mut status) = (repeated(-1_i64, count)?, repeated(0_i64, count)?);
+    let mut scores = Output::new(py, batch, &[routes.len()])?;
+    let (mut chosen, mut status) = (Output::new(py, batch, &[])?, Output::new(py, batch, &[])?);
     let legs: usize = routes.iter().map(|route| route.legs()).sum();
     let cost = SCORE_NS * (legs * n * count) as f64;
-    let outputs = chunks(scores.values()?, routes.len(), count)
-        .zip(chunks(&mut chosen, 1, count))
-        .zip(chunks(&mut status, 1, count))
-        .enumerate();
-    let done = release(py, cost, || {
-        for_each_row(
-            outputs,
-            cost,
-            n_threads,
-            || (),
-            |(), (at, ((scores, chosen), status))| {
-                let seen = &seen[at * n..(at + 1) * n];
-                let plots = flightplan::mean_scores(&routes, seen, scores);
-                let is_same = |plan: usize| names[plan] >= 0 && names[plan] == identities[at];
-                let decision = flightplan::decide(scores, is_same, plots);
-                chosen[0] = decision.plan.map_or(-1, |plan| plan as i64);
-                status[0] = decision.status as i64;
-                Ok(())
-            },
-        )
-    });
-    done.map_err(|failure| value_error(failure.error))?;
-    Ok((scores.into_array(), array(py, batch, chosen)?, array(py, batch, status)?))
+    let outputs = scores.rows()?.zip(chosen.values()?).zip(status.values()?).enumerate();
+    let work = |(): &mut (), (at, ((scores, chosen), status)): Row<'_>| {
+        let seen = &seen[at * n..(at + 1) * n];
+        let plots = flightplan::mean_scores(&routes, seen, scores);
+        let is_same = |plan: usize| names[plan] >= 0 && names[plan] == identities[at];
+        let decision = flightplan::decide(scores, is_same, plots);
+        *chosen = decision.plan.map_or(-1, |plan| plan as i64);
+        *status = decision.status as i64;
+        Ok(())
+    };
+    release(py, cost, || for_each_row(outputs, cost, n_threads, || (), work))
+        .map_err(|failure| value_error(failure.error))?;
+    Ok((scores, chosen, status))
 }
 
 /// Legs, along-track and cross-track distances, cumulative sums, and whether it conforms and may be
@@ -290,14 +257,14 @@ pub fn conformance<'py>(
     });
     let number = |f: fn(&Verdict) -> f64| {
         let values = verdicts.iter().map(|verdict| verdict.as_ref().map_or(f64::NAN, f));
-        array(py, &shape, values.collect())
+        array(py, &shape, values)
     };
     let mark = |f: fn(&Verdict) -> bool| {
-        array(py, &shape, verdicts.iter().map(|verdict| verdict.as_ref().is_some_and(f)).collect())
+        array(py, &shape, verdicts.iter().map(|verdict| verdict.as_ref().is_some_and(f)))
     };
     let legs = verdicts.iter().map(|verdict| verdict.map_or(-1, |verdict| verdict.leg as i64));
     Ok((
-        array(py, &shape, legs.collect())?,
+        array(py, &shape, legs)?,
         [number(|v| v.along_track)?, number(|v| v.cross_track)?, number(|v| v.cusum)?],
         [mark(|v| v.conforms)?, mark(|v| v.in_zone)?],
     ))
@@ -325,10 +292,7 @@ pub fn times_over<'py>(
         });
         (over.collect(), histories.iter().map(SpeedHistory::speed).collect())
     });
-    Ok([
-        array(py, &wide, over.iter().map(|over| over.time).collect())?,
-        array(py, &wide, over.iter().map(|over| over.sigma).collect())?,
-        array(py, &shape, speeds.iter().map(|(speed, _)| *speed).collect())?,
-        array(py, &shape, speeds.iter().map(|(_, sigma)| *sigma).collect())?,
-    ])
+    let [time, time_sigma] = columns(py, &wide, &over, [|over| over.time, |over| over.sigma])?;
+    let [speed, speed_sigma] = columns(py, &shape, &speeds, [|speed| speed.0, |speed| speed.1])?;
+    Ok([time, time_sigma, speed, speed_sigma])
 }

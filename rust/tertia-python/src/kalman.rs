@@ -1,14 +1,13 @@
 //! Bindings of `tertia::kalman`.
 
 use crate::arrays::{
-    Output, Rows, Samples, array, chunks, release, room_for, value_error, writable,
+    Array, Input, Integers, Marks, Output, Rows, Threads, array, choice, chunks, release, room_for,
+    value_error, writable,
 };
-use crate::screening::unknown;
-use numpy::{PyArrayDyn, PyReadwriteArrayDyn};
+use numpy::PyReadwriteArrayDyn;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::num::NonZero;
 use tertia::batch::RowError;
 use tertia::kalman::{
     self, End, Filter, Innovation, NoiseFit, Recording, Row, Singer, State, Steps, Table,
@@ -19,9 +18,6 @@ use tertia::kalman::{
 const FILTER_NS: f64 = 20.0;
 /// Cost of a step of the smoother, likewise.
 const SMOOTH_NS: f64 = 120.0;
-
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Threads = Option<NonZero<usize>>;
 
 /// What is taken from a `SingerModel`.
 #[derive(Clone, Copy, FromPyObject)]
@@ -65,42 +61,23 @@ pub fn consistency_bounds(
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Batch<'py> {
-    z: Bound<'py, PyAny>,
-    variance: Bound<'py, PyAny>,
-    dt: Bound<'py, PyAny>,
-    initial: Option<Bound<'py, PyAny>>,
+    z: Input<'py>,
+    variance: Input<'py>,
+    dt: Input<'py>,
+    initial: Option<Input<'py>>,
     model: Model,
     period: Option<f64>,
 }
 
-/// The same, extracted.
-struct Samplings<'py> {
-    z: Samples<'py>,
-    variance: Samples<'py>,
-    dt: Samples<'py>,
-    initial: Option<Samples<'py>>,
-}
-
-impl<'py> Batch<'py> {
-    fn extract(&self) -> PyResult<Samplings<'py>> {
-        let initial = self.initial.as_ref();
-        Ok(Samplings {
-            z: Samples::extract(&self.z, "z")?,
-            variance: Samples::extract(&self.variance, "measurement_variance")?,
-            dt: Samples::extract(&self.dt, "time")?,
-            initial: initial.map(|value| Samples::extract(value, "initial")).transpose()?,
-        })
-    }
-}
-
-impl Samplings<'_> {
-    /// The same, contiguous.
+impl Batch<'_> {
+    /// The rows, contiguous.
     fn rows(&self) -> PyResult<Inputs<'_>> {
+        let initial = self.initial.as_ref();
         Ok(Inputs {
-            z: self.z.rows(1)?,
-            variance: self.variance.rows(1)?,
-            dt: self.dt.rows(0)?,
-            initial: self.initial.as_ref().map(|samples| samples.rows(12)).transpose()?,
+            z: self.z.rows("z", 1)?,
+            variance: self.variance.rows("measurement_variance", 1)?,
+            dt: self.dt.rows("time", 0)?,
+            initial: initial.map(|initial| initial.rows("initial", 12)).transpose()?,
         })
     }
 }
@@ -119,22 +96,10 @@ impl Inputs<'_> {
         let (variance, dt, model) = (table(&self.variance), table(&self.dt), singer(model)?);
         kalman::Batch::try_new(z, variance, dt, initial, model, period).map_err(value_error)
     }
-
-    /// Plots in all.
-    fn size(&self) -> f64 {
-        self.z.values.len() as f64
-    }
 }
 
 fn table<'a>(rows: &'a Rows<'_>) -> Table<'a> {
     Table::new(&rows.values, rows.len())
-}
-
-/// Row `row`, or the only one.
-pub fn shared<'a>(rows: &'a Rows<'_>, row: usize) -> &'a [f64] {
-    let n = rows.len();
-    let start = if rows.count() == 1 { 0 } else { row * n };
-    &rows.values[start..start + n]
 }
 
 /// What the kernel fills: means, upper triangles of covariances, innovations and their variances of
@@ -150,17 +115,12 @@ pub fn filter_series<'py>(
     store: &str,
     filled: Filled<'py>,
     n_threads: Threads,
-) -> PyResult<([Array<'py>; 3], Bound<'py, PyArrayDyn<i64>>)> {
-    let samplings = batch.extract()?;
-    let inputs = samplings.rows()?;
+) -> PyResult<([Array<'py>; 3], Integers<'py>)> {
+    let inputs = batch.rows()?;
     let series = inputs.batch(batch.model, batch.period)?;
     let (n, count) = (inputs.z.len(), inputs.z.count());
-    let (many, every) = match store {
-        "all" => (n, n),
-        "mean" => (n, 0),
-        "final" => (0, 0),
-        other => return Err(unknown("store", other, "'all', 'mean' or 'final'")),
-    };
+    let (many, every) =
+        choice("store", store, &[("all", (n, n)), ("mean", (n, 0)), ("final", (0, 0))])?;
     let shape = |tail: &[usize]| [inputs.z.batch(), tail].concat();
     let [mut mean, mut covariance, mut innovation, mut variance] = filled;
     let steps = chunks(writable(&mut mean, &shape(&[many, 3]), "mean")?, 3 * many, count)
@@ -172,21 +132,16 @@ pub fn filter_series<'py>(
         let steps = Steps { mean, covariance, innovation, variance };
         Row { steps, end: End::NONE }
     }));
-    let cost = FILTER_NS * inputs.size();
+    let cost = FILTER_NS * inputs.z.size();
     release(py, cost, || series.filter(&mut rows, cost, n_threads))
         .map_err(|failure| inputs.z.error(failure))?;
     let ends: Vec<End> = rows.into_iter().map(|row| row.end).collect();
     let last = |tail: usize, of: fn(&End) -> &[f64]| {
-        array(py, &shape(&[tail]), ends.iter().flat_map(of).copied().collect())
+        array(py, &shape(&[tail]), ends.iter().flat_map(of).copied())
     };
-    let likelihood = ends.iter().map(|end| end.log_likelihood).collect();
-    let counts = ends.iter().map(|end| end.count as i64).collect();
-    let arrays = [
-        last(3, |end| &end.mean)?,
-        last(6, |end| &end.covariance)?,
-        array(py, &shape(&[]), likelihood)?,
-    ];
-    Ok((arrays, array(py, &shape(&[]), counts)?))
+    let likelihood = array(py, inputs.z.batch(), ends.iter().map(|end| end.log_likelihood))?;
+    let count = array(py, inputs.z.batch(), ends.iter().map(|end| end.count as i64))?;
+    Ok(([last(3, |end| &end.mean)?, last(6, |end| &end.covariance)?, likelihood], count))
 }
 
 /// Smoothed states: means and upper triangles of covariances of all steps.
@@ -195,18 +150,16 @@ pub fn smooth_series<'py>(
     py: Python<'py>,
     batch: Batch<'py>,
     n_threads: Threads,
-) -> PyResult<(Array<'py>, Array<'py>)> {
-    let samplings = batch.extract()?;
-    let inputs = samplings.rows()?;
+) -> PyResult<(Output<'py>, Output<'py>)> {
+    let inputs = batch.rows()?;
     let series = inputs.batch(batch.model, batch.period)?;
-    let (n, count) = (inputs.z.len(), inputs.z.count());
-    let mut mean = Output::new(py, &[inputs.z.shape, &[3]].concat())?;
-    let mut covariance = Output::new(py, &[inputs.z.shape, &[6]].concat())?;
-    let rows = chunks(mean.values()?, 3 * n, count).zip(chunks(covariance.values()?, 6 * n, count));
-    let cost = SMOOTH_NS * inputs.size();
+    let new = |size| Output::new(py, inputs.z.batch(), &[inputs.z.len(), size]);
+    let (mut mean, mut covariance) = (new(3)?, new(6)?);
+    let rows = mean.rows()?.zip(covariance.rows()?);
+    let cost = SMOOTH_NS * inputs.z.size();
     release(py, cost, || series.smooth(rows, cost, n_threads))
         .map_err(|failure| inputs.z.error(failure))?;
-    Ok((mean.into_array(), covariance.into_array()))
+    Ok((mean, covariance))
 }
 
 /// Alpha, acceleration sigma, sigma of the plots; their sigmas; that of the density; log L, number
@@ -218,14 +171,13 @@ type Fit = ([f64; 3], [f64; 3], f64, f64, usize, Vec<&'static str>);
 #[pyfunction]
 pub fn fit_noise<'py>(
     py: Python<'py>,
-    z: &Bound<'py, PyAny>,
-    dt: &Bound<'py, PyAny>,
+    z: Input<'py>,
+    dt: Input<'py>,
     period: Option<f64>,
     outlier_gate: Option<f64>,
     n_threads: Threads,
-) -> PyResult<(Fit, Bound<'py, PyArrayDyn<bool>>)> {
-    let (z, dt) = (Samples::extract(z, "z")?, Samples::extract(dt, "time")?);
-    let (z, dt) = (z.rows(1)?, dt.rows(0)?);
+) -> PyResult<(Fit, Marks<'py>)> {
+    let (z, dt) = (z.rows("z", 1)?, dt.rows("time", 0)?);
     for (row, plots) in z.iter().enumerate() {
         kalman::require_plots(plots).map_err(|error| z.error(RowError { row, error }))?;
     }

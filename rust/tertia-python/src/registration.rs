@@ -1,7 +1,7 @@
 //! Bindings of `tertia::registration`.
 
-use crate::arrays::{array, numbers, pairs, release, rows_of};
-use numpy::{PyArrayDyn, PyReadonlyArray1};
+use crate::arrays::{Array, Input, Integers, array, release};
+use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::registration::{self as core, Common, Level, PolarPlot, Row, Site};
@@ -9,21 +9,19 @@ use tertia::registration::{self as core, Common, Level, PolarPlot, Row, Site};
 /// Cost of a row of a table or an instant of a radar, for releasing the interpreter's lock.
 const ROW_NS: f64 = 500.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 type Levels<'py> = [Array<'py>; 2];
 
 /// A table of tracks, of which these columns count.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Table<'py> {
-    time: Bound<'py, PyAny>,
+    time: Input<'py>,
     track: PyReadonlyArray1<'py, i64>,
     plot: PyReadonlyArray1<'py, i64>,
     confirmed: PyReadonlyArray1<'py, bool>,
-    state: Bound<'py, PyAny>,
-    covariance: Bound<'py, PyAny>,
-    turn_probability: Bound<'py, PyAny>,
+    state: Input<'py>,
+    covariance: Input<'py>,
+    turn_probability: Input<'py>,
     track_of_plot: PyReadonlyArray1<'py, i64>,
 }
 
@@ -31,10 +29,10 @@ pub struct Table<'py> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct States<'py> {
-    time: Bound<'py, PyAny>,
+    time: Input<'py>,
     track: PyReadonlyArray1<'py, i64>,
-    state: Bound<'py, PyAny>,
-    covariance: Bound<'py, PyAny>,
+    state: Input<'py>,
+    covariance: Input<'py>,
 }
 
 /// Plots that updated the tracks of one radar, and the rows that they updated.
@@ -42,20 +40,20 @@ pub struct States<'py> {
 #[pyo3(from_item_all)]
 pub struct Updates<'py> {
     track: PyReadonlyArray1<'py, i64>,
-    turn_probability: Bound<'py, PyAny>,
-    row_time: Bound<'py, PyAny>,
-    time: Bound<'py, PyAny>,
-    range: Bound<'py, PyAny>,
-    azimuth: Bound<'py, PyAny>,
-    height: Bound<'py, PyAny>,
+    turn_probability: Input<'py>,
+    row_time: Input<'py>,
+    time: Input<'py>,
+    range: Input<'py>,
+    azimuth: Input<'py>,
+    height: Input<'py>,
 }
 
 impl Table<'_> {
     fn read(&self) -> PyResult<core::Table> {
         let (time, turning) =
-            (numbers(&self.time, "time")?, numbers(&self.turn_probability, "turn_probability")?);
-        let state = rows_of::<4>(&self.state, "state", 1)?;
-        let covariance = rows_of::<16>(&self.covariance, "covariance", 2)?;
+            (self.time.numbers("time")?, self.turn_probability.numbers("turn_probability")?);
+        let state = self.state.points::<4>("state", 1)?;
+        let covariance = self.covariance.points::<16>("covariance", 2)?;
         let (track, plot) = (self.track.as_slice()?, self.plot.as_slice()?);
         let confirmed = self.confirmed.as_slice()?;
         let counts = [turning.len(), state.len(), covariance.len(), track.len(), plot.len()];
@@ -76,9 +74,9 @@ impl Table<'_> {
 
 impl States<'_> {
     fn read(&self, radars: usize) -> PyResult<Common> {
-        let (time, track) = (numbers(&self.time, "time")?, self.track.as_slice()?.to_vec());
-        let state = rows_of::<4>(&self.state, "state", 1)?;
-        let covariance = rows_of::<16>(&self.covariance, "covariance", 2)?;
+        let (time, track) = (self.time.numbers("time")?, self.track.as_slice()?.to_vec());
+        let state = self.state.points::<4>("state", 1)?;
+        let covariance = self.covariance.points::<16>("covariance", 2)?;
         let count = time.len() * radars;
         same_length(count, &[track.len() * radars, state.len(), covariance.len()])?;
         Ok(Common { time, track, state, covariance, ..Common::default() })
@@ -100,17 +98,17 @@ pub fn register_noise<'py>(
     updates: Updates<'py>,
     azimuth_sigma: f64,
     scan_period: f64,
-    edges: &Bound<'py, PyAny>,
+    edges: Input<'py>,
 ) -> PyResult<[Levels<'py>; 2]> {
-    let edges = numbers(edges, "edges")?;
+    let edges = edges.numbers("edges")?;
     let track = updates.track.as_slice()?;
     let columns = [
-        numbers(&updates.turn_probability, "turn_probability")?,
-        numbers(&updates.row_time, "row_time")?,
-        numbers(&updates.time, "time")?,
-        numbers(&updates.range, "range")?,
-        numbers(&updates.azimuth, "azimuth")?,
-        numbers(&updates.height, "height")?,
+        updates.turn_probability.numbers("turn_probability")?,
+        updates.row_time.numbers("row_time")?,
+        updates.time.numbers("time")?,
+        updates.range.numbers("range")?,
+        updates.azimuth.numbers("azimuth")?,
+        updates.height.numbers("height")?,
     ];
     same_length(track.len(), &columns.each_ref().map(Vec::len))?;
     let [turning, row_time, time, range, azimuth, height] = columns;
@@ -128,7 +126,7 @@ pub fn register_noise<'py>(
         core::noise(&core::lines(plots, azimuth_sigma, scan_period), &edges)
     });
     let levels = |levels: &[[Level; 2]], shape: &[usize]| -> PyResult<Levels<'py>> {
-        let of = |f: fn(&Level) -> f64| array(py, shape, levels.iter().flatten().map(f).collect());
+        let of = |f: fn(&Level) -> f64| array(py, shape, levels.iter().flatten().map(f));
         Ok([of(|level| level.value)?, of(|level| level.sigma)?])
     };
     Ok([levels(&[found.whole], &[2])?, levels(&found.stretches, &[found.stretches.len(), 2])?])
@@ -169,10 +167,10 @@ pub fn common_states<'py>(
 pub fn register_biases<'py>(
     py: Python<'py>,
     states: States<'py>,
-    positions: &Bound<'py, PyAny>,
-    sigmas: &Bound<'py, PyAny>,
+    positions: Input<'py>,
+    sigmas: Input<'py>,
 ) -> PyResult<Levels<'py>> {
-    let (positions, sigmas) = (pairs(positions, "positions")?, pairs(sigmas, "sigmas")?);
+    let (positions, sigmas) = (positions.pairs("positions")?, sigmas.pairs("sigmas")?);
     same_length(positions.len(), &[sigmas.len()])?;
     let sites: Vec<Site> = positions
         .into_iter()
@@ -195,12 +193,12 @@ pub fn register_biases<'py>(
 pub fn correct_states<'py>(
     py: Python<'py>,
     states: States<'py>,
-    positions: &Bound<'py, PyAny>,
-    biases: &Bound<'py, PyAny>,
-    factors: &Bound<'py, PyAny>,
+    positions: Input<'py>,
+    biases: Input<'py>,
+    factors: Input<'py>,
 ) -> PyResult<Levels<'py>> {
-    let (positions, biases) = (pairs(positions, "positions")?, pairs(biases, "biases")?);
-    let factors = pairs(factors, "factors")?;
+    let (positions, biases) = (positions.pairs("positions")?, biases.pairs("biases")?);
+    let factors = factors.pairs("factors")?;
     let k = positions.len();
     let mut common = states.read(k)?;
     same_length(k, &[biases.len()])?;

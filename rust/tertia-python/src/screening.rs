@@ -1,10 +1,12 @@
 //! Bindings of `tertia::screening`.
 
-use crate::arrays::{Gaps, Output, Rows, Samples, array, chunks, repeated, value_error};
-use numpy::{PyArrayDyn, PyReadonlyArray1};
+use crate::arrays::{
+    Array, Gaps, Input, Integers, Output, Rows, Threads, array, choice, columns, release, repeated,
+    unknown, value_error,
+};
+use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::num::NonZero;
 use tertia::Moments;
 use tertia::batch::for_each_row;
 use tertia::screening::{
@@ -23,65 +25,58 @@ const TAIL_NS: f64 = 500.0;
 /// Cost of a sine, a cosine and a median, likewise.
 const ANGLE_NS: f64 = 40.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Mask<'py> = Bound<'py, PyArrayDyn<bool>>;
-type Screened<'py> = (Mask<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>);
+type Two<'py> = (Output<'py>, Output<'py>);
+type Screened<'py> = (Output<'py, bool>, Output<'py>, Array<'py>, Array<'py>, Array<'py>);
 
 /// Leave-one-out mean and variance of every measurement.
 #[pyfunction]
 pub fn leave_one_out_statistics<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
-    n_threads: Option<NonZero<usize>>,
-) -> PyResult<(Array<'py>, Array<'py>)> {
-    two_columns(py, y, STREAM_NS, n_threads, screening::statistics)
+    y: Input<'py>,
+    n_threads: Threads,
+) -> PyResult<Two<'py>> {
+    two_columns(py, &y, STREAM_NS, n_threads, screening::statistics)
 }
 
 /// Two numbers for every measurement.
 fn two_columns<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: &Input<'py>,
     nanoseconds: f64,
-    n_threads: Option<NonZero<usize>>,
-    kernel: impl Fn(&[f64], &mut [f64], &mut [f64]) -> tertia::Result<()> + Sync,
-) -> PyResult<(Array<'py>, Array<'py>)> {
-    let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows(3)?;
-    let (n, count) = (rows.len(), rows.count());
-    let (mut first, mut second) = (Output::new(py, rows.shape)?, Output::new(py, rows.shape)?);
-    let (a, b) = (first.values()?, second.values()?);
-    let cost = nanoseconds * (n * count) as f64;
-    let items = rows.iter().zip(chunks(a, n, count).zip(chunks(b, n, count)));
-    let work = |(): &mut (), (y, (a, b)): (&[f64], (&mut [f64], &mut [f64]))| kernel(y, a, b);
-    py.detach(|| for_each_row(items, cost, n_threads, || (), work))
-        .map_err(|failure| rows.error(failure))?;
-    Ok((first.into_array(), second.into_array()))
+    n_threads: Threads,
+    kernel: impl Fn(&[f64], &mut [f64], &mut [f64]) -> tertia::Result<()> + Sync + Send,
+) -> PyResult<Two<'py>> {
+    let rows = y.rows("y", 3)?;
+    let (mut first, mut second) = (rows.output(py)?, rows.output(py)?);
+    let outputs = first.rows()?.zip(second.rows()?);
+    let cost = nanoseconds * rows.size();
+    rows.each(py, cost, n_threads, outputs, || (), |(), (_, y), (a, b)| kernel(y, a, b))?;
+    Ok((first, second))
 }
 
 /// Mask of the leave-one-out rule with frozen statistics.
 #[pyfunction]
 pub fn leave_one_out_mask<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: Input<'py>,
     k: f64,
-    n_threads: Option<NonZero<usize>>,
-) -> PyResult<Mask<'py>> {
+    n_threads: Threads,
+) -> PyResult<Output<'py, bool>> {
     // also where there is no row to find it out
     LeaveOneOutRule::try_new(k, Statistics::Frozen, Direction::Forward, true, 1)
         .map_err(value_error)?;
-    let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows(3)?;
-    let (n, count) = (rows.len(), rows.count());
-    let mut outlier = Output::new(py, rows.shape)?;
-    let flags = outlier.values()?;
-    let cost = STREAM_NS * (n * count) as f64;
-    py.detach(|| {
-        let work = |(): &mut (), (y, flags): (&[f64], &mut [bool])| screening::mask(y, k, flags);
-        let items = rows.iter().zip(chunks(flags, n, count));
-        for_each_row(items, cost, n_threads, || (), work)
-    })
-    .map_err(|failure| rows.error(failure))?;
-    Ok(outlier.into_array())
+    let rows = y.rows("y", 3)?;
+    let mut outlier = rows.output(py)?;
+    let cost = STREAM_NS * rows.size();
+    rows.each(
+        py,
+        cost,
+        n_threads,
+        outlier.rows()?,
+        || (),
+        |(), (_, y), flags| screening::mask(y, k, flags),
+    )?;
+    Ok(outlier)
 }
 
 /// Screening by the leave-one-out rule.
@@ -89,42 +84,36 @@ pub fn leave_one_out_mask<'py>(
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn leave_one_out<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: Input<'py>,
     k: f64,
     statistics: &str,
     direction: &str,
     replace: bool,
     passes: usize,
     omit: bool,
-    n_threads: Option<NonZero<usize>>,
+    n_threads: Threads,
 ) -> PyResult<Screened<'py>> {
-    let statistics = match statistics {
-        "sequential" => Statistics::Sequential,
-        "frozen" => Statistics::Frozen,
-        other => return Err(unknown("statistics", other, "'sequential' or 'frozen'")),
-    };
-    let direction = match direction {
-        "forward" => Direction::Forward,
-        "backward" => Direction::Backward,
-        other => return Err(unknown("direction", other, "'forward' or 'backward'")),
-    };
+    let choices = [("sequential", Statistics::Sequential), ("frozen", Statistics::Frozen)];
+    let statistics = choice("statistics", statistics, &choices)?;
+    let choices = [("forward", Direction::Forward), ("backward", Direction::Backward)];
+    let direction = choice("direction", direction, &choices)?;
     let rule = LeaveOneOutRule::try_new(k, statistics, direction, replace, passes);
     let rule = rule.map_err(value_error)?;
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
     };
-    screen(py, y, 3, SCREEN_NS, omit, n_threads, Vec::new, kernel)
+    screen(py, &y, 3, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
 /// Screening by the k-sigma rule.
 #[pyfunction]
 pub fn k_sigma<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: Input<'py>,
     k: f64,
     replace: Option<&str>,
     omit: bool,
-    n_threads: Option<NonZero<usize>>,
+    n_threads: Threads,
 ) -> PyResult<Screened<'py>> {
     let replacement = match replace {
         Some("neighbours") => Replacement::Neighbours,
@@ -136,7 +125,7 @@ pub fn k_sigma<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
         rule.screen(y, outlier, cleaned, scratch)
     };
-    screen(py, y, 2, SCREEN_NS, omit, n_threads, Vec::new, kernel)
+    screen(py, &y, 2, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
 /// Detection of points and bursts.
@@ -144,7 +133,7 @@ pub fn k_sigma<'py>(
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn bursts<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: Input<'py>,
     point_penalty: f64,
     burst_penalty: f64,
     min_burst: usize,
@@ -152,7 +141,7 @@ pub fn bursts<'py>(
     correlation: f64,
     rounding: f64,
     omit: bool,
-    n_threads: Option<NonZero<usize>>,
+    n_threads: Threads,
 ) -> PyResult<Screened<'py>> {
     let lengths = (min_burst, max_burst);
     let rule = BurstRule::try_new(point_penalty, burst_penalty, lengths, correlation, rounding);
@@ -160,83 +149,63 @@ pub fn bursts<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
         rule.screen(y, outlier, cleaned, work)
     };
-    screen(py, y, 3, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
+    screen(py, &y, 3, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
 }
 
 /// Runs a screening kernel over all rows.
 #[allow(clippy::too_many_arguments)] // what the three callers have in common
 fn screen<'py, S>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: &Input<'py>,
     minimum: usize,
     nanoseconds: f64,
     omit: bool,
-    n_threads: Option<NonZero<usize>>,
-    state: impl Fn() -> S + Sync,
-    kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync,
+    n_threads: Threads,
+    state: impl Fn() -> S + Sync + Send,
+    kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync + Send,
 ) -> PyResult<Screened<'py>> {
-    let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows(if omit { 0 } else { minimum })?;
-    let (n, count) = (rows.len(), rows.count());
-    let mut outlier = Output::new(py, rows.shape)?;
-    let mut cleaned = Output::new(py, rows.shape)?;
-    let (outliers, cleaneds) = (outlier.values()?, cleaned.values()?);
-    let mut summaries = repeated(Summary { mean: 0.0, variance: 0.0, threshold: 0.0 }, count)?;
-    let cost = nanoseconds * (n * count) as f64;
-    py.detach(|| {
-        let outputs = chunks(outliers, n, count).zip(chunks(cleaneds, n, count));
-        let items = rows.iter().zip(outputs.zip(&mut summaries));
-        let new = || (state(), Gaps::default());
-        for_each_row(items, cost, n_threads, new, |(state, gaps), (y, ((flags, kept), out))| {
-            if omit {
-                gaps.collect(y);
-                let Gaps { present, outlier, cleaned } = gaps;
-                *out = kernel(present.values(), outlier, cleaned, state)
-                    .map_err(|error| present.locate(error))?;
-                present.scatter(outlier, false, flags);
-                present.scatter(cleaned, f64::NAN, kept);
-            } else {
-                *out = kernel(y, flags, kept, state)?;
-            }
-            Ok(())
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let column =
-        |f: fn(&Summary) -> f64| array(py, rows.batch(), summaries.iter().map(f).collect());
-    Ok((
-        outlier.into_array(),
-        cleaned.into_array(),
-        column(|s| s.mean)?,
-        column(|s| s.variance)?,
-        column(|s| s.threshold)?,
-    ))
+    let rows = y.rows("y", if omit { 0 } else { minimum })?;
+    let (mut outlier, mut cleaned) = (rows.output(py)?, rows.output(py)?);
+    let none = Summary { mean: 0.0, variance: 0.0, threshold: 0.0 };
+    let mut summaries = repeated(none, rows.count())?;
+    let outputs = outlier.rows()?.zip(cleaned.rows()?).zip(&mut summaries);
+    let new = || (state(), Gaps::default());
+    let cost = nanoseconds * rows.size();
+    rows.each(py, cost, n_threads, outputs, new, |(state, gaps), (_, y), ((flags, kept), out)| {
+        if omit {
+            gaps.collect(y);
+            let Gaps { present, outlier, cleaned } = gaps;
+            *out = kernel(present.values(), outlier, cleaned, state)
+                .map_err(|error| present.locate(error))?;
+            present.scatter(outlier, false, flags);
+            present.scatter(cleaned, f64::NAN, kept);
+        } else {
+            *out = kernel(y, flags, kept, state)?;
+        }
+        Ok(())
+    })?;
+    let of: [fn(&Summary) -> f64; 3] = [|s| s.mean, |s| s.variance, |s| s.threshold];
+    let [mean, variance, threshold] = columns(py, rows.batch(), &summaries, of)?;
+    Ok((outlier, cleaned, mean, variance, threshold))
 }
 
 /// Angles unwrapped about their circular median.
 #[pyfunction]
 pub fn unwrap_about_median<'py>(
     py: Python<'py>,
-    theta: &Bound<'py, PyAny>,
+    theta: Input<'py>,
     period: f64,
-    n_threads: Option<NonZero<usize>>,
-) -> PyResult<Array<'py>> {
+    n_threads: Threads,
+) -> PyResult<Output<'py>> {
     // also where there is no row to find it out
     screening::require_period(period).map_err(value_error)?;
-    let samples = Samples::extract(theta, "theta")?;
-    let rows = samples.rows(1)?;
-    let (n, count) = (rows.len(), rows.count());
-    let mut unwrapped = Output::new(py, rows.shape)?;
-    let angles = unwrapped.values()?;
-    let cost = ANGLE_NS * (n * count) as f64;
-    py.detach(|| {
-        let items = rows.iter().zip(chunks(angles, n, count));
-        for_each_row(items, cost, n_threads, Vec::new, |scratch, (theta, out)| {
-            screening::unwrap_about_median(theta, period, out, scratch)
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    Ok(unwrapped.into_array())
+    let rows = theta.rows("theta", 1)?;
+    let mut unwrapped = rows.output(py)?;
+    let cost = ANGLE_NS * rows.size();
+    rows.each(py, cost, n_threads, unwrapped.rows()?, Vec::new, |scratch, (_, theta), out| {
+        screening::unwrap_about_median(theta, period, out, scratch)
+    })?;
+    Ok(unwrapped)
 }
 
 /// Tests of `x[i]` against the others `y[row[i]]`, sigma known.
@@ -245,11 +214,11 @@ pub fn z_test<'py>(
     py: Python<'py>,
     x: PyReadonlyArray1<'py, f64>,
     row: PyReadonlyArray1<'py, i64>,
-    y: &Bound<'py, PyAny>,
+    y: Input<'py>,
     sigma: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let sigma = sigma.as_array().to_vec();
-    one_by_one(py, &x, &row, y, 1, |i, x, others| screening::z_test(x, others, sigma[i]))
+    one_by_one(py, &x, &row, &y, 1, |i, x, others| screening::z_test(x, others, sigma[i]))
 }
 
 /// Tests of `x[i]` against the others `y[row[i]]`, sigma unknown.
@@ -258,9 +227,9 @@ pub fn t_test<'py>(
     py: Python<'py>,
     x: PyReadonlyArray1<'py, f64>,
     row: PyReadonlyArray1<'py, i64>,
-    y: &Bound<'py, PyAny>,
+    y: Input<'py>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    one_by_one(py, &x, &row, y, 2, |_, x, others| screening::t_test(x, others))
+    one_by_one(py, &x, &row, &y, 2, |_, x, others| screening::t_test(x, others))
 }
 
 /// The index of a test, its value and row, and where its statistic and p-value go.
@@ -271,31 +240,34 @@ fn one_by_one<'py>(
     py: Python<'py>,
     x: &PyReadonlyArray1<'py, f64>,
     row: &PyReadonlyArray1<'py, i64>,
-    y: &Bound<'py, PyAny>,
+    y: &Input<'py>,
     minimum: usize,
-    test: impl Fn(usize, f64, &Moments) -> tertia::Result<screening::OutlierTest> + Sync,
+    test: impl Fn(usize, f64, &Moments) -> tertia::Result<screening::OutlierTest> + Sync + Send,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let samples = Samples::extract(y, "y")?;
-    let rows = samples.rows(minimum)?;
+    let rows = y.rows("y", minimum)?;
     let (x, row) = (x.as_array().to_vec(), row.as_array().to_vec());
     let moments = |y: &[f64]| Ok(Some(Moments::of("y", y)?));
     let others = per_row(py, &rows, None, moments)?;
     let mut results = repeated((0.0, 0.0), x.len())?;
     let cost = TAIL_NS * x.len() as f64;
     let items = x.iter().zip(&row).enumerate().zip(&mut results);
-    let work = |(): &mut (), ((i, (&x, &row)), out): Job<'_>| {
-        if let Some(others) = &others[row as usize] {
-            let result = test(i, x, others)?;
-            *out = (result.statistic, result.pvalue);
-        }
-        Ok(())
-    };
-    py.detach(|| for_each_row(items, cost, None, || (), work))
-        .map_err(|failure| value_error(failure.error))?;
-    Ok((
-        array(py, &[x.len()], results.iter().map(|r| r.0).collect())?,
-        array(py, &[x.len()], results.iter().map(|r| r.1).collect())?,
-    ))
+    release(py, cost, || {
+        for_each_row(
+            items,
+            cost,
+            None,
+            || (),
+            |(), ((i, (&x, &row)), out)| {
+                if let Some(others) = &others[row as usize] {
+                    let result = test(i, x, others)?;
+                    *out = (result.statistic, result.pvalue);
+                }
+                Ok(())
+            },
+        )
+    })
+    .map_err(|failure| value_error(failure.error))?;
+    Ok(columns(py, &[x.len()], &results, [|r| r.0, |r| r.1])?.into())
 }
 
 /// One result for every row, in the order of the rows.
@@ -303,66 +275,64 @@ fn per_row<R: Clone + Send>(
     py: Python<'_>,
     rows: &Rows<'_>,
     empty: R,
-    kernel: impl Fn(&[f64]) -> tertia::Result<R> + Sync,
+    kernel: impl Fn(&[f64]) -> tertia::Result<R> + Sync + Send,
 ) -> PyResult<Vec<R>> {
     let mut results = repeated(empty, rows.count())?;
-    let cost = STREAM_NS * (rows.len() * rows.count()) as f64;
-    let items = rows.iter().zip(&mut results);
-    let work = |(): &mut (), (y, out): (&[f64], &mut R)| {
-        *out = kernel(y)?;
-        Ok(())
-    };
-    py.detach(|| for_each_row(items, cost, None, || (), work))
-        .map_err(|failure| rows.error(failure))?;
+    let cost = STREAM_NS * rows.size();
+    rows.each(
+        py,
+        cost,
+        None,
+        results.iter_mut(),
+        || (),
+        |(), (_, y), out| {
+            *out = kernel(y)?;
+            Ok(())
+        },
+    )?;
     Ok(results)
 }
 
-type Extreme<'py> = (Bound<'py, PyArrayDyn<i64>>, Array<'py>, Array<'py>);
+type Extreme<'py> = (Integers<'py>, Array<'py>, Array<'py>);
 
 /// Index, statistic and p-value of one test per row.
 fn extreme<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
+    y: &Input<'py>,
     name: &'static str,
     minimum: usize,
-    test: impl Fn(&[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync,
+    test: impl Fn(&[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync + Send,
 ) -> PyResult<Extreme<'py>> {
-    let samples = Samples::extract(y, name)?;
-    let rows = samples.rows(minimum)?;
+    let rows = y.rows(name, minimum)?;
     let results = per_row(py, &rows, (0, 0.0, 0.0), |y| {
         let (index, result) = test(y)?;
         Ok((index as i64, result.statistic, result.pvalue))
     })?;
-    Ok((
-        array(py, rows.batch(), results.iter().map(|r| r.0).collect())?,
-        array(py, rows.batch(), results.iter().map(|r| r.1).collect())?,
-        array(py, rows.batch(), results.iter().map(|r| r.2).collect())?,
-    ))
+    let index = array(py, rows.batch(), results.iter().map(|r| r.0))?;
+    let [statistic, pvalue] = columns(py, rows.batch(), &results, [|r| r.1, |r| r.2])?;
+    Ok((index, statistic, pvalue))
 }
 
 /// Thompson's tau of every measurement and its p-value.
 #[pyfunction]
-pub fn thompson_tau<'py>(
-    py: Python<'py>,
-    y: &Bound<'py, PyAny>,
-) -> PyResult<(Array<'py>, Array<'py>)> {
-    two_columns(py, y, TAIL_NS, None, screening::thompson_tau)
+pub fn thompson_tau<'py>(py: Python<'py>, y: Input<'py>) -> PyResult<Two<'py>> {
+    two_columns(py, &y, TAIL_NS, None, screening::thompson_tau)
 }
 
 /// Grubbs' test of every row.
 #[pyfunction]
-pub fn grubbs<'py>(py: Python<'py>, y: &Bound<'py, PyAny>) -> PyResult<Extreme<'py>> {
-    extreme(py, y, "y", 3, screening::grubbs)
+pub fn grubbs<'py>(py: Python<'py>, y: Input<'py>) -> PyResult<Extreme<'py>> {
+    extreme(py, &y, "y", 3, screening::grubbs)
 }
 
 /// Cochran's test of every row of variances.
 #[pyfunction]
 pub fn cochran<'py>(
     py: Python<'py>,
-    variances: &Bound<'py, PyAny>,
+    variances: Input<'py>,
     degrees_of_freedom: f64,
 ) -> PyResult<Extreme<'py>> {
-    extreme(py, variances, "variances", 2, |d| screening::cochran(d, degrees_of_freedom))
+    extreme(py, &variances, "variances", 2, |d| screening::cochran(d, degrees_of_freedom))
 }
 
 /// Threshold of a test.
@@ -398,9 +368,9 @@ fn parse_test(test: &str, degrees_of_freedom: Option<f64>) -> PyResult<Test> {
         (_, Some(_)) => {
             Err(PyValueError::new_err("degrees_of_freedom goes with test='cochran' only"))
         }
+        ("leave-one-out", None) => Ok(Test::LeaveOneOut),
         ("z-test", None) => Ok(Test::ZTest),
         ("t-test", None) => Ok(Test::TTest),
-        ("leave-one-out", None) => Ok(Test::LeaveOneOut),
         ("thompson-tau", None) => Ok(Test::ThompsonTau),
         ("grubbs", None) => Ok(Test::Grubbs),
         (other, None) => Err(unknown(
@@ -409,9 +379,4 @@ fn parse_test(test: &str, degrees_of_freedom: Option<f64>) -> PyResult<Test> {
             "'leave-one-out', 'z-test', 't-test', 'thompson-tau', 'grubbs' or 'cochran'",
         )),
     }
-}
-
-/// The error for a word that is not among the choices.
-pub fn unknown(argument: &str, value: &str, choices: &str) -> PyErr {
-    PyValueError::new_err(format!("{argument} is '{value}'; it must be {choices}"))
 }

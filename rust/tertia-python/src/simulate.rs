@@ -1,10 +1,9 @@
 //! Bindings of `tertia::simulate`.
 
-use crate::arrays::{array, numbers, pairs, release, value_error};
-use numpy::{PyArrayDyn, PyReadonlyArray1, PyReadonlyArray2};
+use crate::arrays::{Array, Input, Integers, Marks, Threads, array, release, value_error};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::num::NonZero;
 use tertia::batch::for_each_row;
 use tertia::simulate::{
     self as core, Beam, Complex, Flight, Passing, Pilot, Process, Route, Sample, Wander,
@@ -13,31 +12,27 @@ use tertia::simulate::{
 /// Cost of a step of a flight, and of a meeting with a beam, for the choice of threads.
 const STEP_NS: f64 = 400.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
-type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
-
 /// Flights along routes of at most M waypoints, (F, M), the last one repeated.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Columns<'py> {
-    waypoints: Bound<'py, PyAny>,
-    speeds: Bound<'py, PyAny>,
-    heights: Bound<'py, PyAny>,
+    waypoints: Input<'py>,
+    speeds: Input<'py>,
+    heights: Input<'py>,
     passing: PyReadonlyArray2<'py, i64>,
-    early: Bound<'py, PyAny>,
+    early: Input<'py>,
     last: PyReadonlyArray1<'py, i64>,
     leave: PyReadonlyArray1<'py, i64>,
     rejoin: PyReadonlyArray1<'py, i64>,
-    longest: Bound<'py, PyAny>,
-    wind: Bound<'py, PyAny>,
-    speed_error: Bound<'py, PyAny>,
-    bank: Bound<'py, PyAny>,
-    roll: Bound<'py, PyAny>,
-    turn_rate: Bound<'py, PyAny>,
+    longest: Input<'py>,
+    wind: Input<'py>,
+    speed_error: Input<'py>,
+    bank: Input<'py>,
+    roll: Input<'py>,
+    turn_rate: Input<'py>,
     /// Values and rates of the navigation error, and of the variation of the speed, (F, 2).
-    offset: Bound<'py, PyAny>,
-    variation: Bound<'py, PyAny>,
+    offset: Input<'py>,
+    variation: Input<'py>,
 }
 
 /// Transition and root of the covariance of a process.
@@ -66,13 +61,8 @@ impl Flights {
 
     /// Goes on while there are normal numbers (B, 2, 2, F), those of the speed before those of
     /// navigation; returns the steps until the last flight ended.
-    fn advance(
-        &mut self,
-        py: Python<'_>,
-        noise: &Bound<'_, PyAny>,
-        n_threads: Option<NonZero<usize>>,
-    ) -> PyResult<usize> {
-        let noise = numbers(noise, "noise")?;
+    fn advance(&mut self, py: Python<'_>, noise: Input<'_>, n_threads: Threads) -> PyResult<usize> {
+        let noise = noise.numbers("noise")?;
         let n = self.flights.len();
         let steps = noise.len() / (4 * n).max(1);
         let mut used = vec![0_usize; n];
@@ -119,22 +109,22 @@ impl Flights {
             || self.samples.iter().flat_map(|samples| (0..longest).map(|k| samples.get(k)));
         let pair = |f: fn(&Sample) -> [f64; 2]| {
             let values = padded().flat_map(|sample| sample.map_or([f64::NAN; 2], f));
-            array(py, &[n, longest, 2], values.collect())
+            array(py, &[n, longest, 2], values)
         };
         let number = |f: fn(&Sample) -> f64| {
-            array(py, &[n, longest], padded().map(|sample| sample.map_or(f64::NAN, f)).collect())
+            array(py, &[n, longest], padded().map(|sample| sample.map_or(f64::NAN, f)))
         };
         let turning = padded().map(|sample| sample.is_some_and(|sample| sample.is_turning));
-        let (left, returned) = self.flights.iter().map(Flight::departure).unzip();
+        let (left, returned): (Vec<_>, Vec<_>) = self.flights.iter().map(Flight::departure).unzip();
         Ok((
-            array(py, &[n], self.samples.iter().map(|samples| samples.len() as i64).collect())?,
+            array(py, &[n], self.samples.iter().map(|samples| samples.len() as i64))?,
             [
                 pair(|sample| sample.position)?,
                 pair(|sample| sample.velocity)?,
                 number(|sample| sample.turn_rate)?,
                 number(|sample| sample.height)?,
             ],
-            array(py, &[n, longest], turning.collect())?,
+            array(py, &[n, longest], turning)?,
             [array(py, &[n], left)?, array(py, &[n], returned)?],
         ))
     }
@@ -151,23 +141,23 @@ impl Columns<'_> {
         let passing = self.passing.as_slice()?;
         let (last, leave, rejoin) =
             (self.last.as_slice()?, self.leave.as_slice()?, self.rejoin.as_slice()?);
-        let points = pairs(&self.waypoints, "waypoints")?;
+        let points = self.waypoints.pairs("waypoints")?;
         let wide = [
-            numbers(&self.speeds, "speeds")?,
-            numbers(&self.heights, "heights")?,
-            numbers(&self.early, "early")?,
+            self.speeds.numbers("speeds")?,
+            self.heights.numbers("heights")?,
+            self.early.numbers("early")?,
         ];
         let each = [
-            numbers(&self.longest, "longest")?,
-            numbers(&self.speed_error, "speed_error")?,
-            numbers(&self.bank, "bank")?,
-            numbers(&self.roll, "roll")?,
-            numbers(&self.turn_rate, "turn_rate")?,
+            self.longest.numbers("longest")?,
+            self.speed_error.numbers("speed_error")?,
+            self.bank.numbers("bank")?,
+            self.roll.numbers("roll")?,
+            self.turn_rate.numbers("turn_rate")?,
         ];
         let twos = [
-            pairs(&self.wind, "wind")?,
-            pairs(&self.offset, "offset")?,
-            pairs(&self.variation, "variation")?,
+            self.wind.pairs("wind")?,
+            self.offset.pairs("offset")?,
+            self.variation.pairs("variation")?,
         ];
         let fits = points.len() == n * width
             && wide.iter().all(|column| column.len() == n * width)
@@ -217,12 +207,12 @@ impl Columns<'_> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Traffic<'py> {
-    start: Bound<'py, PyAny>,
+    start: Input<'py>,
     count: PyReadonlyArray1<'py, i64>,
     step: f64,
-    position: Bound<'py, PyAny>,
-    velocity: Bound<'py, PyAny>,
-    height: Bound<'py, PyAny>,
+    position: Input<'py>,
+    velocity: Input<'py>,
+    height: Input<'py>,
 }
 
 impl Traffic<'_> {
@@ -232,10 +222,10 @@ impl Traffic<'_> {
         cost: f64,
         work: impl FnOnce(&core::Traffic<'_>) -> T + Send,
     ) -> PyResult<T> {
-        let start = numbers(&self.start, "start")?;
+        let start = self.start.numbers("start")?;
         let (position, velocity) =
-            (pairs(&self.position, "position")?, pairs(&self.velocity, "velocity")?);
-        let height = numbers(&self.height, "height")?;
+            (self.position.pairs("position")?, self.velocity.pairs("velocity")?);
+        let height = self.height.numbers("height")?;
         let (count, flights) = (self.count.as_slice()?, start.len());
         let samples = height.len() / flights.max(1);
         let holds = count.len() == flights
@@ -263,9 +253,9 @@ pub fn traffic_states<'py>(
     py: Python<'py>,
     traffic: Traffic<'py>,
     flight: PyReadonlyArray1<'py, i64>,
-    time: &Bound<'py, PyAny>,
+    time: Input<'py>,
 ) -> PyResult<[Array<'py>; 3]> {
-    let (flight, time) = (flight.as_slice()?, numbers(time, "time")?);
+    let (flight, time) = (flight.as_slice()?, time.numbers("time")?);
     let flights = traffic.count.as_slice()?.len();
     let n = time.len();
     if flight.len() != n
@@ -279,12 +269,12 @@ pub fn traffic_states<'py>(
     })?;
     let pair = |f: fn(&core::State) -> Complex<f64>| {
         let values = states.iter().map(f).flat_map(|z| [z.re, z.im]);
-        array(py, &[n, 2], values.collect())
+        array(py, &[n, 2], values)
     };
     Ok([
         pair(|state| state.position)?,
         pair(|state| state.velocity)?,
-        array(py, &[n], states.iter().map(|state| state.height).collect())?,
+        array(py, &[n], states.iter().map(|state| state.height))?,
     ])
 }
 

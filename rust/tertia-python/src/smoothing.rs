@@ -1,11 +1,9 @@
 //! Bindings of `tertia::smoothing`.
 
-use crate::arrays::{Output, Samples, array, chunks, release, repeated, value_error};
-use crate::kalman::shared;
-use numpy::PyArrayDyn;
+use crate::arrays::{
+    Array, Input, Integers, Output, Threads, array, columns, repeated, value_error,
+};
 use pyo3::prelude::*;
-use std::num::NonZero;
-use tertia::batch::for_each_row;
 use tertia::smoothing::{
     self, Degree, Fit, JerkFit, Noise, Polynomial, Prior, Record, Smoothed, Summary, Track,
     Workspace,
@@ -18,18 +16,9 @@ const SMOOTH_NS: f64 = 500.0;
 /// Filters in a fit of the jerk.
 const FIT: f64 = 20.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Threads = Option<NonZero<usize>>;
-type Fitted<'py> = (Array<'py>, Array<'py>, Bound<'py, PyArrayDyn<i64>>, Array<'py>, Array<'py>);
-type Smooth<'py> = (
-    Array<'py>,
-    Array<'py>,
-    Array<'py>,
-    Array<'py>,
-    Bound<'py, PyArrayDyn<i64>>,
-    Array<'py>,
-    Array<'py>,
-);
+type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
+type Smooth<'py> =
+    (Output<'py>, Output<'py>, Output<'py>, Array<'py>, Integers<'py>, Array<'py>, Array<'py>);
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -37,9 +26,9 @@ type Smooth<'py> = (
 #[allow(clippy::too_many_arguments)] // those of the Python function
 pub fn local_polynomial<'py>(
     py: Python<'py>,
-    y: &Bound<'py, PyAny>,
-    time: Option<&Bound<'py, PyAny>>,
-    variance: Option<&Bound<'py, PyAny>>,
+    y: Input<'py>,
+    time: Option<Input<'py>>,
+    variance: Option<Input<'py>>,
     window: usize,
     degree: usize,
     adaptive: bool,
@@ -47,47 +36,29 @@ pub fn local_polynomial<'py>(
     significance: f64,
     n_threads: Threads,
 ) -> PyResult<Fitted<'py>> {
-    let samples = Samples::extract(y, "y")?;
-    let time = time.map(|time| Samples::extract(time, "time")).transpose()?;
-    let variance = variance.map(|value| Samples::extract(value, "variance")).transpose()?;
-    let rows = samples.rows(0)?;
-    let time = time.as_ref().map(|time| time.rows(0)).transpose()?;
-    let variance = variance.as_ref().map(|variance| variance.rows(0)).transpose()?;
+    let rows = y.rows("y", 0)?;
+    let time = time.as_ref().map(|time| time.rows("time", 0)).transpose()?;
+    let variance = variance.as_ref().map(|value| value.rows("variance", 0)).transpose()?;
     let chosen = if adaptive { Degree::Adaptive(degree) } else { Degree::Fixed(degree) };
     let polynomial =
         Polynomial::try_new(window, chosen, derivative, significance).map_err(value_error)?;
-    let (n, count) = (rows.len(), rows.count());
-    let mut value = Output::new(py, rows.shape)?;
-    let mut sigma = Output::new(py, rows.shape)?;
-    let mut used = Output::new(py, rows.shape)?;
-    let mut fits =
-        repeated(Fit { residual_variance: f64::NAN, degrees_of_freedom: f64::NAN }, count)?;
-    let cost = TAP_NS * (n * count) as f64 * window.min(n) as f64;
-    let outputs = chunks(value.values()?, n, count)
-        .zip(chunks(sigma.values()?, n, count))
-        .zip(chunks(used.values()?, n, count))
-        .zip(&mut fits);
-    release(py, cost, || {
-        let items = rows.iter().enumerate().zip(outputs);
-        let new = || polynomial.clone();
-        for_each_row(items, cost, n_threads, new, |polynomial, ((row, y), out)| {
-            let (((value, sigma), degree), fit) = out;
-            let time = time.as_ref().map(|rows| shared(rows, row));
-            let variance = variance.as_ref().map(|rows| shared(rows, row));
-            let record = Record { y, time, variance };
-            *fit = polynomial.smooth(&record, &mut smoothing::Output { value, sigma, degree })?;
-            Ok(())
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let column = |f: fn(&Fit) -> f64| array(py, rows.batch(), fits.iter().map(f).collect());
-    Ok((
-        value.into_array(),
-        sigma.into_array(),
-        used.into_array(),
-        column(|fit| fit.residual_variance)?,
-        column(|fit| fit.degrees_of_freedom)?,
-    ))
+    let (mut value, mut sigma, mut used) = (rows.output(py)?, rows.output(py)?, rows.output(py)?);
+    let none = Fit { residual_variance: f64::NAN, degrees_of_freedom: f64::NAN };
+    let mut fits = repeated(none, rows.count())?;
+    let cost = TAP_NS * rows.size() * window.min(rows.len()) as f64;
+    let outputs = value.rows()?.zip(sigma.rows()?).zip(used.rows()?).zip(&mut fits);
+    let new = || polynomial.clone();
+    rows.each(py, cost, n_threads, outputs, new, |polynomial, (row, y), out| {
+        let (((value, sigma), degree), fit) = out;
+        let time = time.as_ref().map(|rows| rows.shared(row));
+        let variance = variance.as_ref().map(|rows| rows.shared(row));
+        let record = Record { y, time, variance };
+        *fit = polynomial.smooth(&record, &mut smoothing::Output { value, sigma, degree })?;
+        Ok(())
+    })?;
+    let of: [fn(&Fit) -> f64; 2] = [|fit| fit.residual_variance, |fit| fit.degrees_of_freedom];
+    let [residual_variance, degrees] = columns(py, rows.batch(), &fits, of)?;
+    Ok((value, sigma, used, residual_variance, degrees))
 }
 
 /// Tracks of D axes: `time`, `covariance`, `jerk` and `initial` (mean, then covariance row by row)
@@ -95,13 +66,13 @@ pub fn local_polynomial<'py>(
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Tracks<'py> {
-    y: Bound<'py, PyAny>,
-    time: Bound<'py, PyAny>,
-    covariance: Bound<'py, PyAny>,
+    y: Input<'py>,
+    time: Input<'py>,
+    covariance: Input<'py>,
     /// Whether every instant has a covariance of its own.
     each: bool,
-    jerk: Option<Bound<'py, PyAny>>,
-    initial: Option<Bound<'py, PyAny>>,
+    jerk: Option<Input<'py>>,
+    initial: Option<Input<'py>>,
 }
 
 /// Means, covariances, innovations, likelihood, count, jerk and its standard uncertainty.
@@ -111,65 +82,46 @@ pub fn smooth<'py>(
     tracks: Tracks<'py>,
     n_threads: Threads,
 ) -> PyResult<Smooth<'py>> {
-    let optional = |value: &Option<Bound<'py, PyAny>>, name| {
-        value.as_ref().map(|value| Samples::extract(value, name)).transpose()
-    };
-    let y = Samples::extract(&tracks.y, "y")?;
-    let time = Samples::extract(&tracks.time, "time")?;
-    let covariance = Samples::extract(&tracks.covariance, "covariance")?;
-    let (jerk, initial) = (optional(&tracks.jerk, "jerk")?, optional(&tracks.initial, "initial")?);
-    let y = y.blocks(2)?;
-    let (time, covariance) = (time.rows(0)?, covariance.blocks(if tracks.each { 3 } else { 2 })?);
-    let jerk = jerk.as_ref().map(|jerk| jerk.rows(1)).transpose()?;
-    let initial = initial.as_ref().map(|initial| initial.rows(1)).transpose()?;
-    let (d, count) = (y.shape[y.shape.len() - 1], y.count());
-    let (n, states) = (time.len(), 3 * d);
-    let instants = &y.shape[..y.shape.len() - 1];
-    let mut mean = Output::new(py, &[instants, &[states]].concat())?;
-    let mut matrices = Output::new(py, &[instants, &[states, states]].concat())?;
-    let mut innovation = Output::new(py, y.shape)?;
+    let (y, time) = (tracks.y.blocks("y", 2)?, tracks.time.rows("time", 0)?);
+    let covariance = tracks.covariance.blocks("covariance", if tracks.each { 3 } else { 2 })?;
+    let jerk = tracks.jerk.as_ref().map(|jerk| jerk.rows("jerk", 1)).transpose()?;
+    let initial = tracks.initial.as_ref().map(|value| value.rows("initial", 1)).transpose()?;
+    let (d, n) = (y.shape[y.shape.len() - 1], time.len());
+    let (states, each) = (3 * d, tracks.each);
+    let new = |tail: &[usize]| Output::new(py, y.batch(), tail);
+    let (mut mean, mut matrices) = (new(&[n, states])?, new(&[n, states, states])?);
+    let mut innovation = new(&[n, d])?;
     let unsmoothed = (
         Summary { log_likelihood: 0.0, count: 0 },
         JerkFit { jerk: 0.0, relative_error: f64::NAN },
     );
-    let mut summaries = repeated(unsmoothed, count)?;
+    let mut summaries = repeated(unsmoothed, y.count())?;
     let passes = if jerk.is_some() { 1.0 } else { 1.0 + FIT };
-    let cost = SMOOTH_NS * passes * (n * count * d * d) as f64;
-    let outputs = chunks(mean.values()?, n * states, count)
-        .zip(chunks(matrices.values()?, n * states * states, count))
-        .zip(chunks(innovation.values()?, n * d, count))
-        .zip(&mut summaries);
-    release(py, cost, || {
-        let items = y.iter().enumerate().zip(outputs);
-        for_each_row(items, cost, n_threads, Workspace::default, |workspace, ((row, y), out)| {
-            let (((mean, covariance_out), innovation), summary) = out;
-            let matrices = shared(&covariance, row);
-            let noise = if tracks.each { Noise::Each(matrices) } else { Noise::Same(matrices) };
-            let prior = initial.as_ref().map(|initial| {
-                let (mean, covariance) = shared(initial, row).split_at(states);
-                Prior { mean, covariance }
-            });
-            let track = Track::try_new(d, shared(&time, row), y, noise, prior)?;
-            let fit = match &jerk {
-                Some(jerk) => JerkFit { jerk: shared(jerk, row)[0], relative_error: 0.0 },
-                None => smoothing::fit_jerk(&track, workspace),
-            };
-            let mut results = Smoothed { mean, covariance: covariance_out, innovation };
-            *summary = (smoothing::smooth(&track, fit.jerk, workspace, &mut results), fit);
-            Ok(())
-        })
-    })
-    .map_err(|failure| y.error(failure))?;
-    let column =
-        |f: fn(&(Summary, JerkFit)) -> f64| array(py, y.batch(), summaries.iter().map(f).collect());
-    let counts = summaries.iter().map(|(summary, _)| summary.count as i64).collect();
-    Ok((
-        mean.into_array(),
-        matrices.into_array(),
-        innovation.into_array(),
-        column(|(summary, _)| summary.log_likelihood)?,
-        array(py, y.batch(), counts)?,
-        column(|(_, fit)| fit.jerk)?,
-        column(|(_, fit)| fit.sigma())?,
-    ))
+    let cost = SMOOTH_NS * passes * y.size() * d as f64;
+    let outputs = mean.rows()?.zip(matrices.rows()?).zip(innovation.rows()?).zip(&mut summaries);
+    y.each(py, cost, n_threads, outputs, Workspace::default, |workspace, (row, y), out| {
+        let (((mean, covariance_out), innovation), summary) = out;
+        let matrices = covariance.shared(row);
+        let noise = if each { Noise::Each(matrices) } else { Noise::Same(matrices) };
+        let prior = initial.as_ref().map(|initial| {
+            let (mean, covariance) = initial.shared(row).split_at(states);
+            Prior { mean, covariance }
+        });
+        let track = Track::try_new(d, time.shared(row), y, noise, prior)?;
+        let fit = match &jerk {
+            Some(jerk) => JerkFit { jerk: jerk.shared(row)[0], relative_error: 0.0 },
+            None => smoothing::fit_jerk(&track, workspace),
+        };
+        let mut results = Smoothed { mean, covariance: covariance_out, innovation };
+        *summary = (smoothing::smooth(&track, fit.jerk, workspace, &mut results), fit);
+        Ok(())
+    })?;
+    let [likelihood, jerk, sigma] = columns(
+        py,
+        y.batch(),
+        &summaries,
+        [|(summary, _)| summary.log_likelihood, |(_, fit)| fit.jerk, |(_, fit)| fit.sigma()],
+    )?;
+    let count = array(py, y.batch(), summaries.iter().map(|(summary, _)| summary.count as i64))?;
+    Ok((mean, matrices, innovation, likelihood, count, jerk, sigma))
 }

@@ -6,21 +6,17 @@ mod table;
 pub use settings::{Motion, Radar, TrackerSettings};
 pub use table::track_columns;
 
-use crate::arrays::{Samples, array, release, room_for, value_error};
+use crate::arrays::{Array, Input, Integers, Threads, array, release, room_for, value_error};
 use crate::flightplan::Route;
-use numpy::{PyArrayDyn, PyReadonlyArray1};
+use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use std::num::NonZero;
 use table::{Table, table};
 use tertia::tracker::{self, Plane, Plot, Row, Rows};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
-
-type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 
 /// The rows of a scan or of a recording.
 struct Found {
@@ -68,12 +64,12 @@ impl PlotTracker {
         &mut self,
         py: Python<'py>,
         plots: Columns<'py>,
-        time: &Bound<'py, PyAny>,
+        time: Input<'py>,
         end: Option<f64>,
         recording: bool,
-        n_threads: Option<NonZero<usize>>,
+        n_threads: Threads,
     ) -> PyResult<Table<'py>> {
-        let plots = plots.read(time, self.0.radars())?;
+        let plots = plots.read(&time, self.0.radars())?;
         let (mut statuses, mut found) =
             (Vec::new(), Found { rows: Vec::new(), tentative: recording });
         release(py, plots.len() as f64 * PLOT_NS, || {
@@ -92,10 +88,10 @@ impl PlotTracker {
         &self,
         py: Python<'py>,
         seconds: f64,
-    ) -> PyResult<(Integers<'py>, Numbers<'py>)> {
+    ) -> PyResult<(Integers<'py>, Array<'py>)> {
         let found = self.0.extrapolate(seconds);
-        let positions = found.iter().flat_map(|(_, position)| *position).collect();
-        let tracks = found.iter().map(|(track, _)| *track as i64).collect();
+        let positions = found.iter().flat_map(|(_, position)| *position);
+        let tracks = found.iter().map(|(track, _)| *track as i64);
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
@@ -132,7 +128,7 @@ pub fn plots_to_cartesian<'py>(
     py: Python<'py>,
     radars: Vec<PyRef<'py, Radar>>,
     plots: Columns<'py>,
-) -> PyResult<(Numbers<'py>, Numbers<'py>)> {
+) -> PyResult<(Array<'py>, Array<'py>)> {
     let plots = plots.read(&plots.time, radars.len())?;
     let (mut position, mut covariance) = (room_for(2 * plots.len())?, room_for(4 * plots.len())?);
     for plot in &plots {
@@ -147,30 +143,26 @@ pub fn plots_to_cartesian<'py>(
 /// The columns of `Plots`.
 #[derive(FromPyObject)]
 pub struct Columns<'py> {
-    time: Bound<'py, PyAny>,
-    range: Bound<'py, PyAny>,
-    azimuth: Bound<'py, PyAny>,
-    height: Bound<'py, PyAny>,
+    time: Input<'py>,
+    range: Input<'py>,
+    azimuth: Input<'py>,
+    height: Input<'py>,
     sensor: PyReadonlyArray1<'py, i64>,
     identity: PyReadonlyArray1<'py, i64>,
 }
 
 impl Columns<'_> {
     /// The plots, at these times, of so many sensors.
-    fn read(&self, time: &Bound<'_, PyAny>, sensors: usize) -> PyResult<Vec<Plot>> {
+    fn read(&self, time: &Input<'_>, sensors: usize) -> PyResult<Vec<Plot>> {
         let columns = [
             (time, "time"),
             (&self.range, "range"),
             (&self.azimuth, "azimuth"),
             (&self.height, "height"),
         ];
-        let mut samples = Vec::with_capacity(columns.len());
+        let mut rows = Vec::with_capacity(columns.len());
         for (column, name) in columns {
-            samples.push(Samples::extract(column, name)?);
-        }
-        let mut rows = Vec::with_capacity(samples.len());
-        for column in &samples {
-            rows.push(column.rows(0)?);
+            rows.push(column.rows(name, 0)?);
         }
         let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
         let (sensor, identity) = (self.sensor.as_slice()?, self.identity.as_slice()?);

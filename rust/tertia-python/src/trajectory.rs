@@ -1,25 +1,21 @@
 //! Bindings of `tertia::trajectory`.
 
-use crate::arrays::{Samples, array, value_error};
-use numpy::PyArrayDyn;
+use crate::arrays::{Array, Input, Marks, Threads, array, value_error};
+use crate::location::fix_columns;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::num::NonZero;
-use tertia::location::Fix;
 use tertia::sensors::KINDS;
 use tertia::trajectory::{self, Failure, Polynomials, Record, Trajectory};
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
 /// Position, covariance, residuals, marks; problems, degrees of freedom, chi-square, p-values,
 /// dilutions and standard deviations, as of `locate`.
-type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, Vec<Array<'py>>);
+type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>; 6]);
 
 /// Covariance, innovation, likelihood, count, jerk and its standard uncertainty.
 type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, f64, f64);
 
 /// What came out, or why nothing did: which numbers of an instant, or which problems.
-#[derive(IntoPyObject)]
+#[derive(Default, IntoPyObject)]
 pub struct Reconstructed<'py> {
     failure: Option<(&'static str, Vec<usize>)>,
     mean: Option<Array<'py>>,
@@ -36,11 +32,11 @@ pub struct Reconstructed<'py> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
-    stations: Bound<'py, PyAny>,
-    axes: Option<Bound<'py, PyAny>>,
-    time: Bound<'py, PyAny>,
-    values: Bound<'py, PyAny>,
-    sigmas: Bound<'py, PyAny>,
+    stations: Input<'py>,
+    axes: Option<Input<'py>>,
+    time: Input<'py>,
+    values: Input<'py>,
+    sigmas: Input<'py>,
     robust: bool,
 }
 
@@ -64,17 +60,14 @@ pub fn reconstruct<'py>(
     py: Python<'py>,
     measured: Measured<'py>,
     steps: Steps,
-    n_threads: Option<NonZero<usize>>,
+    n_threads: Threads,
 ) -> PyResult<Reconstructed<'py>> {
-    let stations = Samples::extract(&measured.stations, "stations")?;
-    let axes = measured.axes.as_ref().map(|axes| Samples::extract(axes, "axes")).transpose()?;
-    let time = Samples::extract(&measured.time, "time")?;
-    let values = Samples::extract(&measured.values, "values")?;
-    let sigmas = Samples::extract(&measured.sigmas, "sigmas")?;
-    let d = stations.shape().last().copied().unwrap_or(0);
-    let (stations, time) = (stations.blocks(2)?, time.rows(0)?);
-    let axes = axes.as_ref().map(|axes| axes.blocks(3)).transpose()?;
-    let (values, sigmas) = (values.blocks(2)?, sigmas.blocks(2)?);
+    let d = measured.stations.shape().last().copied().unwrap_or(0);
+    let stations = measured.stations.blocks("stations", 2)?;
+    let axes = measured.axes.as_ref().map(|axes| axes.blocks("axes", 3)).transpose()?;
+    let time = measured.time.rows("time", 0)?;
+    let (values, sigmas) =
+        (measured.values.blocks("values", 2)?, measured.sigmas.blocks("sigmas", 2)?);
     let record = Record {
         stations: &stations.values,
         axes: axes.as_ref().map(|axes| &*axes.values),
@@ -126,31 +119,13 @@ impl Steps {
 
 impl<'py> Reconstructed<'py> {
     fn failed(why: &'static str, numbers: Vec<usize>) -> Self {
-        Self {
-            failure: Some((why, numbers)),
-            mean: None,
-            covariance: None,
-            smoothed: None,
-            fixes: None,
-            outlier: None,
-            residual: None,
-            bias: None,
-        }
+        Self { failure: Some((why, numbers)), ..Self::default() }
     }
 
     fn new(py: Python<'py>, found: Trajectory, n: usize, d: usize, k: usize) -> PyResult<Self> {
         let states = 3 * d;
         let fixes = found.fixes;
-        let column =
-            |f: fn(&Fix) -> f64| array(py, &[n], fixes.fixes.iter().map(f).collect::<Vec<_>>());
-        let columns = vec![
-            column(|fix| f64::from(fix.problem as u8))?,
-            column(|fix| fix.degrees_of_freedom as f64)?,
-            column(|fix| fix.chi_square)?,
-            column(|fix| fix.p_value)?,
-            column(|fix| fix.dilution)?,
-            column(|fix| fix.sigma)?,
-        ];
+        let columns = fix_columns(py, &[n], &fixes.fixes)?;
         let located = (
             array(py, &[n, d], fixes.position)?,
             array(py, &[n, d, d], fixes.covariance)?,

@@ -1,18 +1,12 @@
 //! Bindings of `tertia::weights`.
 
-use crate::arrays::{Output, Samples, chunks, release, room_for, value_error};
-use crate::screening::unknown;
-use numpy::PyArrayDyn;
+use crate::arrays::{Input, Output, Threads, choice, room_for, unknown, value_error};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::cell::Cell;
-use std::num::NonZero;
-use tertia::batch::for_each_row;
 use tertia::weights::{
     self, Convention, Law, Quantity, Weighing, require_degrees_of_freedom, weighing,
 };
-
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 
 /// Sensors, dimension, and the solver for them.
 type Kept = ((usize, usize), Box<dyn Weighing>);
@@ -52,16 +46,13 @@ pub enum Counts {
 }
 
 fn convention(name: &str) -> PyResult<Convention> {
-    Ok(match name {
-        "sample-mean" => Convention::SampleMean,
-        "known-mean" => Convention::KnownMean,
-        "paper" => Convention::Paper,
-        "differences" => Convention::Differences,
-        other => {
-            let choices = "'sample-mean', 'known-mean', 'paper' or 'differences'";
-            return Err(unknown("convention", other, choices));
-        }
-    })
+    let choices = [
+        ("sample-mean", Convention::SampleMean),
+        ("known-mean", Convention::KnownMean),
+        ("paper", Convention::Paper),
+        ("differences", Convention::Differences),
+    ];
+    choice("convention", name, &choices)
 }
 
 impl Counts {
@@ -110,7 +101,8 @@ const MATRICES: (usize, usize) = (14, 30);
 
 /// Covariances (..., K, m, m) of a group of sensors, or (..., m, m) of one.
 struct Group<'py> {
-    covariances: Samples<'py>,
+    covariances: Input<'py>,
+    name: &'static str,
     axes: usize,
     sensors: usize,
     m: usize,
@@ -118,11 +110,10 @@ struct Group<'py> {
 
 impl<'py> Group<'py> {
     /// Those of K >= 2 sensors.
-    fn extract(covariances: &Bound<'py, PyAny>) -> PyResult<Self> {
-        let covariances = Samples::extract(covariances, "covariances")?;
+    fn extract(covariances: Input<'py>) -> PyResult<Self> {
         match *covariances.shape() {
             [.., sensors, m, columns] if sensors >= 2 && m == columns && m > 0 => {
-                Self { covariances, axes: 3, sensors, m }.with_room()
+                Self { covariances, name: "covariances", axes: 3, sensors, m }.with_room()
             }
             ref shape => Err(PyValueError::new_err(format!(
                 "covariances has shape {shape:?}; it must be (..., K, m, m): an m by m covariance \
@@ -131,11 +122,10 @@ impl<'py> Group<'py> {
         }
     }
 
-    fn extract_one(covariance: &Bound<'py, PyAny>) -> PyResult<Self> {
-        let covariances = Samples::extract(covariance, "covariance")?;
+    fn extract_one(covariances: Input<'py>) -> PyResult<Self> {
         match *covariances.shape() {
             [.., m, columns] if m == columns && m > 0 => {
-                Self { covariances, axes: 2, sensors: 1, m }.with_room()
+                Self { covariances, name: "covariance", axes: 2, sensors: 1, m }.with_room()
             }
             ref shape => Err(PyValueError::new_err(format!(
                 "covariance has shape {shape:?}; it must be (..., m, m)"
@@ -182,26 +172,17 @@ impl<'py> Group<'py> {
         &self,
         py: Python<'py>,
         quantity: &Quantity<'_>,
-        n_threads: Option<NonZero<usize>>,
-    ) -> PyResult<Array<'py>> {
+        n_threads: Threads,
+    ) -> PyResult<Output<'py>> {
         let size = (self.sensors, self.m);
-        let rows = self.covariances.blocks(self.axes)?;
-        let tail = quantity.shape(self.sensors, self.m);
-        let mut out = Output::new(py, &[rows.batch(), &tail].concat())?;
-        let (count, length) = (rows.count(), tail.iter().product());
-        let cost = self.cost_ns(quantity) * count as f64;
-        let items = rows.iter().zip(chunks(out.values()?, length, count));
-        release(py, cost, || {
-            for_each_row(
-                items,
-                cost,
-                n_threads,
-                || Solver::new(size),
-                |solver, (s, out)| solver.get().compute(quantity, s, out),
-            )
-        })
-        .map_err(|failure| rows.error(failure))?;
-        Ok(out.into_array())
+        let rows = self.covariances.blocks(self.name, self.axes)?;
+        let mut out = Output::new(py, rows.batch(), &quantity.shape(self.sensors, self.m))?;
+        let cost = self.cost_ns(quantity) * rows.count() as f64;
+        let new = || Solver::new(size);
+        rows.each(py, cost, n_threads, out.rows()?, new, |solver, (_, s), out| {
+            solver.get().compute(quantity, s, out)
+        })?;
+        Ok(out)
     }
 }
 
@@ -217,14 +198,14 @@ impl<'py> Group<'py> {
 pub fn weigh<'py>(
     py: Python<'py>,
     quantity: &str,
-    covariances: &Bound<'py, PyAny>,
-    n_threads: Option<NonZero<usize>>,
+    covariances: Input<'py>,
+    n_threads: Threads,
     sensor: isize,
     n: Counts,
     convention: &str,
-    draws: Option<Bound<'py, PyAny>>,
+    draws: Option<Input<'py>>,
     factor: f64,
-) -> PyResult<Array<'py>> {
+) -> PyResult<Output<'py>> {
     if quantity == "covariance_of_covariance" {
         let what = Quantity::CovarianceOfCovariance { c: factor };
         return Group::extract_one(covariances)?.compute(py, &what, n_threads);
@@ -234,8 +215,7 @@ pub fn weigh<'py>(
     let numbers = |of: fn(&Law) -> f64| laws.iter().map(of).collect::<Vec<_>>();
     let (c, relative) = (numbers(Law::factor), numbers(Law::relative_factor));
     let mean = numbers(|law| law.mean);
-    let draws = draws.map(|value| Samples::extract(&value, "draws")).transpose()?;
-    let draws = draws.as_ref().map(|samples| samples.blocks(3)).transpose()?;
+    let draws = draws.as_ref().map(|draws| draws.blocks("draws", 3)).transpose()?;
     let what = match (quantity, &draws) {
         ("weights", _) => Quantity::Weights,
         ("fused_covariance", _) => Quantity::FusedCovariance,

@@ -1,44 +1,39 @@
 //! Estimates of several sensors, and of one sensor with a scalar.
 
-use crate::arrays::{Output, Samples, array, chunks, release, repeated, room_for, value_error};
-use crate::screening::unknown;
-use numpy::PyArrayDyn;
+use crate::arrays::{
+    Array, Input, Integers, Output, Threads, array, choice, columns, repeated, room_for,
+    value_error,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::num::NonZero;
-use tertia::batch::for_each_row;
 use tertia::fusion::{Agreement, Estimates, FusedEstimate, Scalar, Weighting, fusing};
 use tertia::kalman::require_period;
 
-type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
 /// Means, covariances, weights, statistics, their p-values; and degrees of freedom.
-type Fused<'py> = ([Array<'py, f64>; 5], Array<'py, i64>);
+type Fused<'py> = ((Output<'py>, Output<'py>, Output<'py>, Array<'py>, Array<'py>), Integers<'py>);
 
 /// Estimates (..., K, m), covariances (..., K, m, m) and those between sensors (..., K, K, m, m), of
 /// one batch; weights (K) for "static".
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Given<'py> {
-    estimates: Bound<'py, PyAny>,
-    covariances: Bound<'py, PyAny>,
-    cross_covariances: Option<Bound<'py, PyAny>>,
+    estimates: Input<'py>,
+    covariances: Input<'py>,
+    cross_covariances: Option<Input<'py>>,
     weights: Option<Vec<f64>>,
     method: String,
     period: Option<f64>,
 }
 
 fn weighting(name: &str, weights: Option<Vec<f64>>) -> PyResult<Weighting> {
-    Ok(match name {
-        "equal" => Weighting::Equal,
-        "static" => Weighting::Static(weights.unwrap_or_default()),
-        "posterior" => Weighting::Posterior,
-        "matrix" => Weighting::Matrix,
-        "covariance-intersection" => Weighting::Intersection,
-        other => {
-            let choices = "'matrix', 'posterior', 'covariance-intersection', 'static' or 'equal'";
-            return Err(unknown("method", other, choices));
-        }
-    })
+    let choices = [
+        ("matrix", Weighting::Matrix),
+        ("posterior", Weighting::Posterior),
+        ("covariance-intersection", Weighting::Intersection),
+        ("static", Weighting::Static(weights.unwrap_or_default())),
+        ("equal", Weighting::Equal),
+    ];
+    choice("method", name, &choices)
 }
 
 /// Cost of a product of two matrices, measured.
@@ -66,15 +61,15 @@ const MATRICES: usize = 4;
 
 /// Room for the results of a batch.
 struct Results<'py> {
-    mean: Output<'py, f64>,
-    covariance: Output<'py, f64>,
-    weights: Output<'py, f64>,
+    mean: Output<'py>,
+    covariance: Output<'py>,
+    weights: Output<'py>,
     agreements: Vec<Agreement>,
 }
 
 impl<'py> Results<'py> {
     fn new(py: Python<'py>, batch: &[usize], m: usize, weights: &[usize]) -> PyResult<Self> {
-        let new = |tail: &[usize]| Output::new(py, &[batch, tail].concat());
+        let new = |tail: &[usize]| Output::new(py, batch, tail);
         let none = Agreement { statistic: 0.0, degrees_of_freedom: 0, pvalue: 1.0 };
         Ok(Self {
             mean: new(&[m])?,
@@ -87,65 +82,51 @@ impl<'py> Results<'py> {
     /// Where each result goes.
     fn rows(
         &mut self,
-        m: usize,
-        weights: usize,
     ) -> PyResult<impl ExactSizeIterator<Item = (FusedEstimate<'_>, &mut Agreement)> + Send> {
-        let count = self.agreements.len();
-        Ok(chunks(self.mean.values()?, m, count)
-            .zip(chunks(self.covariance.values()?, m * m, count))
-            .zip(chunks(self.weights.values()?, weights, count))
+        Ok(self
+            .mean
+            .rows()?
+            .zip(self.covariance.rows()?)
+            .zip(self.weights.rows()?)
             .map(|((mean, covariance), weights)| FusedEstimate { mean, covariance, weights })
             .zip(&mut self.agreements))
     }
 
-    fn into_arrays(self, py: Python<'py>, batch: &[usize]) -> PyResult<Fused<'py>> {
-        let column =
-            |of: fn(&Agreement) -> f64| array(py, batch, self.agreements.iter().map(of).collect());
-        let (statistic, pvalue) = (column(|a| a.statistic)?, column(|a| a.pvalue)?);
-        let degrees = self.agreements.iter().map(|a| a.degrees_of_freedom as i64).collect();
+    fn into_fused(self, py: Python<'py>, batch: &[usize]) -> PyResult<Fused<'py>> {
+        let of: [fn(&Agreement) -> f64; 2] = [|a| a.statistic, |a| a.pvalue];
+        let [statistic, pvalue] = columns(py, batch, &self.agreements, of)?;
+        let degrees = self.agreements.iter().map(|a| a.degrees_of_freedom as i64);
         let degrees = array(py, batch, degrees)?;
-        let arrays = [self.mean, self.covariance, self.weights].map(Output::into_array);
-        let [mean, covariance, weights] = arrays;
-        Ok(([mean, covariance, weights, statistic, pvalue], degrees))
+        Ok(((self.mean, self.covariance, self.weights, statistic, pvalue), degrees))
     }
 }
 
 /// Estimates of several sensors, fused.
 #[pyfunction]
-pub fn fuse<'py>(
-    py: Python<'py>,
-    given: Given<'py>,
-    n_threads: Option<NonZero<usize>>,
-) -> PyResult<Fused<'py>> {
-    let estimates = Samples::extract(&given.estimates, "estimates")?;
-    let covariances = Samples::extract(&given.covariances, "covariances")?;
+pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyResult<Fused<'py>> {
     let cross = given.cross_covariances.as_ref();
-    let cross = cross.map(|value| Samples::extract(value, "cross_covariances")).transpose()?;
     let weighting = weighting(&given.method, given.weights)?;
     if let Some(period) = given.period {
         require_period(period).map_err(value_error)?;
     }
-    let &[.., sensors, m] = estimates.shape() else {
+    let &[.., sensors, m] = given.estimates.shape() else {
         return Err(PyValueError::new_err("estimates must be of shape (..., K, m)"));
     };
     let pairs = if cross.is_some() { sensors.saturating_mul(sensors) } else { sensors };
     room_for::<f64>(MATRICES.saturating_mul(pairs).saturating_mul(m).saturating_mul(m))?;
-    let (x, s) = (estimates.blocks(2)?, covariances.blocks(3)?);
-    let cross = cross.as_ref().map(|samples| samples.blocks(4)).transpose()?;
+    let cross = cross.map(|cross| cross.blocks("cross_covariances", 4)).transpose()?;
+    let x = given.estimates.blocks("estimates", 2)?;
+    let s = given.covariances.blocks("covariances", 3)?;
     let mut results = Results::new(py, x.batch(), m, &[sensors, m, m])?;
-    let outputs = results.rows(m, s.len())?;
     let cost = fuse_ns(sensors, m, &weighting, cross.is_some()) * x.count() as f64;
-    release(py, cost, || {
-        let new = || fusing(sensors, m, weighting.clone(), given.period);
-        let items = x.iter().zip(s.iter()).enumerate().zip(outputs);
-        for_each_row(items, cost, n_threads, new, |solver, ((row, (x, s)), (mut out, found))| {
-            let cross = cross.as_ref().map(|rows| &rows.values[row * rows.len()..][..rows.len()]);
-            *found = solver.fuse(&Estimates { values: x, covariances: s, cross }, &mut out)?;
-            Ok(())
-        })
-    })
-    .map_err(|failure| s.error(failure))?;
-    results.into_arrays(py, x.batch())
+    let new = || fusing(sensors, m, weighting.clone(), given.period);
+    let outputs = x.iter().zip(results.rows()?);
+    s.each(py, cost, n_threads, outputs, new, |solver, (row, s), (x, (mut out, found))| {
+        let cross = cross.as_ref().map(|rows| &rows.values[row * rows.len()..][..rows.len()]);
+        *found = solver.fuse(&Estimates { values: x, covariances: s, cross }, &mut out)?;
+        Ok(())
+    })?;
+    results.into_fused(py, x.batch())
 }
 
 /// Estimates (..., m) with covariances (..., m, m) and scalars, value and sigma (..., 2), of which
@@ -153,32 +134,31 @@ pub fn fuse<'py>(
 #[pyfunction]
 pub fn fuse_scalar<'py>(
     py: Python<'py>,
-    estimate: &Bound<'py, PyAny>,
-    covariance: &Bound<'py, PyAny>,
-    h: &Bound<'py, PyAny>,
-    scalars: &Bound<'py, PyAny>,
-    n_threads: Option<NonZero<usize>>,
+    estimate: Input<'py>,
+    covariance: Input<'py>,
+    h: Input<'py>,
+    scalars: Input<'py>,
+    n_threads: Threads,
 ) -> PyResult<Fused<'py>> {
-    let covariance = Samples::extract(covariance, "covariance")?;
-    let given = [(estimate, "estimate"), (h, "h"), (scalars, "scalars")];
-    let [estimate, h, scalars] = given.map(|(value, name)| Samples::extract(value, name));
-    let (estimate, h, scalars) = (estimate?, h?, scalars?);
-    let s = covariance.blocks(2)?;
-    let (x, h, scalars) = (estimate.blocks(1)?, h.blocks(1)?, scalars.blocks(1)?);
+    let (x, s) = (estimate.blocks("estimate", 1)?, covariance.blocks("covariance", 2)?);
+    let (h, scalars) = (h.blocks("h", 1)?, scalars.blocks("scalars", 1)?);
     let m = x.len();
     room_for::<f64>(MATRICES.saturating_mul(m).saturating_mul(m))?;
     let mut results = Results::new(py, x.batch(), m, &[m])?;
-    let outputs = results.rows(m, m)?;
     let cost = 2.0 * product_ns(m as f64) * x.count() as f64;
-    release(py, cost, || {
-        let new = || fusing(1, m, Weighting::Matrix, None);
-        let items = x.iter().zip(s.iter()).zip(h.iter().zip(scalars.iter())).zip(outputs);
-        for_each_row(items, cost, n_threads, new, |solver, (((x, s), (h, z)), (mut out, found))| {
+    let new = || fusing(1, m, Weighting::Matrix, None);
+    let outputs = x.iter().zip(h.iter().zip(scalars.iter())).zip(results.rows()?);
+    s.each(
+        py,
+        cost,
+        n_threads,
+        outputs,
+        new,
+        |solver, (_, s), ((x, (h, z)), (mut out, found))| {
             let scalar = Scalar { estimate: x, covariance: s, h, value: z[0], sigma: z[1] };
             *found = solver.fuse_scalar(&scalar, &mut out)?;
             Ok(())
-        })
-    })
-    .map_err(|failure| s.error(failure))?;
-    results.into_arrays(py, x.batch())
+        },
+    )?;
+    results.into_fused(py, x.batch())
 }

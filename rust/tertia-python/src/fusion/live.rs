@@ -1,16 +1,13 @@
 //! The centre that is fed step by step.
 
 use super::{POSITIVE, VARIANCE, rule};
-use crate::arrays::{array, value_error};
+use crate::arrays::{Array, array, value_error};
 use crate::kalman::extract_model;
-use numpy::PyArrayDyn;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use tertia::fusion::{Beliefs, Centre, RadarReport};
 use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrapped};
-
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 
 /// Fusion of the plots of several radars, step by step, for embedding.
 ///
@@ -122,7 +119,7 @@ impl AngleFusion {
     }
 
     fn column<'py>(&self, py: Python<'py>, of: fn(&RadarReport) -> f64) -> PyResult<Array<'py>> {
-        array(py, &[self.reports.len()], self.reports.iter().map(of).collect())
+        array(py, &[self.reports.len()], self.reports.iter().map(of))
     }
 }
 
@@ -222,7 +219,7 @@ impl AngleFusion {
 
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let weights = self.reports.iter().flat_map(|report| report.weight).collect();
+        let weights = self.reports.iter().flat_map(|report| report.weight);
         array(py, &[self.reports.len(), 3], weights)
     }
 

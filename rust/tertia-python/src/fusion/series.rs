@@ -1,13 +1,10 @@
 //! Series of plots of several radars.
 
 use super::{POSITIVE, VARIANCE, rule};
-use crate::arrays::{Output, Rows, Samples, chunks, release, value_error};
-use crate::kalman::{Model, shared, singer};
-use numpy::PyArrayDyn;
+use crate::arrays::{Input, Output, Rows, Threads, value_error};
+use crate::kalman::{Model, singer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use std::num::NonZero;
-use tertia::batch::for_each_row;
 use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
 use tertia::kalman::{
     self, Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped,
@@ -18,18 +15,16 @@ const FUSE_NS: f64 = 300.0;
 /// The same of the rule that follows hypotheses.
 const ROBUST_NS: f64 = 1200.0;
 
-type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
-
 /// Series of several radars (..., K, steps); `variance` (one radar for all or K, and then one or all
 /// steps), `dt` and `initial` (one state for all or K: mean, then covariance row by row) may have a
 /// single row for all.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Batch<'py> {
-    z: Bound<'py, PyAny>,
-    variance: Bound<'py, PyAny>,
-    dt: Bound<'py, PyAny>,
-    initial: Option<Bound<'py, PyAny>>,
+    z: Input<'py>,
+    variance: Input<'py>,
+    dt: Input<'py>,
+    initial: Option<Input<'py>>,
     model: Model,
     period: Option<f64>,
     method: String,
@@ -80,7 +75,7 @@ impl Task<'_> {
             let filter = Filter::new(self.model.acceleration_variance(), self.period);
             return Ok(vec![filter; self.radars]);
         };
-        let (states, _) = shared(initial, row).as_chunks::<12>();
+        let (states, _) = initial.shared(row).as_chunks::<12>();
         let filter = |numbers: &[f64; 12]| {
             let (rows, _) = numbers.as_chunks::<3>();
             let state = State::try_new(rows[0], &[rows[1], rows[2], rows[3]])?;
@@ -121,8 +116,8 @@ impl Task<'_> {
     ) -> tertia::Result<()> {
         let (radars, n) = (self.radars, self.steps);
         let Buffers { transitions, z, r, reports } = buffers;
-        let transition = self.model.over_all(shared(&self.dt, row), transitions)?;
-        let variances = shared(&self.variance, row);
+        let transition = self.model.over_all(self.dt.shared(row), transitions)?;
+        let variances = self.variance.shared(row);
         let length = variances.len() / self.variance_rows;
         let variance =
             |radar: usize| match &variances[self.variance_row(radar) * length..][..length] {
@@ -169,23 +164,19 @@ impl Task<'_> {
 pub fn fuse_series<'py>(
     py: Python<'py>,
     batch: Batch<'py>,
-    n_threads: Option<NonZero<usize>>,
-) -> PyResult<([Array<'py>; 6], Bound<'py, PyArrayDyn<bool>>)> {
-    let z = Samples::extract(&batch.z, "z")?;
-    let variance = Samples::extract(&batch.variance, VARIANCE)?;
-    let dt = Samples::extract(&batch.dt, "time")?;
-    let initial = batch.initial.as_ref();
-    let initial = initial.map(|value| Samples::extract(value, "initial")).transpose()?;
+    n_threads: Threads,
+) -> PyResult<([Output<'py>; 6], Output<'py, bool>)> {
     if let Some(period) = batch.period {
         kalman::require_period(period).map_err(value_error)?;
     }
-    let &[.., radars, n] = z.shape() else {
+    let &[.., radars, n] = batch.z.shape() else {
         return Err(PyValueError::new_err("z must be of shape (..., K, steps)"));
     };
+    let (initial, variance) = (batch.initial.as_ref(), batch.variance.shape());
     let task = Task {
-        variance: variance.blocks(2)?,
-        dt: dt.rows(0)?,
-        initial: initial.as_ref().map(|samples| samples.blocks(2)).transpose()?,
+        variance: batch.variance.blocks(VARIANCE, 2)?,
+        dt: batch.dt.rows("time", 0)?,
+        initial: initial.map(|initial| initial.blocks("initial", 2)).transpose()?,
         model: singer(batch.model)?,
         period: batch.period,
         rule: rule(&batch.method)?,
@@ -196,37 +187,31 @@ pub fn fuse_series<'py>(
             batch.change_probability,
         )
         .map_err(value_error)?,
-        variance_rows: variance.shape()[variance.shape().len() - 2],
+        variance_rows: variance[variance.len() - 2],
         radars,
         steps: n,
     };
-    let rows = z.blocks(2)?;
-    let count = rows.count();
-    let new = |tail: &[usize]| Output::new(py, &[rows.batch(), tail].concat());
+    let rows = batch.z.blocks("z", 2)?;
+    let new = |tail: &[usize]| Output::new(py, rows.batch(), tail);
     let (mut mean, mut covariance) = (new(&[n, 3])?, new(&[n, 6])?);
-    let (mut weight, mut noise) = (new(&[radars, n, 3])?, new(&[radars, n])?);
-    let (mut innovation, mut spread) = (new(&[radars, n])?, new(&[radars, n])?);
-    let mut outlier = Output::new(py, rows.shape)?;
-    let size = radars * n;
-    let outputs = chunks(mean.values()?, 3 * n, count)
-        .zip(chunks(covariance.values()?, 6 * n, count))
-        .zip(chunks(weight.values()?, 3 * size, count))
-        .zip(chunks(noise.values()?, size, count))
-        .zip(chunks(innovation.values()?, size, count))
-        .zip(chunks(spread.values()?, size, count))
-        .zip(chunks(outlier.values()?, size, count))
+    let (mut weight, mut noise) = (new(&[radars, n, 3])?, rows.output(py)?);
+    let (mut innovation, mut spread) = (rows.output(py)?, rows.output(py)?);
+    let mut outlier = rows.output(py)?;
+    let outputs = mean
+        .rows()?
+        .zip(covariance.rows()?)
+        .zip(weight.rows()?)
+        .zip(noise.rows()?)
+        .zip(innovation.rows()?)
+        .zip(spread.rows()?)
+        .zip(outlier.rows()?)
         .map(|((((((mean, covariance), weight), noise), innovation), variance), outlier)| {
             Results { mean, covariance, weight, noise, innovation, variance, outlier }
         });
     let of_step = if task.rule == Rule::Robust { ROBUST_NS } else { FUSE_NS };
-    let cost = of_step * (size * count) as f64;
-    release(py, cost, || {
-        let items = rows.iter().enumerate().zip(outputs);
-        for_each_row(items, cost, n_threads, Buffers::default, |buffers, ((row, z), mut out)| {
-            task.run(row, z, &mut out, buffers)
-        })
-    })
-    .map_err(|failure| rows.error(failure))?;
-    let arrays = [mean, covariance, weight, noise, innovation, spread].map(Output::into_array);
-    Ok((arrays, outlier.into_array()))
+    let cost = of_step * rows.size();
+    rows.each(py, cost, n_threads, outputs, Buffers::default, |buffers, (row, z), mut out| {
+        task.run(row, z, &mut out, buffers)
+    })?;
+    Ok(([mean, covariance, weight, noise, innovation, spread], outlier))
 }

@@ -1,17 +1,12 @@
 //! Rows of tracks as columns.
 
 use crate::arrays::Output;
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use tertia::tracker::{COLUMNS, Column, PlotStatus, Row, Values};
 
-type Numbers<'py> = Bound<'py, PyArrayDyn<f64>>;
-type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
-type Flags<'py> = Bound<'py, PyArrayDyn<bool>>;
-
 /// Numbers, integers and flags of N rows, in each the columns of `track_columns` one after the
 /// other; then the status of each plot.
-pub type Table<'py> = (Numbers<'py>, Integers<'py>, Flags<'py>, Integers<'py>);
+pub type Table<'py> = (Output<'py>, Output<'py, i64>, Output<'py, bool>, Output<'py, i64>);
 
 /// Rows that are read column by column while they are in the cache.
 const AT_ONCE: usize = 64;
@@ -40,10 +35,10 @@ pub fn table<'py>(py: Python<'py>, rows: &[Row], statuses: &[PlotStatus]) -> PyR
         widths[kind(column)] += column.width();
     }
     let n = rows.len();
-    let mut numbers = Output::<f64>::new(py, &[widths[0] * n])?;
-    let mut integers = Output::<i64>::new(py, &[widths[1] * n])?;
-    let mut flags = Output::<bool>::new(py, &[widths[2] * n])?;
-    let mut track_of_plot = Output::<i64>::new(py, &[statuses.len()])?;
+    let mut numbers = Output::<f64>::new(py, &[widths[0] * n], &[])?;
+    let mut integers = Output::<i64>::new(py, &[widths[1] * n], &[])?;
+    let mut flags = Output::<bool>::new(py, &[widths[2] * n], &[])?;
+    let mut track_of_plot = Output::<i64>::new(py, &[statuses.len()], &[])?;
     let (number, integer, flag) = (numbers.values()?, integers.values()?, flags.values()?);
     for (part, some) in rows.chunks(AT_ONCE).enumerate() {
         let mut before = [0; 3];
@@ -68,10 +63,5 @@ pub fn table<'py>(py: Python<'py>, rows: &[Row], statuses: &[PlotStatus]) -> PyR
     for (number, status) in track_of_plot.values()?.iter_mut().zip(statuses) {
         *number = status.code();
     }
-    Ok((
-        numbers.into_array(),
-        integers.into_array(),
-        flags.into_array(),
-        track_of_plot.into_array(),
-    ))
+    Ok((numbers, integers, flags, track_of_plot))
 }
