@@ -100,7 +100,12 @@ impl Input<'_> {
 }
 
 fn does_not_fit(name: &str, shape: &[usize]) -> PyErr {
-    PyValueError::new_err(format!("{name} has shape {shape:?}; it does not fit"))
+    PyValueError::new_err(match shape {
+        [] => format!(
+            "{name} is a single number; it must be an array with the sample along its last axis"
+        ),
+        _ => format!("{name} has shape {shape:?}; it does not fit"),
+    })
 }
 
 impl Rows<'_> {
@@ -259,6 +264,12 @@ pub fn array<'py, T: Element>(
     values: impl IntoIterator<Item = T>,
 ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
     PyArray::from_vec(py, values.into_iter().collect()).reshape(shape)
+}
+
+/// The matrix of an upper triangle.
+pub fn symmetric<'py>(py: Python<'py>, upper: [f64; 6]) -> PyResult<Array<'py>> {
+    let [p00, p01, p02, p11, p12, p22] = upper;
+    array(py, &[3, 3], [p00, p01, p02, p01, p11, p12, p02, p12, p22])
 }
 
 /// Fresh arrays of this shape, one for each number of the results.

@@ -2,7 +2,7 @@
 
 use crate::arrays::{
     Array, Input, Integers, Marks, Output, Rows, Threads, array, choice, chunks, release, room_for,
-    value_error, writable,
+    symmetric, value_error, writable,
 };
 use numpy::PyReadwriteArrayDyn;
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -191,6 +191,11 @@ pub fn fit_noise<'py>(
     Ok((found, array(py, z.shape, outlier)?))
 }
 
+/// Fails where a period is given that cannot be one.
+pub fn check_period(period: Option<f64>) -> PyResult<()> {
+    period.map_or(Ok(()), kalman::require_period).map_err(value_error)
+}
+
 /// The model of a `SingerModel`, and its step.
 pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)> {
     let model: Model = model.extract().map_err(|_| {
@@ -297,9 +302,7 @@ impl AngleFilter {
     ) -> PyResult<Self> {
         let (singer, transition) = extract_model(&model)?;
         kalman::require_plot(0.0, measurement_variance).map_err(value_error)?;
-        if let Some(period) = period {
-            kalman::require_period(period).map_err(value_error)?;
-        }
+        check_period(period)?;
         Ok(Self {
             given: model.unbind(),
             singer,
@@ -357,13 +360,12 @@ impl AngleFilter {
     #[getter]
     fn mean<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         let state = self.filter.state();
-        array(py, &[3], vec![self.angle_of(&state), state.mean[1], state.mean[2]])
+        array(py, &[3], [self.angle_of(&state), state.mean[1], state.mean[2]])
     }
 
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let [p00, p01, p02, p11, p12, p22] = self.filter.state().covariance;
-        array(py, &[3, 3], vec![p00, p01, p02, p01, p11, p12, p02, p12, p22])
+        symmetric(py, self.filter.state().covariance)
     }
 
     #[getter]

@@ -34,17 +34,17 @@ fn size(stations: &Input<'_>) -> PyResult<(usize, usize)> {
     }
 }
 
-/// The axes of so many instants or of all, (..., K, D, D), where they are given.
-fn axes_of<'a>(
-    axes: Option<&'a Input<'_>>,
+/// Rows of so many axes and numbers, of so many instants or one for all, where they are given.
+fn optional<'a>(
+    input: Option<&'a Input<'_>>,
+    name: &'static str,
+    (axes, length): (usize, usize),
     count: usize,
-    length: usize,
 ) -> PyResult<Option<Rows<'a>>> {
-    let axes = axes.map(|axes| axes.blocks("axes", 3)).transpose()?;
-    if let Some(axes) = &axes {
-        axes.require_shared(length, count)?;
-    }
-    Ok(axes)
+    let Some(input) = input else { return Ok(None) };
+    let rows = input.blocks(name, axes)?;
+    rows.require_shared(length, count)?;
+    Ok(Some(rows))
 }
 
 /// Problems, degrees of freedom, chi-square, p-values, dilutions and estimated standard deviations.
@@ -87,11 +87,8 @@ pub fn locate<'py>(
     rows.require(KINDS * k, count)?;
     sigmas.require_shared(KINDS * k, count)?;
     stations.require_shared(k * d, count)?;
-    let initial = initial.as_ref().map(|initial| initial.blocks("initial", 1)).transpose()?;
-    if let Some(initial) = &initial {
-        initial.require_shared(d, count)?;
-    }
-    let axes = axes_of(axes.as_ref(), count, k * d * d)?;
+    let initial = optional(initial.as_ref(), "initial", (1, d), count)?;
+    let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
     let mut position = Output::new(py, rows.batch(), &[d])?;
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
@@ -167,7 +164,7 @@ pub fn location_accuracy<'py>(
     stations.require(k * d, 1)?;
     sigmas.require(KINDS * k, 1)?;
     rows.require(d, rows.count())?;
-    let axes = axes_of(axes.as_ref(), 1, k * d * d)?;
+    let axes = optional(axes.as_ref(), "axes", (3, k * d * d), 1)?;
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let mut dilution = Output::new(py, rows.batch(), &[])?;
     let outputs = covariance.rows()?.zip(dilution.values()?);

@@ -251,22 +251,15 @@ fn one_by_one<'py>(
     let mut results = repeated((0.0, 0.0), x.len())?;
     let cost = TAIL_NS * x.len() as f64;
     let items = x.iter().zip(&row).enumerate().zip(&mut results);
-    release(py, cost, || {
-        for_each_row(
-            items,
-            cost,
-            None,
-            || (),
-            |(), ((i, (&x, &row)), out)| {
-                if let Some(others) = &others[row as usize] {
-                    let result = test(i, x, others)?;
-                    *out = (result.statistic, result.pvalue);
-                }
-                Ok(())
-            },
-        )
-    })
-    .map_err(|failure| value_error(failure.error))?;
+    let work = |(): &mut (), ((i, (&x, &row)), out): Job<'_>| {
+        if let Some(others) = &others[row as usize] {
+            let result = test(i, x, others)?;
+            *out = (result.statistic, result.pvalue);
+        }
+        Ok(())
+    };
+    release(py, cost, || for_each_row(items, cost, None, || (), work))
+        .map_err(|failure| value_error(failure.error))?;
     Ok(columns(py, &[x.len()], &results, [|r| r.0, |r| r.1])?.into())
 }
 

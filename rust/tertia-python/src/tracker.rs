@@ -154,17 +154,9 @@ pub struct Columns<'py> {
 impl Columns<'_> {
     /// The plots, at these times, of so many sensors.
     fn read(&self, time: &Input<'_>, sensors: usize) -> PyResult<Vec<Plot>> {
-        let columns = [
-            (time, "time"),
-            (&self.range, "range"),
-            (&self.azimuth, "azimuth"),
-            (&self.height, "height"),
-        ];
-        let mut rows = Vec::with_capacity(columns.len());
-        for (column, name) in columns {
-            rows.push(column.rows(name, 0)?);
-        }
-        let values: Vec<&[f64]> = rows.iter().map(|rows| &*rows.values).collect();
+        let (time, range) = (time.rows("time", 0)?, self.range.rows("range", 0)?);
+        let (azimuth, height) = (self.azimuth.rows("azimuth", 0)?, self.height.rows("height", 0)?);
+        let values = [time, range, azimuth, height].map(|column| column.values);
         let (sensor, identity) = (self.sensor.as_slice()?, self.identity.as_slice()?);
         let count = sensor.len();
         if values.iter().any(|column| column.len() != count) || identity.len() != count {

@@ -2,12 +2,11 @@
 
 use crate::arrays::{
     Array, Input, Integers, Output, Threads, array, choice, columns, repeated, room_for,
-    value_error,
 };
+use crate::kalman::check_period;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::fusion::{Agreement, Estimates, FusedEstimate, Scalar, Weighting, fusing};
-use tertia::kalman::require_period;
 
 /// Means, covariances, weights, statistics, their p-values; and degrees of freedom.
 type Fused<'py> = ((Output<'py>, Output<'py>, Output<'py>, Array<'py>, Array<'py>), Integers<'py>);
@@ -106,9 +105,7 @@ impl<'py> Results<'py> {
 pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyResult<Fused<'py>> {
     let cross = given.cross_covariances.as_ref();
     let weighting = weighting(&given.method, given.weights)?;
-    if let Some(period) = given.period {
-        require_period(period).map_err(value_error)?;
-    }
+    check_period(given.period)?;
     let &[.., sensors, m] = given.estimates.shape() else {
         return Err(PyValueError::new_err("estimates must be of shape (..., K, m)"));
     };

@@ -1,8 +1,8 @@
 //! The centre that is fed step by step.
 
 use super::{POSITIVE, VARIANCE, rule};
-use crate::arrays::{Array, array, value_error};
-use crate::kalman::extract_model;
+use crate::arrays::{Array, array, symmetric, value_error};
+use crate::kalman::{check_period, extract_model};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -150,9 +150,7 @@ impl AngleFusion {
         for (radar, &r) in measurement_variance.iter().enumerate() {
             kalman::require_plot(0.0, r).map_err(|error| value_error(of_plot(radar, error)))?;
         }
-        if let Some(period) = period {
-            kalman::require_period(period).map_err(value_error)?;
-        }
+        check_period(period)?;
         let beliefs =
             Beliefs::try_new(forgetting_factor, threshold, outlier_gate, change_probability)
                 .map_err(value_error)?;
@@ -208,13 +206,12 @@ impl AngleFusion {
 
     #[getter]
     fn mean<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        array(py, &[3], self.state.mean.to_vec())
+        array(py, &[3], self.state.mean)
     }
 
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let [p00, p01, p02, p11, p12, p22] = self.state.covariance;
-        array(py, &[3, 3], vec![p00, p01, p02, p01, p11, p12, p02, p12, p22])
+        symmetric(py, self.state.covariance)
     }
 
     #[getter]

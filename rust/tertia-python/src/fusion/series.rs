@@ -2,13 +2,11 @@
 
 use super::{POSITIVE, VARIANCE, rule};
 use crate::arrays::{Input, Output, Rows, Threads, value_error};
-use crate::kalman::{Model, singer};
+use crate::kalman::{Model, check_period, singer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
-use tertia::kalman::{
-    self, Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped,
-};
+use tertia::kalman::{Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped};
 
 /// Cost of a step for one radar, for the choice of threads.
 const FUSE_NS: f64 = 300.0;
@@ -166,9 +164,7 @@ pub fn fuse_series<'py>(
     batch: Batch<'py>,
     n_threads: Threads,
 ) -> PyResult<([Output<'py>; 6], Output<'py, bool>)> {
-    if let Some(period) = batch.period {
-        kalman::require_period(period).map_err(value_error)?;
-    }
+    check_period(batch.period)?;
     let &[.., radars, n] = batch.z.shape() else {
         return Err(PyValueError::new_err("z must be of shape (..., K, steps)"));
     };
