@@ -1,14 +1,20 @@
 """The command line, as tests run it and read what it prints."""
 
+import json
 import re
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 from typer.testing import CliRunner
 
-from tertia import cli
+from tertia import cli, metrics
+
+Write: TypeAlias = Callable[..., Path]
 
 
 class Run(NamedTuple):
@@ -30,6 +36,46 @@ def succeed(*arguments: object) -> Run:
     done = run(*arguments)
     assert done.code == 0, done.err
     return done
+
+
+def result(command: str, *arguments: object, folder: Path) -> pl.DataFrame:
+    """Return what a command writes, with full precision; it must succeed."""
+    output = folder / "result.parquet"
+    succeed(command, *arguments, "--output", output)
+    return pl.read_parquet(output)
+
+
+def rows_of(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a file that a command wrote."""
+    if path.suffix == ".json":
+        rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+        return rows
+    return {".csv": pl.read_csv, ".parquet": pl.read_parquet}[path.suffix](path).to_dicts()
+
+
+def writer(folder: Path, header: str, name: str, rows: Sequence[str] = ()) -> Write:
+    """Return what writes rows below a header to a file."""
+
+    def write(rows: Sequence[str] = rows, header: str = header, name: str = name) -> Path:
+        path = folder / name
+        path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+def indicators(tracks: pl.DataFrame, truth: pl.DataFrame, **options: float) -> Any:
+    """Return the library's indicators of the updates of tracks in a table."""
+    rows = tracks.filter(pl.col("confirmed") & pl.col("plot").is_not_null())
+    updates = SimpleNamespace(
+        time=rows["time_s"].to_numpy(),
+        track=rows["track"].to_numpy(),
+        position=rows.select("east_m", "north_m").to_numpy(),
+    )
+    places = truth.select("east_m", "north_m").to_numpy()
+    targets = truth["target"].to_numpy().astype(str)
+    true = metrics.Truth(truth["time_s"].to_numpy(), targets, places)
+    return metrics.indicators(updates, true, **options)
 
 
 def table(out: str) -> list[list[str]]:

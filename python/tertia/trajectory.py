@@ -23,7 +23,6 @@ from tertia._arrays import (
     BoolArray,
     FloatArray,
     finite,
-    integer,
     positive,
     radians,
     real,
@@ -42,7 +41,7 @@ from tertia.sensors import (
     by_kind,
     stack_stations,
 )
-from tertia.smoothing import SmoothedPositions
+from tertia.smoothing import SmoothedPositions, local_polynomial
 
 __all__ = ["Bias", "ByKind", "Order", "Smoother", "Spatial", "Station", "Trajectory", "reconstruct"]
 
@@ -233,7 +232,15 @@ def reconstruct(
     >>> np.flatnonzero(track.outlier.range[:, 0]).tolist()
     [30, 31, 32, 33]
     """
-    _require_choices(order, spatial, smoother)
+    require_options(
+        order=order,
+        spatial=spatial,
+        smoother=smoother,
+        window=window,
+        degree=degree,
+        jerk=jerk,
+        bias=bias,
+    )
     instants = _instants(time)
     places, axes, sigmas = _places(stations, len(instants))
     k = places.shape[-2]
@@ -248,13 +255,11 @@ def reconstruct(
     }
     if not measured:
         raise ValueError("nothing was measured; give range, azimuth, elevation or range_difference")
-    if jerk is not None and not 0 <= real(jerk, "jerk") < np.inf:
-        raise ValueError(f"jerk is {jerk}; it must not be negative")
     if places.shape[-1] == 2 and "elevation" in measured:
         raise ValueError("elevation needs stations with three coordinates")
     if order == "temporal-first" and axes is not None and axes.ndim > 3:
         raise ValueError("axes of stations change along time; order must be 'spatial-first'")
-    estimated = _estimated(bias, measured, order, smoother)
+    estimated = _estimated(bias, measured)
     values, deviations = (
         np.full((len(instants), len(KINDS), k), np.nan),
         np.full((len(KINDS), k), np.nan),
@@ -272,7 +277,11 @@ def reconstruct(
     }
     steps = {
         "temporal_first": order == "temporal-first",
-        "polynomials": _polynomials(window, degree) if smoother == "local-polynomial" else None,
+        "polynomials": (
+            (int(window), None if isinstance(degree, str) else int(degree))
+            if smoother == "local-polynomial"
+            else None
+        ),
         "jerk": jerk,
         "biased": [KINDS.index(kind) for kind in estimated],
     }
@@ -293,14 +302,6 @@ def reconstruct(
         bias=None if found["bias"] is None else _bias(*found["bias"]),
         smoothed=None if smoothed is None else SmoothedPositions(mean, *smoothed),
     )
-
-
-def _polynomials(window: int, degree: int | Literal["adaptive"]) -> tuple[int, int | None]:
-    if isinstance(degree, str):
-        if degree != "adaptive":
-            raise ValueError(f"degree is {degree!r}; it must be 'adaptive' or an integer")
-        return integer(window, "window", 1), None
-    return integer(window, "window", 1), integer(degree, "degree", 0)
 
 
 def _bias(values: list[float], sigmas: list[float]) -> Bias:
@@ -382,22 +383,40 @@ def _checked(
     return checked(array, kind, k)
 
 
-def _require_choices(order: Order, spatial: Spatial, smoother: Smoother) -> None:
+def require_options(
+    *,
+    order: Order = "spatial-first",
+    spatial: Spatial = "robust",
+    smoother: Smoother = "rts",
+    window: int = 13,
+    degree: int | Literal["adaptive"] = "adaptive",
+    jerk: float | None = None,
+    bias: Bias | None = None,
+) -> None:
+    """Refuse options of `reconstruct` that are wrong whatever was measured."""
     chosen = {"order": (order, Order), "spatial": (spatial, Spatial)}
     for name, (value, allowed) in {**chosen, "smoother": (smoother, Smoother)}.items():
         if value not in get_args(allowed):
             choices = " or ".join(map(repr, get_args(allowed)))
             raise ValueError(f"{name} is {value!r}; it must be {choices}")
+    if smoother == "local-polynomial":
+        # an empty series: the window and degree are judged alone
+        local_polynomial(np.empty(0), window, degree, max_degree=0)
+    if jerk is not None and not 0 <= real(jerk, "jerk") < np.inf:
+        raise ValueError(f"jerk is {jerk}; it must not be negative")
+    if bias is not None and not isinstance(bias, Bias):
+        raise TypeError(f"bias is {bias!r}; it must be a Bias")
+    estimated = bias is not None and any(
+        getattr(bias, f"{kind}_sigma") is None for kind in STATION_KINDS
+    )
+    if estimated and (order, smoother) != ("spatial-first", "rts"):
+        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
 
 
-def _estimated(
-    bias: Bias | None, measured: dict[Kind, FloatArray], order: Order, smoother: Smoother
-) -> tuple[Kind, ...]:
+def _estimated(bias: Bias | None, measured: dict[Kind, FloatArray]) -> tuple[Kind, ...]:
     """Return the kinds of which biases are to be estimated."""
     if bias is None:
         return ()
-    if not isinstance(bias, Bias):
-        raise TypeError(f"bias is {bias!r}; it must be a Bias")
     kinds = []
     for kind in STATION_KINDS:
         sigma = getattr(bias, f"{kind}_sigma")
@@ -409,8 +428,6 @@ def _estimated(
             raise ValueError(f"bias.{kind}_sigma is {sigma}; it must be 0, or None: estimated")
         if sigma is None and kind not in measured:
             raise ValueError(f"bias.{kind}_sigma is None, but {kind} was not measured")
-    if kinds and (order, smoother) != ("spatial-first", "rts"):
-        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     return tuple(kinds)
 
 

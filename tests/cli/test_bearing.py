@@ -40,16 +40,6 @@ def table(out: str) -> list[list[str]]:
     return [lines[0], *lines[2:]]
 
 
-@pytest.fixture
-def write(tmp_path: Path) -> Callable[..., Path]:
-    def to_file(text: str, name: str = "recording.csv") -> Path:
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return to_file
-
-
 def column(values: object, header: str = "azimuth_deg") -> str:
     return "\n".join([header, *map(str, np.asarray(values, dtype=object))]) + "\n"
 

@@ -5,16 +5,14 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 import pytest
-from terminal import run
+from terminal import indicators, run
 
 import tertia
-from tertia import metrics
 from tertia.fusion import fuse_series
 from tertia.kalman import SingerModel
 from tertia.location import Station, locate
@@ -438,21 +436,7 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
     told = in_every_format(
         found, tmp_path, "evaluate", "--truth", tmp_path / "truth.feather", "--update-interval", 4
     )
-    rows = found.filter(pl.col("confirmed") & pl.col("plot").is_not_null())
-    figures = metrics.indicators(
-        SimpleNamespace(
-            time=rows["time_s"].to_numpy(),
-            track=rows["track"].to_numpy(),
-            position=rows.select("east_m", "north_m").to_numpy(),
-        ),
-        metrics.Truth(
-            truth["time_s"].to_numpy(),
-            truth["target"].to_numpy().astype(str),
-            truth.select("east_m", "north_m").to_numpy(),
-        ),
-        max_distance=1000.0,
-        update_interval=4.0,
-    )
+    figures = indicators(found, truth, max_distance=1000.0, update_interval=4.0)
     values = dict(told.select("figure", "value").rows())
     assert values["targets"] == len(figures.matching.targets)
     assert values["probability of update"] == figures.probability_of_update > 0.9

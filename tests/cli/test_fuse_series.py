@@ -1,10 +1,8 @@
 """The command `tertia fuse-series`: numbers of the library, one clear line per error."""
 
 import datetime
-import json
 import re
 import runpy
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +13,7 @@ import numpy.typing as npt
 import polars as pl
 import pytest
 import terminal
+from terminal import Write, assert_column
 
 from tertia import metrics, simulate
 from tertia.fusion import FusedSeries, FusionMethod, fuse_series
@@ -33,14 +32,7 @@ ANGLE = (
 )
 
 run = partial(terminal.run, "fuse-series")
-
-
-def track(*arguments: object, folder: Path) -> pl.DataFrame:
-    """Return the track with full precision; the run must succeed."""
-    output = folder / "track.parquet"
-    done = run(*arguments, "--output", output)
-    assert done.code == 0, done.err
-    return pl.read_parquet(output)
+track = partial(terminal.result, "fuse-series")
 
 
 def tables(out: str) -> list[list[list[str]]]:
@@ -80,33 +72,22 @@ def lines(z: npt.NDArray[np.float64] = Z, extra: str = "") -> list[str]:
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Callable[..., Path]:
-    def to_file(
-        rows: list[str], header: str = "time_s,sensor,azimuth_deg", name: str = "p.csv"
-    ) -> Path:
-        path = tmp_path / name
-        path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
-        return path
-
-    return to_file
+def write(tmp_path: Path) -> Write:
+    return terminal.writer(tmp_path, "time_s,sensor,azimuth_deg", "p.csv")
 
 
 def check(frame: pl.DataFrame, result: FusedSeries, z: npt.NDArray[np.float64] = Z) -> None:
     """Check every number of a track against the library's result."""
 
-    def same(name: str, expected: npt.NDArray[np.float64]) -> None:
-        known = np.isfinite(expected)
-        found = frame[name]
-        assert found.is_not_null().to_list() == known.tolist()
-        np.testing.assert_array_equal(found.drop_nulls().to_numpy(), expected[known])
-
     for c, (name, unit) in enumerate(ANGLE):
         sigma = result.sigma[:, c]
-        same(f"{name}_sigma_{unit}", sigma)
-        same(f"{name}_{unit}", np.where(np.isfinite(sigma), result.mean[:, c], np.nan))
+        assert_column(frame[f"{name}_sigma_{unit}"], sigma)
+        assert_column(
+            frame[f"{name}_{unit}"], np.where(np.isfinite(sigma), result.mean[:, c], np.nan)
+        )
     for k, name in enumerate(SENSORS):
-        same(f"weight_{name}", result.weights[k, :, 0])
-        same(f"azimuth_sigma_{name}_deg", np.sqrt(result.noise_variance[k]))
+        assert_column(frame[f"weight_{name}"], result.weights[k, :, 0])
+        assert_column(frame[f"azimuth_sigma_{name}_deg"], np.sqrt(result.noise_variance[k]))
         expected = [
             None if np.isnan(plot) else bool(wrong)
             for plot, wrong in zip(z[k], result.outlier[k], strict=True)
@@ -122,7 +103,7 @@ def fused(variance: Any = ((0.1**2,), (0.3**2,)), **options: Any) -> FusedSeries
 SIGMAS = ("--sigma", "A=0.1", "--sigma", "B=0.3")
 
 
-def test_track_is_that_of_the_library(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_track_is_that_of_the_library(write: Write, tmp_path: Path) -> None:
     path = write(lines())
     frame = track(path, *SIGMAS, *MOTION, folder=tmp_path)
     assert frame.columns == [
@@ -138,7 +119,7 @@ def test_track_is_that_of_the_library(write: Callable[..., Path], tmp_path: Path
 
 
 @pytest.mark.parametrize("method", get_args(FusionMethod))
-def test_every_method(method: FusionMethod, write: Callable[..., Path], tmp_path: Path) -> None:
+def test_every_method(method: FusionMethod, write: Write, tmp_path: Path) -> None:
     arguments = (write(lines()), *SIGMAS, *MOTION)
     frame = track(*arguments, "--method", method, folder=tmp_path)
     check(frame, fused(method=method))
@@ -147,14 +128,14 @@ def test_every_method(method: FusionMethod, write: Callable[..., Path], tmp_path
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_one_sigma_for_all_and_others_by_name(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_one_sigma_for_all_and_others_by_name(write: Write, tmp_path: Path) -> None:
     arguments = (write(lines()), *MOTION)
     check(track(*arguments, "--sigma", 0.2, folder=tmp_path), fused(0.2**2))
     frame = track(*arguments, "--sigma", 0.1, "--sigma", "B=0.3", folder=tmp_path)
     check(frame, fused([[0.1**2], [0.3**2]]))
 
 
-def test_sigma_column(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_sigma_column(write: Write, tmp_path: Path) -> None:
     sigma = np.where(np.arange(Z.size) % 3, 0.2, 0.1)
     rows = [
         f"{line},{'' if line.endswith(',') else value}"
@@ -170,7 +151,7 @@ def test_sigma_column(write: Callable[..., Path], tmp_path: Path) -> None:
     assert [row[4] for row in summary[1:]] == [f"{np.median(row):.3g}" for row in stated]
 
 
-def test_period_zero_and_other_names(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_period_zero_and_other_names(write: Write, tmp_path: Path) -> None:
     flat = np.where(Z > 180, Z - 360, Z)
     path = write(lines(flat), "t,radar,el")
     options = ("--column", "sensor=radar", "--column", "time_s=t", "--value", "el", "--period", 0)
@@ -182,7 +163,7 @@ def test_period_zero_and_other_names(write: Callable[..., Path], tmp_path: Path)
     np.testing.assert_array_equal(frame["el"].drop_nulls(), result.mean[known, 0])
 
 
-def test_order_of_rows_does_not_matter(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_order_of_rows_does_not_matter(write: Write, tmp_path: Path) -> None:
     rows = lines()
     first, *others = rows
     np.random.default_rng(0).shuffle(others)
@@ -191,7 +172,7 @@ def test_order_of_rows_does_not_matter(write: Callable[..., Path], tmp_path: Pat
     assert shuffled.equals(track(write(rows), *arguments, folder=tmp_path))
 
 
-def test_files_are_sensors_or_are_stacked(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_files_are_sensors_or_are_stacked(write: Write, tmp_path: Path) -> None:
     files = [
         write(
             [f"{t},{v}" for t, v in zip(TIMES, z, strict=True)], "time_s,azimuth_deg", f"{name}.csv"
@@ -206,7 +187,7 @@ def test_files_are_sensors_or_are_stacked(write: Callable[..., Path], tmp_path: 
     check(frame, fused())
 
 
-def test_parquet_and_csv_together(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_parquet_and_csv_together(write: Write, tmp_path: Path) -> None:
     first = write([line + ",7" for line in lines()[:50]], "time_s,sensor,azimuth_deg,target")
     rest = [line.split(",") for line in lines()[50:]]
     second = tmp_path / "second.parquet"
@@ -230,7 +211,7 @@ START = datetime.datetime(2026, 3, 1, 23, 59, 30)
 @pytest.mark.parametrize(
     "form", ["%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%SZ"]
 )
-def test_times_of_iso_8601(form: str, write: Callable[..., Path], tmp_path: Path) -> None:
+def test_times_of_iso_8601(form: str, write: Write, tmp_path: Path) -> None:
     moments = [START + datetime.timedelta(seconds=t) for t in TIMES]
     text = {f"{t}": m.strftime(form) for t, m in zip(TIMES, moments, strict=True)}
     rows = [f"{text[t]},{rest}" for t, rest in (line.split(",", 1) for line in lines())]
@@ -265,7 +246,7 @@ def test_times_of_parquet(unit: Any, zone: str | None, tmp_path: Path) -> None:
     check(frame, fused())
 
 
-def test_dates_without_times(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_dates_without_times(write: Write, tmp_path: Path) -> None:
     rows = [f"2026-01-{day:02},A,{value}" for day, value in ((1, 1.0), (2, 2.0), (4, 4.1))]
     frame = track(write(rows), *SIGMAS[:2], *MOTION, folder=tmp_path)
     times = np.array([0, 1, 3]) * 86400.0
@@ -274,24 +255,19 @@ def test_dates_without_times(write: Callable[..., Path], tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("suffix", ["csv", "json", "parquet"])
-def test_output_has_full_precision(suffix: str, write: Callable[..., Path], tmp_path: Path) -> None:
+def test_output_has_full_precision(suffix: str, write: Write, tmp_path: Path) -> None:
     output = tmp_path / f"track.{suffix}"
     done = run(write(lines()), *SIGMAS, *MOTION, "--output", output)
     assert (done.code, done.err) == (0, "")
     assert done.out.endswith(f"wrote {TIMES.size} rows to {output}\n")
-    read: dict[str, Callable[[], list[dict[str, Any]]]] = {
-        "csv": lambda: pl.read_csv(output).to_dicts(),
-        "json": lambda: json.loads(output.read_text(encoding="utf-8")),
-        "parquet": lambda: pl.read_parquet(output).to_dicts(),
-    }
-    rows, result = read[suffix](), fused()
+    rows, result = terminal.rows_of(output), fused()
     assert [row["time_s"] for row in rows] == TIMES.tolist()
     assert rows[0]["azimuth_rate_deg_s"] is None
     assert [row["azimuth_rate_sigma_deg_s"] for row in rows[5:]] == result.sigma[5:, 1].tolist()
     assert [row["weight_B"] for row in rows[5:]] == result.weights[1, 5:, 0].tolist()
 
 
-def test_summary(write: Callable[..., Path]) -> None:
+def test_summary(write: Write) -> None:
     done = run(write(lines()), *SIGMAS, *MOTION)
     assert (done.code, done.err) == (0, "")
     (summary,) = tables(done.out)
@@ -319,7 +295,7 @@ def test_summary(write: Callable[..., Path]) -> None:
     assert f"fused: 60 steps, median sigma of azimuth_deg {sigma:.3g}\n" in done.out
 
 
-def test_groups(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_groups(write: Write, tmp_path: Path) -> None:
     other = recording(seed=9)
     rows = [*lines(extra=",007,x"), *lines(other, ",b,y"), "0,C,5.5,b,y", "2,C,5.7,b,y"]
     path = write(rows, "time_s,sensor,azimuth_deg,target,site")
@@ -355,9 +331,7 @@ def test_groups(write: Callable[..., Path], tmp_path: Path) -> None:
     ]
 
 
-def test_a_missing_plot_makes_a_time_of_the_track(
-    write: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_a_missing_plot_makes_a_time_of_the_track(write: Write, tmp_path: Path) -> None:
     rows = ["0,A,1", "2,A,1.1", "4,A,1.2", "5,A,NA", "5,A,1.25", "9,A,-"]
     arguments = (write(rows), "--sigma", 0.1, *MOTION)
     frame = track(*arguments, folder=tmp_path)
@@ -369,7 +343,7 @@ def test_a_missing_plot_makes_a_time_of_the_track(
     assert tables(run(*arguments).out)[0][1][1:4] == ["4", "2", "0"]
 
 
-def test_one_sensor_alone(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_one_sensor_alone(write: Write, tmp_path: Path) -> None:
     path = write([line for line in lines() if ",A," in line])
     done = run(path, "--sigma", 0.1, *MOTION)
     assert done.code == 0
@@ -380,7 +354,7 @@ def fits(out: str) -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in tables(out)[0][1:]}
 
 
-def test_what_is_not_given_is_fitted(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_what_is_not_given_is_fitted(write: Write, tmp_path: Path) -> None:
     arguments = (write(lines()),)
     done = run(*arguments)
     assert done.code == 0
@@ -420,7 +394,7 @@ def test_what_is_not_given_is_fitted(write: Callable[..., Path], tmp_path: Path)
     ],
 )
 def test_only_what_is_not_given_is_fitted(
-    given: tuple[Any, ...], fitted: set[str], write: Callable[..., Path]
+    given: tuple[Any, ...], fitted: set[str], write: Write
 ) -> None:
     done = run(write(lines()), *given)
     assert done.code == 0, done.err
@@ -504,7 +478,7 @@ def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
     assert frame["outlier_east"].sum() > 0
 
 
-def test_figure(write: Callable[..., Path], tmp_path: Path) -> None:
+def test_figure(write: Write, tmp_path: Path) -> None:
     rows = [line for i in range(6) for line in lines(extra=f",{i}")]
     path = write(rows, "time_s,sensor,azimuth_deg,t")
     picture = tmp_path / "p.svg"
@@ -646,7 +620,7 @@ def test_errors_are_one_clear_line(
     assert re.fullmatch(f"tertia: {message}\n", done.err)
 
 
-def test_errors_of_usage(write: Callable[..., Path]) -> None:
+def test_errors_of_usage(write: Write) -> None:
     path = write(lines())
     for arguments in (["--method", "best"], ["--alpha", "many"], ["--colour", "red"]):
         done = run(path, *arguments)

@@ -2,10 +2,8 @@
 
 import datetime
 import errno
-import json
 import re
 import runpy
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,7 +14,7 @@ import polars as pl
 import pytest
 import terminal
 from pyproj import Geod
-from terminal import table
+from terminal import Write, assert_column, table
 
 from tertia import metrics, simulate
 from tertia.cli.files import write as writing
@@ -25,6 +23,7 @@ from tertia.location import Location, LocationStatus, Station, locate
 from tertia.tables import _sensors
 
 run = partial(terminal.run, "locate")
+positions = partial(terminal.result, "locate")
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -46,14 +45,6 @@ TIMES = 2.0 * np.arange(STEPS)
 
 FloatArray = npt.NDArray[np.float64]
 Values = dict[str, FloatArray]
-
-
-def positions(*arguments: object, folder: Path) -> pl.DataFrame:
-    """Return the positions with full precision; the run must succeed."""
-    output = folder / "positions.parquet"
-    done = run(*arguments, "--output", output)
-    assert done.code == 0, done.err
-    return pl.read_parquet(output)
 
 
 def sites(places: dict[str, Any] = PLACES, sigma: dict[str, float] = SIGMA) -> list[Station]:
@@ -121,17 +112,9 @@ def as_toml(header: str, rows: list[str]) -> str:
     return "".join(f"[[station]]\n{table}" for table in tables)
 
 
-Write = Callable[..., Path]
-
-
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
-    def to_file(rows: list[str], header: str = WIDE, name: str = "m.csv") -> Path:
-        path = tmp_path / name
-        path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
-        return path
-
-    return to_file
+    return terminal.writer(tmp_path, WIDE, "m.csv")
 
 
 @pytest.fixture
@@ -143,14 +126,6 @@ def stations(write: Write) -> Path:
 def located(values: Values = Z, **options: Any) -> Location:
     measured = {kind: v * UNIT[kind] for kind, v in values.items()}
     return locate(sites(), **measured, **options)
-
-
-def same(found: pl.Series, expected: npt.ArrayLike) -> None:
-    """Check a column, null where the number is unknown."""
-    numbers = np.asarray(expected, dtype=np.float64)
-    known = np.isfinite(numbers)
-    assert found.is_not_null().to_list() == known.tolist()
-    np.testing.assert_array_equal(found.drop_nulls().to_numpy(), numbers[known])
 
 
 def faults_of(result: Location, step: int) -> list[str]:
@@ -167,14 +142,14 @@ def check(frame: pl.DataFrame, result: Location) -> None:
     """Check every column of a table of positions but the time."""
     d = result.position.shape[1]
     for i, axis in enumerate(AXES[:d]):
-        same(frame[f"{axis}_m"], result.position[:, i])
-        same(frame[f"{axis}_sigma_m"], result.sigma[:, i])
+        assert_column(frame[f"{axis}_m"], result.position[:, i])
+        assert_column(frame[f"{axis}_sigma_m"], result.sigma[:, i])
         for j in range(i):
-            same(frame[f"covariance_{AXES[j]}_{axis}_m2"], result.covariance[:, j, i])
+            assert_column(frame[f"covariance_{AXES[j]}_{axis}_m2"], result.covariance[:, j, i])
     problems = np.asarray(result.status)
-    same(frame["degrees_of_freedom"], np.where(problems, NAN, result.degrees_of_freedom))
-    same(frame["outlier_count"], np.where(problems, NAN, result.outlier.count))
-    same(frame["pvalue"], result.pvalue)
+    assert_column(frame["degrees_of_freedom"], np.where(problems, NAN, result.degrees_of_freedom))
+    assert_column(frame["outlier_count"], np.where(problems, NAN, result.outlier.count))
+    assert_column(frame["pvalue"], result.pvalue)
     reasons = [LocationStatus(p).message if p else None for p in problems]
     assert frame["status"].to_list() == reasons
     for step, told in enumerate(frame["outlier_measurement"]):
@@ -365,7 +340,7 @@ def test_latitude_and_longitude_in_space(suffix: str, write: Write, tmp_path: Pa
     result = locate(known, **{kind: v * UNIT[kind] for kind, v in values.items()})
     check(found, result)
     for column, expected in zip(GEODETIC, frame.to_geodetic(result.position), strict=True):
-        same(found[column], expected)
+        assert_column(found[column], expected)
     error = found.select(GEODETIC).to_numpy() - track
     assert np.nanmax(np.abs(error) @ np.diag([111e3, 72e3, 1.0])) < 120
     done = run(path, "--sensors", stations)
@@ -534,14 +509,8 @@ def test_summary(write: Write, stations: Path) -> None:
     done = run(write(wide(z)), "--sensors", stations)
     assert (done.code, done.err) == (0, "")
     head, *rows = table(done.out)
-    assert head == [
-        "sensor",
-        "kind",
-        "measurement_count",
-        "outlier_count",
-        "residual_mean",
-        "residual_rms",
-    ]
+    counts = ["measurement_count", "outlier_count"]
+    assert head == ["sensor", "kind", *counts, "residual_mean", "residual_rms"]
     result = located(z)
     expected = []
     for k, name in enumerate(NAMES):
@@ -577,12 +546,7 @@ def test_output_has_full_precision(
     done = run(write(wide()), "--sensors", stations, "--output", output)
     assert (done.code, done.err) == (0, "")
     assert done.out.endswith(f"wrote {STEPS} rows to {output}\n")
-    read: dict[str, Callable[[], list[dict[str, Any]]]] = {
-        "csv": lambda: pl.read_csv(output).to_dicts(),
-        "json": lambda: json.loads(output.read_text(encoding="utf-8")),
-        "parquet": lambda: pl.read_parquet(output).to_dicts(),
-    }
-    assert [row["up_m"] for row in read[suffix]()] == located().position[:, 2].tolist()
+    assert [row["up_m"] for row in terminal.rows_of(output)] == located().position[:, 2].tolist()
 
 
 def test_azimuths_in_radians_are_doubted(write: Write, stations: Path) -> None:

@@ -1,7 +1,6 @@
 """GeoJSON and KML: the coordinates of the tables, their times, and errors before the work."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -9,9 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+from terminal import Write, run
 
-from tertia import cli
 from tertia.cli.files import maps
 
 pyproj = pytest.importorskip("pyproj")
@@ -28,22 +26,6 @@ RADARS = [
     'name = "east"\nlatitude_deg = 50\nlongitude_deg = 3\nheight_m = 40\nrange_sigma_m = 80\n'
     "azimuth_sigma_deg = 0.15\nscan_period_s = 6",
 ]
-Write = Callable[..., Path]
-
-
-def run(command: str, *arguments: object) -> tuple[int, str, str]:
-    result = CliRunner().invoke(cli.app, [command, *map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
-
-
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    def to_file(text: str, name: str) -> Path:
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return to_file
 
 
 @pytest.fixture

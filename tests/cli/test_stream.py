@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
+from terminal import Run, run
 
-from tertia import cli
 from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable
 
 ROOT = Path(__file__).parents[2]
@@ -113,21 +112,9 @@ def stream(text: str, *arguments: object) -> tuple[int, str, str]:
     return done.returncode, done.stdout.decode(), done.stderr.decode()
 
 
-def of_file(path: Path, *arguments: object) -> tuple[int, str, str]:
+def of_file(path: Path, *arguments: object) -> Run:
     """Run in this process, on a file: nothing has to be started."""
-    told = ["track", path, "--stream", *arguments]
-    result = CliRunner().invoke(cli.app, list(map(str, told)), catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
-
-
-@pytest.fixture
-def write(tmp_path: Path) -> Callable[..., Path]:
-    def to_file(text: str, name: str = "plots.csv") -> Path:
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return to_file
+    return run("track", path, "--stream", *arguments)
 
 
 def check(found: pl.DataFrame, tables: list[TrackTable]) -> None:
@@ -277,10 +264,14 @@ def test_bad_lines_of_json(bad: str, sites: Path, write: Callable[..., Path]) ->
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        ("", 1, "plots.csv is empty"),
-        (f"{HEAD}\n", 1, "plots.csv is empty"),
-        (f"{HEAD}\nx\ny\n", 1, "plots.csv: no line can be used, of 2 lines"),
-        (f"{HEAD.replace('azimuth_deg', 'a')}\n1\n", 2, "plots.csv has no column azimuth_deg; it"),
+        ("", 1, "records.csv is empty"),
+        (f"{HEAD}\n", 1, "records.csv is empty"),
+        (f"{HEAD}\nx\ny\n", 1, "records.csv: no line can be used, of 2 lines"),
+        (
+            f"{HEAD.replace('azimuth_deg', 'a')}\n1\n",
+            2,
+            "records.csv has no column azimuth_deg; it",
+        ),
         (f"{HEAD.replace('range_m', 'r')}\n1\n", 2, "has no column range_m or range_nm; it has"),
         (f"{HEAD.replace('sensor', 'r')}\n1\n", 2, "has no column sensor; it has"),
         (f"{HEAD.replace(',', ';')}\n1\n", 2, "put commas between columns, not semicolons"),
@@ -298,24 +289,23 @@ def test_streams_that_cannot_be_used(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("plots.csv", "--stream", "--output", "o.csv"), "a stream goes to standard output"),
-        (("plots.csv", "--stream", "--latency", "-1"), "--latency is -1; it must be a number of"),
+        (("records.csv", "--stream", "--output", "o.csv"), "a stream goes to standard output"),
+        (("records.csv", "--stream", "--latency", "-1"), "--latency is -1; it must be a number of"),
         (("a.csv", "b.csv", "--stream"), "a stream is one file, or standard input"),
         (("a.parquet", "--stream"), "cannot stream a.parquet: a stream has lines of CSV or JSON"),
         (("absent.csv", "--stream"), "there is no file absent.csv"),
-        (("plots.csv", "--stream", "--json"), "a stream has no --json; --rows jsonl"),
+        (("records.csv", "--stream", "--json"), "a stream has no --json; --rows jsonl"),
         (("-",), "give files of plots, or --stream to read standard input"),
         ((), "give files of plots, or --stream to read standard input"),
-        (("plots.csv", "--latency", "1"), "--latency and --rows are for --stream"),
+        (("records.csv", "--latency", "1"), "--latency and --rows are for --stream"),
     ],
 )
 def test_wrong_options(arguments: Any, message: str, sites: Path) -> None:
-    told = ["track", *arguments, "--sensors", str(sites)]
-    result = CliRunner().invoke(cli.app, told, catch_exceptions=False)
-    assert result.exit_code in {1, 2}
-    assert result.stdout == ""
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1
+    done = run("track", *arguments, "--sensors", sites)
+    assert done.code in {1, 2}
+    assert done.out == ""
+    assert message in done.err
+    assert done.err.count("\n") == 1
 
 
 def test_units_that_look_wrong(sites: Path, write: Callable[..., Path]) -> None:
@@ -382,7 +372,7 @@ def test_a_reader_that_has_enough(sites: Path) -> None:
 
 def test_a_tail_goes_on(sites: Path, tmp_path: Path) -> None:
     """The pipe of the documents: what is appended to a file is tracked at once."""
-    path = tmp_path / "plots.csv"
+    path = tmp_path / "records.csv"
     path.write_text("\n".join(LINES[:200]) + "\n", encoding="utf-8")
     shell = f"tail -n +1 -f {path} & tail=$!; trap 'kill $tail' EXIT; wait"
     command = " ".join(f"'{part}'" for part in COMMAND)
@@ -458,7 +448,7 @@ def test_a_real_recording(tmp_path: Path) -> None:
     head, *_ = SITES.splitlines()
     sites.write_text(f"{head}\nlebl,0,0,50,0.08,4\n", encoding="utf-8")
     source = pl.read_csv(LEBL, infer_schema=False)[:20_000]
-    path = tmp_path / "plots.csv"
+    path = tmp_path / "records.csv"
     source.write_csv(path)
     named = ("time_s=tod_s", "range_nm=rho_nm", "azimuth_deg=theta_deg", "flight_level=fl")
     columns = [part for name in (*named, "icao_address=icao24") for part in ("--column", name)]

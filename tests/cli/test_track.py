@@ -6,9 +6,8 @@ import json
 import os
 import re
 import runpy
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy.typing as npt
 import polars as pl
 import pytest
 import terminal
-from terminal import Run, table
+from terminal import Run, Write, assert_column, table
 
 from tertia import metrics, plot
 from tertia.cli.commands import track as track_command
@@ -32,19 +31,12 @@ HEAD = "time_s,sensor,range_m,azimuth_deg,height_m,identity"
 NAN = float("nan")
 
 FloatArray = npt.NDArray[np.float64]
-Write = Callable[..., Path]
+
+tracks = partial(terminal.result, "track")
 
 
 def run(*arguments: object, command: str = "track") -> Run:
     return terminal.run(command, *arguments)
-
-
-def tracks(*arguments: object, folder: Path) -> pl.DataFrame:
-    """Return the tracks with full precision; the run must succeed."""
-    output = folder / "tracks.parquet"
-    done = run(*arguments, "--output", output)
-    assert done.code == 0, done.err
-    return pl.read_parquet(output)
 
 
 RADARS = [
@@ -129,13 +121,7 @@ def lines(frame: pl.DataFrame = SEEN) -> list[str]:
 
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
-    def to_file(rows: list[str] | None = None, header: str = HEAD, name: str = "plots.csv") -> Path:
-        path = tmp_path / name
-        body = lines() if rows is None else rows
-        path.write_text("\n".join([header, *body]) + "\n", encoding="utf-8")
-        return path
-
-    return to_file
+    return terminal.writer(tmp_path, HEAD, "plots.csv", lines())
 
 
 RADAR_HEAD = (
@@ -157,33 +143,25 @@ def plans(tmp_path: Path) -> Path:
     return path
 
 
-def same(found: pl.Series, expected: npt.ArrayLike) -> None:
-    """Check a column, null where the number is unknown."""
-    numbers = np.asarray(expected, dtype=np.float64)
-    known = np.isfinite(numbers)
-    assert found.is_not_null().to_list() == known.tolist()
-    np.testing.assert_array_equal(found.drop_nulls().to_numpy(), numbers[known])
-
-
 def check(frame: pl.DataFrame, result: TrackTable) -> None:
     """Check every column but those of time and identity."""
     assert frame["track"].to_list() == result.track.tolist()
     assert frame["sensor"].to_list() == [RADARS[k].name for k in result.sensor]
-    same(frame["plot"], np.where(result.plot < 0, NAN, result.plot))
+    assert_column(frame["plot"], np.where(result.plot < 0, NAN, result.plot))
     names = ["east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s"]
     state = np.hstack([result.position, result.velocity])
     for i, name in enumerate(names):
         quantity, unit = re.split("_(?=m)", name, maxsplit=1)
-        same(frame[name], state[:, i])
-        same(frame[f"{quantity}_sigma_{unit}"], np.sqrt(result.covariance[:, i, i]))
+        assert_column(frame[name], state[:, i])
+        assert_column(frame[f"{quantity}_sigma_{unit}"], np.sqrt(result.covariance[:, i, i]))
         for j, other in enumerate(names[:i]):
             second, unit2 = re.split("_(?=m)", other, maxsplit=1)
             product = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
             column = f"covariance_{second}_{quantity}_{product[unit2, unit]}"
-            same(frame[column], result.covariance[:, j, i])
-    same(frame["turn_probability"], result.turn_probability)
-    same(frame["height_m"], result.height)
-    same(frame["vertical_rate_m_s"], result.vertical_rate)
+            assert_column(frame[column], result.covariance[:, j, i])
+    assert_column(frame["turn_probability"], result.turn_probability)
+    assert_column(frame["height_m"], result.height)
+    assert_column(frame["vertical_rate_m_s"], result.vertical_rate)
     np.testing.assert_allclose(frame["speed_m_s"], np.linalg.norm(result.velocity, axis=1))
     course = np.radians(frame["course_deg"].to_numpy())
     toward = np.column_stack([np.sin(course), np.cos(course)])
@@ -204,7 +182,7 @@ def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: P
     assert frame.columns[-4:] == ["identity", "plan", "conforms", "confirmed"]
     assert frame.width == 4 + 8 + 6 + 2 + 3 + 4
     assert frame["time_s"].to_list() == result.time.tolist()
-    same(frame["identity"], np.where(result.identity < 0, NAN, result.identity))
+    assert_column(frame["identity"], np.where(result.identity < 0, NAN, result.identity))
     check(frame, result)
 
 
@@ -319,7 +297,7 @@ def test_nautical_miles_flight_levels_and_columns_of_other_names(
     found = tracks(path, "--sensors", radars, *columns, folder=tmp_path)
     expected = track(plots(), RADARS)
     np.testing.assert_allclose(found["east_m"], expected.position[:, 0], atol=1e-3)
-    same(found["height_m"].is_not_null().cast(float), ~np.isnan(expected.height))
+    assert_column(found["height_m"].is_not_null().cast(float), ~np.isnan(expected.height))
     assert found["height_m"].drop_nulls().to_numpy() == pytest.approx(3048.0, abs=1.0)
 
 
@@ -340,7 +318,7 @@ def test_identities(
     path = write(rows, HEAD.replace("identity", column))
     frame = tracks(path, "--sensors", radars, folder=tmp_path)
     assert set(frame[column].drop_nulls()) == {back}
-    same(
+    assert_column(
         frame[column].is_not_null().cast(float),
         track(plots(), RADARS).identity >= 0,
     )
@@ -764,28 +742,14 @@ def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
     truth = pl.read_csv(EXAMPLES / "air_truth.csv")
     picture = tmp_path / "p.png"
     arguments = (
-        tmp_path / "tracks.parquet",
+        tmp_path / "result.parquet",
         "--truth",
         EXAMPLES / "air_truth.csv",
         "--update-interval",
         5,
     )
     told = judge(*arguments, "--max-distance", 700, "--plot", picture, folder=tmp_path)
-    rows = frame.filter(pl.col("confirmed") & pl.col("plot").is_not_null())
-    expected = metrics.indicators(
-        SimpleNamespace(
-            time=rows["time_s"].to_numpy(),
-            track=rows["track"].to_numpy(),
-            position=rows.select("east_m", "north_m").to_numpy(),
-        ),
-        metrics.Truth(
-            truth["time_s"].to_numpy(),
-            truth["target"].to_numpy(),
-            truth.select("east_m", "north_m").to_numpy(),
-        ),
-        max_distance=700.0,
-        update_interval=5.0,
-    )
+    expected = terminal.indicators(frame, truth, max_distance=700.0, update_interval=5.0)
     assert told["probability of update"] == expected.probability_of_update > 0.98
     assert told["RMSE"] == expected.rmse < 100.0
     assert told["false tracks"] == expected.false_tracks == 0

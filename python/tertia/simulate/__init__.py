@@ -12,6 +12,7 @@ from tertia.simulate._radars import (
     radars,
 )
 from tertia.simulate._routes import FlightScenario
+from tertia.simulate._scene import Scene, scene
 from tertia.simulate._set_ups import SetUp, SetUpName, routes, set_up
 from tertia.simulate._stations import PassiveLocation, StationRecord, passive_location, stations
 from tertia.simulate._traffic import EncounterName, Traffic, dense_traffic, encounter
@@ -25,6 +26,7 @@ __all__ = [
     "RadarRecord",
     "RadarScenario",
     "ScenarioName",
+    "Scene",
     "SetUp",
     "SetUpName",
     "StationRecord",
@@ -38,6 +40,7 @@ __all__ = [
     "radar_scenario",
     "radars",
     "routes",
+    "scene",
     "set_up",
     "stations",
     "wishart",

@@ -17,7 +17,7 @@ T = TypeVar("T")
 # how somebody who waits is shown what is under way: an iterable goes in, and comes out
 Progress: TypeAlias = Callable[[Sequence[T]], Iterable[T]]
 # units in which names of columns end, the longer ones first
-UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s")
+_UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +95,14 @@ def column_name(column: str, *qualifiers: str, per: str = "") -> str:
 
     `per` is added to the unit, for example `_s` for a rate.
     """
-    unit = next((unit for unit in UNITS if column.endswith(f"_{unit}")), None)
-    if unit is None:
-        return "_".join([column, *qualifiers])
-    return "_".join([column.removesuffix(f"_{unit}"), *qualifiers, unit + per])
+    stem, unit = split_unit(column)
+    return "_".join([stem, *qualifiers, *([unit + per] if unit else [])])
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Return the name of a column without its unit, and the unit, empty if it has none."""
+    unit = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), "")
+    return column.removesuffix(f"_{unit}") if unit else column, unit
 
 
 def by_length(

@@ -25,7 +25,7 @@ from tertia.tables._positions import (
 )
 from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors, sensors_of
-from tertia.trajectory import Trajectory
+from tertia.trajectory import Trajectory, require_options
 from tertia.trajectory import reconstruct as reconstruct_path
 
 _BIASED: tuple[Kind, ...] = ("range", "azimuth", "elevation")
@@ -103,6 +103,7 @@ def paths_of(
     **options: Any,
 ) -> Positions[Trajectory]:
     """Return the paths of all targets with their measurements; see `reconstruct`."""
+    require_options(**{name: one for name, one in options.items() if name != "n_threads"})
     stations = sensors_of(sensors)
     results = result_names(_MOTION)
     targets = read_targets(source, stations, columns=columns, by=by, results=results)

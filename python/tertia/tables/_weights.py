@@ -13,7 +13,7 @@ from tertia import weights as weighting
 from tertia._arrays import FloatArray
 from tertia.fusion import FusedEstimate, fuse
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import UNITS, as_names, column_name, layout
+from tertia.tables._groups import as_names, column_name, layout, split_unit
 from tertia.tables._records import (
     SENSOR,
     ColumnError,
@@ -129,7 +129,7 @@ def weights_of(
     }
     for i, name in enumerate(components):
         rows[name], rows[column_name(name, "sigma")] = values_of[:, i], sigmas[:, i]
-    short = [_without_unit(name) for name in components]
+    short = [split_unit(name)[0] for name in components]
     for i, row in enumerate(short):
         for j, column in enumerate(short):
             of = [row, column] if len(components) > 1 else []
@@ -169,8 +169,3 @@ def _samples(
                 f"sensor {name}: {column} is always the same; its weight needs a scatter"
             )
     return samples
-
-
-def _without_unit(column: str) -> str:
-    unit = next((unit for unit in UNITS if column.endswith(f"_{unit}")), None)
-    return column if unit is None else column.removesuffix(f"_{unit}")

@@ -46,7 +46,6 @@ EXAMPLES = (
     "tertia fuse-series plots.csv --by target --output track.csv --plot track.png",
     "tertia fuse-series plots.parquet --value elevation_deg --period 0",
 )
-_MAX_GROUPS_DRAWN = 4
 
 
 def fuse_series(
@@ -148,31 +147,25 @@ def _print_fitted(fitted: Sequence[Fitted]) -> None:
 
 def _draw(fused: Sequence[FusedTarget], path: Path, value: str, period: float | None) -> None:
     """Draw one column of panels per target."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
-    drawn = fused[:_MAX_GROUPS_DRAWN]
-    count = len(drawn)
-    if len(fused) > count:
-        note(f"only the first {count} of {len(fused)} groups are drawn")
-    figure = Figure(figsize=(9.0 if count == 1 else 6.0 * count, 8.0), layout="constrained")
-    parts: Sequence[FigureBase] = (
-        [figure] if count == 1 else figure.subfigures(1, count, squeeze=False)[0].tolist()
-    )
-    for at, (part, one) in enumerate(zip(parts, drawn, strict=True)):
+    def draw(one: FusedTarget, figure: "FigureBase") -> None:
         target = one.target
-        top, middle, bottom = plot.fused_series(
+        panels = plot.fused_series(
             target.z,
             one.result,
             measurement_variance=one.variance,
             time=target.moments.to_numpy(),
             period=period,
             sensors=target.sensors,
-            figure=part,
+            figure=figure,
         )
+        top, _, bottom = panels
         top.set_title(": ".join(filter(None, [target.name, top.get_title()])))
         top.set_ylabel(f"{value}, plot − fused")
         bottom.set_xlabel("time_s")
-        if at:
-            for ax in (top, middle, bottom):
+        if one is not fused[0]:
+            for ax in panels:
                 ax.set_ylabel("")
-    write.save(figure, path)
+
+    size = (9.0 if len(fused) == 1 else 6.0, 8.0)
+    write.save_groups(fused, path, draw, size, across=True)

@@ -82,7 +82,12 @@ def locate(
         _say_sigma(one)
     positions.write_all(found, output, measurements, lambda: _points(found, by or []), "position")
     if plot_file is not None:
-        positions.draw(found, plot_file, lambda one, figure: _draw(found, one, figure))
+        write.save_groups(
+            found.targets,
+            plot_file,
+            lambda one, figure: _draw(found, one, figure),
+            positions.FIGURE_SIZE,
+        )
     if not any(np.any(one.result.success) for one in found.targets):
         raise typer.Exit(FAILED)
     return {"sensors": found.sensors.to_dicts()}

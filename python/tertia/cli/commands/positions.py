@@ -2,20 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import typer
 
 from tertia.cli.files import maps, write
-from tertia.cli.terminal.say import counted, note, print_table
+from tertia.cli.terminal.say import counted, print_table
 from tertia.tables._positions import Located, Positions, reason
 
-if TYPE_CHECKING:
-    from matplotlib.figure import FigureBase
-
-_MAX_GROUPS_DRAWN = 4
-_HEIGHT = 8.0
+# of the picture of a target, in inches
+FIGURE_SIZE = (11.0, 8.0)
 # p-value below which measurements contradict each other
 _DOUBTFUL = 1e-3
 # share of the instants from which on this is said: ten times what chance makes
@@ -66,23 +63,6 @@ def write_all(
         write.write(found.rows, output)
     if measurements is not None:
         write.write(found.measurements, measurements)
-
-
-def draw(
-    found: Positions[Any], path: Path, one: Callable[[Located[Any], "FigureBase"], None]
-) -> None:
-    """Draw targets below each other; `one` draws a target."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
-    drawn = found.targets[:_MAX_GROUPS_DRAWN]
-    count = len(drawn)
-    if len(found.targets) > count:
-        note(f"only the first {count} of {len(found.targets)} groups are drawn")
-    figure = Figure(figsize=(11.0, _HEIGHT * count), layout="constrained")
-    parts = [figure] if count == 1 else figure.subfigures(count, 1, squeeze=False)[:, 0].tolist()
-    for target, part in zip(drawn, parts, strict=True):
-        one(target, part)
-    write.save(figure, path)
 
 
 def name_panels(panels: dict[str, Any], one: Located[Any]) -> None:

@@ -104,7 +104,7 @@ def reconstruct(
             panels = plot.trajectory(stations.items, one.result, time=moments, figure=figure)
             positions.name_panels(panels, one)
 
-        positions.draw(found, plot_file, draw)
+        write.save_groups(found.targets, plot_file, draw, positions.FIGURE_SIZE)
     return {"sensors": found.sensors.to_dicts()}
 
 

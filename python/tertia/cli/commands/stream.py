@@ -17,7 +17,7 @@ import typer
 from tertia.cli.files.read import has_lines
 from tertia.cli.files.write import as_lines
 from tertia.cli.terminal.pipe import Lines, Quiet
-from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note
+from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
 from tertia.tables._records import Clock, Part, Reader, doubt_unit
@@ -70,13 +70,8 @@ def run(
     if path == STDIN:
         stream.run(sys.stdin.fileno(), out)
         return
-    try:
-        with path.open("rb") as file:
-            stream.run(file.fileno(), out)
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror}")
+    with reading(path), path.open("rb") as file:
+        stream.run(file.fileno(), out)
 
 
 class _Plots:

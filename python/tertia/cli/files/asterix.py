@@ -4,7 +4,7 @@ from pathlib import Path
 
 import polars as pl
 
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
+from tertia.cli.terminal.say import counted, fail, reading
 from tertia.io import AsterixRecording, read_asterix
 from tertia.tables._records import Part, doubt
 from tertia.tables._sensors import GEODETIC
@@ -16,11 +16,8 @@ _IDENTITIES = ("icao_address", "mode_3a")
 
 def _read(path: Path) -> AsterixRecording:
     try:
-        return read_asterix(path)
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror or error}")
+        with reading(path):
+            return read_asterix(path)
     except (ImportError, ValueError) as error:
         fail(str(error))
 

@@ -12,7 +12,7 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
-from tertia.cli.terminal.say import WRONG_USAGE, fail
+from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.tables._records import Part, Source
 from tertia.tables._sensors import Sensors, radars, stations
 
@@ -172,11 +172,8 @@ def _described(
         part.require("name")
         return part.table.to_dicts(), None
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror}")
+        with reading(path):
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         # also what is no UTF-8
         fail(f"cannot read {path}: {error}")
@@ -200,11 +197,8 @@ def read_plans(
 
         frame = LocalFrame(*origin)
     try:
-        plans = io.read_plans(path, frame=frame)
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror}")
+        with reading(path):
+            plans = io.read_plans(path, frame=frame)
     except (ImportError, ValueError) as error:
         fail(str(error))
     if not plans:

@@ -9,17 +9,21 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, TypeVar
 
 import polars as pl
 import polars.selectors as cs
 import typer
 
 from tertia.cli.files.read import ARROW, JSON_LINES
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
+
+_MAX_GROUPS_DRAWN = 4
+
+T = TypeVar("T")
 
 
 def _with_iso_dates(table: pl.DataFrame) -> pl.DataFrame:
@@ -110,6 +114,31 @@ def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
     with _whole(path) as file:
         figure.savefig(file, dpi=120, format=path.suffix[1:].lower())
+
+
+def save_groups(
+    groups: Sequence[T],
+    path: Path,
+    draw: Callable[[T, FigureBase], None],
+    size: tuple[float, float],
+    *,
+    across: bool = False,
+) -> None:
+    """Write a picture of the first groups, below each other or `across`; `draw` draws one."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    drawn = groups[:_MAX_GROUPS_DRAWN]
+    count = len(drawn)
+    if len(groups) > count:
+        note(f"only the first {count} of {len(groups)} groups are drawn")
+    rows, columns = (1, count) if across else (count, 1)
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    parts: Sequence[FigureBase] = (
+        [figure] if count == 1 else figure.subfigures(rows, columns, squeeze=False).ravel().tolist()
+    )
+    for group, part in zip(drawn, parts, strict=True):
+        draw(group, part)
+    save(figure, path)
 
 
 @contextmanager

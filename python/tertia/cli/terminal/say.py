@@ -1,8 +1,9 @@
 """Output on the terminal: errors, progress, tables."""
 
 import math
-from collections.abc import Callable, Collection, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
 from typing import NoReturn, TypeVar
 
 import polars as pl
@@ -31,6 +32,17 @@ def fail(message: str, code: int = FAILED) -> NoReturn:
 def note(message: str) -> None:
     """Print a note to stderr."""
     typer.echo(message, err=True)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Leave, and say why, where a file cannot be read."""
+    try:
+        yield
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror or error}")
 
 
 def counted(number: int, noun: str) -> str:
