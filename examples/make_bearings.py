@@ -1,8 +1,8 @@
 """Make bearings.csv: a simulated recording of four targets by one direction finder.
 
 Nothing here was measured. The simulation is `tertia.simulate.direction_finder` with a fixed seed,
-so the script makes the same file again. Every two seconds each target is measured once, 120 times in all. The
-truth per target, with noise of 2.5 degrees:
+so the script makes the same file again. Every two seconds each target is measured once, 120 times
+in all. The truth per target, with noise of 2.5 degrees:
 
 north   bearing 0.5: the record crosses north again and again; single outliers
 bursts  bearing 74: disturbances of 4 to 10 measurements, mostly of one polarity

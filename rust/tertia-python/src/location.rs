@@ -4,7 +4,7 @@ use crate::arrays::{Array, Input, Output, Rows, Threads, choice, columns, releas
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
-use tertia::location::{self, Fix, Instant, Locator, Method, Problem, Workspace};
+use tertia::location::{self, Fix, Instant, Locator, Method, Status, Workspace};
 use tertia::sensors::KINDS;
 
 type Located<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 6]);
@@ -54,11 +54,11 @@ pub fn fix_columns<'py>(
     fixes: &[Fix],
 ) -> PyResult<[Array<'py>; 6]> {
     let of: [fn(&Fix) -> f64; 6] = [
-        |fix| f64::from(fix.problem as u8),
+        |fix| f64::from(fix.status as u8),
         |fix| fix.degrees_of_freedom as f64,
-        |fix| fix.chi_square,
-        |fix| fix.p_value,
-        |fix| fix.dilution,
+        |fix| fix.statistic,
+        |fix| fix.pvalue,
+        |fix| fix.dop,
         |fix| fix.sigma,
     ];
     columns(py, batch, fixes, of)
@@ -93,11 +93,11 @@ pub fn locate<'py>(
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
     let failed = Fix {
-        problem: Problem::TooFew,
+        status: Status::TooFew,
         degrees_of_freedom: 0,
-        chi_square: 0.0,
-        p_value: 0.0,
-        dilution: 0.0,
+        statistic: 0.0,
+        pvalue: 0.0,
+        dop: 0.0,
         sigma: 0.0,
     };
     let mut fixes = repeated(failed, count)?;

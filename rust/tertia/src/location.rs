@@ -29,7 +29,7 @@ mod search;
 mod solver;
 mod summary;
 
-pub use solver::{Fix, Instant, Locator, Method, Output, Problem, Workspace};
+pub use solver::{Fix, Instant, Locator, Method, Output, Status, Workspace};
 
 /// Instants that are located side by side.
 pub const BLOCK: usize = block::LANES;

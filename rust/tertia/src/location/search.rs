@@ -4,7 +4,7 @@ use super::block::Arrival;
 use super::candidates::Candidates;
 use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
 use super::lenth::{self, Weight};
-use super::solver::{HUBER_STEPS, NEAR, Problem, TOLERANCE, TUKEY_TOLERANCE};
+use super::solver::{HUBER_STEPS, NEAR, Status, TOLERANCE, TUKEY_TOLERANCE};
 use super::summary::undetermined;
 use crate::base::small::{Factor, Vector, quadratic};
 
@@ -62,7 +62,7 @@ impl<const D: usize> Search<'_, D> {
         candidates: &mut Candidates<D>,
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
-    ) -> Result<Minimum<D>, Problem> {
+    ) -> Result<Minimum<D>, Status> {
         if let Some(start) = initial {
             return Ok(self.refine(start, scratch));
         }
@@ -90,7 +90,7 @@ impl<const D: usize> Search<'_, D> {
         candidates.all(self.problem.extent);
         let points = &mut candidates.points;
         let Some(start) = self.best(points, costs, scratch) else {
-            return Err(Problem::NoIntersection);
+            return Err(Status::NoIntersection);
         };
         let minimum = self.refine(points[start], scratch);
         self.rivalled(minimum, points, costs, scratch)
@@ -210,7 +210,7 @@ impl<const D: usize> Search<'_, D> {
         points: &mut [Vector<D>],
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
-    ) -> Result<Minimum<D>, Problem> {
+    ) -> Result<Minimum<D>, Status> {
         if best.scale != 1.0 {
             costs.clear();
             costs.extend(points.iter().map(|p| self.problem.cost(p, self.loss, best.scale)));
@@ -245,7 +245,7 @@ impl<const D: usize> Search<'_, D> {
         }
         match rival {
             Some(rival) if rival.normal.cost < best.normal.cost + AMBIGUOUS => {
-                Err(Problem::Ambiguous)
+                Err(Status::Ambiguous)
             }
             _ => Ok(best),
         }
@@ -258,26 +258,26 @@ impl<const D: usize> Search<'_, D> {
     }
 
     /// Fails where a minimum is none, or not one point.
-    pub fn checked(&self, minimum: Minimum<D>) -> Result<Minimum<D>, Problem> {
+    pub fn checked(&self, minimum: Minimum<D>) -> Result<Minimum<D>, Status> {
         let p = &minimum.position;
         if self.is_blind(p, NEAR) {
-            return Err(Problem::AtStation);
+            return Err(Status::AtStation);
         }
         let exact = self.problem.measurements.len() == D;
         if exact && (minimum.normal.cost.is_nan() || minimum.normal.cost > MEETING) {
-            return Err(Problem::NoIntersection);
+            return Err(Status::NoIntersection);
         }
         match minimum.end {
-            End::Diverged => return Err(Problem::NoIntersection),
-            End::Singular => return Err(Problem::Singular),
-            End::Moving if self.is_blind(p, APPROACHED) => return Err(Problem::AtStation),
-            End::Moving => return Err(Problem::NotConverged),
+            End::Diverged => return Err(Status::NoIntersection),
+            End::Singular => return Err(Status::Singular),
+            End::Moving if self.is_blind(p, APPROACHED) => return Err(Status::AtStation),
+            End::Moving => return Err(Status::NotConverged),
             End::Converged => {}
         }
         // without a scale there is no covariance, but a position
         let scaled = !minimum.scale.is_nan();
         if scaled && Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
-            return Err(Problem::Singular);
+            return Err(Status::Singular);
         }
         Ok(minimum)
     }
@@ -290,7 +290,7 @@ impl<const D: usize> Search<'_, D> {
         candidates: &mut Candidates<D>,
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
-    ) -> Result<Minimum<D>, Problem> {
+    ) -> Result<Minimum<D>, Status> {
         let start = self.checked(self.minimum(initial, candidates, costs, scratch)?)?;
         let measurements = self.problem.measurements;
         if self.unknown && measurements.len() == D {
@@ -302,7 +302,7 @@ impl<const D: usize> Search<'_, D> {
         let known = (!self.unknown).then(|| measurements[0].precision.powi(2));
         let estimate = lenth::estimate(measurements, start.position, known, weight);
         let mut normal = self.problem.normal(&estimate.position, Loss::Square, 1.0);
-        normal.matrix = estimate.covariance.ok_or(Problem::Singular)?;
+        normal.matrix = estimate.covariance.ok_or(Status::Singular)?;
         let end = if estimate.converged { End::Converged } else { End::Moving };
         let scale = if self.unknown { 1.0 / estimate.kappa.sqrt() } else { 1.0 };
         Ok(Minimum { position: estimate.position, normal, end, scale })

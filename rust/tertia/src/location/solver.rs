@@ -37,7 +37,7 @@ pub enum Method {
 
 /// Why an instant has no position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Problem {
+pub enum Status {
     /// It has one.
     None = 0,
     /// Fewer measurements than coordinates.
@@ -88,15 +88,15 @@ pub struct Output<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
     /// Why there is no position.
-    pub problem: Problem,
+    pub status: Status,
     /// Measurements less coordinates, negative where there are too few.
     pub degrees_of_freedom: i64,
     /// Sum of all squared residuals.
-    pub chi_square: f64,
+    pub statistic: f64,
     /// Probability of a larger one; nan where σ is estimated.
-    pub p_value: f64,
+    pub pvalue: f64,
     /// Root of the trace of the covariance for σ = 1; nan where units are mixed.
-    pub dilution: f64,
+    pub dop: f64,
     /// The standard deviation of a measurement where it is estimated, nan otherwise.
     pub sigma: f64,
 }
@@ -104,11 +104,11 @@ pub struct Fix {
 impl Fix {
     /// That of an instant that has not been located.
     pub const UNKNOWN: Self = Self {
-        problem: Problem::TooFew,
+        status: Status::TooFew,
         degrees_of_freedom: 0,
-        chi_square: f64::NAN,
-        p_value: f64::NAN,
-        dilution: f64::NAN,
+        statistic: f64::NAN,
+        pvalue: f64::NAN,
+        dop: f64::NAN,
         sigma: f64::NAN,
     };
 }
@@ -272,16 +272,16 @@ impl Locator {
         let Record { measurements, places, extent, first: arrived, rows, .. } = record;
         let count = measurements.len();
         let degrees_of_freedom = count as i64 - D as i64;
-        let failed = |problem| Fix {
-            problem,
+        let failed = |status| Fix {
+            status,
             degrees_of_freedom,
-            chi_square: f64::NAN,
-            p_value: f64::NAN,
-            dilution: f64::NAN,
+            statistic: f64::NAN,
+            pvalue: f64::NAN,
+            dop: f64::NAN,
             sigma: f64::NAN,
         };
         if degrees_of_freedom < 0 {
-            return failed(Problem::TooFew);
+            return failed(Status::TooFew);
         }
         let redundancy = count - D;
         let loss = self.loss(redundancy);
@@ -295,7 +295,7 @@ impl Locator {
         };
         let minimum = match found.and_then(|minimum| search.checked(minimum)) {
             Ok(minimum) => minimum,
-            Err(problem) => return failed(problem),
+            Err(status) => return failed(status),
         };
         for (value, (p, o)) in out.position.iter_mut().zip(minimum.position.iter().zip(origin)) {
             *value = p + o;
@@ -308,24 +308,24 @@ impl Locator {
         for (i, row) in summary.covariance.iter().enumerate() {
             out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
         }
-        let mut chi_square = 0.0;
+        let mut statistic = 0.0;
         let [own, robust] = [summary.sigma, minimum.scale].map(f64::recip);
         for (row, &place) in rows.iter().zip(&*places) {
             let u = row.residual * own;
             out.residual[place] = u;
             out.outlier[place] = (row.residual * robust).abs() >= summary.fault;
-            chi_square += u * u;
+            statistic += u * u;
         }
         Fix {
-            chi_square,
-            p_value: match unknown {
+            statistic,
+            pvalue: match unknown {
                 true => f64::NAN,
                 false if redundancy == 0 => 1.0,
-                false => chi_square_upper(chi_square, redundancy),
+                false => chi_square_upper(statistic, redundancy),
             },
-            dilution: summary.dilution,
+            dop: summary.dop,
             sigma: if unknown { summary.sigma } else { f64::NAN },
-            ..failed(Problem::None)
+            ..failed(Status::None)
         }
     }
 
@@ -371,7 +371,7 @@ impl Locator {
         for m in measurements {
             spread.add(m, &m.row(&p), true);
         }
-        spread.dilution()
+        spread.dop()
     }
 }
 

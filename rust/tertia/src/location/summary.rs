@@ -36,10 +36,10 @@ impl<const D: usize> Search<'_, D> {
             total += weight;
             spread.add(m, row, u.abs() < fault);
         }
-        let dilution = spread.dilution();
+        let dop = spread.dop();
         if lenth.is_some() {
             let covariance = minimum.normal.matrix;
-            return Summary { covariance, sigma: minimum.scale, fault, dilution };
+            return Summary { covariance, sigma: minimum.scale, fault, dop };
         }
         let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
             .map_or_else(undetermined, |factor| factor.inverse());
@@ -49,7 +49,7 @@ impl<const D: usize> Search<'_, D> {
         if self.unknown {
             let rest = total - D as f64;
             if rest < LEAST_REST {
-                return Summary { covariance: undetermined(), sigma: f64::NAN, fault, dilution };
+                return Summary { covariance: undetermined(), sigma: f64::NAN, fault, dop };
             }
             sigma = (sum / rest).sqrt();
             for _ in 0..SPREAD_STEPS {
@@ -65,7 +65,7 @@ impl<const D: usize> Search<'_, D> {
             });
             add(&mut covariance, &doubt(rows, &inverse));
         }
-        Summary { covariance, sigma: minimum.scale * sigma, fault, dilution }
+        Summary { covariance, sigma: minimum.scale * sigma, fault, dop }
     }
 }
 
@@ -99,7 +99,7 @@ pub(super) struct Summary<const D: usize> {
     pub sigma: f64,
     /// Residuals from here on have no weight.
     pub fault: f64,
-    pub dilution: f64,
+    pub dop: f64,
 }
 
 /// Infinite variances; what is between them is not a number.
@@ -133,7 +133,7 @@ impl<const D: usize> Spread<D> {
     }
 
     /// Root of the trace of the covariance; nan where units are mixed.
-    pub fn dilution(&self) -> f64 {
+    pub fn dop(&self) -> f64 {
         if self.mixed {
             return f64::NAN;
         }

@@ -372,15 +372,15 @@ fn repeats(series: &[f64]) -> f64 {
     let whole: f64 = series.iter().map(|v| v * v).sum();
     let mut total = 0.0;
     for lag in (1..series.len() / 2).step_by(2) {
-        let (mut pair, mut squares) = (0.0, 0.0);
-        for one in [lag, lag + 1] {
-            for (late, early) in series[one..].iter().zip(series) {
-                let product = late * early;
-                pair += product;
-                squares += product * product;
-            }
-        }
-        let least = if lag == 1 { chance() * f64::sqrt(squares) } else { 0.0 };
+        let products = || {
+            let lagged = [lag, lag + 1].map(|one| series[one..].iter().zip(series));
+            lagged.into_iter().flatten().map(|(late, early)| late * early)
+        };
+        let pair: f64 = products().sum();
+        let least = match lag {
+            1 => chance() * products().map(|v| v * v).sum::<f64>().sqrt(),
+            _ => 0.0,
+        };
         // not a number is not more
         if pair.partial_cmp(&least) != Some(std::cmp::Ordering::Greater) {
             break;

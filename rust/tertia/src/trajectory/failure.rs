@@ -5,7 +5,7 @@ use crate::base::error::Error;
 /// Why there is no trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Failure {
-    /// No instant has a position: for these reasons, as numbers of a location's problem.
+    /// No instant has a position: for these reasons, as numbers of a location's status.
     NotLocated(Vec<u8>),
     /// No usable measurement determines the biases of these numbers of an instant.
     Unusable(Vec<usize>),

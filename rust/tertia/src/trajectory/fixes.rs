@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::measured::{Measured, REDUNDANCY, Record};
 use crate::batch::for_each_row;
-use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Problem, Workspace};
+use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Workspace};
 
 /// Cost of an instant per number, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
@@ -85,7 +85,7 @@ impl Fixes {
         if (0..self.fixes.len()).any(|t| self.is_located(t)) {
             return Ok(self);
         }
-        let mut reasons: Vec<u8> = self.fixes.iter().map(|fix| fix.problem as u8).collect();
+        let mut reasons: Vec<u8> = self.fixes.iter().map(|fix| fix.status as u8).collect();
         reasons.sort_unstable();
         reasons.dedup();
         Err(Failure::NotLocated(reasons))
@@ -159,7 +159,7 @@ impl Fixes {
     }
 
     pub(super) fn is_located(&self, t: usize) -> bool {
-        self.fixes[t].problem == Problem::None
+        self.fixes[t].status == Status::None
     }
 }
 
