@@ -121,3 +121,10 @@ pub(super) fn in_domain(column: usize, width: usize, value: f64) -> f64 {
     };
     if inside { value } else { f64::NAN }
 }
+
+/// Numbers of an instant whose biases are estimated: of these kinds, what was measured at all.
+pub(super) fn seen(record: &Record<'_>, biased: &[usize]) -> Vec<usize> {
+    let (width, k) = (record.width(), record.width() / KINDS);
+    let all = biased.iter().flat_map(|kind| kind * k..(kind + 1) * k);
+    all.filter(|at| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan())).collect()
+}

@@ -3,8 +3,8 @@
 use super::failure::Failure;
 use super::fixes::Fixes;
 use super::measured::{Measured, Record};
+use super::result::{Trajectory, without_correlations};
 use super::series::{Noisy, Polynomials, Series};
-use super::{Trajectory, without_correlations};
 
 /// Locates every instant, then smooths each coordinate by polynomials. N is 3 D.
 ///

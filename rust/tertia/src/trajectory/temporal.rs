@@ -2,9 +2,9 @@
 
 use super::failure::Failure;
 use super::fixes::Fixes;
-use super::measured::{Measured, Record, in_domain};
+use super::measured::{Measured, Record, in_domain, seen};
+use super::result::{Trajectory, without_correlations};
 use super::series::{Noisy, Polynomials, Series};
-use super::{Trajectory, seen, without_correlations};
 use crate::base::angle::{median, nearest};
 use crate::base::small::{Factor, Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement};

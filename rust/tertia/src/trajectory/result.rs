@@ -1,0 +1,83 @@
+//! A trajectory and what was found on the way.
+
+use super::bias::Biases;
+use super::fixes::Fixes;
+use super::measured::{Measured, Record};
+use crate::smoothing::{JerkFit, Summary};
+
+/// What came out.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Positions, velocities and accelerations (N, 3D); nan where unknown.
+    pub mean: Vec<f64>,
+    /// Their covariances (N, 3D, 3D), ∞ where unknown, with the uncertainty of jerk and biases.
+    pub covariance: Vec<f64>,
+    /// What the smoother of positions found; none with polynomials, and of smoothed measurements.
+    pub smoothed: Option<Smoothed>,
+    /// Positions of the single instants.
+    pub fixes: Fixes,
+    /// Measurements that were left out (N, 4, K).
+    pub outlier: Vec<bool>,
+    /// Whitened residuals about the trajectory (N, 4, K), without biases.
+    pub residual: Vec<f64>,
+    /// Biases and their standard deviations (4, K): 0 and ∞ where nothing was measured, 0 and 0 of
+    /// kinds that were not asked for. None if none was.
+    pub bias: Option<(Vec<f64>, Vec<f64>)>,
+}
+
+/// What a smoother with white jerk found.
+#[derive(Clone, Debug)]
+pub struct Smoothed {
+    /// Covariances of the states (N, 3D, 3D) without the uncertainty of jerk and biases.
+    pub covariance: Vec<f64>,
+    /// Innovations (N, D).
+    pub innovation: Vec<f64>,
+    /// Likelihood and count.
+    pub summary: Summary,
+    /// The jerk that was given or found.
+    pub fit: JerkFit,
+}
+
+impl Trajectory {
+    /// States that follow from positions of the instants, without biases.
+    pub(super) fn of_fixes<const D: usize, const N: usize>(
+        record: &Record<'_>,
+        fixes: Fixes,
+        mean: Vec<f64>,
+        covariance: Vec<f64>,
+    ) -> Self {
+        let residual = residuals::<D, N>(record, None, &mean);
+        let outlier = fixes.outlier.clone();
+        Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None }
+    }
+}
+
+/// Diagonal matrices (N, S, S) of variances (N, S).
+pub(super) fn without_correlations(variance: &[f64], size: usize) -> Vec<f64> {
+    let mut matrices = vec![0.0; variance.len() * size];
+    for (at, variance) in variance.iter().enumerate() {
+        matrices[at * size + at % size] = *variance;
+    }
+    matrices
+}
+
+/// Whitened residuals about states, of measurements without their biases.
+pub(super) fn residuals<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    biases: Option<&Biases>,
+    mean: &[f64],
+) -> Vec<f64> {
+    let width = record.width();
+    let values = match biases {
+        None => record.values.to_vec(),
+        Some(biases) => biases.removed_from(record.values, width),
+    };
+    let measured = Measured::<D>::new(record, values);
+    let mut residual = vec![f64::NAN; record.values.len()];
+    for (t, state) in mean.chunks_exact(N).enumerate() {
+        for (m, row) in measured.rows(t, &state[..D]) {
+            residual[t * width + measured.column[m]] = row.residual;
+        }
+    }
+    residual
+}
