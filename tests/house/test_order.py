@@ -1,4 +1,4 @@
-"""Concepts import those to their left, on every floor; nothing imports in circles.
+"""Concepts import those to their left, on every floor; nothing imports in circles; files are short.
 
 `base <- screening <- bearing <- weights <- sensors <- geo <- location <- kalman <- smoothing <-
 trajectory <- fusion <- association <- flightplan <- registration <- tracker`, and outside
@@ -228,6 +228,18 @@ def circles(graph: Graph) -> list[list[str]]:
         reached[name] = seen
     sets = {frozenset(b for b in reached[a] if a in reached.get(b, ())) for a in graph}
     return sorted(sorted(one) for one in sets if one)
+
+
+@pytest.mark.parametrize(
+    ("top", "suffix", "most"), [(PYTHON, "py", 600), (CORE, "rs", 500), (BINDINGS, "rs", 500)]
+)
+def test_files_are_short(top, suffix, most):
+    lengths = {
+        path.relative_to(top).as_posix(): len(path.read_text("utf-8").splitlines())
+        for path in top.rglob(f"*.{suffix}")
+    }
+    assert lengths
+    assert {name: length for name, length in lengths.items() if length > most} == {}
 
 
 def test_the_checks_see_what_they_look_for():

@@ -7,6 +7,7 @@
 //!
 //! | part | what |
 //! |---|---|
+//! | `fix` | what is asked of an instant, and what comes out |
 //! | `candidates` | points that as many measurements as there are coordinates agree on |
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
 //! | `block`, `lanes` | the same for several instants side by side |
@@ -23,13 +24,15 @@ mod block;
 mod candidates;
 mod descent;
 mod doubt;
+mod fix;
 mod lanes;
 mod lenth;
 mod search;
 mod solver;
 mod summary;
 
-pub use solver::{Fix, Instant, Locator, Method, Output, Status, Workspace};
+pub use fix::{Fix, Instant, Method, Output, Status};
+pub use solver::{Locator, Workspace};
 
 /// Instants that are located side by side.
-pub const BLOCK: usize = block::LANES;
+pub const BLOCK: usize = lanes::LANES;

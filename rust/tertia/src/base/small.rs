@@ -175,6 +175,11 @@ pub(crate) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     [q / a, c / q]
 }
 
+/// Infinite variances; what is between them is not a number.
+pub fn undetermined<const D: usize>() -> Matrix<D> {
+    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { f64::NAN }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

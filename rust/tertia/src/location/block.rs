@@ -6,28 +6,11 @@
 //! the same result alone and in any company.
 
 use super::descent::{FAR, Loss};
-use super::lanes::Lanes;
+use super::lanes::{LANES, Lane, Lanes, Measured};
 use crate::base::small::{self, Matrix};
 use crate::base::vector::Vector;
-use crate::sensors::{Kind, Measurement, Row};
+use crate::sensors::{Measurement, Row};
 use pulp::{Arch, Simd, WithSimd};
-
-/// Instants side by side: two vectors of AVX2, so that one works while the other waits.
-pub(super) const LANES: usize = 8;
-
-pub(super) type Lane = [f64; LANES];
-
-/// One measurement of all lanes.
-#[derive(Clone, Debug)]
-pub(super) struct Measured<const D: usize> {
-    pub kind: Kind,
-    pub station: [Lane; D],
-    pub value: Lane,
-    pub precision: Lane,
-    pub sine: Lane,
-    pub cosine: Lane,
-    pub axes: Option<[[Lane; D]; D]>,
-}
 
 /// Where a lane arrived, the normal matrix and the cost there.
 #[derive(Clone, Copy, Debug)]
@@ -182,6 +165,7 @@ impl<const D: usize> WithSimd for Descent<'_, D> {
 mod tests {
     use super::super::descent::{self, TUKEY};
     use super::*;
+    use crate::sensors::Kind;
 
     /// What three radars measure of a target, somewhat wrong.
     fn measurements(error: f64, tilted: bool) -> Vec<Measurement<3>> {

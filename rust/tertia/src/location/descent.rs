@@ -3,6 +3,13 @@
 use crate::base::small::{Factor, Matrix, Vector, norm, quadratic};
 use crate::sensors::{Measurement, Row};
 
+/// Least squares end where a step is shorter than so many standard deviations.
+pub(super) const TOLERANCE: f64 = 1e-9;
+/// Robust steps: Huber's only lead to Tukey's.
+pub(super) const HUBER_STEPS: usize = 8;
+pub(super) const TUKEY_TOLERANCE: f64 = 1e-7;
+/// A point is at a station below this share of the extent.
+pub(super) const NEAR: f64 = 1e-9;
 /// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
 pub(super) const HUBER: f64 = 1.345;
 pub(super) const TUKEY: f64 = 4.685;

@@ -1,11 +1,27 @@
 //! Steps of several instants at once, in the lanes of vectors.
 
-use super::block::{LANES, Lane, Measured};
 use super::descent::{HUBER, Loss, ROUNDING};
 use crate::base::small::REGULAR;
 use crate::base::vector::Vector;
 use crate::sensors::{Kind, SMALL_TANGENT, TERMS};
 use pulp::Simd;
+
+/// Instants side by side: two vectors of AVX2, so that one works while the other waits.
+pub(super) const LANES: usize = 8;
+
+pub(super) type Lane = [f64; LANES];
+
+/// One measurement of all lanes.
+#[derive(Clone, Debug)]
+pub(super) struct Measured<const D: usize> {
+    pub kind: Kind,
+    pub station: [Lane; D],
+    pub value: Lane,
+    pub precision: Lane,
+    pub sine: Lane,
+    pub cosine: Lane,
+    pub axes: Option<[[Lane; D]; D]>,
+}
 
 /// Steps after which a lane is left to others.
 const STEPS: usize = 16;

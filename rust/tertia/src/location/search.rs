@@ -2,11 +2,12 @@
 
 use super::block::Arrival;
 use super::candidates::Candidates;
-use super::descent::{self, End, HUBER, Loss, Normal, TUKEY};
+use super::descent::{
+    self, End, HUBER, HUBER_STEPS, Loss, NEAR, Normal, TOLERANCE, TUKEY, TUKEY_TOLERANCE,
+};
+use super::fix::Status;
 use super::lenth::{self, Weight};
-use super::solver::{HUBER_STEPS, NEAR, Status, TOLERANCE, TUKEY_TOLERANCE};
-use super::summary::undetermined;
-use crate::base::small::{Factor, Vector, quadratic};
+use crate::base::small::{Factor, Vector, quadratic, undetermined};
 
 const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;

@@ -1,117 +1,19 @@
 //! Positions of instants: what was measured, starts that are trusted, results.
 
-use super::block::{Block, LANES};
+use super::block::Block;
 use super::candidates::Candidates;
-use super::descent::{self, Loss, TUKEY};
+use super::descent::{self, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
+use super::fix::{Fix, Instant, Method, Output, Status};
+use super::lanes::LANES;
 use super::lenth::Weight;
 use super::search::{Minimum, Search};
-use super::summary::{Spread, undetermined};
+use super::summary::Spread;
 use crate::base::distribution::chi_square_upper;
-use crate::base::small::{Factor, Vector, norm};
+use crate::base::small::{Factor, Vector, norm, undetermined};
 use crate::sensors::{Measurement, Row, read};
 
-/// Least squares end where a step is shorter than so many standard deviations.
-pub(super) const TOLERANCE: f64 = 1e-9;
-/// Robust steps: Huber's only lead to Tukey's.
-pub(super) const HUBER_STEPS: usize = 8;
 /// The same from a start that is trusted.
 const NEAR_HUBER: f64 = 0.5;
-pub(super) const TUKEY_TOLERANCE: f64 = 1e-7;
-/// A point is at a station below this share of the extent.
-pub(super) const NEAR: f64 = 1e-9;
-
-/// How a position is estimated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// Tukey's biweight from so many degrees of freedom on, least squares below.
-    Robust(usize),
-    /// Least squares.
-    LeastSquares,
-    /// Lenth's maximum likelihood.
-    LenthMle,
-    /// Lenth's form of Huber's estimator.
-    LenthHuber,
-    /// Lenth's form of Andrews' estimator.
-    LenthAndrews,
-}
-
-/// Why an instant has no position.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
-    /// It has one.
-    None = 0,
-    /// Fewer measurements than coordinates.
-    TooFew = 1,
-    /// Bearings that are parallel, diverge, or meet behind a station; ranges that do not meet.
-    NoIntersection = 2,
-    /// Measurements that leave some direction undetermined.
-    Singular = 3,
-    /// Two positions that explain the measurements (almost) equally well.
-    Ambiguous = 4,
-    /// A position at a station, or straight above one that measures angles.
-    AtStation = 5,
-    /// No minimum was reached.
-    NotConverged = 6,
-}
-
-/// What was measured at one instant.
-#[derive(Clone, Copy, Debug)]
-pub struct Instant<'a> {
-    /// Positions of K stations, K D numbers.
-    pub stations: &'a [f64],
-    /// East, north and up of each station, K D² numbers, to which its angles refer; those of the
-    /// frame if there are none.
-    pub axes: Option<&'a [f64]>,
-    /// Ranges, azimuths, elevations and range differences, 4 K finite numbers, nan where there is
-    /// none.
-    pub values: &'a [f64],
-    /// Their standard deviations; nan if they are unknown and equal.
-    pub sigmas: &'a [f64],
-    /// A position near the one looked for.
-    pub initial: Option<&'a [f64]>,
-}
-
-/// Where the results go.
-#[derive(Debug)]
-pub struct Output<'a> {
-    /// D numbers.
-    pub position: &'a mut [f64],
-    /// D² numbers.
-    pub covariance: &'a mut [f64],
-    /// 4 K whitened residuals, measured less predicted; nan where nothing was measured.
-    pub residual: &'a mut [f64],
-    /// 4 K marks of measurements without weight.
-    pub outlier: &'a mut [bool],
-}
-
-/// What besides the position came out.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fix {
-    /// Why there is no position.
-    pub status: Status,
-    /// Measurements less coordinates, negative where there are too few.
-    pub degrees_of_freedom: i64,
-    /// Sum of all squared residuals.
-    pub statistic: f64,
-    /// Probability of a larger one; nan where σ is estimated.
-    pub pvalue: f64,
-    /// Root of the trace of the covariance for σ = 1; nan where units are mixed.
-    pub dop: f64,
-    /// The standard deviation of a measurement where it is estimated, nan otherwise.
-    pub sigma: f64,
-}
-
-impl Fix {
-    /// That of an instant that has not been located.
-    pub const UNKNOWN: Self = Self {
-        status: Status::TooFew,
-        degrees_of_freedom: 0,
-        statistic: f64::NAN,
-        pvalue: f64::NAN,
-        dop: f64::NAN,
-        sigma: f64::NAN,
-    };
-}
 
 /// Buffers of a thread.
 #[derive(Debug)]

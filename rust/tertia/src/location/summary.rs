@@ -4,7 +4,7 @@ use super::descent::{Loss, TUKEY};
 use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::search::{Minimum, Search};
-use crate::base::small::{Factor, Matrix, add};
+use crate::base::small::{Factor, Matrix, add, undetermined};
 use crate::sensors::{Measurement, Row};
 
 /// Steps to the σ whose weighted residuals are as large as those found.
@@ -100,11 +100,6 @@ pub(super) struct Summary<const D: usize> {
     /// Residuals from here on have no weight.
     pub fault: f64,
     pub dop: f64,
-}
-
-/// Infinite variances; what is between them is not a number.
-pub(super) fn undetermined<const D: usize>() -> Matrix<D> {
-    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { f64::NAN }))
 }
 
 /// The information of errors of size 1, where their unit is the same.
