@@ -36,9 +36,9 @@ def location(
     *,
     azimuth: npt.ArrayLike | None = None,
     range: npt.ArrayLike | None = None,  # noqa: A002  # as in `locate`
-    ax: "Axes | None" = None,
-    legend: bool = True,
     probability: float = 0.95,
+    legend: bool = True,
+    ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw stations, measurements, and the position with its error ellipse, from above.
 
@@ -55,10 +55,10 @@ def location(
         the target.
     probability : float
         Probability that the ellipse contains the true position, for normal errors.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
     legend : bool
         Whether to name stations, measurements and position.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; by default those of a new figure.
 
     Returns
     -------

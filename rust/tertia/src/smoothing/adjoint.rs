@@ -16,6 +16,7 @@ use super::smoother::Summary;
 use super::track::{ENOUGH, Track};
 use crate::base::small::{Matrix as Square, dot};
 use nalgebra::{SMatrix, SVector};
+use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
 /// Variance of a prediction over that of its plot from which on too many digits are lost.
@@ -89,19 +90,10 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
             return None;
         }
         self.steps.clear();
-        let (mut step, mut squares, logarithms) = self.open(track, jerk, opening)?;
-        let keep = opening.is_some();
-        let mut spread = Logarithms::NONE;
-        for k in self.start + 1..track.len() {
-            if keep {
-                self.steps.push(step.clone());
-            }
-            step.predict(track.times[k] - track.times[k - 1], jerk);
-            squares += step.update(track, k, &mut spread)?;
-        }
-        if keep {
-            self.steps.push(step);
-        }
+        let (step, squares, logarithms) = self.open(track, jerk, opening)?;
+        let steps = opening.map(|_| &mut self.steps);
+        let filter = Filter { track, jerk, start: self.start, step, squares, steps };
+        let (squares, spread) = Arch::new().dispatch(filter)?;
         let count = track.measured - N;
         let logarithm = 2.0 * logarithms.total() + spread.total() + track.log_determinant;
         let logarithm = logarithm + count as f64 * TAU.ln();
@@ -222,6 +214,39 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
             }
         }
         Some(())
+    }
+}
+
+/// The filter by covariances, for the vectors of the machine.
+struct Filter<'a, const D: usize, const N: usize> {
+    track: &'a Track<'a>,
+    jerk: f64,
+    start: usize,
+    step: Step<D, N>,
+    squares: f64,
+    /// Where the steps are kept, if they are.
+    steps: Option<&'a mut Vec<Step<D, N>>>,
+}
+
+impl<const D: usize, const N: usize> WithSimd for Filter<'_, D, N> {
+    /// The sum of squares, and the variances of the innovations.
+    type Output = Option<(f64, Logarithms)>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { track, jerk, start, mut step, mut squares, mut steps } = self;
+        let mut spread = Logarithms::NONE;
+        for k in start + 1..track.len() {
+            if let Some(steps) = steps.as_deref_mut() {
+                steps.push(step.clone());
+            }
+            step.predict(track.times[k] - track.times[k - 1], jerk);
+            squares += step.update(track, k, &mut spread)?;
+        }
+        if let Some(steps) = steps {
+            steps.push(step);
+        }
+        Some((squares, spread))
     }
 }
 
