@@ -400,7 +400,7 @@ def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
 
 
 def angle_sigma(value: npt.ArrayLike, name: str, *, degrees: bool) -> FloatArray:
-    """Return standard deviations, those of angles in radians."""
+    """Return standard deviations; those of angles are in radians."""
     if not name.startswith(ANGLES):
         return samples(value, name)
     return radians(value, name, degrees=degrees, is_sigma=True)

@@ -1,4 +1,4 @@
-"""Estimators of scikit-learn: outlier detectors, a cleaner and a smoother of columns.
+"""Estimators for scikit-learn: outlier detectors, and a cleaner and a smoother for columns.
 
 A matrix `(n_samples, n_features)` is a recording: rows are instants, columns are quantities, and
 each column is screened or smoothed alone. nan is 'no measurement'.

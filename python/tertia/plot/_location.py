@@ -47,7 +47,7 @@ def location(
     stations : sequence of K Station, or array_like of shape (K, D)
         The stations, as given to `tertia.location.locate`.
     result : Location
-        The position, of one instant.
+        The position at one instant.
     azimuth : array_like of shape (K,), optional
         The azimuths in radians, drawn as rays.
     range : array_like of shape (K,), optional

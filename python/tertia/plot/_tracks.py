@@ -147,7 +147,7 @@ def update_probability(
     Raises
     ------
     ValueError
-        A table with a radar that is not given.
+        A table that contains a radar not among those given.
 
     Examples
     --------

@@ -37,7 +37,7 @@ def innovations(table: TrackTable, k: int) -> Innovations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Updates:
-    """Counts of the plots of a radar, in T periods.
+    """Counts for one radar, in each of T periods.
 
     `expected` and `hit` count scans of confirmed tracks, `outlier` updates with an innovation that
     is too large, `unassociated` plots with the identity of a track that does not use them,

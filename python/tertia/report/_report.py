@@ -102,7 +102,7 @@ def make(
     title : str
         The title of the page.
     since : str, optional
-        Date and time of the zero of the time scale, as text.
+        Date and time at which the time scale is zero, as text.
     progress : callable, optional
         Called before each step with its name and the fraction completed, 0 to 1.
     **options

@@ -266,7 +266,7 @@ def radar_scenario(
 
 
 def _disturbed(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
-    """Return the disturbed scans, of those `since` the middle."""
+    """Tell which scans are disturbed; `since` counts scans from the middle of the record."""
     if name == "unknown":
         return np.ones(since.shape, dtype=bool)
     scans = _DISTURBED_SCANS.get(name, 0.0)

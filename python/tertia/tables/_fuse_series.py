@@ -125,7 +125,7 @@ def fuse_series(
         and optionally its sigma (`azimuth_sigma_deg`). At the time of a missing plot (null, nan)
         the track is still estimated.
     columns : mapping of str to str, optional
-        Names of the columns in this table, by their standard names.
+        Column names in this table, keyed by standard name.
     values : str
         Column of the angle.
     by : str or sequence of str

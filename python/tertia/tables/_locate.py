@@ -51,7 +51,7 @@ def locate(
     sensors : sequence of Station
         The stations, with the names used in the table.
     columns : mapping of str to str, optional
-        Names of the columns in this table, by their standard names.
+        Column names in this table, keyed by standard name.
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
     method : str

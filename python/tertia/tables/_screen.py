@@ -42,7 +42,7 @@ def screen(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement, within a group in the order of measurement.
     columns : mapping of str to str, optional
-        Names of the columns in this table, by their standard names.
+        Column names in this table, keyed by standard name.
     values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str

@@ -164,7 +164,7 @@ def track(
     sensors : sequence of Radar
         The radars. A radar without a name has its index as name.
     columns : mapping of str to str, optional
-        Names of the columns in this table, by their standard names.
+        Column names in this table, keyed by standard name.
     plans : sequence of FlightPlan
         Flight plans of the targets.
     **options

@@ -55,7 +55,7 @@ def weights(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement: `sensor`, and all components; incomplete rows are left out.
     columns : mapping of str to str, optional
-        Names of the columns in this table, by their standard names.
+        Column names in this table, keyed by standard name.
     values : str or sequence of str
         Columns of the components of the measured quantity.
     differences : bool

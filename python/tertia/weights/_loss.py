@@ -79,7 +79,7 @@ def fusion_loss(
     rng: np.random.Generator | int = 0,
     n_threads: int | None = None,
 ) -> FusionLoss:
-    """Return by how much the mean squared error grows where the weights are estimated.
+    """Return how much the mean squared error grows because the weights are estimated.
 
     Parameters
     ----------

@@ -160,7 +160,7 @@ class _Plots:
                 self._chosen[quantity] = there[0]
 
     def _choose(self, cells: Sequence[Cells]) -> None:
-        """Choose the columns of quantities that have not occurred before."""
+        """Choose columns for the quantities that appear for the first time."""
         there = set().union(*cells) if self._header is None else set()
         for quantity, choices in self._choices.items():
             known = [name for name in choices if name in there]

@@ -120,7 +120,7 @@ def _frame(path: Path) -> pl.DataFrame:
 
 
 def _say_why(path: Path, error: str) -> NoReturn:
-    """Fail, with the reason why Polars cannot read a file."""
+    """Fail with a message that says why Polars cannot read a file."""
     if path.stat().st_size == 0:
         fail(f"{path} is empty")
     kind = kind_of(path)
