@@ -175,7 +175,7 @@ def instance(value: Any, name: str, *kinds: type) -> None:
 
 
 def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
-    """Return a sequence of objects of a kind as a tuple."""
+    """Return a sequence as a tuple, after checking that its elements are of the right kind."""
     if not isinstance(values, Sequence):
         raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
     for i, value in enumerate(values):

@@ -2,7 +2,7 @@
 
 Source: Glagovskiy, Lavina, Rudelson 2014: gates, their sectors and the score of a plot for a track;
 the usual likelihood ratio replaces the printed score where it is better. Symbols: the innovation is
-a plot less the prediction, S its covariance, `nis = innovation' S^-1 innovation` the normalised
+a plot minus the prediction, S its covariance, `nis = innovation' S^-1 innovation` the normalised
 innovation squared, m the number of components, x east and y north.
 """
 
@@ -165,7 +165,7 @@ def gate_sectors(
     Parameters
     ----------
     innovation : array_like of shape (..., 2)
-        Plots less predictions, x east and y north.
+        Plots minus predictions, x east and y north.
     covariance : array_like of shape (..., 2, 2)
         Their covariances.
     velocity : array_like of shape (..., 2)
@@ -434,10 +434,10 @@ def associate(
 
     Notes
     -----
-    The gain of a pair is its likelihood score less `ln(1 - detection_probability)`, because without
-    the pair the plot is false and the target was missed. A pair without gain is not made. With the
-    paper's score, where only the gate decides whether a plot is accepted, it is the score less that
-    at the edge of the gate.
+    The gain of a pair is its likelihood score minus `ln(1 - detection_probability)`, because
+    without the pair the plot is false and the target was missed. A pair without gain is not made.
+    With the paper's score, where only the gate decides whether a plot is accepted, it is the score
+    less that at the edge of the gate.
 
     Examples
     --------

@@ -46,7 +46,7 @@ class BearingEstimate:
         `(N+ - N-) / N`: outliers above the bearing less those below.
     block_means, block_variances, block_weights : ndarray of shape (..., L) or None
         The blocks as they entered the estimate, with means in the unwrapped angle and weights that
-        sum to one. The mean is nan in a block without measurements, the variance is nan in one with
+        sum to one. The mean is nan in a block without measurements, and the variance in one with
         fewer than two. None where the method has no blocks.
     """
 
@@ -128,7 +128,7 @@ def estimate_bearing(
     nan_policy : {"raise", "omit"}
         "omit": nan is 'no measurement'; blocks are formed of the measurements that remain.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -249,7 +249,7 @@ def locate(
     degrees : bool
         Whether the angles and their standard deviations given here are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -260,11 +260,11 @@ def locate(
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, or a missing standard deviation. Without a batch
-        also a target that cannot be located: too few measurements, bearings that do not intersect,
-        two positions that fit the measurements equally well, or a target at a station.
+        A wrong shape, a number outside its domain, or a missing standard deviation. For a single
+        instant, also a target that cannot be located: too few measurements, bearings that do not
+        intersect, two positions that fit the measurements equally well, or a target at a station.
     numpy.linalg.LinAlgError
-        Without a batch, a geometry that leaves a direction undetermined.
+        For a single instant, a geometry that leaves a direction undetermined.
     TypeError
         An argument of the wrong type.
 
@@ -370,11 +370,11 @@ def accuracy_map(
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
-        Standard deviations of range differences, see `locate`.
+        Standard deviations of range differences (see `locate`).
     degrees : bool
         Whether the angles and their standard deviations given here are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

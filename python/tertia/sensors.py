@@ -61,7 +61,7 @@ class Station:
     axes : ndarray of shape (..., D, D) or None
         The station's own east, north and up as rows, in the coordinates of the frame: its azimuths
         and elevations refer to them. None: the axes of the frame. They differ where the earth
-        curves between the station and the origin, see `tertia.geo`.
+        curves between the station and the origin (see `tertia.geo`).
 
     Raises
     ------

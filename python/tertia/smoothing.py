@@ -192,7 +192,7 @@ def local_polynomial(
     significance : float
         False-alarm rate of each test: the chance of keeping a coefficient that is 0.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -288,7 +288,7 @@ def smooth(
         Prior of the state at the first instant, of shapes (..., 3 D) and (..., 3 D, 3 D):
         positions, velocities, accelerations. By default nothing is known.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -178,7 +178,7 @@ def reconstruct(
     degrees : bool
         Whether the angles given here are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -81,7 +81,7 @@ def correlate(
     identity : array_like of int, shape (...), optional
         Reply of the transponder; -1 where there is none.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -102,7 +102,7 @@ def fuse(
         Of the first component, if that is an angle: 360.0 for degrees, 2*pi for radians. The fused
         angle is in [0, period).
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def fuse_scalar(
     sigma : array_like of shape (...)
         Standard deviation of the scalar.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -43,7 +43,7 @@ class FusedSeries:
         nan for radars that are not known yet, and for "central". For "robust" the shares of the
         plots in the correction of this step, the same in all components: 0 without a plot.
     noise_variance : ndarray of shape (..., K, steps)
-        Estimated variance of each radar's plots; for "robust" without single outliers.
+        Estimated variance of each radar's plots; with "robust", single outliers are excluded.
     outlier : ndarray of bool, shape (..., K, steps)
         Plots that were taken for single outliers. With rules other than "robust", the radar's own
         filter needs some steps to recover from one, and may take its next plots for outliers, too.
@@ -141,7 +141,7 @@ def fuse_series(
         Square of a single normalised innovation, relative to those of the others, above which a
         plot is an outlier.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

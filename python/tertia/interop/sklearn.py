@@ -125,7 +125,7 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
         return scores
 
     def decision_function(self, X: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return `score_samples` less `offset_`: negative for outliers."""
+        """Return `score_samples` minus `offset_`: negative for outliers."""
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: Any) -> IntArray:  # noqa: N803  # as scikit-learn

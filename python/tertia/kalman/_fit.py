@@ -117,7 +117,7 @@ def fit_noise(
         Plots that lie more than this many standard deviations off the track through all others are
         left out and the rest is fitted again, up to ten times. By default all plots are used.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -141,7 +141,7 @@ def filter_series(
         overwritten and returned again, which saves allocating memory; after an error their content
         is undefined.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

@@ -77,7 +77,7 @@ def gospa(
 ) -> tuple[FloatArray, FloatArray]:
     """Return instants, one per update interval, with GOSPA and its three parts, (T, 4).
 
-    `periods` has the required update interval and that of the slowest radar. The parts are roots:
+    `periods` holds the required update interval and that of the slowest radar. The parts are roots:
     their squares add up to that of GOSPA.
     """
     required, slowest = periods
@@ -115,7 +115,7 @@ class Judged:
 def judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> Judged:
     """Compare tracks with the truth.
 
-    `periods` has the required update interval and that of the slowest radar.
+    `periods` holds the required update interval and that of the slowest radar.
     """
     updates = rows.updates()
     found = metrics.indicators(updates, truth, max_distance=distance, update_interval=periods[0])

@@ -190,7 +190,7 @@ def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
 
 
 def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: str) -> None:
-    """Draw those that are there; the legend names each sort once."""
+    """Draw the lines that exist; the legend names kept and outlying ones once each."""
     named = set()
     for line, wrong in zip(lines, outlier, strict=True):
         if np.isnan(line).all():
@@ -208,7 +208,7 @@ def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: s
 
 
 def _toward(azimuth: FloatArray, axes: FloatArray | None) -> FloatArray:
-    """Return where azimuths point to, level as their stations see it, (K, 2)."""
+    """Return the direction of each azimuth in its station's own horizontal plane, (K, 2)."""
     level = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     if axes is None:
         return level

@@ -116,7 +116,7 @@ def screening(
     Returns
     -------
     matplotlib.axes.Axes
-        Measurements over their number, from 0, in the unit of `y`. The band is mean ± threshold,
+        Measurements plotted against their index, in the unit of `y`. The band is mean ± threshold,
         the final one of a sequential screening, so an earlier measurement outside may have passed.
 
     Raises

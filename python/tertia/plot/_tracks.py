@@ -59,7 +59,7 @@ def tracks(
     plans : sequence of FlightPlan
         Flight plans, dashed.
     probability : float
-        Probability with which an ellipse holds the true position, for normal errors. Three are
+        Probability that an ellipse contains the true position, for normal errors. Three are
         drawn per track.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
@@ -203,7 +203,7 @@ def _lines(table: TrackTable) -> dict[int, IntArray]:
 
 
 def _longest(lines: dict[int, IntArray]) -> dict[int, IntArray]:
-    """Return the tracks with most rows."""
+    """Return the tracks with the most rows."""
     chosen = sorted(lines, key=lambda name: -len(lines[name]))[:_MOST_NUMBERS]
     return {name: lines[name] for name in chosen}
 

@@ -61,12 +61,12 @@ def trajectory(
     stations : sequence of K Station, or array_like of shape (..., K, D)
         The stations, as given to `tertia.trajectory.reconstruct` or `tertia.location.locate`.
     result : Trajectory or Location
-        The positions; of `locate` a batch of shape (N,).
+        The positions; a result of `locate` must be a batch of shape (N,).
     time : array_like of shape (N,), optional
         Times of the rows, numbers or datetime64; by default those of a trajectory, or numbers from
         0.
     probability : float
-        Probability with which an ellipse holds the true position, for normal errors. About ten are
+        Probability that an ellipse contains the true position, for normal errors. About ten are
         drawn.
     legend : bool
         Whether to draw a legend for all panels.

@@ -55,7 +55,7 @@ def register(
     tracks : TrackTable, optional
         Tracks from all plots and all radars; by default they are made here.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
     **options
         Options of the tracker; see `tertia.tracker.Tracker`.
 

@@ -79,7 +79,7 @@ def _flights(found: Sequence[Followed]) -> list[Followed]:
 
 
 def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:
-    """Return the time at which the plan was left for long enough, and that of the return to it."""
+    """Return when the plan was left for long enough, and when the flight returned to it."""
     edges = np.flatnonzero(np.diff(on, prepend=True, append=True))
     for begin, end in edges.reshape(-1, 2):
         if end - begin >= _ROW and time[end - 1] - time[begin] >= lasting:

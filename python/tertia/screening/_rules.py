@@ -1,4 +1,4 @@
-"""Rules that mark outliers, and angles made ready for them."""
+"""Rules that mark outliers, and the preparation of angles for them."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def leave_one_out_statistics(
     y : array_like of shape (..., N)
         Samples, N >= 3.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def leave_one_out_mask(
     k : float
         Threshold in standard deviations of the others; see `false_alarm_probability`.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def leave_one_out(
     nan_policy : {"raise", "omit"}
         "omit": nan is 'no measurement'.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -236,7 +236,7 @@ def k_sigma(
     nan_policy : {"raise", "omit"}
         "omit": nan is 'no measurement'.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -305,7 +305,7 @@ def bursts(
     nan_policy : {"raise", "omit"}
         "omit": nan is 'no measurement'.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -362,7 +362,7 @@ def unwrap_about_median(
     period : float
         360.0 for degrees, 2*pi for radians.
     n_threads : int, optional
-        Number of threads; by default one for little work and all cores for much.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

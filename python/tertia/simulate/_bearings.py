@@ -47,9 +47,10 @@ def direction_finder(
     """Simulate a direction finder with noise, single outliers and bursts of one polarity.
 
     The noise is normal. Single outliers (equipment failures) strike each measurement independently.
-    Bursts (disturbances that outlast the sampling interval) have a Poisson number, uniform lengths
-    and positions as far as they fit into the record, and one constant offset each. A measurement in
-    a burst is never a single outlier as well. The defaults are scenario 'PS1' of the documentation.
+    The number of bursts (disturbances that outlast the sampling interval) is Poisson; their lengths
+    and positions are uniform as far as they fit into the record, and each has one constant offset.
+    A measurement in a burst is never a single outlier as well. The defaults are scenario 'PS1' of
+    the documentation.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def direction_finder(
     period : float or None
         Bearings are wrapped to [0, period); None leaves them unwrapped.
     batch : int or tuple of int
-        Shape of the batch: so many records.
+        Shape of the batch of records.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed.
 

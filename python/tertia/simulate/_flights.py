@@ -59,9 +59,9 @@ def flights(
         "wrong-turn": a turn to the other side, or by 30 to 60 degrees too much or too little.
         "fly-over": a turn begins at its waypoint instead of before it.
     wind : array_like of shape (), (2,) or (F, 2)
-        Velocity of the air, east and north, in metres per second, for all flights or for each. With
-        a number, each flight has its own wind: the speed is uniform between 0 and that number, and
-        the direction uniform.
+        Velocity of the air, east and north, in metres per second, for all flights or for
+        each. With a number, each flight has its own wind: the speed is uniform between 0 and that
+        number, and the direction uniform.
     bank, bank_sigma : float
         Mean and standard deviation of the bank angle in turns, radians, normal across flights.
     navigation_sigma : float

@@ -55,7 +55,7 @@ class Scene:
     Attributes
     ----------
     radars : list of Radar
-        The radars as they are stated.
+        The radars as stated.
     traffic : Traffic
         The aircraft and their plans.
     record : RadarPlots
@@ -104,7 +104,7 @@ def scene(
     aircraft_count, radar_count, station_count : int
         How many there are; aircraft at most 3000, direction finders at least one.
     duration : float
-        Seconds that the radars record.
+        Duration of the recording in seconds.
     clutter : float
         Mean number of false plots per scan of a radar.
     rng : numpy.random.Generator or int, optional

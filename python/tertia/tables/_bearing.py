@@ -45,7 +45,7 @@ def bearing(
     by: str | Sequence[str] = (),
     **options: Any,
 ) -> Table:
-    """Estimate a bearing and its sigma per group, as the command `tertia bearing`.
+    """Estimate a bearing and its sigma per group, as the command `tertia bearing` does.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ def evaluate(
     max_distance: float = 1000.0,
     update_interval: float | None = None,
 ) -> Table:
-    """Compare tracks with the truth, as the command `tertia evaluate`.
+    """Compare tracks with the truth, as the command `tertia evaluate` does.
 
     Parameters
     ----------

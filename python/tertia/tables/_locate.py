@@ -38,7 +38,7 @@ def locate(
     method: LocationMethod = "robust",
     initial: npt.ArrayLike | None = None,
 ) -> Table:
-    """Locate targets at every instant, as the command `tertia locate`.
+    """Locate targets at every instant, as the command `tertia locate` does.
 
     Parameters
     ----------

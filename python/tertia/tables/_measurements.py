@@ -83,7 +83,7 @@ class Target:
     ) -> dict[Kind, FloatArray]:
         """Return a sigma for every measurement, (N, K): its own, or that of its station.
 
-        If `optional`, None is returned if no sigma is stated for the only kind that was measured.
+        With `optional`, return None if only one kind was measured and no sigma is stated for it.
         """
         found = {}
         for kind, values in self.values.items():

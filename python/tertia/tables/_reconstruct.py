@@ -41,7 +41,7 @@ def reconstruct(
     by: str | Sequence[str] = (),
     **options: Any,
 ) -> Table:
-    """Reconstruct the paths of targets, as the command `tertia reconstruct`.
+    """Reconstruct the paths of targets, as the command `tertia reconstruct` does.
 
     Parameters
     ----------

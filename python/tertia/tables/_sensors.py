@@ -51,7 +51,7 @@ class Sensors(Generic[S]):
     """Radars or stations, with further properties that their classes do not have.
 
     `norths` are radians to add to azimuths, for radars on the earth whose north differs from that
-    of the plane. `range_difference_sigma` is in metres, nan if none is stated. `frame` is that of
+    of the plane. `range_difference_sigma` is in metres, nan if none is stated. `frame` converts
     latitudes and longitudes. `file` is the source.
     """
 
@@ -63,7 +63,7 @@ class Sensors(Generic[S]):
 
     @property
     def names(self) -> list[str]:
-        """The names; a sensor without a name has its index."""
+        """The names; a sensor without a name is called by its index."""
         return [str(k) if one.name is None else one.name for k, one in enumerate(self.items)]
 
     @property

@@ -152,7 +152,7 @@ def track(
     plans: Sequence[FlightPlan] = (),
     **options: Any,
 ) -> Table:
-    """Track targets from the plots of radars, as the command `tertia track`.
+    """Track targets from the plots of radars, as the command `tertia track` does.
 
     Parameters
     ----------

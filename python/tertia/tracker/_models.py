@@ -97,7 +97,7 @@ class PlanModel:
         Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
         The motion "window" only distinguishes 0 from the rest.
     wind : (float, float)
-        East and north velocity of the air, in metres per second: planned turns are flown in it.
+        East and north velocity of the air, in metres per second, in which planned turns are flown.
     wind_sigma : float
         Standard deviation of the wind in metres per second: 20 if it is unknown, about 6 if it is
         known.

@@ -82,7 +82,7 @@ class _Columns:
 class TrackTable(_Columns):
     """Tracks: one row for every plot of a track and for every scan that missed its target.
 
-    `COLUMNS` has the columns with their units. `table[index]` has the rows of a slice, a mask or
+    `COLUMNS` lists the columns with their units. `table[index]` has the rows of a slice, a mask or
     indices.
 
     Attributes

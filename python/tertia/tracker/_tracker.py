@@ -111,8 +111,9 @@ class Tracker:
     gate_probability : float
         Probability that a target's plot is within its gate.
     guard_acceleration : float, optional
-        Acceleration that a target may have unnoticed where its gate is empty, in metres per second
-        squared; by default 5, and for windows 12 where scans take 4 s to 7 where they take 10 s.
+        Largest acceleration, in metres per second squared, that is considered for a target whose
+        gate is empty; by default 5, but for windows from 12 with scans of 4 s to 7 with scans of 10
+        s.
     identity_error_probability : float
         Probability that an identity is read wrongly: noticeable for codes of four digits, tiny for
         addresses of 24 bits (1e-9).

@@ -93,13 +93,13 @@ def fusion_loss(
         "auto": the closed form from 100 (m + 1) degrees of freedom, where its error is at most a
         twentieth of the loss, and Monte Carlo below.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
-        How the covariances are estimated, see `sample_covariance`.
+        How the covariances are estimated (see `sample_covariance`).
     trials : int
         Simulated sets of covariances, at least 2; the same for the whole batch.
     rng : numpy.random.Generator or int
         Source of randomness, or its seed; by default always the same.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -176,13 +176,13 @@ def required_samples(
         "monte-carlo": the simulated loss plus two of its standard errors is under the bound.
         "first-order": closed form; too small where W is near 0 or I.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
-        How the covariances are estimated, see `sample_covariance`.
+        How the covariances are estimated (see `sample_covariance`).
     trials : int
         Simulated sets of covariances for each n, at least 2.
     rng : numpy.random.Generator or int
         Source of randomness, or its seed; by default always the same.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

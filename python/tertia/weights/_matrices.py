@@ -21,7 +21,7 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
         Covariance of each of K >= 2 estimates, with independent errors. A covariance may be
         singular where the others are not singular in the same direction.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

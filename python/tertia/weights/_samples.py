@@ -32,7 +32,7 @@ def sample_covariance(
     mean : array_like of shape (..., m), optional
         The true value, where it is known.
     differences : bool
-        Use differences of successive measurements, of a target that moves slowly.
+        Use differences of successive measurements, for a target that moves slowly.
     ddof : int
         Subtracted from n in the divisor of deviations from the sample mean: 1 is unbiased, 0 the
         maximum of the likelihood. Not used with `mean` or `differences`.
@@ -92,7 +92,7 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
     n : int or inf
         Measurements, at least 2; inf for a covariance that is known.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
-        How the covariance is estimated, see `sample_covariance`.
+        How the covariance is estimated (see `sample_covariance`).
 
     Returns
     -------
@@ -132,7 +132,7 @@ def covariance_of_covariance(
     factor : float
         c, from `covariance_factor`.
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

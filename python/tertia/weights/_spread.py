@@ -35,9 +35,9 @@ def weight_covariance(
     sensor : int
         The sensor whose weight it is; negative numbers count from the last.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
-        How the covariances are estimated, see `sample_covariance`.
+        How the covariances are estimated (see `sample_covariance`).
     n_threads : int, optional
-        Threads to use; by default one for little work and all cores for much.
+        Threads to use; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def weight_bias(
 
 
 def counts(n: Count) -> float | list[float]:
-    """Return n as the core takes it."""
+    """Return n in the form that the core expects."""
     if type(n) is int and n <= LARGEST_N:
         return n
     array = samples(n, "n")

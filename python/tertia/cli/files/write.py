@@ -124,7 +124,7 @@ def save_groups(
     *,
     across: bool = False,
 ) -> None:
-    """Write a picture of the first groups, below each other or `across`; `draw` draws one."""
+    """Write a picture of the first groups, stacked or side by side (`across`); `draw` draws one."""
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
     drawn = groups[:_MAX_GROUPS_DRAWN]

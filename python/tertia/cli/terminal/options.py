@@ -103,7 +103,7 @@ PlotFile: TypeAlias = Annotated[
 def pair(
     text: str | None, option: str, kind: Callable[[str], Number]
 ) -> tuple[Number, Number] | None:
-    """Return two numbers with a comma between them."""
+    """Parse two numbers separated by a comma."""
     if text is None:
         return None
     try:
