@@ -48,6 +48,7 @@ __all__ = [
     "paper_score",
     "plan_speeds",
     "plots_to_cartesian",
+    "reconstruct",
     "register_biases",
     "register_noise",
     "singer_transition",
@@ -130,7 +131,7 @@ def weigh(
     covariances: FloatArray,
     n_threads: int | None,
     *,
-    sensor: int = -1,
+    sensor: int = ...,
     n: float | list[float] = ...,
     convention: str = "sample-mean",
     draws: FloatArray | None = None,
@@ -350,8 +351,8 @@ def assign_pairs(
 
 @final
 class Route:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         waypoints: FloatArray,
         speeds: FloatArray,
         heights: FloatArray,
@@ -359,7 +360,7 @@ class Route:
         bank: float,
         turn_rate: float,
         identity: int,
-    ) -> None: ...
+    ) -> Route: ...
     @property
     def length(self) -> float: ...
     @property
@@ -402,9 +403,9 @@ def correct_states(
 
 @final
 class Flights:
-    def __init__(
-        self, columns: dict[str, Any], offset: Any, variation: Any, step: float
-    ) -> None: ...
+    def __new__(
+        cls, columns: dict[str, Any], offset: Any, variation: Any, step: float
+    ) -> Flights: ...
     def advance(self, noise: FloatArray, n_threads: int | None) -> int: ...
     @property
     def is_flying(self) -> bool: ...
