@@ -244,7 +244,7 @@ class FlightPlan:
         return self._route.distances
 
     def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return positions and velocities at some times.
+        """Return positions and velocities at the given times.
 
         Parameters
         ----------

@@ -51,8 +51,8 @@ def location(
     azimuth : array_like of shape (K,), optional
         The azimuths in radians, drawn as rays.
     range : array_like of shape (K,), optional
-        The ranges in metres, drawn as arcs about the stations; in space, those on the ground below
-        the target.
+        The ranges in metres, drawn as arcs about the stations; in space, the horizontal ranges
+        below the target.
     probability : float
         Probability that the ellipse contains the true position, for normal errors.
     legend : bool

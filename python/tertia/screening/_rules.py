@@ -351,9 +351,9 @@ def unwrap_about_median(
     """Unwrap angles about their circular median.
 
     Whole periods are added until every angle is within half a period of the circular mean, then of
-    the median of the result; the first angle sets the turn. Nearly half of the angles may be wrong
-    without moving the others. (`numpy.unwrap` compares neighbours, so one wrong angle
-    moves all that follow.)
+    the median of the result; the first angle decides on which turn the result lies. Nearly half of
+    the angles may be wrong without moving the others. (`numpy.unwrap` compares neighbours, so one
+    wrong angle moves all that follow.)
 
     Parameters
     ----------

@@ -307,7 +307,7 @@ def _plots(
 
 
 def _columns(values: str, sensors: Sequence[str]) -> list[str]:
-    """Return the names of the columns of a track."""
+    """Return the column names of a track."""
     found = ["time_s"]
     for quantity, per in (((), ""), (("rate",), "_s"), (("acceleration",), "_s2")):
         found.append(column_name(values, *quantity, per=per))
@@ -318,7 +318,7 @@ def _columns(values: str, sensors: Sequence[str]) -> list[str]:
 
 
 def _summary(values: str) -> list[str]:
-    """Return the names of the columns of the table of sensors."""
+    """Return the column names of the sensor table."""
     counts = [f"{what}_count" for what in ("plot", "missing", "outlier")]
     sigmas = [column_name(values, "sigma", *which) for which in (("stated",), (), ("last",))]
     rms = column_name(values, "innovation", "rms")

@@ -95,7 +95,7 @@ class PlanModel:
     ----------
     flown_probability : float
         Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
-        The motion "window" only distinguishes 0 from the rest.
+        With the motion "window" it only matters whether it is 0.
     wind : (float, float)
         East and north velocity of the air, in metres per second, in which planned turns are flown.
     wind_sigma : float

@@ -50,9 +50,9 @@ def weight_covariance(
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
         As for `weight_matrices`; or no such sensor, or an n that is not a whole number of at least
-        2 or is too small: if m > 1, the variance is infinite for less than m + 2 degrees of freedom
-        of two sensors together, or where all sensors together lack m - 1 or more of the m degrees
-        of freedom that each should have.
+        2 or is too small: if m > 1, the variance is infinite if two sensors together have less than
+        m + 2 degrees of freedom, or where the sensors' shortfalls from m degrees of freedom each
+        add up to m - 1 or more.
 
     Notes
     -----

@@ -74,7 +74,7 @@ def check(output: Path | None, sensors: Sensors[Any]) -> None:
 
 
 def feature(rows: pl.DataFrame, name: str, properties: Mapping[str, Any]) -> Feature | None:
-    """Return the line of rows in order of time, None without a position.
+    """Return the line through the rows in order of time, or None if there is no position.
 
     Unknown heights are replaced by the nearest known ones in time.
     """
