@@ -127,7 +127,7 @@ def consistency(
     dimension : int
         Components of each error: 3 for the state of a track, 1 for innovations.
     probability : float
-        With which the mean of a step lies within the bounds, if the covariances are right.
+        Probability that the mean of a step lies within the bounds, if the covariances are right.
     time : array_like of shape (steps,), optional
         Times of the steps, numbers or datetime64; by default they are numbered from 0.
     ax : matplotlib.axes.Axes, optional

@@ -124,7 +124,7 @@ def _geojson_feature(one: Feature) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value in a type of JSON."""
+    """Convert a value to a JSON type."""
     if isinstance(value, datetime):
         return value.isoformat().replace("+00:00", "Z")
     return None if isinstance(value, float) and not np.isfinite(value) else value
