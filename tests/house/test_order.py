@@ -1,8 +1,8 @@
 """Concepts import those to their left, on every floor; nothing imports in circles; files are short.
 
-`base <- screening <- bearing <- weights <- sensors <- geo <- location <- kalman <- smoothing <-
-trajectory <- fusion <- association <- flightplan <- registration <- tracker`, and outside
-`simulate, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration` is
+`base <- screening <- bearing <- weights <- sensors <- location <- kalman <- smoothing <- trajectory <-
+fusion <- association <- flightplan <- registration <- tracker`, and outside
+`simulate, geo, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration` is
 right of the tracker, because it takes recordings, and makes tracks of them first.
 """
 
@@ -23,7 +23,6 @@ ORDER = [
     {"bearing"},
     {"weights"},
     {"sensors"},
-    {"geo"},
     {"location"},
     {"kalman"},
     {"smoothing"},
@@ -33,7 +32,7 @@ ORDER = [
     {"flightplan"},
     {"registration"},
     {"tracker"},
-    {"simulate", "metrics"},
+    {"simulate", "geo", "metrics"},
     {"plot", "tables", "io", "interop"},
     {"report"},
     {"cli"},
