@@ -1,7 +1,7 @@
 """Concepts import those to their left, on every floor; nothing imports in circles; files are short.
 
-`base <- screening <- bearing <- weights <- sensors <- location <- kalman <- smoothing <- trajectory <-
-fusion <- association <- flightplan <- registration <- tracker`, and outside
+`base <- screening <- bearing <- weights <- sensors <- location <- kalman <- smoothing <-
+trajectory <- fusion <- association <- flightplan <- registration <- tracker`, and outside
 `simulate, geo, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration` is
 right of the tracker, because it takes recordings, and makes tracks of them first.
 """
