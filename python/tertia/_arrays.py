@@ -14,6 +14,8 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 NanPolicy: TypeAlias = Literal["raise", "omit"]
+# what a sigma says of systematic errors: their sigma was given, estimated, or is not part of it
+Systematic: TypeAlias = Literal["given", "estimated", "not included"]
 
 _T = TypeVar("_T")
 _ARRAY = np.ndarray
