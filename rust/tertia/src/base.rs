@@ -1,7 +1,7 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
-//! rows on threads.
+//! random effects, rows on threads.
 //!
-//! `error <- matrix, moments, distribution, angle, vector, missing, batch`
+//! `error <- matrix, moments, distribution, angle, vector, missing, batch <- effects`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -11,6 +11,8 @@ pub mod batch;
 #[cfg(test)]
 pub(crate) mod checks;
 pub(crate) mod distribution;
+#[allow(dead_code)]
+pub(crate) mod effects;
 pub(crate) mod error;
 pub(crate) mod matrix;
 pub mod missing;

@@ -16,6 +16,8 @@ const SMALLEST_TERM: f64 = 1e-20;
 /// From here on the Stirling remainder below is exact to a double.
 const STIRLING_FROM: f64 = 20.0;
 
+/// `P(|Z| > 2)` of a normal variable, as it is usually rounded.
+const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
 /// Terms of the series of artanh r for r up to 1/4.
 const ARTANH_TERMS: i32 = 14;
 
@@ -219,6 +221,13 @@ fn stirling_remainder(x: f64) -> f64 {
         [1.0 / 12.0, -1.0 / 360.0, 1.0 / 1260.0, -1.0 / 1680.0, 1.0 / 1188.0, -691.0 / 360_360.0];
     let z = 1.0 / (x * x);
     B.iter().rev().fold(0.0, |sum, &b| sum * z + b) / x
+}
+
+/// Half of the half-width h of the interval that a variable leaves with probability `outside(h)`, for
+/// 95.45 % inside: what a sigma is to a normal variable. `unit` is the order of magnitude of h.
+#[allow(dead_code)]
+pub fn two_sigma(outside: impl Fn(f64) -> f64, unit: f64) -> f64 {
+    0.5 * unit * solve_decreasing(|h| outside(h * unit), OUTSIDE_TWO_SIGMA)
 }
 
 /// The x > 0 with `f(x) = target`, f falling from at most +∞ to 0: false position (Illinois) on
