@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, flag
-from tertia.location import Accuracy, Location, checked
+from tertia.location import Accuracy, Location
+from tertia.location._readers import checked
 from tertia.plot._axes import (
     FLAGGED,
     KEPT,

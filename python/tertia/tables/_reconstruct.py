@@ -25,8 +25,9 @@ from tertia.tables._positions import (
 )
 from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors, sensors_of
-from tertia.trajectory import Trajectory, require_options
+from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
+from tertia.trajectory._reconstruct import require_options
 
 _BIASED: tuple[Kind, ...] = ("range", "azimuth", "elevation")
 # how their columns begin, and their units

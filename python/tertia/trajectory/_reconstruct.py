@@ -1,125 +1,34 @@
-"""Trajectory: positions over time from the measurements of several stations, without outliers.
-
-There is redundancy in space (several stations at an instant) and in time (many instants). The
-source uses them in either order: locate each instant, then smooth the positions; or smooth each
-series of measurements, then locate. Faults are removed in space, by comparison with other stations;
-over time, a run of faults looks like motion.
-
-Positions are local east, north and up in metres; azimuths and elevations are in radians, azimuths
-clockwise from north.
-"""
+"""Trajectories from measurements of several stations at common times."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import (
-    BoolArray,
-    FloatArray,
-    finite,
-    positive,
-    radians,
-    real,
-    samples,
-    threads,
-)
-from tertia.location import Location, LocationStatus, checked, location_of
+from tertia._arrays import FloatArray, finite, positive, radians, real, samples, threads
+from tertia.location import LocationStatus
+from tertia.location._readers import checked
+from tertia.location._result import location_of
 from tertia.sensors import (
     ANGLES,
     KINDS,
     STATION_KINDS,
     Bias,
-    ByKind,
     Kind,
     Station,
     by_kind,
     stack_stations,
 )
 from tertia.smoothing import SmoothedPositions, local_polynomial
-
-__all__ = ["Bias", "ByKind", "Order", "Smoother", "Spatial", "Station", "Trajectory", "reconstruct"]
+from tertia.trajectory._result import Trajectory
 
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
 Smoother: TypeAlias = Literal["rts", "local-polynomial"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
-    """A trajectory, with the residuals and outliers of its measurements.
-
-    Attributes
-    ----------
-    time : ndarray of shape (N,)
-        As given.
-    position, velocity, acceleration : ndarray of shape (N, D)
-        In metres, metres per unit of time, and so on; nan where unknown.
-    covariance : ndarray of shape (N, 3 D, 3 D)
-        Covariance of position, velocity and acceleration, in this order, including the uncertainty
-        of estimated biases; inf where unknown. The blocks between the three are 0 unless the
-        smoother is "rts" and the order "spatial-first".
-    fixes : Location
-        Positions of the single instants, from the measurements or, with "temporal-first", from the
-        smoothed series. With "rts", "robust" and "spatial-first", measurements that the track
-        contradicts are left out; at instants with one or two degrees of freedom, standard
-        deviations are divided by the square roots of Tukey's weights about the track.
-    outlier : ByKind
-        Measurements that were left out because other stations or the track contradict them.
-    residual : ByKind
-        Measured minus predicted values, divided by their standard deviations.
-    bias : Bias or None
-        Estimated biases of the stations and their standard deviations, of shape (K,); None if none
-        were estimated. A station that did not measure the kind has bias 0 with sigma inf.
-    smoothed : SmoothedPositions or None
-        Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
-        and for "temporal-first".
-    """
-
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    covariance: FloatArray
-    fixes: Location
-    outlier: ByKind
-    residual: ByKind
-    bias: Bias | None
-    smoothed: SmoothedPositions | None
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard deviations of the coordinates, of shape (N, D)."""
-        d = self.position.shape[-1]
-        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)[:, :d])
-
-    @property
-    def statistics(self) -> dict[Kind, FloatArray]:
-        """Number, mean and root mean square of each station's residuals, of shape (K, 3).
-
-        Measurements that were left out are not counted; residuals are in standard deviations.
-        """
-        return {
-            kind: _statistics(residual, getattr(self.outlier, kind))
-            for kind in KINDS
-            if (residual := getattr(self.residual, kind)) is not None
-        }
-
-    def __repr__(self) -> str:
-        """Return the number of located instants and the median sigma."""
-        n, d = self.position.shape
-        known = np.count_nonzero(~np.isnan(self.position).any(axis=-1))
-        left = int(np.sum(self.outlier.count))
-        sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1))))
-        return (
-            f"Trajectory({known} of {n} instants in {d} axes, {left} measurements left out, "
-            f"median sigma {sigma:.3g})"
-        )
 
 
 def reconstruct(
@@ -429,13 +338,3 @@ def _estimated(bias: Bias | None, measured: dict[Kind, FloatArray]) -> tuple[Kin
         if sigma is None and kind not in measured:
             raise ValueError(f"bias.{kind}_sigma is None, but {kind} was not measured")
     return tuple(kinds)
-
-
-def _statistics(residual: FloatArray, outlier: BoolArray) -> FloatArray:
-    kept = ~(np.isnan(residual) | outlier)
-    count = np.sum(kept, axis=0)
-    values = np.where(kept, residual, 0.0)
-    with np.errstate(invalid="ignore"):
-        mean = np.sum(values, axis=0) / count
-        rms = np.sqrt(np.sum(values**2, axis=0) / count)
-    return np.column_stack([count, mean, rms])

@@ -1,0 +1,150 @@
+"""The accuracy of positions, before anything is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, finite, scalar_or_array, threads
+from tertia.location._readers import deviations
+from tertia.sensors import KINDS, Kind, Station, stack_stations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accuracy:
+    """The accuracy of positions from given stations, before anything is measured.
+
+    Attributes
+    ----------
+    covariance : ndarray of shape (..., D, D)
+        Covariance of a least-squares position; variances are infinite where it is not determined.
+    dop : float or ndarray of shape (...)
+        See `Location`.
+    """
+
+    covariance: FloatArray
+    dop: float | FloatArray
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of the coordinates, of shape (..., D)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+
+    @property
+    def drms(self) -> float | FloatArray:
+        """Distance root mean square: root of the sum of the variances, of shape (...)."""
+        total: float | FloatArray = scalar_or_array(
+            np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1))
+        )
+        return total
+
+    def __repr__(self) -> str:
+        """Show the number of positions."""
+        return f"Accuracy(batch {self.covariance.shape[:-2]})"
+
+
+def accuracy_map(
+    stations: Sequence[Station] | npt.ArrayLike,
+    grid: npt.ArrayLike,
+    *,
+    kinds: Sequence[Kind] | None = None,
+    range_sigma: npt.ArrayLike | None = None,
+    azimuth_sigma: npt.ArrayLike | None = None,
+    elevation_sigma: npt.ArrayLike | None = None,
+    range_difference_sigma: npt.ArrayLike | None = None,
+    degrees: bool = False,
+    n_threads: int | None = None,
+) -> Accuracy:
+    """Return the covariance that positions would have, before anything is measured.
+
+    Parameters
+    ----------
+    stations : sequence of K Station, or array_like of shape (K, D)
+        The stations, or their positions alone.
+    grid : array_like of shape (..., D)
+        Positions of the target in metres.
+    kinds : sequence of {"range", "azimuth", "elevation", "range_difference"}, optional
+        Kinds that are measured; by default those with a standard deviation.
+    range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
+        Standard deviations in place of those of the stations.
+    range_difference_sigma : array_like of shape (K - 1,), optional
+        Standard deviations of range differences (see `locate`).
+    degrees : bool
+        Whether the angles and their standard deviations given here are in degrees.
+    n_threads : int, optional
+        Threads to use; by default one for small tasks and all cores for large ones.
+
+    Returns
+    -------
+    Accuracy
+        Covariance and dilution of precision of every position. The variances are infinite where the
+        measurements do not determine the position, or it is at a station.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, a standard deviation that is missing or not positive, or a kind that does
+        not exist.
+    TypeError
+        An argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.location import Station, accuracy_map
+    >>> radars = [Station([0, 0], range_sigma=10.0), Station([3000, 0], range_sigma=10.0)]
+    >>> accuracy_map(radars, [[1500, 1500], [1500, 0]]).sigma
+    array([[10., 10.],
+           [inf, inf]])
+    """
+    places, axes, own = stack_stations(stations)
+    if places.ndim != 2:
+        raise ValueError("stations must have one position each")
+    points = finite(grid, "grid")
+    k, d = places.shape
+    if points.shape[-1:] != (d,):
+        raise ValueError(f"grid has shape {points.shape}; it must be (..., {d})")
+    given = dict(
+        zip(
+            KINDS,
+            (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma),
+            strict=True,
+        )
+    )
+    sigmas = np.full((1, len(KINDS), k), np.nan)
+    for kind in _chosen(kinds, given, own):
+        sigma = deviations(given[kind], own.get(kind), kind, k, degrees=degrees)
+        if sigma.ndim > 1:
+            raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must have no batch")
+        if kinds is not None and np.all(np.isnan(sigma)):
+            raise ValueError(f"{kind}_sigma is missing")
+        first = int(kind == "range_difference")
+        sigmas[0, KINDS.index(kind), first:] = sigma
+    if d == 2 and not np.all(np.isnan(sigmas[0, 2])):
+        raise ValueError("elevation needs stations with three coordinates")
+    if np.all(np.isnan(sigmas)):
+        raise ValueError("no standard deviation is given; nothing would be measured")
+    covariance, dop = _core.location_accuracy(
+        places[np.newaxis],
+        None if axes is None else axes[np.newaxis],
+        sigmas,
+        np.ascontiguousarray(points),
+        threads(n_threads),
+    )
+    return Accuracy(covariance, scalar_or_array(dop))
+
+
+def _chosen(
+    kinds: Sequence[Kind] | None, given: dict[Kind, Any], own: dict[str, FloatArray]
+) -> list[Kind]:
+    """Return the kinds that are measured."""
+    if kinds is None:
+        return [kind for kind in KINDS if given[kind] is not None or kind in own]
+    for kind in kinds:
+        if kind not in KINDS:
+            raise ValueError(f"kinds has {kind!r}; it must be one of {', '.join(KINDS)}")
+    return list(kinds)

@@ -1,0 +1,50 @@
+"""Measurements and standard deviations, checked."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, positive, radians, samples
+from tertia.sensors import ANGLES, angle_sigma
+
+
+def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
+    """Return measurements, (..., K) or (..., K - 1), within their domain."""
+    array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
+    _require_length(array, kind, k)
+    with np.errstate(invalid="ignore"):
+        if kind == "range":
+            wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
+        elif kind == "elevation":
+            wrong, domain = np.abs(array) > np.pi, "between -pi and pi (radians)"
+        else:
+            wrong, domain = np.isinf(array), "a finite number"
+    bad = np.argwhere(wrong)
+    if len(bad):
+        place = ", ".join(map(str, bad[0]))
+        raise ValueError(f"{kind}[{place}] is {array[tuple(bad[0])]}; it must be {domain}, or nan")
+    return array
+
+
+def deviations(
+    sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int, *, degrees: bool
+) -> FloatArray:
+    """Return standard deviations, (..., K) or (..., K - 1), nan where they are unknown."""
+    count = k - int(kind == "range_difference")
+    if sigma is None:
+        return np.full(count, np.nan) if own is None else own
+    name = f"{kind}_sigma"
+    array = positive(angle_sigma(sigma, name, degrees=degrees), name)
+    if array.ndim == 0:
+        return np.full(count, array)
+    _require_length(array, name, k)
+    return array
+
+
+def _require_length(array: FloatArray, name: str, k: int) -> None:
+    count = k - int(name.startswith("range_difference"))
+    if array.ndim < 1 or array.shape[-1] != count:
+        raise ValueError(
+            f"{name} has shape {array.shape}; for {k} stations it must be (..., {count})"
+        )

@@ -1,0 +1,16 @@
+"""Trajectory: positions over time from the measurements of several stations, without outliers.
+
+There is redundancy in space (several stations at an instant) and in time (many instants). The
+source uses them in either order: locate each instant, then smooth the positions; or smooth each
+series of measurements, then locate. Faults are removed in space, by comparison with other stations;
+over time, a run of faults looks like motion.
+
+Positions are local east, north and up in metres; azimuths and elevations are in radians, azimuths
+clockwise from north.
+"""
+
+from tertia.sensors import Bias, ByKind, Station
+from tertia.trajectory._reconstruct import Order, Smoother, Spatial, reconstruct
+from tertia.trajectory._result import Trajectory
+
+__all__ = ["Bias", "ByKind", "Order", "Smoother", "Spatial", "Station", "Trajectory", "reconstruct"]

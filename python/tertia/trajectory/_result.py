@@ -1,0 +1,94 @@
+"""A trajectory with its residuals and outliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tertia._arrays import BoolArray, FloatArray
+from tertia.location import Location
+from tertia.sensors import KINDS, Bias, ByKind, Kind
+from tertia.smoothing import SmoothedPositions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """A trajectory, with the residuals and outliers of its measurements.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        As given.
+    position, velocity, acceleration : ndarray of shape (N, D)
+        In metres, metres per unit of time, and so on; nan where unknown.
+    covariance : ndarray of shape (N, 3 D, 3 D)
+        Covariance of position, velocity and acceleration, in this order, including the uncertainty
+        of estimated biases; inf where unknown. The blocks between the three are 0 unless the
+        smoother is "rts" and the order "spatial-first".
+    fixes : Location
+        Positions of the single instants, from the measurements or, with "temporal-first", from the
+        smoothed series. With "rts", "robust" and "spatial-first", measurements that the track
+        contradicts are left out; at instants with one or two degrees of freedom, standard
+        deviations are divided by the square roots of Tukey's weights about the track.
+    outlier : ByKind
+        Measurements that were left out because other stations or the track contradict them.
+    residual : ByKind
+        Measured minus predicted values, divided by their standard deviations.
+    bias : Bias or None
+        Estimated biases of the stations and their standard deviations, of shape (K,); None if none
+        were estimated. A station that did not measure the kind has bias 0 with sigma inf.
+    smoothed : SmoothedPositions or None
+        Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
+        and for "temporal-first".
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    covariance: FloatArray
+    fixes: Location
+    outlier: ByKind
+    residual: ByKind
+    bias: Bias | None
+    smoothed: SmoothedPositions | None
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of the coordinates, of shape (N, D)."""
+        d = self.position.shape[-1]
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)[:, :d])
+
+    @property
+    def statistics(self) -> dict[Kind, FloatArray]:
+        """Number, mean and root mean square of each station's residuals, of shape (K, 3).
+
+        Measurements that were left out are not counted; residuals are in standard deviations.
+        """
+        return {
+            kind: _statistics(residual, getattr(self.outlier, kind))
+            for kind in KINDS
+            if (residual := getattr(self.residual, kind)) is not None
+        }
+
+    def __repr__(self) -> str:
+        """Return the number of located instants and the median sigma."""
+        n, d = self.position.shape
+        known = np.count_nonzero(~np.isnan(self.position).any(axis=-1))
+        left = int(np.sum(self.outlier.count))
+        sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1))))
+        return (
+            f"Trajectory({known} of {n} instants in {d} axes, {left} measurements left out, "
+            f"median sigma {sigma:.3g})"
+        )
+
+
+def _statistics(residual: FloatArray, outlier: BoolArray) -> FloatArray:
+    kept = ~(np.isnan(residual) | outlier)
+    count = np.sum(kept, axis=0)
+    values = np.where(kept, residual, 0.0)
+    with np.errstate(invalid="ignore"):
+        mean = np.sum(values, axis=0) / count
+        rms = np.sqrt(np.sum(values**2, axis=0) / count)
+    return np.column_stack([count, mean, rms])
