@@ -28,6 +28,7 @@ START = {
 MORE = {
     "performance.md": "Performance",
     "accuracy.md": "Accuracy",
+    "honesty.md": "What the error bars hold",
     "papers.md": "What the papers got right",
     "complaints.md": "Complaints",
     "architecture.md": "Architecture",

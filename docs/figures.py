@@ -1,13 +1,18 @@
-"""Make every table and picture of the pages, from fixed seeds: `make figures`.
+"""Make the tables and pictures of the pages from fixed seeds: `figures.py [PAGE ...]`.
 
-Tables are written between their marks in the pages, pictures to `docs/img`.
+Tables are written between their marks in the pages, pictures to `docs/img`. `--small PAGE ...`
+prints the tables of a hundredth of the repetitions. Those are kept in `tests/house/tables`, and a
+test compares them with a fresh run: where they differ, the tables of the page are stale.
 """
 
+import os
+import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+os.environ["TERTIA_STUDY_SHARE"] = "0.01" if "--small" in sys.argv else "1"
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 from studies import (
@@ -160,10 +165,12 @@ FIGURES = {
 }
 
 
-def main() -> None:
-    """Run all studies, one after the other."""
+def main(pages: Iterable[str]) -> None:
+    """Run the studies of the pages, one after the other; by default all, and make the pictures."""
+    chosen = {page: TABLES[page] for page in pages} or TABLES
+    pictures = FIGURES if chosen is TABLES else {}
     start = time.perf_counter()
-    total = len(FIGURES) + sum(map(len, TABLES.values()))
+    total = len(pictures) + sum(map(len, chosen.values()))
     done = 0
 
     def report(name: str) -> None:
@@ -171,14 +178,30 @@ def main() -> None:
         done += 1
         print(f"[{done:2}/{total}] {time.perf_counter() - start:5.0f} s  {name}", flush=True)
 
-    for page, tables in TABLES.items():
+    for page, tables in chosen.items():
         for name, table in tables.items():
             write(page, name, table())
             report(f"{page}: {name}")
-    for name, figure in FIGURES.items():
+        keep(page)
+    for name, figure in pictures.items():
         save(figure(), name)
         report(name)
 
 
+def keep(page: str) -> None:
+    """Keep the small tables of a page beside its full ones."""
+    command = [sys.executable, __file__, "--small", page]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    (Path(__file__).parents[1] / "tests" / "house" / "tables" / page).write_text(printed, "utf-8")
+
+
+def small(pages: Iterable[str]) -> None:
+    """Print the tables of few repetitions."""
+    for page in pages:
+        for name, table in TABLES[page].items():
+            print(f"table: {name}\n{table()}")
+
+
 if __name__ == "__main__":
-    main()
+    named = [word for word in sys.argv[1:] if word != "--small"]
+    (small if "--small" in sys.argv else main)(named)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import markdown
+from studies.pages import markdown, repetitions
 from tertia import metrics
 from tertia._arrays import IntArray
 from tertia.association import (
@@ -18,8 +18,8 @@ from tertia.association import (
     gate_threshold,
 )
 
-PLOTS = 200_000
-SCENES = 20_000
+PLOTS = repetitions(200_000)
+SCENES = repetitions(20_000)
 # metres between scenes, so that nothing of one is in a gate of another
 APART = 1e7
 SIGMA = 100.0

@@ -22,11 +22,11 @@ from studies.montecarlo import (
     paper,
     records,
 )
-from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, markdown
+from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, markdown, repetitions
 from tertia import screening
 from tertia.simulate import direction_finder
 
-COUNT = 20_000
+COUNT = repetitions(20_000)
 COVERAGE_LINES = {
     "mean": (GREY, "-"),
     "paper, n_g=5": (BLUE, "-."),
@@ -112,7 +112,9 @@ def random_scenario(rng: np.random.Generator) -> dict[str, Any]:
 
 
 @functools.cache
-def scenario_errors(count: int = 160, trials: int = 2000) -> dict[str, np.ndarray[Any, Any]]:
+def scenario_errors(
+    count: int = repetitions(160), trials: int = repetitions(2000)
+) -> dict[str, np.ndarray[Any, Any]]:
     """RMSE of several methods in random scenarios, in units of sigma, and the share of outliers.
 
     'oracle' is the mean of the measurements that are right.
@@ -250,7 +252,7 @@ def coverage_figure() -> Figure:
     for ax, (label, scenario) in zip(
         figure.subplots(1, 2, sharey=True), (("clean data", CLEAN), ("PS1", {})), strict=True
     ):
-        data = [records(n, 10_000, generator(8, n), **scenario) for n in sizes]
+        data = [records(n, repetitions(10_000), generator(8, n), **scenario) for n in sizes]
         for name, (color, style) in COVERAGE_LINES.items():
             shares = [METHODS[name](theta).coverage for theta in data]
             ax.plot(sizes, shares, style, color=color, label=name, linewidth=1.6)

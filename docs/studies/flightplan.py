@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import BLUE, GREEN, GREY, ORANGE, markdown
+from studies.pages import BLUE, GREEN, GREY, ORANGE, markdown, repetitions
 from tertia.flightplan import FlightPlan, conformance, correlate, estimate_times_over
 
 ROUTES, LEG = 10, 1e5
@@ -77,7 +77,7 @@ def identification() -> str:
     for live in (20, 40, 80):
         counts: dict[bool, FloatArray] = {True: np.zeros(2), False: np.zeros(2)}
         total = 0
-        for trial in range(1600 // live):
+        for trial in range(repetitions(1600 // live)):
             plans, (times, position, velocity, heights) = shared_routes(
                 live, generator(50, live, trial)
             )

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import BLUE, GREY, ORANGE, PURPLE, markdown
+from studies.pages import BLUE, GREY, ORANGE, PURPLE, markdown, repetitions
 from tertia import metrics, simulate
 from tertia.fusion import FusedSeries, fuse_series
 from tertia.kalman import (
@@ -26,7 +26,7 @@ from tertia.kalman import (
 )
 from tertia.simulate import RadarScenario, ScenarioName, radar_scenario
 
-RUNS = 1000
+RUNS = repetitions(1000)
 STEPS = 120
 FAULT = 60
 SETTLED = 20
@@ -288,8 +288,8 @@ def per_dimension(error: FloatArray, covariance: FloatArray) -> str:
 def consistency() -> str:
     """NEES per dimension of all rules, healthy and after the onset of noise."""
     # every second scan, for time's sake
-    healthy = case("healthy", runs=500), slice(SETTLED, None, 2)
-    onset = case("noisy", runs=500), slice(FAULT, None, 2)
+    healthy = case("healthy", runs=repetitions(500)), slice(SETTLED, None, 2)
+    onset = case("noisy", runs=repetitions(500)), slice(FAULT, None, 2)
     later = onset[0], slice(FAULT + 10, None, 2)
     both = (healthy, onset, later)
     naive = []
@@ -317,7 +317,7 @@ def every_consistency() -> str:
     ):
         cells = []
         for name in SCENARIOS:
-            scenario = case(name, motion, runs=400)
+            scenario = case(name, motion, runs=repetitions(400))
             result = fused(scenario, rule)
             window = np.flatnonzero(scenario.counted)[::2]
             error = (result.mean - scenario.truth)[:, window]
@@ -349,7 +349,7 @@ def several_faults() -> str:
             STEPS,
             sigma=SIGMA * np.stack(factors),
             outlier_probability=wrong,
-            batch=400,
+            batch=repetitions(400),
             rng=generator(67, i),
         )
         cells = []

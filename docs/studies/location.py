@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import markdown
+from studies.pages import markdown, repetitions
 from tertia import metrics, plot
 from tertia.location import Location, LocationMethod, Station, accuracy_map, locate
 from tertia.simulate import stations
 
-TRIALS = 20_000
+TRIALS = repetitions(20_000)
 RADARS = [[1, 1000, 2], [2000, 300, 5], [400, 2600, 0]]
 TARGET = [1000.0, 1500.0, 500.0]
 FINDERS = [

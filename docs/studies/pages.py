@@ -1,5 +1,6 @@
 """Tables into the pages, pictures beside them."""
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,6 +11,13 @@ DOCS = Path(__file__).parents[1]
 # Okabe and Ito: distinct for colour-blind readers
 BLUE, GREEN, ORANGE, PURPLE, SKY = "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 GREY = "#888888"
+# of the runs of each study that are made; the tests make few, to see whether tables are stale
+SHARE = float(os.environ.get("TERTIA_STUDY_SHARE", "1"))
+
+
+def repetitions(full: int, least: int = 2) -> int:
+    """Return how often a study repeats what it repeats so often for the pages."""
+    return max(least, round(SHARE * full))
 
 
 def write(page: str, name: str, text: str) -> None:

@@ -18,9 +18,9 @@ from studies.montecarlo import (
     paper,
     records,
 )
-from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown
+from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown, repetitions
 
-COUNT = 20_000
+COUNT = repetitions(20_000)
 SIZES = (20, 30, 50, 70, 100, 140, 200, 300, 400, 600)
 THRESHOLDS = tuple(np.arange(2.0, 3.45, 0.1).round(1))
 POLARITIES = tuple(np.arange(0, 0.16, 0.01).round(2))

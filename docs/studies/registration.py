@@ -7,14 +7,14 @@ from functools import cache
 
 import numpy as np
 
-from studies.pages import markdown
+from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import FloatArray
 from tertia.registration import Registration, register
 from tertia.sensors import Radar
 
 SEED = 31
-SCENES, RADARS, FLIGHTS, DURATION = 6, 3, 20, 900.0
+SCENES, RADARS, FLIGHTS, DURATION = repetitions(6), 3, 20, 900.0
 SET_UPS: tuple[simulate.SetUpName, ...] = ("tma", "middle", "en-route")
 KINDS = ("range", "azimuth")
 

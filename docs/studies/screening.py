@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.montecarlo import CLEAN, SENSITIVE, FloatArray, generator, records
-from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown
+from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown, repetitions
 from tertia.screening import (
     Screening,
     bursts,
@@ -61,7 +61,7 @@ def false_alarms() -> str:
 
 def detection() -> str:
     """Share of singles, members of bursts and good measurements flagged, by rule, in PS1."""
-    record = direction_finder(100, batch=20_000, rng=generator(21), period=None)
+    record = direction_finder(100, batch=repetitions(20_000), rng=generator(21), period=None)
     clean = records(100, 20_000, generator(22), **CLEAN)
     good = ~(record.single | record.burst)
     rows = []
@@ -83,7 +83,7 @@ def clean_bursts() -> str:
         for what in ("records", "measurements"):
             cells = []
             for n in sizes:
-                y = generator(23, n).standard_normal((10_000, n))
+                y = generator(23, n).standard_normal((repetitions(10_000), n))
                 flagged = bursts(y, **options).outlier
                 share = flagged.any(axis=-1).mean() if what == "records" else flagged.mean()
                 cells.append(f"{share:.1%}")
@@ -95,7 +95,7 @@ def repeated_passes() -> str:
     """Share of clean samples that repeated replacement flags in the end."""
     rows = []
     for k in (2.0, 2.1, 2.2, 2.5, 3.0):
-        y = generator(24).standard_normal((20, 10_000))
+        y = generator(24).standard_normal((20, repetitions(10_000)))
         ever = np.zeros(y.shape, dtype=bool)
         shares = []
         for turn in range(1, 1001):

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import markdown
+from studies.pages import markdown, repetitions
 from tertia import metrics, plot
 from tertia.smoothing import LocalPolynomial, SmoothedPositions, local_polynomial, smooth
 
@@ -16,7 +16,7 @@ BoolArray = npt.NDArray[np.bool_]
 WINDOW = 13
 # of the picture, so that a band can be seen
 NOISY = 100.0
-TRIALS = 4000
+TRIALS = repetitions(4000)
 # a turn in 3-D: radius, climb, seconds from plot to plot
 RADIUS, CLIMB, STEP, PERIOD = 1500.0, 10.0, 1.0, 60.0
 SIGMA = 4.5
@@ -213,7 +213,7 @@ def faults() -> str:
     }
     cells: dict[str, list[str]] = {}
     for i, sizes in enumerate(runs.values()):
-        truth, y = turn(100, 2, i)
+        truth, y = turn(repetitions(100), 2, i)
         first = STEPS // 2 - len(sizes) // 2
         y[:, first : first + len(sizes), 0] += SIGMA * np.array(sizes)
         near = slice(first - 7, first + len(sizes) + 7)
@@ -266,7 +266,7 @@ def jerk_fit() -> str:
     rows = []
     for jerk in (0.01, 1.0):
         for steps in (10, 20, 50, 200, 600):
-            runs = max(100, min(400, 20_000 // steps))
+            runs = repetitions(max(100, min(400, 20_000 // steps)))
             truth, y = tracks(runs, steps, jerk, steps, int(100 * jerk))
             fitted, known = smooth(y, 1.0), smooth(y, 1.0, jerk=jerk)
             found = np.asarray(fitted.jerk)
@@ -291,7 +291,7 @@ def jerk_fit() -> str:
 
 def consistency() -> str:
     """NEES with the true jerk at the ends and in the middle."""
-    truth, y = tracks(3000, 40, 0.1, 7)
+    truth, y = tracks(repetitions(3000), 40, 0.1, 7)
     track = smooth(y, 1.0, jerk=0.1)
     rows = []
     for name, at in {"first": 0, "second": 1, "middle": 20, "last": 39}.items():

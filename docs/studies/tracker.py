@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from studies.montecarlo import generator
-from studies.pages import markdown
+from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.flightplan import FlightPlan
@@ -26,7 +26,7 @@ from tertia.tracker import (
     track,
 )
 
-FLIGHTS = 300
+FLIGHTS = repetitions(300)
 SET_UPS: tuple[simulate.SetUpName, ...] = ("en-route", "middle", "tma")
 # largest wind and standard deviation of the wind, m/s
 WIND = {"en-route": (50.0, 30.0), "middle": (30.0, 20.0), "tma": (15.0, 10.0)}
@@ -43,7 +43,7 @@ WIND_ERROR, WIND_SIGMA = 5.0, 6.0
 # radians: a flight that changes its course by less makes no turn of its plan
 TURN = np.radians(15.0)
 # flights at once, and false plots a scan among them
-CROWD, CLUTTER = 60, 100.0
+CROWD, CLUTTER = repetitions(60), 100.0
 # seconds from flight to flight: each is tracked by itself
 APART = 20_000.0
 
@@ -274,7 +274,7 @@ def peak(record: Recording, found: Errors, kept: BoolArray) -> float:
     return float(np.mean([value for value in largest if value > 0]))
 
 
-def two_minutes(set_up: simulate.SetUpName, flights: int = 60) -> tuple[float, float]:
+def two_minutes(set_up: simulate.SetUpName, flights: int = repetitions(60)) -> tuple[float, float]:
     """Return errors of predictions over 120 s, along plans and straight on."""
     record = recording(set_up, "conforming", flights)
     tracker = Tracker(

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import markdown
+from studies.pages import markdown, repetitions
 from tertia import plot
 from tertia.location import locate
 from tertia.sensors import Bias, Kind, Station
@@ -19,7 +19,7 @@ from tertia.trajectory import Trajectory, reconstruct
 PLACES = np.array([[1.0, 1000.0, 2.0], [2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0]])
 SIGMA_R, SIGMA_A = 10.0, np.deg2rad(0.3)
 INSTANTS = np.arange(60.0)
-RUNS = 50
+RUNS = repetitions(50)
 FIRST, MARGIN = 28, 7
 # of station 1's ranges, in standard deviations, with the errors of an independent simulation
 FAULTS: dict[str, tuple[float, ...]] = {
@@ -52,7 +52,7 @@ METHODS: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
     DEFAULT: ({}, (1.60, 1.59, 1.60, 1.61, 1.60, 1.60, 1.61)),
 }
 # four direction finders and a boat
-FINDER_SIGMA, FINDER_RUNS = np.deg2rad(5.0), 12
+FINDER_SIGMA, FINDER_RUNS = np.deg2rad(5.0), repetitions(12)
 FINDER_BIASES = np.deg2rad([-1.0, -7.0, -4.0, -6.0])
 FINDER_FIXES = "least squares, no smoothing"
 FINDER_METHODS: dict[str, dict[str, Any]] = {
@@ -69,13 +69,13 @@ BIASES: dict[Kind, FloatArray] = {
 }
 ESTIMATED = Bias(range_sigma=None, azimuth_sigma=None, elevation_sigma=None)
 # the paper's claims: fixed degree, radii of circles round the first station
-CLAIM_RUNS, ONE_DEGREE, RADII = 40, 3, (500.0, 1000.0)
+CLAIM_RUNS, ONE_DEGREE, RADII = repetitions(40), 3, (500.0, 1000.0)
 # turns in radians a second and noise in units of what the stations have
-WINDOWS, WINDOW_RUNS, GROUPS = np.arange(5, 42, 2), 20, (1, 2, 3, 4)
+WINDOWS, WINDOW_RUNS, GROUPS = np.arange(5, 42, 2), repetitions(20), (1, 2, 3, 4)
 WINDOW_CASES = ((0.0, 1.0), (0.01, 1.0), (0.05, 1.0), (0.05, 0.1), (0.1, 0.1), (0.2, 0.1))
-RUN_LENGTHS, RUN_RUNS = (1, 2, 4, 7, 13), 8
+RUN_LENGTHS, RUN_RUNS = (1, 2, 4, 7, 13), repetitions(8)
 # the paper's figure 2: what it prints of ten instants; the words for a fault displace Smooth_R
-PAPER_INSTANTS, PAPER_SIGMA, PAPER_RUNS = np.arange(47, 57), 50.0, 40
+PAPER_INSTANTS, PAPER_SIGMA, PAPER_RUNS = np.arange(47, 57), 50.0, repetitions(40)
 PAPER_ADDED = np.array([[2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0], [-500.0, 200.0, 20.0]])
 IDEAL_R = np.array(
     [

@@ -12,14 +12,14 @@ import passive_location
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
-from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown
+from studies.pages import BLUE, GREEN, GREY, ORANGE, PURPLE, markdown, repetitions
 from tertia import fusion, simulate, weights
 
 Matrices = FloatArray
 Exact = list[list[Fraction]]
 
 SIZES = (5, 10, 30, 100)
-TRIALS = 200_000
+TRIALS = repetitions(200_000)
 
 
 def ellipse(a: float, b: float, degrees: float = 0.0) -> FloatArray:
@@ -180,7 +180,7 @@ def loss_figure() -> Figure:
 
 def elements() -> str:
     """Compare standard deviation and bias of the elements of W with what is predicted."""
-    count = 100_000
+    count = repetitions(100_000)
     rows = []
     for name, s in list(CASES.items())[:7]:
         cells = []
@@ -282,11 +282,11 @@ def rule() -> str:
             cells = []
             for s in cases.values():
                 value, _ = simulated(s, n, 50_000, rng=generator(45, n))
-                needed = weights.required_samples(s, trials=20_000)
+                needed = weights.required_samples(s, trials=repetitions(20_000))
                 cells.append(f"{value:.2f} ({needed})")
             cells += [""] * (3 - len(cells))
             pairs = random_sensors(m, 2, 300, generator(46, m))
-            found = weights.fusion_loss(pairs, n, method="monte-carlo", trials=3000)
+            found = weights.fusion_loss(pairs, n, method="monte-carlo", trials=repetitions(3000))
             cells.append(f"{100 * np.max(found.loss):.2f}")
             rows.append([f"{m}", f"{n}", *cells])
     head = ["m", "n", "equal", "S2 = 10 S1", "worst to first order", "worst of 300 random pairs"]
@@ -300,11 +300,11 @@ def many_sensors() -> str:
         for n in (rule_for(m), 1 + 22 * (m + 1)):
             cells = []
             for count in (2, 3, 5, 10, 50):
-                trials = 10_000 if count <= 10 else 3000
+                trials = repetitions(10_000 if count <= 10 else 3000)
                 value, _ = simulated(equal(m, count), n, trials, rng=generator(47, m, count))
                 cells.append(f"{value:.2f}")
             five = random_sensors(m, 5, 100, generator(60, m))
-            found = weights.fusion_loss(five, n, method="monte-carlo", trials=2000)
+            found = weights.fusion_loss(five, n, method="monte-carlo", trials=repetitions(2000))
             nu = n - 1
             limit = (nu - 1) * (nu - m - 1) / ((nu - m) * (nu - m - 3)) - 1
             cells += [f"{100 * limit:.2f}", f"{100 * np.max(found.loss):.2f}"]
@@ -407,7 +407,7 @@ def expansion() -> str:
         of_s = np.stack([weights.covariance_of_covariance(matrix, c) for matrix in VECTOR])
         # of the law of the sample covariances: W does not know of a common factor
         right = np.diag(weights.weight_covariance(VECTOR, n, convention="known-mean"))
-        x = measured(VECTOR, n, 100_000, generator(61, n))
+        x = measured(VECTOR, n, repetitions(100_000), generator(61, n))
         drawn = weights.weight_matrices(weights.sample_covariance(x, mean=[0, 0]) * bias)[:, -1]
         actual = np.swapaxes(drawn, -1, -2).reshape(len(drawn), -1).var(axis=0)
         cells = [f"{n}"]
@@ -576,7 +576,7 @@ def centred_area() -> passive_location.Area:
 
 
 FEW = 10
-FEW_TRIALS = 10_000
+FEW_TRIALS = repetitions(10_000)
 FEW_CASES: dict[str, Matrices] = {
     "1: equal circles": equal(2),
     "2: S2 = 10 S1, circles": CASES["m = 2, S2 = 10 S1"],
@@ -653,7 +653,7 @@ def model_errors() -> str:
 
 def consistency() -> str:
     """How often the p-value of the combination is small."""
-    count = 200_000
+    count = repetitions(200_000)
     s = VECTOR
     x = measured(s, 1, count, generator(56))[..., 0, :]
     shifted = x.copy()
@@ -688,7 +688,7 @@ def area() -> str:
         # for time's sake not every cell
         s = found.location.covariances[::2, ::2]
         first = weights.required_samples(s, method="first-order")
-        needed = weights.required_samples(s, trials=2000)
+        needed = weights.required_samples(s, trials=repetitions(2000))
         rows.append(
             [
                 name,
@@ -746,7 +746,7 @@ def shared_azimuth() -> str:
 
 def right_treatment() -> str:
     """Errors of the fused position over what is claimed, and p-values, from draws."""
-    count = 100_000
+    count = repetitions(100_000)
     rows = []
     for position in ([0.0, 40e3], [10e3, 30e3], [-30e3, 20e3]):
         location = simulate.passive_location(np.broadcast_to(position, (count, 2)))
