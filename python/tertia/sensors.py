@@ -29,10 +29,10 @@ from tertia._arrays import (
 
 __all__ = ["Bias", "ByKind", "Kind", "Radar", "Station"]
 
-Kind: TypeAlias = Literal["range", "azimuth", "elevation", "range_difference"]
+Kind: TypeAlias = Literal["range", "azimuth", "elevation", "range_difference", "arrival_time"]
 
-KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference")
-# what one station measures alone
+KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation", "range_difference", "arrival_time")
+# what one station measures alone of the position
 STATION_KINDS = KINDS[:3]
 ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
 # largest element by which axes times their transpose may differ from the identity
@@ -41,7 +41,7 @@ _ORTHONORMAL = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Station:
-    """A station that measures ranges and angles.
+    """A station that measures ranges, angles and times of arrival.
 
     Parameters
     ----------
@@ -56,6 +56,11 @@ class Station:
         Standard deviation of its ranges in metres; None if it is unknown, or none are measured.
     azimuth_sigma, elevation_sigma : float or None
         Standard deviations of its angles in radians.
+    arrival_time_sigma : float or None
+        Standard deviation of its times of arrival in seconds.
+    position_sigma : float
+        Standard deviation of each coordinate of its position, as surveyed, in metres. It is an
+        error of all its measurements, and the same one at all times.
     name : str or None
         Its label in plots.
     axes : ndarray of shape (..., D, D) or None
@@ -80,6 +85,8 @@ class Station:
     range_sigma: float | None
     azimuth_sigma: float | None
     elevation_sigma: float | None
+    arrival_time_sigma: float | None
+    position_sigma: float
     name: str | None
     axes: FloatArray | None
 
@@ -90,6 +97,8 @@ class Station:
         range_sigma: float | None = None,
         azimuth_sigma: float | None = None,
         elevation_sigma: float | None = None,
+        arrival_time_sigma: float | None = None,
+        position_sigma: float = 0.0,
         axes: npt.ArrayLike | None = None,
         name: str | None = None,
         degrees: bool = False,
@@ -100,8 +109,12 @@ class Station:
             "range_sigma": range_sigma,
             "azimuth_sigma": azimuth_sigma,
             "elevation_sigma": elevation_sigma,
+            "arrival_time_sigma": arrival_time_sigma,
         }
+        surveyed = finite(real(position_sigma, "position_sigma"), "position_sigma")
+        require_each(surveyed, surveyed >= 0, "position_sigma", "0 or positive")
         object.__setattr__(self, "position", place)
+        object.__setattr__(self, "position_sigma", float(surveyed))
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "axes", None if axes is None else _axes(axes, place))
         for key, sigma in sigmas.items():
@@ -300,7 +313,7 @@ class ByKind:
 
     Attributes
     ----------
-    range, azimuth, elevation : ndarray of shape (..., K) or None
+    range, azimuth, elevation, arrival_time : ndarray of shape (..., K) or None
         One element for each station.
     range_difference : ndarray of shape (..., K - 1) or None
         One element for each station but the first.
@@ -310,6 +323,7 @@ class ByKind:
     azimuth: npt.NDArray[Any] | None = None
     elevation: npt.NDArray[Any] | None = None
     range_difference: npt.NDArray[Any] | None = None
+    arrival_time: npt.NDArray[Any] | None = None
 
     @property
     def count(self) -> int | IntArray:
@@ -346,13 +360,13 @@ def stack_stations(
             [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in known],
             dtype=np.float64,
         )
-        for kind in STATION_KINDS
+        for kind in (*STATION_KINDS, "arrival_time")
     }
     return places, _all_axes(known, places.shape[-1]), sigmas
 
 
 def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
-    """Return the rows (..., 4, K) of the kinds that were measured."""
+    """Return the rows (..., 5, K) of the kinds that were measured."""
     return ByKind(
         *(
             array[..., at, int(kind == "range_difference") :] if kind in kinds else None

@@ -21,6 +21,17 @@ def test_degrees_are_stored_as_radians():
     np.testing.assert_array_equal(bias.azimuth_sigma, np.radians([0.1, 0.1]))
 
 
+def test_stations_measure_times_from_places_that_are_surveyed():
+    station = Station([0, 0], arrival_time_sigma=1e-8, position_sigma=2)
+    assert (station.arrival_time_sigma, station.position_sigma) == (1e-8, 2.0)
+    assert (Station([0, 0]).arrival_time_sigma, Station([0, 0]).position_sigma) == (None, 0.0)
+    for wrong in (-1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="position_sigma is"):
+            Station([0, 0], position_sigma=wrong)
+    with pytest.raises(ValueError, match="arrival_time_sigma is 0"):
+        Station([0, 0], arrival_time_sigma=0.0)
+
+
 def test_the_bias_of_one_of_several_sensors():
     bias = Bias(range=[1.0, 2.0], azimuth_sigma=None, elevation_sigma=[0.0, np.inf])
     assert len(bias) == 2

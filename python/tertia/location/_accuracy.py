@@ -111,7 +111,7 @@ def accuracy_map(
     given = dict(
         zip(
             KINDS,
-            (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma),
+            (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma, None),
             strict=True,
         )
     )

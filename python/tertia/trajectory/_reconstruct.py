@@ -156,7 +156,7 @@ def reconstruct(
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
         sigmas["range_difference"] = np.broadcast_to(sigma, max(k - 1, sigma.size))
-    given = zip(KINDS, (range, azimuth, elevation, range_difference), strict=True)
+    given = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
         for kind, values in given

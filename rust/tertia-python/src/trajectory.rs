@@ -27,8 +27,8 @@ pub struct Reconstructed<'py> {
     bias: Option<(Vec<f64>, Vec<f64>)>,
 }
 
-/// What stations measured: positions (K, D) or (N, K, D), axes, times, values (N, 4, K) and
-/// standard deviations (4, K).
+/// What stations measured: positions (K, D) or (N, K, D), axes, times, values (N, 5, K) and
+/// standard deviations (5, K).
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {

@@ -7,6 +7,7 @@ mod measurement;
 
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
 
-/// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, and the
-/// differences of each station's range and that of the first.
-pub const KINDS: usize = 4;
+/// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, the
+/// differences of each station's range and that of the first, and arrivals: times of arrival, in
+/// metres.
+pub const KINDS: usize = 5;

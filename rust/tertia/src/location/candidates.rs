@@ -234,6 +234,7 @@ impl<const D: usize> Sight<D> {
                 Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
                 Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
                 Kind::RangeDifference => sight.difference = Some(m.value),
+                Kind::Arrival => {}
             }
         }
         sight

@@ -42,7 +42,7 @@ pub struct Instant<'a> {
     /// East, north and up of each station, K D² numbers, to which its angles refer; those of the
     /// frame if there are none.
     pub axes: Option<&'a [f64]>,
-    /// Ranges, azimuths, elevations and range differences, 4 K finite numbers, nan where there is
+    /// Ranges, azimuths, elevations and range differences, 5 K finite numbers, nan where there is
     /// none.
     pub values: &'a [f64],
     /// Their standard deviations; nan if they are unknown and equal.
@@ -58,9 +58,9 @@ pub struct Output<'a> {
     pub position: &'a mut [f64],
     /// D² numbers.
     pub covariance: &'a mut [f64],
-    /// 4 K whitened residuals, measured less predicted; nan where nothing was measured.
+    /// 5 K whitened residuals, measured less predicted; nan where nothing was measured.
     pub residual: &'a mut [f64],
-    /// 4 K marks of measurements without weight.
+    /// 5 K marks of measurements without weight.
     pub outlier: &'a mut [bool],
 }
 

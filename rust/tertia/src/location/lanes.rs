@@ -237,7 +237,7 @@ impl<S: Simd> Lanes<S> {
         let (value, precision) = (self.load(&m.value), self.load(&m.precision));
         let mut gradient = [self.splat(0.0); D];
         match m.kind {
-            Kind::Range => {
+            Kind::Range | Kind::Arrival => {
                 let range = self.dot(&d, &d).sqrt();
                 let scale = precision / range;
                 for i in 0..D {

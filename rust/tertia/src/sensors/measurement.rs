@@ -17,11 +17,14 @@ pub(crate) enum Kind {
     Elevation,
     /// A station's range less that of the first station, which is the origin.
     RangeDifference,
+    /// When a signal came to a station, times its speed: the range and what is the same for all,
+    /// the emission.
+    Arrival,
 }
 
 impl Kind {
     pub const ALL: [Self; super::KINDS] =
-        [Self::Range, Self::Azimuth, Self::Elevation, Self::RangeDifference];
+        [Self::Range, Self::Azimuth, Self::Elevation, Self::RangeDifference, Self::Arrival];
 
     pub fn is_angle(self) -> bool {
         matches!(self, Self::Azimuth | Self::Elevation)
@@ -107,7 +110,7 @@ impl<const D: usize> Measurement<D> {
     #[inline(always)]
     fn row_of(&self, d: &Vector<D>, p: &Vector<D>) -> Row<D> {
         match self.kind {
-            Kind::Range => self.range(d),
+            Kind::Range | Kind::Arrival => self.range(d),
             Kind::Azimuth => self.azimuth(d),
             Kind::Elevation => self.elevation(d),
             Kind::RangeDifference => self.range_difference(d, p),

@@ -15,9 +15,9 @@ pub struct Fixes {
     pub position: Vec<f64>,
     /// (N, D, D)
     pub covariance: Vec<f64>,
-    /// Whitened residuals (N, 4, K).
+    /// Whitened residuals (N, 5, K).
     pub residual: Vec<f64>,
-    /// Measurements without weight (N, 4, K).
+    /// Measurements without weight (N, 5, K).
     pub outlier: Vec<bool>,
     /// What else came out of each instant.
     pub fixes: Vec<Fix>,
@@ -68,7 +68,7 @@ impl Fixes {
         all.located()
     }
 
-    /// Locates all instants, from these values and standard deviations (N, 4, K).
+    /// Locates all instants, from these values and standard deviations (N, 5, K).
     pub(super) fn of<const D: usize>(
         record: &Record<'_>,
         values: &[f64],

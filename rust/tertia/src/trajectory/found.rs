@@ -20,7 +20,7 @@ const RELINEARISED: usize = 2;
 #[derive(Debug)]
 pub(super) struct Found<const D: usize, const N: usize> {
     pub measured: Rc<Measured<D>>,
-    /// Weights by the path, (N, 4, K); 0 where it contradicts.
+    /// Weights by the path, (N, 5, K); 0 where it contradicts.
     pub trust: Vec<f64>,
     pub fixes: Fixes,
     pub plots: Plots,

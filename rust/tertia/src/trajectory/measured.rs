@@ -18,10 +18,10 @@ pub struct Record<'a> {
     pub axes: Option<&'a [f64]>,
     /// Times of the instants, not decreasing.
     pub time: &'a [f64],
-    /// Ranges, azimuths, elevations and range differences of each instant, N 4 K numbers, nan where
+    /// Ranges, azimuths, elevations and range differences of each instant, N 5 K numbers, nan where
     /// there is none.
     pub values: &'a [f64],
-    /// Their standard deviations, 4 K numbers.
+    /// Their standard deviations, 5 K numbers.
     pub sigmas: &'a [f64],
     /// Whether instants are located robustly.
     pub robust: bool,

@@ -16,11 +16,11 @@ pub struct Trajectory {
     pub smoothed: Option<Smoothed>,
     /// Positions of the single instants.
     pub fixes: Fixes,
-    /// Measurements that were left out (N, 4, K).
+    /// Measurements that were left out (N, 5, K).
     pub outlier: Vec<bool>,
-    /// Whitened residuals about the trajectory (N, 4, K), without biases.
+    /// Whitened residuals about the trajectory (N, 5, K), without biases.
     pub residual: Vec<f64>,
-    /// Biases and their standard deviations (4, K): 0 and ∞ where nothing was measured, 0 and 0 of
+    /// Biases and their standard deviations (5, K): 0 and ∞ where nothing was measured, 0 and 0 of
     /// kinds that were not asked for. None if none was.
     pub bias: Option<(Vec<f64>, Vec<f64>)>,
 }

@@ -67,7 +67,7 @@ pub fn temporal_first<const D: usize, const N: usize>(
     Ok(Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance))
 }
 
-/// Smoothed measurements (N, 4, K) and two derivatives, with their standard errors: nan and 1 where
+/// Smoothed measurements (N, 5, K) and two derivatives, with their standard errors: nan and 1 where
 /// there is none.
 struct Smoothed {
     value: [Vec<f64>; 3],
