@@ -17,6 +17,7 @@ from tertia._arrays import (
     FloatArray,
     IntArray,
     finite,
+    instance,
     positive,
     probability,
     radians,
@@ -61,6 +62,8 @@ class Station:
     position_sigma : float
         Standard deviation of each coordinate of its position, as surveyed, in metres. It is an
         error of all its measurements, and the same one at all times.
+    bias : Bias or None
+        Its systematic errors; None if they are not known.
     name : str or None
         Its label in plots.
     axes : ndarray of shape (..., D, D) or None
@@ -87,6 +90,7 @@ class Station:
     elevation_sigma: float | None
     arrival_time_sigma: float | None
     position_sigma: float
+    bias: Bias | None
     name: str | None
     axes: FloatArray | None
 
@@ -99,6 +103,7 @@ class Station:
         elevation_sigma: float | None = None,
         arrival_time_sigma: float | None = None,
         position_sigma: float = 0.0,
+        bias: Bias | None = None,
         axes: npt.ArrayLike | None = None,
         name: str | None = None,
         degrees: bool = False,
@@ -115,6 +120,11 @@ class Station:
         require_each(surveyed, surveyed >= 0, "position_sigma", "0 or positive")
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "position_sigma", float(surveyed))
+        if bias is not None:
+            instance(bias, "bias", Bias)
+            if np.ndim(bias.range) > 0:
+                raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
+        object.__setattr__(self, "bias", bias)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "axes", None if axes is None else _axes(axes, place))
         for key, sigma in sigmas.items():
