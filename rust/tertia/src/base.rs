@@ -1,7 +1,7 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
 //! random effects, rows on threads.
 //!
-//! `error <- matrix, moments, distribution, angle, vector, missing, batch <- effects`
+//! `error <- matrix, moments, distribution, angle, vector, plane, missing, batch <- effects`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -17,6 +17,7 @@ pub(crate) mod error;
 pub(crate) mod matrix;
 pub mod missing;
 pub(crate) mod moments;
+pub(crate) mod plane;
 #[cfg(test)]
 pub(crate) mod random;
 pub(crate) mod small;

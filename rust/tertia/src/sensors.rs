@@ -1,11 +1,15 @@
-//! Sensors: what a station measures of a target, and how that changes with the position.
+//! Sensors: what a station measures of a target, and how that changes with the position; what a plot
+//! of a radar says of one.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 mod measurement;
+mod radar;
 
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
+pub(crate) use radar::HEIGHT_SIGMA;
+pub use radar::Radar;
 
 /// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, the
 /// differences of each station's range and that of the first, and arrivals: times of arrival, in

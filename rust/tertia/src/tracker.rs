@@ -30,10 +30,12 @@ mod share;
 mod track;
 mod window;
 
+pub use crate::base::plane::Plane;
+pub use crate::sensors::Radar;
 pub use columns::{COLUMNS, Column, Values};
-pub use estimate::{Estimate, Plane};
+pub use estimate::Estimate;
 pub use live::Tracker;
 pub use motion::{ImmModel, Motion, WindowModel};
-pub use plot::{Plot, PlotStatus, Radar};
+pub use plot::{Plot, PlotStatus};
 pub use row::{Row, Rows};
 pub use settings::Settings;

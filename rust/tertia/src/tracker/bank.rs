@@ -1,9 +1,10 @@
 //! Several models of the motion of one target, mixed by their probabilities (interacting multiple
 //! models; Blom, Bar-Shalom 1988).
 
-use super::estimate::{Estimate, Moments, Plane};
+use super::estimate::{Estimate, Moments};
 use super::kinematics;
 use super::motion::ImmModel;
+use crate::base::plane::Plane;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 

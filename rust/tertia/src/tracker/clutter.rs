@@ -1,6 +1,6 @@
 //! The density of plots that belong to no track.
 
-use super::plot::Radar;
+use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 

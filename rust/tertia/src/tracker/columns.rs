@@ -1,7 +1,7 @@
 //! The columns of a table of tracks, in one place: bindings, files and pages follow it.
 
-use super::estimate::Plane;
 use super::row::Row;
+use crate::base::plane::Plane;
 
 /// A column of a table of tracks.
 #[derive(Clone, Copy, Debug)]

@@ -1,39 +1,8 @@
 //! A mean and a covariance, which models of motion predict and plots correct.
 
+use crate::base::plane::Plane;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
-
-/// Symmetric 2×2 matrix of east and north.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plane {
-    /// Variance east.
-    pub xx: f64,
-    /// Covariance.
-    pub xy: f64,
-    /// Variance north.
-    pub yy: f64,
-}
-
-impl Plane {
-    pub(super) fn plus(self, other: Self) -> Self {
-        Self { xx: self.xx + other.xx, xy: self.xy + other.xy, yy: self.yy + other.yy }
-    }
-
-    pub(super) fn determinant(self) -> f64 {
-        self.xx * self.yy - self.xy * self.xy
-    }
-
-    /// The inverse; the caller's matrix is positive definite.
-    pub(super) fn inverse(self) -> Self {
-        let scale = 1.0 / self.determinant();
-        Self { xx: self.yy * scale, xy: -self.xy * scale, yy: self.xx * scale }
-    }
-
-    /// `v' M v`
-    pub(super) fn form(self, v: [f64; 2]) -> f64 {
-        self.xx * v[0] * v[0] + 2.0 * self.xy * v[0] * v[1] + self.yy * v[1] * v[1]
-    }
-}
 
 /// Mean and covariance of N states, of which the first two are the position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

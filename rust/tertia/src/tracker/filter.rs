@@ -1,12 +1,13 @@
 //! The filter of a track, by the model of its motion.
 
 use super::bank::{Bank, Component, PLAN, TURN, changes};
-use super::estimate::{Estimate, Moments, Plane};
+use super::estimate::{Estimate, Moments};
 use super::kinematics;
 use super::motion::{ImmModel, Motion};
 use super::plan::Guide;
 use super::settings::Settings;
 use super::window::Window;
+use crate::base::plane::Plane;
 use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};

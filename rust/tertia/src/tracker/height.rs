@@ -1,6 +1,6 @@
 //! Heights over time, by which targets above one another are distinguished.
 
-use super::plot::HEIGHT_SIGMA as SIGMA;
+use crate::sensors::HEIGHT_SIGMA as SIGMA;
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation of the vertical acceleration in white noise, m/s² per root of a hertz.

@@ -1,6 +1,7 @@
 //! How a mean and a covariance move between two plots: straight on, or in a turn.
 
-use super::estimate::{Estimate, Plane, mirror};
+use super::estimate::{Estimate, mirror};
+use crate::base::plane::Plane;
 use nalgebra::SMatrix;
 
 /// Below this angle the functions of a turn are computed by their series.

@@ -6,10 +6,11 @@
 //! keeps to the leg.
 
 use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, entered, without_rate};
-use super::estimate::{Estimate, Plane};
+use super::estimate::Estimate;
 use super::kinematics;
 use super::motion::ImmModel;
 use super::settings::Settings;
+use crate::base::plane::Plane;
 use crate::flightplan::{
     Monitor, Plan, Sighting, SpeedHistory, Turn, Verdict, capture_in_wind, hazard, lead_in_wind,
     lead_ratio,

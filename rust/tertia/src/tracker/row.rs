@@ -1,7 +1,8 @@
 //! Rows: the states of tracks that a tracker reports.
 
-use super::estimate::{Estimate, Plane};
+use super::estimate::Estimate;
 use super::track::Track;
+use crate::base::plane::Plane;
 
 /// The state of a track after a plot, or after a scan without one.
 #[derive(Clone, Copy, Debug, PartialEq)]

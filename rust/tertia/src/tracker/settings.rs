@@ -1,10 +1,10 @@
 //! Settings of a tracker.
 
 use super::motion::Motion;
-use super::plot::Radar;
 use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require, require_positive};
 use crate::flightplan::Plan;
+use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 
 /// Scans for which the guard acceleration is given, s; between, it is linear.

@@ -1,15 +1,17 @@
 //! One track: its filter, its stage, its identity and its plan.
 
 use super::beams::{Beams, Expected};
-use super::estimate::{Estimate, Plane};
+use super::estimate::Estimate;
 use super::filter::Filter;
 use super::height::Vertical;
 use super::identity::Identity;
 use super::motion::Motion;
 use super::plan::Guide;
-use super::plot::{Measured, Radar};
+use super::plot::Measured;
 use super::settings::{MAX_DELAY, Settings};
+use crate::base::plane::Plane;
 use crate::flightplan::{self, Link, Plan, Sighting, decide};
+use crate::sensors::Radar;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 

@@ -2,11 +2,12 @@
 //! the flight plan (Glagovskiy, Lavina, Rudelson 2014).
 
 use super::bank::{entered, without_rate};
-use super::estimate::{Estimate, Plane};
+use super::estimate::Estimate;
 use super::kinematics::{self, Arc};
 use super::motion::{SUMMED, WindowModel};
 use super::plan::Guide;
 use super::settings::Settings;
+use crate::base::plane::Plane;
 use crate::flightplan::{Turn, capture};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,91 @@
+//! A radar: from range and azimuth to east and north, with their covariance.
+
+use crate::base::error::{Result, require, require_positive};
+use crate::base::plane::Plane;
+use serde::{Deserialize, Serialize};
+
+/// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
+pub(crate) const HEIGHT_SIGMA: f64 = 15.0;
+/// Share of the range below which the ground range counts as zero: straight above the radar.
+const LEAST_GROUND_SHARE: f64 = 1e-3;
+
+/// Where a radar is, and how it measures.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Radar {
+    /// East, north and up, m.
+    pub position: [f64; 3],
+    /// Standard deviation of ranges, m.
+    pub range_sigma: f64,
+    /// That of azimuths, rad.
+    pub azimuth_sigma: f64,
+    /// Time of one rotation, s.
+    pub scan_period: f64,
+    /// Largest range, m; may be infinite.
+    pub max_range: f64,
+    /// Probability that a target is detected in a scan.
+    pub detection_probability: f64,
+}
+
+impl Radar {
+    /// # Errors
+    /// A number outside its domain.
+    pub fn check(&self) -> Result<()> {
+        for place in self.position {
+            require("position", place, place.is_finite(), "a finite number")?;
+        }
+        require_positive("range_sigma", self.range_sigma)?;
+        require_positive("azimuth_sigma", self.azimuth_sigma)?;
+        require_positive("scan_period", self.scan_period)?;
+        require("max_range", self.max_range, self.max_range > 0.0, "a positive number")?;
+        let p = self.detection_probability;
+        require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
+    }
+
+    /// Covariance of the plot of a target at this position and height above the radar (nan: unknown).
+    /// With a height, the slant range and the error of the height add to it.
+    #[inline]
+    pub fn noise_at(&self, position: [f64; 2], up: f64) -> Plane {
+        let d = [position[0] - self.position[0], position[1] - self.position[1]];
+        let squared = (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE);
+        let up = if up.is_finite() { up * up } else { 0.0 };
+        let range = self.range_sigma * self.range_sigma;
+        let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / squared.max(up);
+        let across = self.azimuth_sigma * self.azimuth_sigma * squared;
+        let (ee, en, nn) = (d[0] * d[0] / squared, d[0] * d[1] / squared, d[1] * d[1] / squared);
+        Plane {
+            xx: along * ee + across * nn,
+            xy: (along - across) * en,
+            yy: along * nn + across * ee,
+        }
+    }
+
+    /// East and north of a plot, corrected for the noise of the azimuth, by which sine and cosine are
+    /// smaller by exp(−σ²/2) on average. None where it is straight above the radar.
+    pub fn position_of(&self, range: f64, azimuth: f64, height: f64) -> Option<[f64; 2]> {
+        let up = if height.is_finite() { height - self.position[2] } else { 0.0 };
+        let squared = range * range - up * up;
+        let least = LEAST_GROUND_SHARE * range;
+        if squared <= least * least {
+            return None;
+        }
+        let (sine, cosine) = azimuth.sin_cos();
+        let ground = squared.sqrt() * (0.5 * self.azimuth_sigma * self.azimuth_sigma).exp();
+        Some([self.position[0] + ground * sine, self.position[1] + ground * cosine])
+    }
+
+    /// Whether a target at this position is within range.
+    pub fn covers(&self, position: [f64; 2]) -> bool {
+        self.distance(position) <= self.max_range
+    }
+
+    /// The distance by a faster formula, for bounds only.
+    #[inline]
+    pub(crate) fn about(&self, position: [f64; 2]) -> f64 {
+        let [x, y] = [position[0] - self.position[0], position[1] - self.position[1]];
+        (x * x + y * y).sqrt()
+    }
+
+    pub(crate) fn distance(&self, position: [f64; 2]) -> f64 {
+        (position[0] - self.position[0]).hypot(position[1] - self.position[1])
+    }
+}
