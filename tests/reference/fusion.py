@@ -4,6 +4,7 @@ time."""
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import optimize, stats
 
 NAN = float("nan")
 COMPONENTWISE = ["equal", "static", "paper", "ewma", "posterior", "adaptive"]
@@ -666,3 +667,43 @@ def fuse(  # noqa: PLR0912, PLR0915
     if period is not None:
         out["mean"][:, 0] %= period
     return out
+
+
+def random_effects(x, s):
+    """Mean, covariance, and mean τ, of estimates (K, m) with systematic errors N(0, τ² M)."""
+    x, s = np.asarray(x, dtype=float), np.asarray(s, dtype=float)
+    m = x.shape[1]
+    shape = np.linalg.inv(np.linalg.inv(s).sum(0))
+    size = np.median(np.sqrt(np.trace(np.linalg.inv(shape) @ s, axis1=1, axis2=2) / m))
+    shape = shape * size**2
+    away = x - x[0]
+    reach = np.sqrt(np.einsum("ki,ij,kj->k", away, np.linalg.inv(shape), away).max())
+    tau = np.append(0, np.geomspace(0.01, max(300.0, 10 * reach), 160))
+    terms = []
+    for t, step in zip(tau, np.gradient(tau), strict=True):
+        v = s + t**2 * shape
+        c = np.linalg.inv(v)
+        p = np.linalg.inv(c.sum(0))
+        mean = p @ np.einsum("kij,kj->i", c, x)
+        misfit = np.einsum("ki,kij,kj->", x - mean, c, x - mean)
+        logs = np.linalg.slogdet(v)[1].sum() - np.linalg.slogdet(p)[1]
+        terms.append((np.log(step / (1 + t**2)) - (logs + misfit) / 2, mean, p))
+    share = np.exp(np.array([log for log, _, _ in terms]) - max(log for log, _, _ in terms))
+    share /= share.sum()
+    means, spreads = np.array([a for _, a, _ in terms]), np.array([p for _, _, p in terms])
+    mean = share @ means
+    covariance = np.einsum("t,tij->ij", share, spreads)
+    covariance += np.einsum("t,ti,tj->ij", share, means - mean, means - mean)
+    scale = np.empty(m)
+    for i in range(m):
+        sigma = np.sqrt(spreads[:, i, i])
+
+        def outside(h, i=i, sigma=sigma):
+            low, high = ((end - means[:, i]) / sigma for end in (mean[i] - h, mean[i] + h))
+            return share @ (stats.norm.cdf(low) + stats.norm.sf(high)) - 0.0455
+
+        top = 1e3 * np.sqrt(covariance[i, i])
+        scale[i] = optimize.brentq(outside, 0, top, xtol=1e-13, rtol=1e-14) / 2
+    scale /= np.sqrt(np.diag(covariance))
+    bias = share @ tau * np.sqrt(np.diag(shape))
+    return mean, covariance * np.outer(scale, scale), bias

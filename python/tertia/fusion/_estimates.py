@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, finite, real, samples, scalar_or_array, threads
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    Systematic,
+    finite,
+    real,
+    require_each,
+    samples,
+    scalar_or_array,
+    threads,
+)
+from tertia.weights import Count
+from tertia.weights._few import enlarged
 from tertia.weights._readers import deviation, moderate, of_one_batch
+from tertia.weights._spread import counts
 
 InstantMethod: TypeAlias = Literal[
     "matrix", "posterior", "covariance-intersection", "static", "equal"
@@ -28,10 +42,17 @@ class FusedEstimate:
     covariance : ndarray of shape (..., m, m)
         Covariance of the fused estimate, if the given covariances are right; for
         "covariance-intersection" an upper bound. If no sensor has an estimate, variances are
-        infinite.
+        infinite. Where systematic errors are estimated, or covariances from n measurements, two
+        sigmas of a component hold 95.45 %, although the error is not normal.
     weights : ndarray of shape (..., K, m, m)
         The weight of each estimate, which sum to the identity; 0 where a sensor has none. From
         `fuse_scalar` the gain of the scalar, of shape (..., m).
+    bias_sigma : float or ndarray
+        Standard deviation of the systematic error of an estimate: as given, or as estimated, of
+        shape (..., m).
+    systematic : {"given", "estimated", "not included"}
+        What `covariance` includes of systematic errors: those of the given `bias_sigma`, those that
+        were found from contradictions, or none because there was nothing to compare with.
     statistic : float or ndarray of shape (...)
         Sum of the squared differences of the estimates in units of their covariances; nan from
         methods other than "matrix".
@@ -46,6 +67,8 @@ class FusedEstimate:
     mean: FloatArray
     covariance: FloatArray
     weights: FloatArray
+    bias_sigma: float | FloatArray
+    systematic: Systematic
     statistic: float | FloatArray
     degrees_of_freedom: int | IntArray
     pvalue: float | FloatArray
@@ -57,18 +80,23 @@ class FusedEstimate:
 
     def __repr__(self) -> str:
         """Show mean and sigma, or the shape of a batch."""
+        missing = self.systematic == "not included"
+        note = ", systematic error not included" if missing else ""
         if self.mean.ndim > 1:
-            return f"FusedEstimate(batch {self.mean.shape[:-1]}, {self.mean.shape[-1]} components)"
+            shape = f"batch {self.mean.shape[:-1]}, {self.mean.shape[-1]} components"
+            return f"FusedEstimate({shape}{note})"
         pairs = zip(self.mean, self.sigma, strict=True)
         listed = ", ".join(f"{mean:.6g} ± {sigma:.3g}" for mean, sigma in pairs)
         agreement = "" if np.isnan(self.pvalue) else f", p-value {self.pvalue:.3g}"
-        return f"FusedEstimate([{listed}]{agreement})"
+        return f"FusedEstimate([{listed}]{agreement}{note})"
 
 
 def fuse(
     estimates: npt.ArrayLike,
     covariances: npt.ArrayLike,
     *,
+    bias_sigma: npt.ArrayLike | None = 0.0,
+    n: Count | None = None,
     method: InstantMethod = "matrix",
     cross_covariances: npt.ArrayLike | None = None,
     weights: npt.ArrayLike | None = None,
@@ -86,6 +114,15 @@ def fuse(
         Their covariances. Leading axes of all arrays are broadcast against each other. With
         "matrix", a covariance may be singular where the others are not singular in the same
         direction.
+    bias_sigma : float, array_like of shape (K,), or None
+        Standard deviation of the systematic error of each estimate and component, which is not in
+        its covariance: one for all sensors or one for each, in the unit of the estimates. 0: there
+        is none. inf: nothing is known, and the sensor does not count. None: estimated from the
+        contradictions between the sensors; only for "matrix" without `cross_covariances`.
+    n : int, inf or array_like of shape (K,), optional
+        Measurements from which each covariance was estimated, about their mean: the covariance of
+        the result, and its p-value, then allow for it. inf, and by default, known covariances. Only
+        for "matrix" without `cross_covariances`.
     method : str
         "matrix": the linear unbiased combination with the least covariance.
         "posterior": component by component by the inverse variances.
@@ -116,7 +153,8 @@ def fuse(
         "covariance-intersection" also where covariances are singular, so that the weights are not
         defined, or lost to rounding.
     ValueError
-        Shapes that do not fit, a matrix that is not symmetric, an estimate that is infinite, above
+        Shapes that do not fit, a negative `bias_sigma`, `bias_sigma=None` or `n` where they cannot
+        be used, a matrix that is not symmetric, an estimate that is infinite, above
         1e150 in size, or nan in some components only, a variance that is not positive, an unknown
         method, or weights that are missing, negative, all zero or not asked for.
     TypeError
@@ -140,6 +178,16 @@ def fuse(
 
     With a period, angles are turned to within half of it of the angle with the least variance.
 
+    `bias_sigma=None` is a random-effects model: `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)` and
+    `u_k ~ N(0, τ² M)`, where M is the fused covariance, scaled so that the median sensor has
+    `tr(inverse(M) S_k) = m`. So it depends neither on units nor on axes. x has a flat prior, τ a
+    half-Cauchy prior of scale 1 (Gelman 2006), and is integrated. Of one estimate nothing can be
+    found, and of two the prior decides much: two sigmas are then at least 2.5 times as wide.
+
+    With `n` two sigmas hold 95.45 %, too: of one estimate by Student's distribution, of several by
+    a simulation with fixed seed that takes the estimated covariances for the true ones. Cost some
+    milliseconds per element of the batch.
+
     Examples
     --------
     Two tracks with partly common errors:
@@ -152,6 +200,14 @@ def fuse(
     FusedEstimate([1.78987 ± 0.9, 20.9425 ± 1.14], p-value 0.292)
     >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
     FusedEstimate([1.93436 ± 1.02, 20.9903 ± 1.66])
+
+    Four that contradict each other, as the p-value says:
+
+    >>> x, S = [[10], [14], [9], [20]], [[[1]], [[2.25]], [[1.44]], [[4]]]
+    >>> fuse(x, S)
+    FusedEstimate([11.5 ± 0.667], p-value 3.59e-06)
+    >>> fuse(x, S, bias_sigma=None)
+    FusedEstimate([12.9594 ± 2.9], p-value 3.59e-06)
     """
     x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
     if x.ndim < 2 or 0 in x.shape[-2:]:
@@ -161,14 +217,76 @@ def fuse(
     if cross_covariances is not None:
         cross = samples(cross_covariances, "cross_covariances")
         given["cross_covariances"] = (cross, (sensors, sensors, m, m))
+    free = method == "matrix" and cross_covariances is None
+    for name, asked in {"bias_sigma=None": bias_sigma is None, "n": n is not None}.items():
+        if asked and not free:
+            raise ValueError(f"{name} is for method 'matrix' without cross_covariances")
+    laws = None if n is None else _core.wishart_law(counts(n), "sample-mean", sensors)
+    arrays = of_one_batch(**given)
+    if bias_sigma is not None:
+        bias = _biases(bias_sigma, sensors)
+        arrays |= _with_bias(arrays["estimates"], arrays["covariances"], bias)
     arguments: dict[str, object] = {
         "cross_covariances": None,
-        **of_one_batch(**given),
+        **arrays,
         "weights": _proportions(weights, method, sensors),
         "method": str(method),
+        "random_effects": bias_sigma is None,
         "period": None if period is None else real(period, "period"),
     }
-    return _fused(_core.fuse(arguments, threads(n_threads)))
+    found = _fused(_core.fuse(arguments, threads(n_threads)))
+    if bias_sigma is not None:
+        found = replace(found, bias_sigma=scalar_or_array(bias))
+    else:
+        compared = np.count_nonzero(~np.isnan(arrays["estimates"][..., 0]), axis=-1) != 1
+        systematic: Systematic = "estimated" if np.all(compared) else "not included"
+        found = replace(found, systematic=systematic)
+    if laws is None or all(np.isinf(degrees) for degrees, _ in laws):
+        return found
+    return allowing_for(found, arrays["estimates"], arrays["covariances"], laws)
+
+
+def _biases(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:
+    """Return the standard deviation of systematic errors: one for all, or one for each sensor."""
+    bias = samples(bias_sigma, "bias_sigma")
+    require_each(bias, bias >= 0, "bias_sigma", "a number that is not negative, or inf")
+    if bias.shape not in {(), (sensors,)}:
+        raise ValueError(f"bias_sigma has shape {bias.shape}; it must be () or ({sensors},)")
+    return bias
+
+
+def _with_bias(x: FloatArray, s: FloatArray, bias: FloatArray) -> dict[str, FloatArray]:
+    """Return estimates and covariances with systematic errors; of size inf there is no estimate."""
+    if not np.any(bias):
+        return {}
+    sensors, m = x.shape[-2:]
+    each = np.broadcast_to(bias, (sensors,))[:, np.newaxis, np.newaxis]
+    unknown = np.isinf(each)
+    variance = np.where(unknown, 0.0, each) ** 2 * np.eye(m)
+    return {"estimates": np.where(unknown[..., 0], np.nan, x), "covariances": s + variance}
+
+
+def allowing_for(
+    found: FusedEstimate,
+    estimates: FloatArray,
+    covariances: FloatArray,
+    laws: Sequence[tuple[float, float]],
+) -> FusedEstimate:
+    """Return the estimate with a covariance and a p-value that allow for estimated covariances.
+
+    `laws` are degrees of freedom and mean of the sensors' Wishart matrices.
+    """
+    covariance = found.covariance.copy()
+    pvalue = np.array(found.pvalue, dtype=np.float64)
+    for place in np.ndindex(covariance.shape[:-2]):
+        present = np.flatnonzero(~np.isnan(estimates[(*place, slice(None), 0)]))
+        if not present.size:
+            continue
+        s = covariances[place][present]
+        statistic = float(np.asarray(found.statistic)[place])
+        factors, pvalue[place] = enlarged(s, statistic, [laws[k] for k in present])
+        covariance[place] *= np.outer(factors, factors)
+    return replace(found, covariance=covariance, pvalue=scalar_or_array(pvalue))
 
 
 def fuse_scalar(
@@ -246,15 +364,17 @@ def fuse_scalar(
     found = _core.fuse_scalar(
         given["estimate"], given["covariance"], given["h"], scalars, threads(n_threads)
     )
-    return _fused(found)
+    return replace(_fused(found), bias_sigma=0.0)
 
 
 def _fused(found: tuple[list[FloatArray], IntArray]) -> FusedEstimate:
-    (mean, covariance, weights, statistic, pvalue), degrees_of_freedom = found
+    (mean, covariance, weights, bias_sigma, statistic, pvalue), degrees_of_freedom = found
     return FusedEstimate(
         mean,
         covariance,
         weights,
+        bias_sigma,
+        "given",
         scalar_or_array(statistic),
         scalar_or_array(degrees_of_freedom),
         scalar_or_array(pvalue),

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from tertia import _core
 from tertia import weights as weighting
 from tertia._arrays import FloatArray
 from tertia.fusion import FusedEstimate, fuse
+from tertia.fusion._estimates import allowing_for
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import as_names, column_name, layout, split_unit
 from tertia.tables._records import (
@@ -69,7 +71,8 @@ def weights(
     table of the same kind
         One row per sensor, and a last row, `fused`: `sensor`, `measurement_count`, means with their
         sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each pair of components
-        `weight_east_north`).
+        `weight_east_north`). The sigmas allow for the number of measurements: two of them hold
+        95.45 %, also with n = 3 (see `tertia.fusion.fuse`).
 
     Raises
     ------
@@ -120,9 +123,14 @@ def weights_of(
         ]
     )
     convention: weighting.Convention = "differences" if differences else "sample-mean"
-    fused = fuse(means, covariances)
+    laws = _core.wishart_law(counts, convention, len(counts))
+    fused = allowing_for(fuse(means, covariances), means, covariances, laws)
     values_of = np.vstack([means, fused.mean])
-    sigmas = np.sqrt([np.diagonal(one) for one in (*covariances, fused.covariance)])
+    own = [
+        _core.student_factor(degrees) * np.sqrt(np.diagonal(one))
+        for one, (degrees, _) in zip(covariances, laws, strict=True)
+    ]
+    sigmas = np.array([*own, fused.sigma])
     rows: dict[str, Any] = {
         "sensor": [*samples, FUSED],
         "measurement_count": [*counts, sum(counts)],

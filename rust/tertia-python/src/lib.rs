@@ -56,7 +56,7 @@ mod core_module {
     #[pymodule_export]
     use super::trajectory::reconstruct;
     #[pymodule_export]
-    use super::weights::{least_count, weigh, wishart_law};
+    use super::weights::{least_count, simulated_factors, student_factor, weigh, wishart_law};
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]

@@ -89,6 +89,19 @@ pub fn wishart_law(n: Counts, convention: &str, sensors: usize) -> PyResult<Vec<
     Ok(laws.iter().map(|law| (law.degrees_of_freedom, law.mean)).collect())
 }
 
+/// What a sigma estimated with so many degrees of freedom is to be multiplied by.
+#[pyfunction]
+pub fn student_factor(degrees_of_freedom: f64) -> f64 {
+    weights::student_factor(degrees_of_freedom)
+}
+
+/// The same where ratios (m, trials) of estimated and actual sigmas have been simulated.
+#[pyfunction]
+pub fn simulated_factors(ratios: Input<'_>) -> PyResult<Vec<f64>> {
+    let rows = ratios.rows("ratios", 0)?;
+    Ok(rows.iter().map(weights::simulated_factor).collect())
+}
+
 /// The least n, the same for all sensors, with which the loss is finite.
 #[pyfunction]
 pub fn least_count(name: &str, sensors: usize, dimension: usize) -> PyResult<u64> {

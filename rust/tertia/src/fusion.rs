@@ -6,7 +6,9 @@
 
 mod belief;
 mod centre;
+mod effects;
 mod estimates;
+mod fused;
 mod independent;
 mod intersection;
 mod joint;
@@ -18,6 +20,8 @@ mod rules;
 mod scalar;
 
 pub use centre::{Centre, RadarReport};
-pub use estimates::{Agreement, Estimates, FusedEstimate, Fusing, Weighting, fusing};
+pub use effects::STEPS as EFFECT_STEPS;
+pub use estimates::{Fusing, fusing};
+pub use fused::{Agreement, Estimates, FusedEstimate, Weighting};
 pub use rules::{Beliefs, Rule};
 pub use scalar::Scalar;

@@ -11,7 +11,9 @@ mod loss;
 mod propagation;
 mod solver;
 
-pub use convention::{Convention, Law, least_count, require_degrees_of_freedom};
+pub use convention::{
+    Convention, Law, least_count, require_degrees_of_freedom, simulated_factor, student_factor,
+};
 pub(crate) use group::{Group, Sum};
 pub use solver::{Quantity, Weighing, weighing};
 

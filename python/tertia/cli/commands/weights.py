@@ -65,8 +65,8 @@ def weights(
     cost = float(np.asarray(found.loss.loss))
     typer.echo(f"fused: {', '.join(listed)}")
     typer.echo(
-        f"  if the covariances were known, the probability of means that differ more would be "
-        f"{found.fused.pvalue:.3g}"
+        f"  twice the figure after ± holds 95 %, however few the measurements; the probability of "
+        f"means that differ more is {found.fused.pvalue:.3g}"
     )
     typer.echo(
         f"  estimating the weights costs {cost:.2%} of the mean squared error; {found.required} "

@@ -6,10 +6,13 @@ use crate::arrays::{
 use crate::kalman::check_period;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::fusion::{Agreement, Estimates, FusedEstimate, Scalar, Weighting, fusing};
+use tertia::fusion::{
+    Agreement, EFFECT_STEPS, Estimates, FusedEstimate, Scalar, Weighting, fusing,
+};
 
-/// Means, covariances, weights, statistics, their p-values; and degrees of freedom.
-type Fused<'py> = ((Output<'py>, Output<'py>, Output<'py>, Array<'py>, Array<'py>), Integers<'py>);
+/// Means, covariances, weights, systematic errors, statistics, their p-values; and degrees of freedom.
+type Fused<'py> =
+    ((Output<'py>, Output<'py>, Output<'py>, Output<'py>, Array<'py>, Array<'py>), Integers<'py>);
 
 /// Estimates (..., K, m), covariances (..., K, m, m) and those between sensors (..., K, K, m, m), of
 /// one batch; weights (K) for "static".
@@ -21,6 +24,8 @@ pub struct Given<'py> {
     cross_covariances: Option<Input<'py>>,
     weights: Option<Vec<f64>>,
     method: String,
+    /// Whether systematic errors are found from contradictions; of method "matrix".
+    random_effects: bool,
     period: Option<f64>,
 }
 
@@ -50,6 +55,7 @@ fn fuse_ns(sensors: usize, m: usize, weighting: &Weighting, joint: bool) -> f64 
         + match weighting {
             Weighting::Matrix if joint => 0.5 * k.powi(3) * product_ns(m),
             Weighting::Matrix => 2.0 * k * product_ns(m),
+            Weighting::RandomEffects => EFFECT_STEPS as f64 * 4.0 * k * product_ns(m),
             Weighting::Intersection => 10.0 * (k * product_ns(m) + k * k * m * m + k.powi(3) / 3.0),
             _ => 2.0 * k * k * m * m,
         }
@@ -63,6 +69,7 @@ struct Results<'py> {
     mean: Output<'py>,
     covariance: Output<'py>,
     weights: Output<'py>,
+    bias_sigma: Output<'py>,
     agreements: Vec<Agreement>,
 }
 
@@ -74,6 +81,7 @@ impl<'py> Results<'py> {
             mean: new(&[m])?,
             covariance: new(&[m, m])?,
             weights: new(weights)?,
+            bias_sigma: new(&[m])?,
             agreements: repeated(none, batch.iter().product())?,
         })
     }
@@ -86,8 +94,13 @@ impl<'py> Results<'py> {
             .mean
             .rows()?
             .zip(self.covariance.rows()?)
-            .zip(self.weights.rows()?)
-            .map(|((mean, covariance), weights)| FusedEstimate { mean, covariance, weights })
+            .zip(self.weights.rows()?.zip(self.bias_sigma.rows()?))
+            .map(|((mean, covariance), (weights, bias_sigma))| FusedEstimate {
+                mean,
+                covariance,
+                weights,
+                bias_sigma,
+            })
             .zip(&mut self.agreements))
     }
 
@@ -96,7 +109,8 @@ impl<'py> Results<'py> {
         let [statistic, pvalue] = columns(py, batch, &self.agreements, of)?;
         let degrees = self.agreements.iter().map(|a| a.degrees_of_freedom as i64);
         let degrees = array(py, batch, degrees)?;
-        Ok(((self.mean, self.covariance, self.weights, statistic, pvalue), degrees))
+        let Self { mean, covariance, weights, bias_sigma, .. } = self;
+        Ok(((mean, covariance, weights, bias_sigma, statistic, pvalue), degrees))
     }
 }
 
@@ -104,7 +118,10 @@ impl<'py> Results<'py> {
 #[pyfunction]
 pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyResult<Fused<'py>> {
     let cross = given.cross_covariances.as_ref();
-    let weighting = weighting(&given.method, given.weights)?;
+    let weighting = match weighting(&given.method, given.weights)? {
+        Weighting::Matrix if given.random_effects => Weighting::RandomEffects,
+        weighting => weighting,
+    };
     check_period(given.period)?;
     let &[.., sensors, m] = given.estimates.shape() else {
         return Err(PyValueError::new_err("estimates must be of shape (..., K, m)"));

@@ -75,10 +75,8 @@ impl Posterior {
             let m = first / total;
             let square = |(&x, &s): (&f64, &f64)| (x - origin - m).powi(2) / (s * s + tau * tau);
             let misfit: f64 = x.iter().zip(sigma).map(square).sum();
-            let step = values[(j + 1).min(STEPS)] - values[j.saturating_sub(1)];
-            let step = if j == 0 || j == STEPS { step } else { 0.5 * step };
-            let prior = step.ln() - (tau / scale).powi(2).ln_1p();
-            log_weight.push(prior - 0.5 * (log_variances + total.ln() + misfit));
+            log_weight
+                .push(log_prior(&values, j, scale) - 0.5 * (log_variances + total.ln() + misfit));
             mean.push(m);
             width.push(total.recip().sqrt());
         }
@@ -104,8 +102,16 @@ impl Posterior {
     }
 }
 
+/// The logarithm of the half-Cauchy density of the j-th value of τ, times its step.
+pub(crate) fn log_prior(values: &[f64], j: usize, scale: f64) -> f64 {
+    let last = values.len() - 1;
+    let step = values[(j + 1).min(last)] - values[j.saturating_sub(1)];
+    let step = if j == 0 || j == last { step } else { 0.5 * step };
+    step.ln() - (values[j] / scale).powi(2).ln_1p()
+}
+
 /// Zero, and values in geometric progression.
-fn taus(x: &[f64], scale: f64) -> Vec<f64> {
+pub(crate) fn taus(x: &[f64], scale: f64) -> Vec<f64> {
     let (low, high) = x.iter().fold((x[0], x[0]), |(l, h), &v| (l.min(v), h.max(v)));
     let top = RANGE.1.max(REACH * (high - low) / scale);
     let ratio = (top / RANGE.0).ln() / (STEPS - 1) as f64;

@@ -1,5 +1,7 @@
 //! Estimates of one vector at one instant by several sensors, fused.
 
+use super::effects::Effects;
+use super::fused::{Agreement, Estimates, FusedEstimate, Weighting};
 use super::independent::Independent;
 use super::intersection::Intersection;
 use super::joint::{Joint, vector};
@@ -20,56 +22,6 @@ const CROSS: &str = "cross_covariances";
 const LARGEST: f64 = 1e150;
 /// Largest difference of two elements that should be equal, in standard deviations.
 const ASYMMETRY: f64 = 1e-10;
-
-/// How estimates are weighed.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Weighting {
-    /// Equal weights.
-    Equal,
-    /// In proportion to these numbers, one for each sensor.
-    Static(Vec<f64>),
-    /// Component by component by the inverse variances.
-    Posterior,
-    /// The best linear combination.
-    Matrix,
-    /// Covariance intersection, which needs no correlations.
-    Intersection,
-}
-
-/// Estimates (K, m) of one vector, nan throughout where a sensor has none, and their covariances
-/// (K, m, m); those between sensors (K, K, m, m), whose diagonal blocks are not read, or none for
-/// independent errors. What belongs to a sensor without an estimate is not read.
-#[derive(Clone, Copy, Debug)]
-pub struct Estimates<'a> {
-    /// x_k.
-    pub values: &'a [f64],
-    /// S_k.
-    pub covariances: &'a [f64],
-    /// S_jk.
-    pub cross: Option<&'a [f64]>,
-}
-
-/// Where a fused estimate goes.
-#[derive(Debug)]
-pub struct FusedEstimate<'a> {
-    /// x̂ (m).
-    pub mean: &'a mut [f64],
-    /// Its covariance (m, m), or the bound of it.
-    pub covariance: &'a mut [f64],
-    /// W_k (K, m, m), or the gain of a scalar (m).
-    pub weights: &'a mut [f64],
-}
-
-/// Whether estimates agree within their covariances.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Agreement {
-    /// `Δ^T cov(Δ)^-1 Δ` of all differences Δ; nan where the rule does not find it.
-    pub statistic: f64,
-    /// Probability of a larger one where the covariances are right; nan likewise.
-    pub pvalue: f64,
-    /// Of the chi-square distribution that the statistic has where the covariances are right.
-    pub degrees_of_freedom: usize,
-}
 
 /// The fusion of K estimates of m components, with buffers that are reused from call to call.
 pub trait Fusing: Send {
@@ -129,13 +81,9 @@ where
     // made when they are needed
     independent: Option<Independent<D>>,
     joint: Option<Joint<D>>,
+    effects: Option<Effects<D>>,
     intersection: Option<Intersection<D>>,
     addition: Option<Addition<D>>,
-}
-
-impl Agreement {
-    /// Without a statistic.
-    const UNKNOWN: Self = Self { statistic: f64::NAN, degrees_of_freedom: 0, pvalue: f64::NAN };
 }
 
 impl<D: Dim> Fusing for Solver<D>
@@ -151,6 +99,7 @@ where
     ) -> Result<Agreement> {
         self.read(estimates)?;
         out.weights.fill(0.0);
+        out.bias_sigma.fill(0.0);
         let present = self.present.len();
         if present == 0 {
             self.write_unknown(out);
@@ -159,6 +108,9 @@ where
         self.set_relative(estimates.values);
         let statistic = self.weigh()?;
         self.write(out);
+        if let (Some(effects), true) = (&self.effects, present > 1) {
+            out.bias_sigma.copy_from_slice(effects.bias_sigma.as_slice());
+        }
         let degrees_of_freedom = (present - 1) * self.order.value();
         let pvalue = if statistic.is_nan() {
             f64::NAN
@@ -180,6 +132,7 @@ where
         let (statistic, pvalue) = addition.add(&self.fused, scalar);
         out.mean.copy_from_slice(addition.mean.as_slice());
         out.weights.copy_from_slice(addition.gain.as_slice());
+        out.bias_sigma.fill(0.0);
         write(&addition.covariance, out.covariance);
         Ok(Agreement { statistic, degrees_of_freedom: 1, pvalue })
     }
@@ -204,6 +157,7 @@ where
             fused: zeros(order),
             independent: None,
             joint: None,
+            effects: None,
             intersection: None,
             addition: None,
         }
@@ -303,11 +257,13 @@ where
         if let [_] = self.covariances[..] {
             self.weight[0].fill_with_identity();
             self.fused.copy_from(&self.covariances[0]);
-            return Ok(if self.weighting == Weighting::Matrix { 0.0 } else { f64::NAN });
+            let tested = [Weighting::Matrix, Weighting::RandomEffects].contains(&self.weighting);
+            return Ok(if tested { 0.0 } else { f64::NAN });
         }
         match self.weighting {
             Weighting::Matrix if self.blocks.is_empty() => self.weigh_independent(),
             Weighting::Matrix => self.weigh_joint(),
+            Weighting::RandomEffects => self.weigh_effects(),
             Weighting::Intersection => self.intersect().map(|()| f64::NAN),
             _ => {
                 self.weigh_components();
@@ -323,6 +279,15 @@ where
         let statistic = independent.combine(&self.relative, &self.covariances);
         copy(&independent.group.weight, &mut self.weight);
         self.fused.copy_from(&independent.group.fused);
+        statistic.map_err(|error| error.renumbered(&self.present))
+    }
+
+    fn weigh_effects(&mut self) -> Result<f64> {
+        let new = || Effects::new(self.sensors, self.order);
+        let effects = self.effects.get_or_insert_with(new);
+        let statistic = effects.combine(&self.relative, &self.covariances);
+        copy(&effects.weight, &mut self.weight);
+        self.fused.copy_from(&effects.fused);
         statistic.map_err(|error| error.renumbered(&self.present))
     }
 
@@ -446,11 +411,19 @@ mod tests {
     const ESTIMATES: [f64; 4] = [10.0, 20.0, 13.0, 21.0];
 
     fn fused(weighting: Weighting, cross: Option<&[f64]>) -> Result<([f64; 2], [f64; 4])> {
-        let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
         let estimates = Estimates { values: &ESTIMATES, covariances: &TWO, cross };
-        let mut out =
-            FusedEstimate { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
-        fusing(2, 2, weighting, None).fuse(&estimates, &mut out)?;
+        result(weighting, &estimates)
+    }
+
+    fn result(weighting: Weighting, estimates: &Estimates<'_>) -> Result<([f64; 2], [f64; 4])> {
+        let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
+        let mut out = FusedEstimate {
+            mean: &mut mean,
+            covariance: &mut covariance,
+            weights: &mut weights,
+            bias_sigma: &mut [0.0; 2],
+        };
+        fusing(2, 2, weighting, None).fuse(estimates, &mut out)?;
         Ok((mean, covariance))
     }
 
@@ -472,11 +445,8 @@ mod tests {
         let (_, with) = fused(Weighting::Matrix, Some(&cross)).unwrap();
         let mut rest = TWO;
         rest.iter_mut().zip(common.repeat(2)).for_each(|(s, c)| *s -= c);
-        let (mut mean, mut covariance, mut weights) = ([0.0; 2], [0.0; 4], [0.0; 8]);
         let estimates = Estimates { values: &ESTIMATES, covariances: &rest, cross: None };
-        let mut out =
-            FusedEstimate { mean: &mut mean, covariance: &mut covariance, weights: &mut weights };
-        fusing(2, 2, Weighting::Matrix, None).fuse(&estimates, &mut out).unwrap();
+        let (_, mut covariance) = result(Weighting::Matrix, &estimates).unwrap();
         covariance.iter_mut().zip(common).for_each(|(s, c)| *s += c);
         assert_all_close(&with, &covariance);
     }

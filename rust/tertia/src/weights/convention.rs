@@ -1,6 +1,12 @@
 //! How well a sample covariance is known.
 
+use crate::base::distribution::{normal_two_sided, student_two_sided_quantile, two_sigma};
 use crate::base::error::{Result, require};
+
+/// What two sigmas of a normal variable leave outside, as it is usually rounded.
+const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
+/// From so many degrees of freedom on, Student's distribution is the normal one.
+const NORMAL_FROM: f64 = 1e9;
 
 /// How a covariance was estimated from n measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +60,24 @@ impl Convention {
         };
         Ok(Law { degrees_of_freedom, mean })
     }
+}
+
+/// What an estimated sigma is to be multiplied by for an interval of two of them to hold 95.45 %:
+/// half of Student's quantile.
+pub fn student_factor(degrees_of_freedom: f64) -> f64 {
+    if degrees_of_freedom >= NORMAL_FROM {
+        return 1.0;
+    }
+    0.5 * student_two_sided_quantile(OUTSIDE_TWO_SIGMA, degrees_of_freedom)
+}
+
+/// The same where the ratio of estimated and actual sigma has been simulated: two sigmas, so
+/// multiplied, hold 95.45 % on average. Cost O(ratios).
+pub fn simulated_factor(ratios: &[f64]) -> f64 {
+    let outside = |h: f64| {
+        ratios.iter().map(|ratio| normal_two_sided(h * ratio)).sum::<f64>() / ratios.len() as f64
+    };
+    two_sigma(outside, 2.0)
 }
 
 /// Fails unless the error of an estimate fused with estimated weights has a finite variance.

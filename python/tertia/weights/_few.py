@@ -1,0 +1,65 @@
+"""Honest sigmas where the covariances are estimated from few measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import FloatArray
+from tertia.weights._loss import _draws
+
+_TRIALS = 2000
+
+
+def enlarged(
+    covariances: FloatArray,
+    statistic: float,
+    laws: Sequence[tuple[float, float]],
+    n_threads: int | None = None,
+) -> tuple[FloatArray, float]:
+    """Return the factors of the sigmas of a fused estimate, and the p-value of its statistic.
+
+    `covariances` (K, m, m) are estimated; `laws` are the degrees of freedom and mean of each. The
+    factors, (m,), are such that two sigmas hold 95.45 %: of one estimate half of Student's
+    quantile; of several by simulation, in which the estimates are taken for the truth
+    (parametric bootstrap). Given the simulated covariances, the error is normal, so nothing but
+    covariances has to be drawn for the factors.
+    """
+    sensors, m = covariances.shape[:2]
+    if sensors == 1:
+        return np.full(m, _core.student_factor(laws[0][0])), 1.0
+    rng = np.random.default_rng(0)
+    root = _root(covariances)
+    drawn = root @ _draws(list(laws), m, _TRIALS, rng) @ np.swapaxes(root, -1, -2)
+    drawn = (drawn + np.swapaxes(drawn, -1, -2)) / 2
+    errors = (root @ rng.standard_normal((_TRIALS, sensors, m, 1)))[..., 0]
+    (_, claimed, weights, _, drawn_statistic, _), _ = _core.fuse(
+        {
+            "estimates": errors,
+            "covariances": drawn,
+            "cross_covariances": None,
+            "weights": None,
+            "method": "matrix",
+            "random_effects": False,
+            "period": None,
+        },
+        n_threads,
+    )
+    actual = np.sum(weights @ covariances @ np.swapaxes(weights, -1, -2), axis=1)
+    ratio = np.sqrt(_diagonal(claimed) / _diagonal(actual))
+    factors = np.array(_core.simulated_factors(np.ascontiguousarray(ratio.T)))
+    larger = np.count_nonzero(np.asarray(drawn_statistic) >= statistic)
+    return factors, (larger + 1) / (_TRIALS + 1)
+
+
+def _root(covariances: FloatArray) -> FloatArray:
+    """Return symmetric roots, also of singular covariances."""
+    values, vectors = np.linalg.eigh(covariances)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
+    return root @ np.swapaxes(vectors, -1, -2)
+
+
+def _diagonal(matrix: FloatArray) -> FloatArray:
+    return np.diagonal(matrix, axis1=-2, axis2=-1)

@@ -1,0 +1,194 @@
+//! Estimates whose systematic errors are found from their contradictions: random effects.
+
+use super::independent::Independent;
+use super::joint::vector;
+use crate::base::angle::median;
+use crate::base::distribution::{normal_two_sided, two_sigma};
+use crate::base::effects::{log_prior, taus};
+use crate::base::error::{Error, Result};
+use crate::base::matrix::{Square, factorise_sum, invert, zeros};
+use crate::weights::COVARIANCES;
+use nalgebra::allocator::Allocator;
+use nalgebra::{DefaultAllocator, Dim, OVector};
+
+/// Values of τ, for the estimate of the cost.
+pub const STEPS: usize = 161;
+
+/// A combination of estimates with systematic errors, and the buffers for it.
+///
+/// `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)`, `u_k ~ N(0, τ² M)`: x with a flat prior, τ integrated
+/// with a half-Cauchy prior of scale 1. M is the fused covariance, in such units that the median of
+/// `√(tr(M^-1 S_k) / m)` is 1, so no unit and no direction matters; for scalars this is
+/// [`random_effects`](crate::base::effects::random_effects).
+pub(super) struct Effects<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    /// The mean weights, the covariance, and the mean size of the systematic errors.
+    pub weight: Vec<Square<D>>,
+    pub fused: Square<D>,
+    pub bias_sigma: OVector<f64, D>,
+    independent: Independent<D>,
+    inflated: Vec<Square<D>>,
+    terms: Vec<Term<D>>,
+}
+
+/// What one value of τ says.
+struct Term<D: Dim>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    log_weight: f64,
+    weight: Vec<Square<D>>,
+    fused: Square<D>,
+    mean: OVector<f64, D>,
+}
+
+impl<D: Dim> Effects<D>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    pub fn new(sensors: usize, order: D) -> Self {
+        Self {
+            weight: vec![zeros(order); sensors],
+            fused: zeros(order),
+            bias_sigma: vector(order),
+            independent: Independent::new(sensors, order),
+            inflated: Vec::new(),
+            terms: Vec::with_capacity(STEPS),
+        }
+    }
+
+    /// Combines two or more estimates (K, m); returns the statistic of their agreement without
+    /// systematic errors. Cost O(K m³) for each of 161 values of τ.
+    pub fn combine(&mut self, x: &[f64], s: &[Square<D>]) -> Result<f64> {
+        let statistic = self.independent.combine(x, s)?;
+        let (shape, reach) = self.shape(x, s)?;
+        let values = taus(&[0.0, reach], 1.0);
+        self.terms.clear();
+        for j in 0..values.len() {
+            let prior = log_prior(&values, j, 1.0);
+            let term = self.term(x, s, &shape, values[j], prior)?;
+            self.terms.push(term);
+        }
+        let highest = self.terms.iter().map(|t| t.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let mut sum = 0.0;
+        for term in &mut self.terms {
+            term.log_weight = (term.log_weight - highest).exp();
+            sum += term.log_weight;
+        }
+        let shares: Vec<f64> = self.terms.iter().map(|term| term.log_weight / sum).collect();
+        self.mix(&shares, s.len());
+        let tau: f64 = shares.iter().zip(&values).map(|(w, tau)| w * tau).sum();
+        for i in 0..self.bias_sigma.len() {
+            self.bias_sigma[i] = tau * shape[(i, i)].sqrt();
+        }
+        Ok(statistic)
+    }
+
+    /// M, and the largest difference from the first estimate in its units.
+    fn shape(&self, x: &[f64], s: &[Square<D>]) -> Result<(Square<D>, f64)> {
+        let mut shape = self.independent.group.fused.clone();
+        let (mut factor, mut inverse) = (shape.clone(), shape.clone());
+        let half = &shape * 0.5;
+        if !factorise_sum(&half, &half, &mut factor) {
+            return Err(Error::LostToRounding { argument: COVARIANCES });
+        }
+        invert(&mut factor, &mut inverse);
+        let m = shape.nrows();
+        let trace = |s: &Square<D>| inverse.dot(s) / m as f64;
+        let mut sizes: Vec<f64> = s.iter().map(|s| trace(s).sqrt()).collect();
+        let size = median(&mut sizes);
+        let distance = |estimate: &[f64]| {
+            let product =
+                |i: usize, j: usize| (estimate[i] - x[i]) * inverse[(i, j)] * (estimate[j] - x[j]);
+            let sum: f64 =
+                (0..m).flat_map(|i| (0..m).map(move |j| (i, j))).map(|(i, j)| product(i, j)).sum();
+            sum.max(0.0).sqrt() / size
+        };
+        let reach = x.chunks_exact(m).map(distance).fold(0.0, f64::max);
+        shape *= size * size;
+        Ok((shape, reach))
+    }
+
+    fn term(
+        &mut self,
+        x: &[f64],
+        s: &[Square<D>],
+        shape: &Square<D>,
+        tau: f64,
+        prior: f64,
+    ) -> Result<Term<D>> {
+        let m = shape.nrows();
+        let (mut factor, effect) = (shape.clone(), shape * (tau * tau));
+        let mut determinants = 0.0;
+        let mut logarithm = |x: &Square<D>, y: &Square<D>| {
+            // a sensor that is singular cannot be without an effect
+            if !factorise_sum(x, y, &mut factor) {
+                return f64::INFINITY;
+            }
+            (0..m).map(|i| factor[(i, i)].ln()).sum::<f64>()
+        };
+        self.inflated.clear();
+        for covariance in s {
+            determinants += logarithm(covariance, &effect);
+            self.inflated.push(covariance + &effect);
+        }
+        let misfit = self.independent.combine(x, &self.inflated)?;
+        let group = &self.independent.group;
+        let half = &group.fused * 0.5;
+        let spread = logarithm(&half, &half);
+        let mut mean = vector(shape.shape_generic().0);
+        for (weight, x) in group.weight.iter().zip(x.chunks_exact(m)) {
+            for (i, j) in (0..m).flat_map(|i| (0..m).map(move |j| (i, j))) {
+                mean[i] += weight[(i, j)] * x[j];
+            }
+        }
+        let log_weight = prior - 0.5 * (determinants - spread + misfit);
+        let log_weight = if log_weight.is_nan() { f64::NEG_INFINITY } else { log_weight };
+        Ok(Term {
+            log_weight,
+            weight: group.weight[..s.len()].to_vec(),
+            fused: group.fused.clone(),
+            mean,
+        })
+    }
+
+    /// The mixture over τ. Its variances are such that two sigmas hold 95.45 % of a component.
+    fn mix(&mut self, shares: &[f64], count: usize) {
+        self.weight.iter_mut().for_each(|weight| weight.fill(0.0));
+        self.fused.fill(0.0);
+        let mut mean = self.bias_sigma.clone();
+        mean.fill(0.0);
+        for (term, &share) in self.terms.iter().zip(shares) {
+            mean += &term.mean * share;
+            for (weight, own) in self.weight[..count].iter_mut().zip(&term.weight) {
+                *weight += own * share;
+            }
+        }
+        for (term, &share) in self.terms.iter().zip(shares).filter(|(_, share)| **share > 0.0) {
+            let away = &term.mean - &mean;
+            self.fused += &term.fused * share;
+            self.fused.ger(share, &away, &away, 1.0);
+        }
+        let m = mean.len();
+        let factors: Vec<f64> = (0..m)
+            .map(|i| {
+                let outside = |h: f64| {
+                    let tails = |(term, share): (&Term<D>, &f64)| {
+                        let (away, s) = (term.mean[i] - mean[i], term.fused[(i, i)].sqrt());
+                        let of = |h: f64| normal_two_sided(h / s);
+                        0.5 * share * (of(h - away) + of(h + away))
+                    };
+                    self.terms.iter().zip(shares).filter(|(_, w)| **w > 0.0).map(tails).sum()
+                };
+                let sigma = self.fused[(i, i)].sqrt();
+                two_sigma(outside, sigma) / sigma
+            })
+            .collect();
+        for (i, j) in (0..m).flat_map(|i| (0..m).map(move |j| (i, j))) {
+            self.fused[(i, j)] *= factors[i] * factors[j];
+        }
+        crate::base::matrix::symmetrise(&mut self.fused);
+    }
+}
