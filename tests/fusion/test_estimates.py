@@ -452,8 +452,8 @@ def test_a_batch_is_its_instants(method, correlated):
     for place in np.ndindex(2, 4):
         part = None if cross is None else cross[place]
         one = fuse(x[place], s[place], cross_covariances=part, period=4.0, **options)
-        for field, values in fields(one).items():
-            np.testing.assert_array_equal(getattr(found, field)[place], values)
+        for field in fields(one).keys() - {"bias_sigma", "systematic"}:
+            np.testing.assert_array_equal(getattr(found, field)[place], getattr(one, field))
 
 
 @EVERY_METHOD

@@ -90,7 +90,7 @@ def test_fused_of_components_of_different_size(scale: float) -> None:
 
 def test_fused_of_singular_covariances() -> None:
     crossed = np.array([[[4.0, 4.0], [4.0, 4.0]], [[1.0, -1.0], [-1.0, 1.0]]])
-    result = fusion.FusedEstimate(np.zeros(2), np.eye(2), crossed, 0.0, 2, 1.0)
+    result = fusion.FusedEstimate(np.zeros(2), np.eye(2), crossed, 0.0, "given", 0.0, 2, 1.0)
     points = line(plot.fused(np.zeros((2, 2)), crossed, result), "estimate 0")[2:]
     # a line
     np.testing.assert_allclose(points[:, 0], points[:, 1], rtol=1e-12)

@@ -123,7 +123,7 @@ def weights_of(
         ]
     )
     convention: weighting.Convention = "differences" if differences else "sample-mean"
-    laws = _core.wishart_law(counts, convention, len(counts))
+    laws = _core.wishart_law([float(count) for count in counts], convention, len(counts))
     fused = allowing_for(fuse(means, covariances), means, covariances, laws)
     values_of = np.vstack([means, fused.mean])
     own = [

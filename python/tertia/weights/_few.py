@@ -58,7 +58,8 @@ def _root(covariances: FloatArray) -> FloatArray:
     """Return symmetric roots, also of singular covariances."""
     values, vectors = np.linalg.eigh(covariances)
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
-    return root @ np.swapaxes(vectors, -1, -2)
+    symmetric: FloatArray = root @ np.swapaxes(vectors, -1, -2)
+    return symmetric
 
 
 def _diagonal(matrix: FloatArray) -> FloatArray:
