@@ -302,8 +302,17 @@ def locate(
     initial: FloatArray | None,
     method_name: str,
     redundancy: int,
+    free: list[bool],
+    pooled: bool,
     n_threads: int | None,
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, list[FloatArray]]: ...
+) -> tuple[
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    BoolArray,
+    list[FloatArray],
+    tuple[list[float], list[float], list[float]],
+]: ...
 def location_accuracy(
     stations: FloatArray,
     axes: FloatArray | None,

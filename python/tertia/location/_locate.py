@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, integer, threads
+from tertia._arrays import FloatArray, finite, flag, integer, scalar_or_array, threads
+from tertia.location._bias import given_biases, said
 from tertia.location._readers import checked, deviations
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
-from tertia.sensors import KINDS, Kind, Station, stack_stations
+from tertia.sensors import KINDS, Bias, Kind, Station, stack_stations
 
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 # with as many degrees of freedom, two faults still leave a majority
@@ -30,7 +32,9 @@ def locate(
     azimuth_sigma: npt.ArrayLike | None = None,
     elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
+    bias: Bias | None = None,
     method: LocationMethod = "robust",
+    pooled: bool = False,
     redundancy: int = _REDUNDANCY,
     initial: npt.ArrayLike | None = None,
     degrees: bool = False,
@@ -55,10 +59,18 @@ def locate(
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (..., K - 1), optional
         Standard deviations of the range differences.
+    bias : Bias, optional
+        Systematic errors of the stations, in place of theirs: of all, or of K. Values are
+        subtracted, and their sigmas are part of the covariance; `Bias()` trusts the stated sigmas.
+        None, of the call and of stations: sigmas grow as far as contradictions between the
+        stations demand, and not at all where nothing contradicts (see Notes).
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"}
         "robust": Tukey's biweight with at least `redundancy` degrees of freedom, otherwise least
         squares; "least-squares": always; the others are Lenth's (1981) estimators, for azimuths in
         the plane only.
+    pooled : bool
+        Whether standard deviations are relative: the whole batch tells one factor for each kind, or
+        the common standard deviation where none is given. It may be below 1.
     redundancy : int
         Smallest number of degrees of freedom with which outliers are searched for. With one, a
         fault cannot be attributed to a measurement; with two, rarely.
@@ -100,6 +112,19 @@ def locate(
     each measurement that is a fault with probability q, where d is the change of the position if it
     is left out. Cost O(M) per step, about ten steps.
 
+    Systematic errors (`bias=None`). In a batch, the variances of a kind grow by the factor of
+    restricted maximum likelihood (Patterson, Thompson 1971) that makes the residuals of at most 256
+    instants as large as they are, and by what is not known of it; errors that last count as fewer
+    instants. A single instant grows where its own residuals fail a test at 10 %. Where nothing
+    contradicts, nothing is added. An error that all stations share leaves no contradiction, and
+    only `bias` can tell of it. With one or two degrees of freedom, sigmas that are half of what
+    they should be are found in less than half of all instants (coverage 67 and 73 % instead of
+    53 %): locate them as a batch.
+
+    Where the standard deviation is not small compared with the distance to the nearest station, the
+    ellipse of 95 % reaches as far as the likelihood along its axes (Bates, Watts 1988); if it has
+    no end, the status is ILL_CONDITIONED.
+
     Examples
     --------
     Five direction finders, one with an error of half a radian:
@@ -116,6 +141,7 @@ def locate(
     """
     places, axes, sigmas = stack_stations(stations)
     k, d = places.shape[-2:]
+    own = given_biases(bias, stations, k)
     given: dict[Kind, tuple[npt.ArrayLike | None, npt.ArrayLike | None]] = {
         "range": (range, range_sigma),
         "azimuth": (azimuth, azimuth_sigma),
@@ -124,8 +150,8 @@ def locate(
     }
     measured = {
         kind: (
-            checked(value, kind, k, degrees=degrees),
-            deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees),
+            own.corrected(kind, checked(value, kind, k, degrees=degrees)),
+            own.widened(kind, deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)),
         )
         for kind, (value, sigma) in given.items()
         if value is not None
@@ -147,6 +173,9 @@ def locate(
         at, first = KINDS.index(kind), int(kind == "range_difference")
         values[..., at, first:] = value
         stated[..., at, first:] = sigma
+    unknown, pools = _is_unknown(measured), flag(pooled, "pooled")
+    free = own.free(tuple(measured))
+    grows = np.ones_like(free) if pools else free & (not unknown)
     result = _core.locate(
         _matched(places, batch, 2),
         None if axes is None else _matched(axes, batch, 3),
@@ -155,12 +184,31 @@ def locate(
         None if start is None else _matched(start, batch, 1),
         method,
         integer(redundancy, "redundancy", 1),
+        grows.ravel().tolist(),
+        pools,
         threads(n_threads),
     )
-    location = location_of(result, tuple(measured), estimated=_is_unknown(measured))
+    growth, factor, _ = result[-1]
+    tells = bool(np.any(result[-2][1] > 0))
+    location = location_of(
+        result[:-1],
+        tuple(measured),
+        estimated=unknown,
+        systematic=said(free, tells=tells),
+        bias=own.found({kind: sigma for kind, (_, sigma) in measured.items()}, growth),
+    )
+    if pools and unknown:
+        location = _with_common_sigma(location, factor[KINDS.index(next(iter(measured)))])
     if isinstance(location.status, LocationStatus):
         _raise(location.status)
     return location
+
+
+def _with_common_sigma(location: Location, factor: float) -> Location:
+    """Return the same with the standard deviation that the batch has in common."""
+    shape = np.shape(location.statistic)
+    common = scalar_or_array(np.full(shape, np.sqrt(factor)))
+    return replace(location, measurement_sigma=common)
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]

@@ -9,8 +9,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, scalar_or_array
-from tertia.sensors import ByKind, Kind, by_kind
+from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, scalar_or_array
+from tertia.sensors import Bias, ByKind, Kind, by_kind
 
 LocationMethod: TypeAlias = Literal[
     "robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"
@@ -27,6 +27,7 @@ class LocationStatus(enum.IntEnum):
     AMBIGUOUS = 4
     AT_STATION = 5
     NOT_CONVERGED = 6
+    ILL_CONDITIONED = 7
 
     @property
     def message(self) -> str:
@@ -53,6 +54,10 @@ _MESSAGES = {
         "the position is at a station, or straight above one that measures angles"
     ),
     LocationStatus.NOT_CONVERGED: "no minimum was reached",
+    LocationStatus.ILL_CONDITIONED: (
+        "the geometry is too poor: the region that holds the target with 95 % has no end; add a "
+        "station, or measure something else"
+    ),
 }
 
 
@@ -85,6 +90,11 @@ class Location:
         The common standard deviation of the measurements where it was estimated.
     status : LocationStatus or ndarray of int, shape (...)
         OK, which is 0, or why there is no position.
+    systematic : {"given", "estimated", "not included"}
+        Whether the covariance has the systematic errors: as given, as found from contradictions
+        between the stations, or not, because nothing can tell.
+    bias : Bias or None
+        Systematic errors of the K stations, given or found.
     """
 
     position: FloatArray
@@ -97,6 +107,8 @@ class Location:
     dop: float | FloatArray
     measurement_sigma: float | FloatArray | None
     status: LocationStatus | IntArray
+    systematic: Systematic = "not included"
+    bias: Bias | None = None
 
     @property
     def sigma(self) -> FloatArray:
@@ -113,11 +125,17 @@ class Location:
         """Show position and sigma where there is no batch."""
         if self.position.ndim > 1:
             found, count = np.count_nonzero(self.success), np.size(self.success)
-            return f"Location(batch {self.position.shape[:-1]}, {found} of {count} located)"
+            batch = self.position.shape[:-1]
+            return f"Location(batch {batch}, {found} of {count} located{self._note})"
         pairs = zip(self.position, self.sigma, strict=True)
         listed = ", ".join(f"{value:.6g} ± {sigma:.3g}" for value, sigma in pairs)
         count = int(self.degrees_of_freedom) + self.position.size
-        return f"Location([{listed}], {self.outlier.count} of {count} faulty)"
+        return f"Location([{listed}], {self.outlier.count} of {count} faulty{self._note})"
+
+    @property
+    def _note(self) -> str:
+        missing = self.systematic == "not included"
+        return ", systematic error not included" if missing else ""
 
 
 def location_of(
@@ -125,6 +143,8 @@ def location_of(
     kinds: Sequence[Kind],
     *,
     estimated: bool,
+    systematic: Systematic = "not included",
+    bias: Bias | None = None,
 ) -> Location:
     position, covariance, residual, outlier, columns = result
     statuses, degrees, statistic, pvalue, dop, sigma = columns
@@ -143,4 +163,6 @@ def location_of(
         scalar_or_array(dop),
         scalar_or_array(sigma) if estimated else None,
         status,
+        systematic,
+        bias,
     )

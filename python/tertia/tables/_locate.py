@@ -36,6 +36,7 @@ def locate(
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     method: LocationMethod = "robust",
+    pooled: bool = False,
     initial: npt.ArrayLike | None = None,
 ) -> Table:
     """Locate targets at every instant, as the command `tertia locate` does.
@@ -56,6 +57,9 @@ def locate(
         Columns whose values group the rows into targets; by default all rows are one target.
     method : str
         See `tertia.location.locate`.
+    pooled : bool
+        Whether the sigmas are relative, or one sigma is unknown, for all instants of a target
+        together.
     initial : array_like, optional
         A position near the targets, to select one of several that fit the measurements.
 
@@ -89,7 +93,13 @@ def locate(
     (4000.0, 3000.0)
     """
     found = locations_of(
-        source_of(table), sensors=sensors, columns=columns, by=by, method=method, initial=initial
+        source_of(table),
+        sensors=sensors,
+        columns=columns,
+        by=by,
+        method=method,
+        pooled=pooled,
+        initial=initial,
     )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
 
@@ -101,6 +111,7 @@ def locations_of(
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     method: LocationMethod = "robust",
+    pooled: bool = False,
     initial: npt.ArrayLike | None = None,
     progress: Progress[Target] = iter,
 ) -> Positions[Location]:
@@ -108,22 +119,26 @@ def locations_of(
     stations = sensors_of(sensors)
     targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
-    located = [_locate(one, stations, method, start) for one in progress(targets)]
+    located = [
+        _locate(one, stations, start, method=method, pooled=pooled) for one in progress(targets)
+    ]
     return Positions(located, stations)
 
 
 def _locate(
-    target: Target, stations: Sensors[Station], method: LocationMethod, start: Any
+    target: Target, stations: Sensors[Station], start: Any, **how: Any
 ) -> Located[Location]:
     if not target.values:
         raise RecordError(f"{target.name}: nothing was measured")
     sigmas = target.all_sigmas(stations, optional=True)
     # their sigmas are those that are given
-    bare = [Station(one.position, name=one.name, axes=one.axes) for one in stations.items]
+    bare = [
+        Station(one.position, name=one.name, axes=one.axes, bias=one.bias) for one in stations.items
+    ]
     options: dict[str, Any] = target.measured()
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
     try:
-        found = locate_instants(bare, **options, method=method, initial=start)
+        found = locate_instants(bare, **options, initial=start, **how)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
     measured = of_measurements(target, stations, found.residual, found.outlier, found)

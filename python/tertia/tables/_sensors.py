@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from tertia._arrays import FloatArray
-from tertia.sensors import Radar, Station
+from tertia.sensors import Bias, Radar, Station
 from tertia.tables._groups import known
 from tertia.tables._records import RecordError, doubt, is_mark
 
@@ -41,6 +41,13 @@ _STATION = {
     "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
     "elevation_sigma": ("elevation_sigma_deg", math.pi / 180),
 }
+# its systematic errors, and whether there are none
+_BIAS = {
+    "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
+    "azimuth": ("azimuth_bias_deg", "azimuth_bias_sigma_deg", math.pi / 180),
+    "elevation": ("elevation_bias_deg", "elevation_bias_sigma_deg", math.pi / 180),
+}
+_TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
 # no radar that watches aircraft is as good, in degrees
 _DOUBTFUL_SIGMA = 0.005
@@ -160,6 +167,7 @@ def stations(
             for key, (column, unit) in _STATION.items()
         }
         options["axes"] = None if axes is None else axes[k]
+        options["bias"] = _bias(one)
         items.append(one.made(Station, positions[k], options))
     differences = [one.sigma(_RANGE_DIFFERENCE_SIGMA) for one in cells]
     stated = np.array([np.nan if one is None else one for one in differences])
@@ -268,6 +276,33 @@ def _radar(cells: _Cells, place: FloatArray) -> Radar:
             "hold degrees"
         )
     return cells.made(Radar, place, options)
+
+
+def _bias(cells: _Cells) -> Bias | None:
+    """Return the systematic errors of a station, None if nothing is known of them.
+
+    Those of kinds without a cell are to be estimated.
+    """
+    found: dict[str, Any] = {}
+    for kind, (column, sigma_column, unit) in _BIAS.items():
+        value, sigma = cells.number(column), cells.number(sigma_column)
+        if sigma is not None and sigma < 0:
+            raise cells.error(
+                f"{sigma_column} of {cells.name} is {sigma:g}; it must be 0 or positive"
+            )
+        if value is None and sigma is None:
+            found[f"{kind}_sigma"] = None
+        else:
+            found |= {kind: (value or 0.0) * unit, f"{kind}_sigma": (sigma or 0.0) * unit}
+    is_known = any(value is not None for value in found.values())
+    trusted = cells.row.get(_TRUSTED)
+    if trusted is None or is_mark(str(trusted)) or str(trusted).lower() == "false":
+        return Bias(**found) if is_known else None
+    if str(trusted).lower() != "true":
+        raise cells.error(f"{_TRUSTED} of {cells.name} is {trusted!r}; it must be true or false")
+    if is_known:
+        raise cells.error(f"{cells.name} is trusted and has a bias; only one can be")
+    return Bias()
 
 
 def _places(

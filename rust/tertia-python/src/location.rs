@@ -4,10 +4,17 @@ use crate::arrays::{Array, Input, Output, Rows, Threads, choice, columns, releas
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
-use tertia::location::{self, Fix, Instant, Locator, Method, Status, Workspace};
+use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Status, Workspace};
 use tertia::sensors::KINDS;
 
-type Located<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 6]);
+type Located<'py> = (
+    Output<'py>,
+    Output<'py>,
+    Output<'py>,
+    Output<'py, bool>,
+    [Array<'py>; 6],
+    ([f64; KINDS], [f64; KINDS], [f64; KINDS]),
+);
 
 /// Cost of an instant per measurement, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
@@ -77,12 +84,14 @@ pub fn locate<'py>(
     initial: Option<Input<'py>>,
     method_name: &str,
     redundancy: usize,
+    free: Vec<bool>,
+    pooled: bool,
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
-    let locator = Locator::new(method(method_name, redundancy)?);
+    let mut locator = Locator::new(method(method_name, redundancy)?).profiling();
     let (k, d) = size(&stations)?;
     let (stations, rows) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
-    let sigmas = sigmas.blocks("sigmas", 2)?;
+    let mut sigmas = sigmas.blocks("sigmas", 2)?;
     let count = rows.count();
     rows.require(KINDS * k, count)?;
     sigmas.require_shared(KINDS * k, count)?;
@@ -101,6 +110,34 @@ pub fn locate<'py>(
         sigma: 0.0,
     };
     let mut fixes = repeated(failed, count)?;
+    let mut contradiction = Contradiction::NONE;
+    if free.contains(&true) {
+        locator = locator.growing();
+    }
+    if pooled || count > 1 && free.contains(&true) {
+        contradiction = {
+            let instants: Vec<_> = (0..count)
+                .map(|i| Instant {
+                    stations: stations.shared(i),
+                    axes: axes.as_ref().map(|axes| axes.shared(i)),
+                    values: rows.shared(i),
+                    sigmas: sigmas.shared(i),
+                    initial: initial.as_ref().map(|initial| initial.shared(i)),
+                })
+                .collect();
+            release(py, LOCATE_NS * rows.size(), || match d {
+                2 => {
+                    locator.contradiction::<2>(&instants, &free, pooled, &mut Workspace::default())
+                }
+                _ => {
+                    locator.contradiction::<3>(&instants, &free, pooled, &mut Workspace::default())
+                }
+            })
+        };
+        if contradiction.is_any() {
+            contradiction.apply(sigmas.values.to_mut(), &free);
+        }
+    }
     let size = location::BLOCK;
     let outputs = position
         .values()?
@@ -145,7 +182,8 @@ pub fn locate<'py>(
     });
     done.map_err(|failure| rows.error(failure))?;
     let found = fix_columns(py, rows.batch(), &fixes)?;
-    Ok((position, covariance, residual, outlier, found))
+    let Contradiction { growth, factor, degrees_of_freedom } = contradiction;
+    Ok((position, covariance, residual, outlier, found, (growth, factor, degrees_of_freedom)))
 }
 
 /// Covariances and dilutions at positions.

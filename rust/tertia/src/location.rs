@@ -12,6 +12,9 @@
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
 //! | `block`, `lanes` | the same for several instants side by side |
 //! | `doubt` | what measurements that may be faults add to the covariance |
+//! | `growth` | what residuals add to it that are too large |
+//! | `contradiction` | the same for all instants together |
+//! | `profile` | where the cost is no parabola |
 //! | `solver` | the way of an instant |
 //! | `search` | start, robust steps, other minima |
 //! | `summary` | covariance, σ, dilution of precision |
@@ -22,15 +25,19 @@
 
 mod block;
 mod candidates;
+mod contradiction;
 mod descent;
 mod doubt;
 mod fix;
+mod growth;
 mod lanes;
 mod lenth;
+mod profile;
 mod search;
 mod solver;
 mod summary;
 
+pub use contradiction::Contradiction;
 pub use fix::{Fix, Instant, Method, Output, Status};
 pub use solver::{Locator, Workspace};
 

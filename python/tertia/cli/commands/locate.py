@@ -48,6 +48,10 @@ def locate(
     column: ColumnNames = None,
     by: By = None,
     method: Annotated[LocationMethod, typer.Option(help="How to locate.")] = "robust",
+    pooled: Annotated[
+        bool,
+        typer.Option("--pooled", help="Sigmas are relative: one factor for all instants."),
+    ] = False,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -73,6 +77,7 @@ def locate(
         columns=column_names(column),
         by=by or [],
         method=method,
+        pooled=pooled,
         initial=_start(initial, stations.dimension),
         progress=progress("Locating"),
     )
@@ -80,6 +85,7 @@ def locate(
     for one in found.targets:
         positions.say_located(one)
         _say_sigma(one)
+        _say_bias(one)
     positions.write_all(found, output, measurements, lambda: _points(found, by or []), "position")
     if plot_file is not None:
         write.save_groups(
@@ -122,6 +128,22 @@ def _say_sigma(one: Located[Location]) -> None:
             f"  sigma of {kind} was not stated: estimated at each instant, median "
             f"{np.median(known) / factor:.3g} {unit}"
         )
+
+
+def _say_bias(one: Located[Location]) -> None:
+    """Print the systematic errors that the contradictions demand, or that nothing can tell."""
+    if one.result.systematic == "not included":
+        typer.echo("  systematic errors are not included: nothing is redundant")
+    if one.result.systematic != "estimated" or one.result.bias is None:
+        return
+    for kind in one.target.values:
+        sigma = getattr(one.result.bias, f"{kind}_sigma", None)
+        if sigma is not None and np.any(sigma):
+            unit, factor = UNITS[kind]
+            typer.echo(
+                f"  the stations contradict each other: systematic errors of {kind}, sigma "
+                f"{np.max(sigma) / factor:.3g} {unit}, are included"
+            )
 
 
 def _points(found: Positions[Any], by: Sequence[str]) -> list[maps.Feature | None]:

@@ -32,6 +32,8 @@ pub enum Status {
     AtStation = 5,
     /// No minimum was reached.
     NotConverged = 6,
+    /// A position that the measurements do not bound on one side.
+    IllConditioned = 7,
 }
 
 /// What was measured at one instant.

@@ -4,8 +4,10 @@ use super::block::Block;
 use super::candidates::Candidates;
 use super::descent::{self, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
 use super::fix::{Fix, Instant, Method, Output, Status};
+use super::growth::growth;
 use super::lanes::LANES;
 use super::lenth::Weight;
+use super::profile::Unbounded;
 use super::search::{Minimum, Search};
 use super::summary::Spread;
 use crate::base::distribution::chi_square_upper;
@@ -69,12 +71,28 @@ impl<const D: usize> Default for Record<D> {
 #[derive(Clone, Copy, Debug)]
 pub struct Locator {
     method: Method,
+    /// Whether covariances grow where residuals are too large.
+    grows: bool,
+    /// Whether they follow the cost where it is no parabola.
+    profiles: bool,
 }
 
 impl Locator {
     /// An estimator by this method.
     pub fn new(method: Method) -> Self {
-        Self { method }
+        Self { method, grows: false, profiles: false }
+    }
+
+    /// The same, with covariances that grow where the residuals of an instant are larger than
+    /// their sigmas allow.
+    pub fn growing(self) -> Self {
+        Self { grows: true, ..self }
+    }
+
+    /// The same, with covariances that hold where errors are not small compared with distances, and
+    /// no position where its ellipse has no end.
+    pub fn profiling(self) -> Self {
+        Self { profiles: true, ..self }
     }
 
     /// Estimates the positions of instants, [`location::BLOCK`](super::BLOCK) of them side by side
@@ -112,7 +130,7 @@ impl Locator {
     }
 
     /// What a residual costs, with so many degrees of freedom.
-    fn loss(&self, redundancy: usize) -> Loss {
+    pub(super) fn loss(&self, redundancy: usize) -> Loss {
         match self.method {
             Method::Robust(least) if redundancy >= least.max(1) => Loss::Tukey(TUKEY),
             _ => Loss::Square,
@@ -207,7 +225,22 @@ impl Locator {
             rows.extend(measurements.iter().map(|m| m.row(&minimum.position)));
         }
         let summary = search.summary(&minimum, self.lenth(), rows);
-        for (i, row) in summary.covariance.iter().enumerate() {
+        let growth = match summary.kept {
+            (square, freedom) if self.grows && !unknown => growth::<D>(square, freedom),
+            _ => 1.0,
+        };
+        let mut covariance = summary.covariance.map(|row| row.map(|v| v * growth));
+        let scale = if unknown { summary.sigma / minimum.scale } else { 1.0 };
+        if self.profiles && self.lenth().is_none() {
+            match search.curved(&minimum, &covariance, growth * scale * scale) {
+                Ok(curved) => covariance = curved.unwrap_or(covariance),
+                Err(Unbounded) => {
+                    out.position.fill(f64::NAN);
+                    return failed(Status::IllConditioned);
+                }
+            }
+        }
+        for (i, row) in covariance.iter().enumerate() {
             out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
         }
         let mut statistic = 0.0;

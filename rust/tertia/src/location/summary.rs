@@ -37,9 +37,11 @@ impl<const D: usize> Search<'_, D> {
             spread.add(m, row, u.abs() < fault);
         }
         let dop = spread.dop();
+        let unit = if robust { Expected::of_tukey(1.0).spread } else { 1.0 };
+        let kept = (sum / unit, total - D as f64);
         if lenth.is_some() {
             let covariance = minimum.normal.matrix;
-            return Summary { covariance, sigma: minimum.scale, fault, dop };
+            return Summary { covariance, sigma: minimum.scale, fault, dop, kept };
         }
         let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
             .map_or_else(undetermined, |factor| factor.inverse());
@@ -49,7 +51,8 @@ impl<const D: usize> Search<'_, D> {
         if self.unknown {
             let rest = total - D as f64;
             if rest < LEAST_REST {
-                return Summary { covariance: undetermined(), sigma: f64::NAN, fault, dop };
+                let covariance = undetermined();
+                return Summary { covariance, sigma: f64::NAN, fault, dop, kept };
             }
             sigma = (sum / rest).sqrt();
             for _ in 0..SPREAD_STEPS {
@@ -65,16 +68,16 @@ impl<const D: usize> Search<'_, D> {
             });
             add(&mut covariance, &doubt(rows, &inverse));
         }
-        Summary { covariance, sigma: minimum.scale * sigma, fault, dop }
+        Summary { covariance, sigma: minimum.scale * sigma, fault, dop, kept }
     }
 }
 
 /// What Tukey's weights do to normal errors of some σ, in units of the scale.
-struct Expected {
+pub(super) struct Expected {
     /// `E w E ψ² / (E ψ')² / σ²`: the variance of an estimate over `σ² / Σ w`.
     variance: f64,
     /// `E w r² / E w / σ²`
-    spread: f64,
+    pub spread: f64,
 }
 
 impl Expected {
@@ -83,7 +86,7 @@ impl Expected {
     }
 
     /// Moments of the normal distribution; what is beyond c is left out, less than 1e-5 up to σ = 1.
-    fn of_tukey(sigma: f64) -> Self {
+    pub fn of_tukey(sigma: f64) -> Self {
         let q = (sigma.min(1.0) / TUKEY).powi(2);
         let weight = 1.0 - 2.0 * q + 3.0 * q * q;
         // E w r² and E ψ' are the same
@@ -100,6 +103,8 @@ pub(super) struct Summary<const D: usize> {
     /// Residuals from here on have no weight.
     pub fault: f64,
     pub dop: f64,
+    /// Sum of the weighted squares of the residuals, and its degrees of freedom.
+    pub kept: (f64, f64),
 }
 
 /// The information of errors of size 1, where their unit is the same.

@@ -1,0 +1,102 @@
+"""Systematic errors of the stations of a fix: what was given, and what was found."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, Systematic, instance
+from tertia.sensors import KINDS, STATION_KINDS, Bias, Kind, Station
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """What was given of the biases of K stations, per kind that one station measures alone.
+
+    Attributes
+    ----------
+    value, sigma : ndarray of shape (3, K)
+        nan where the sigma is to be estimated.
+    """
+
+    value: FloatArray
+    sigma: FloatArray
+
+    def corrected(self, kind: Kind, value: FloatArray) -> FloatArray:
+        """Return measurements less the biases; nan where nothing is known of the bias."""
+        if kind not in STATION_KINDS:
+            return value
+        at = STATION_KINDS.index(kind)
+        if not np.any(self.value[at]) and not np.any(np.isinf(self.sigma[at])):
+            return value
+        return np.where(np.isinf(self.sigma[at]), np.nan, value - self.value[at])
+
+    def widened(self, kind: Kind, sigma: FloatArray) -> FloatArray:
+        """Return standard deviations of random and systematic errors together."""
+        if kind not in STATION_KINDS:
+            return sigma
+        own = np.nan_to_num(self.sigma[STATION_KINDS.index(kind)], nan=0.0, posinf=0.0)
+        if not np.any(own):
+            return sigma
+        if np.any(np.isnan(sigma) & (own > 0)):
+            raise ValueError(f"bias has a {kind}_sigma; then {kind}_sigma is needed, too")
+        total: FloatArray = np.hypot(sigma, own)
+        return total
+
+    def free(self, kinds: Sequence[Kind]) -> BoolArray:
+        """Return which measurements may have errors that nobody stated, (kinds, K)."""
+        unknown = np.isnan(self.sigma)
+        every = {str(kind): unknown[at] for at, kind in enumerate(STATION_KINDS)}
+        # what several stations measure is only trusted if all of them are
+        shared = np.broadcast_to(np.any(unknown), unknown.shape[-1:])
+        no = np.zeros(unknown.shape[-1], dtype=bool)
+        return np.array([every.get(kind, shared) if kind in kinds else no for kind in KINDS])
+
+    def found(self, stated: Mapping[Kind, FloatArray], growth: Sequence[float]) -> Bias:
+        """Return the biases with the sigmas that the contradictions demand, (K,)."""
+        columns: dict[str, Any] = {}
+        for at, kind in enumerate(STATION_KINDS):
+            demanded = np.zeros(self.sigma.shape[-1])
+            if kind in stated:
+                sigma = stated[kind]
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", RuntimeWarning)  # stations without a sigma
+                    typical = np.nanmedian(sigma.reshape(-1, sigma.shape[-1]), axis=0)
+                demanded = np.nan_to_num(typical) * np.sqrt(np.fmax(growth[at] - 1.0, 0.0))
+            columns[kind] = self.value[at]
+            columns[f"{kind}_sigma"] = np.where(np.isnan(self.sigma[at]), demanded, self.sigma[at])
+        return Bias(**columns)
+
+
+def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike, k: int) -> Given:
+    """Return the biases of the call or, without one, those of the stations."""
+    if bias is not None:
+        instance(bias, "bias", Bias)
+        if np.ndim(bias.range) > 0 and len(bias) != k:
+            raise ValueError(f"bias is that of {len(bias)} sensors; there are {k} stations")
+        own: list[Bias | None] = [bias if np.ndim(bias.range) == 0 else bias[j] for j in range(k)]
+    elif isinstance(stations, Sequence) and any(isinstance(s, Station) for s in stations):
+        own = [s.bias if isinstance(s, Station) else None for s in stations]
+    else:
+        own = [None] * k
+    value, sigma = np.zeros((len(STATION_KINDS), k)), np.full((len(STATION_KINDS), k), np.nan)
+    for j, one in enumerate(own):
+        if one is None:
+            continue
+        for at, kind in enumerate(STATION_KINDS):
+            value[at, j] = getattr(one, kind)
+            known = getattr(one, f"{kind}_sigma")
+            sigma[at, j] = np.nan if known is None else known
+    return Given(value, sigma)
+
+
+def said(free: BoolArray, *, tells: bool) -> Systematic:
+    """Return what a sigma says of systematic errors; `tells`: something could contradict."""
+    if not np.any(free):
+        return "given"
+    return "estimated" if tells else "not included"
