@@ -33,6 +33,7 @@ fn run<const D: usize>(c: &mut Criterion) {
             axes: None,
             values: &values,
             sigmas: &sigmas,
+            position_sigmas: None,
             initial: None,
         };
         let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);

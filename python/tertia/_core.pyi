@@ -299,9 +299,10 @@ def locate(
     axes: FloatArray | None,
     values: FloatArray,
     sigmas: FloatArray,
+    position_sigmas: FloatArray | None,
     initial: FloatArray | None,
-    method_name: str,
-    redundancy: int,
+    robustness: tuple[str, int],
+    differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
     n_threads: int | None,
@@ -317,7 +318,9 @@ def location_accuracy(
     stations: FloatArray,
     axes: FloatArray | None,
     sigmas: FloatArray,
+    position_sigmas: FloatArray | None,
     positions: FloatArray,
+    correlation: float,
     n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray]: ...
 def local_polynomial(

@@ -375,6 +375,14 @@ def stack_stations(
     return places, _all_axes(known, places.shape[-1]), sigmas
 
 
+def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | None:
+    """Return the standard deviations of the stations' positions, (K,); None where all are exact."""
+    if not isinstance(stations, Sequence) or not isinstance(next(iter(stations), None), Station):
+        return None
+    sigmas = np.array([one.position_sigma for one in sequence_of(stations, Station, "stations")])
+    return sigmas if np.any(sigmas) else None
+
+
 def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
     """Return the rows (..., 5, K) of the kinds that were measured."""
     return ByKind(

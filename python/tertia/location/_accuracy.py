@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, scalar_or_array, threads
-from tertia.location._readers import deviations
-from tertia.sensors import KINDS, Kind, Station, stack_stations
+from tertia._arrays import FloatArray, finite, positive_number, scalar_or_array, threads
+from tertia.location._arrivals import LIGHT
+from tertia.location._readers import correlation_of, deviations
+from tertia.sensors import KINDS, Kind, Station, stack_stations, survey_sigmas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +58,9 @@ def accuracy_map(
     azimuth_sigma: npt.ArrayLike | None = None,
     elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
+    arrival_time_sigma: npt.ArrayLike | None = None,
+    range_difference_correlation: float = 0.5,
+    propagation_speed: float = LIGHT,
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Accuracy:
@@ -68,12 +72,17 @@ def accuracy_map(
         The stations, or their positions alone.
     grid : array_like of shape (..., D)
         Positions of the target in metres.
-    kinds : sequence of {"range", "azimuth", "elevation", "range_difference"}, optional
-        Kinds that are measured; by default those with a standard deviation.
+    kinds : sequence of str, optional
+        Kinds that are measured, of "range", "azimuth", "elevation", "range_difference" and
+        "arrival_time"; by default those with a standard deviation.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
-        Standard deviations of range differences (see `locate`).
+        Standard deviations of range differences.
+    arrival_time_sigma : array_like of shape (K,), optional
+        Standard deviations of times of arrival in seconds.
+    range_difference_correlation, propagation_speed : float
+        See `locate`.
     degrees : bool
         Whether the angles and their standard deviations given here are in degrees.
     n_threads : int, optional
@@ -111,10 +120,17 @@ def accuracy_map(
     given = dict(
         zip(
             KINDS,
-            (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma, None),
+            (
+                range_sigma,
+                azimuth_sigma,
+                elevation_sigma,
+                range_difference_sigma,
+                arrival_time_sigma,
+            ),
             strict=True,
         )
     )
+    speed = positive_number(propagation_speed, "propagation_speed")
     sigmas = np.full((1, len(KINDS), k), np.nan)
     for kind in _chosen(kinds, given, own):
         sigma = deviations(given[kind], own.get(kind), kind, k, degrees=degrees)
@@ -123,7 +139,7 @@ def accuracy_map(
         if kinds is not None and np.all(np.isnan(sigma)):
             raise ValueError(f"{kind}_sigma is missing")
         first = int(kind == "range_difference")
-        sigmas[0, KINDS.index(kind), first:] = sigma
+        sigmas[0, KINDS.index(kind), first:] = sigma * (speed if kind == "arrival_time" else 1.0)
     if d == 2 and not np.all(np.isnan(sigmas[0, 2])):
         raise ValueError("elevation needs stations with three coordinates")
     if np.all(np.isnan(sigmas)):
@@ -132,7 +148,9 @@ def accuracy_map(
         places[np.newaxis],
         None if axes is None else axes[np.newaxis],
         sigmas,
+        survey_sigmas(stations),
         np.ascontiguousarray(points),
+        correlation_of(range_difference_correlation),
         threads(n_threads),
     )
     return Accuracy(covariance, scalar_or_array(dop))

@@ -11,14 +11,17 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, finite, flag, integer, scalar_or_array, threads
+from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import given_biases, said
-from tertia.location._readers import checked, deviations
+from tertia.location._readers import checked, correlation_of, deviations
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
-from tertia.sensors import KINDS, Bias, Kind, Station, stack_stations
+from tertia.sensors import KINDS, Bias, Kind, Station, stack_stations, survey_sigmas
 
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 # with as many degrees of freedom, two faults still leave a majority
 _REDUNDANCY = 3
+# odds of faults are part of their loss, and two of five arrivals tell a fault mostly
+_REDUNDANCY_OF_ARRIVALS = 2
 
 
 def locate(
@@ -28,14 +31,19 @@ def locate(
     azimuth: npt.ArrayLike | None = None,
     elevation: npt.ArrayLike | None = None,
     range_difference: npt.ArrayLike | None = None,
+    arrival_time: npt.ArrayLike | None = None,
     range_sigma: npt.ArrayLike | None = None,
     azimuth_sigma: npt.ArrayLike | None = None,
     elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
+    arrival_time_sigma: npt.ArrayLike | None = None,
     bias: Bias | None = None,
+    range_difference_correlation: float = 0.5,
+    propagation_speed: npt.ArrayLike = LIGHT,
+    multipath: bool = True,
     method: LocationMethod = "robust",
     pooled: bool = False,
-    redundancy: int = _REDUNDANCY,
+    redundancy: int | None = None,
     initial: npt.ArrayLike | None = None,
     degrees: bool = False,
     n_threads: int | None = None,
@@ -53,17 +61,32 @@ def locate(
     elevation : array_like of shape (..., K), optional
         Elevations in radians above the horizon, in space only.
     range_difference : array_like of shape (..., K - 1), optional
-        The range of each station except the first, minus that of the first, in metres. Their errors
-        are assumed to be independent.
+        The range of each station except the first, minus that of the first, in metres.
+    arrival_time : array_like of shape (..., K), optional
+        When the signal of one event came to each station, nan where it did not: seconds, or dates
+        or differences of NumPy (``datetime64[ns]``). Seconds since 1970 are exact to .2 µs only,
+        70 m for light; nanoseconds as dates lose nothing. The emission is unknown, and found.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (..., K), optional
         Standard deviations in place of those of the stations.
     range_difference_sigma : array_like of shape (..., K - 1), optional
         Standard deviations of the range differences.
+    arrival_time_sigma : array_like of shape (..., K), optional
+        Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
         Systematic errors of the stations, in place of theirs: of all, or of K. Values are
         subtracted, and their sigmas are part of the covariance; `Bias()` trusts the stated sigmas.
         None, of the call and of stations: sigmas grow as far as contradictions between the
         stations demand, and not at all where nothing contradicts (see Notes).
+    range_difference_correlation : float
+        Correlation of the errors of range differences: .5 if all share the error of the first
+        station, which has a variance of its own like the others; 0 if they are independent. The
+        common part is this share of their least variance.
+    propagation_speed : array_like of shape (...)
+        Speed of the signal in metres per second, by default that of light.
+    multipath : bool
+        Whether outliers among times of arrival, and among range differences with a correlation, are
+        late rather than early (20 to 1), as if signals came by detours. Otherwise both are as
+        likely.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"}
         "robust": Tukey's biweight with at least `redundancy` degrees of freedom, otherwise least
         squares; "least-squares": always; the others are Lenth's (1981) estimators, for azimuths in
@@ -71,9 +94,10 @@ def locate(
     pooled : bool
         Whether standard deviations are relative: the whole batch tells one factor for each kind, or
         the common standard deviation where none is given. It may be below 1.
-    redundancy : int
-        Smallest number of degrees of freedom with which outliers are searched for. With one, a
-        fault cannot be attributed to a measurement; with two, rarely.
+    redundancy : int, optional
+        Smallest number of degrees of freedom with which outliers are searched for: by default 3,
+        with times of arrival 2. With one, a fault cannot be attributed to a measurement; with two,
+        of angles and ranges rarely.
     initial : array_like of shape (..., D), optional
         A position near the target. It selects one of several positions that fit the measurements.
     degrees : bool
@@ -103,6 +127,15 @@ def locate(
     Leading axes are broadcast against each other. If only one kind is measured and none of its
     standard deviations is given, a common one is estimated: by least squares from the residuals,
     robustly from their median size.
+
+    The emission b of times of arrival `c t = b + |p - s| + e` is one more unknown, with a flat
+    prior. This is the same as the differences to any of the stations with their full covariance.
+    Range differences that have a common error are taken as times of arrival, that of the first
+    station at 0: if it is the one that is wrong, all differences are marked. Here the loss is `-ln`
+    of the density of normal noise and one fault in a hundred, of up to 50 sigma; residuals of more
+    than 3.9 sigma, early ones of 4.6, are faults. The covariance is `(J' W J)^-1` with the weights
+    of that loss, plus the same term for measurements in doubt. `Station.position_sigma` is part of
+    the errors of all measurements of a station, unless their sigma is to be estimated.
 
     The start is the best of the points where a minimal set of measurements agrees. Tukey's biweight
     (4.685) is minimised from there and from the result of eight Huber steps (1.345), and the better
@@ -138,6 +171,15 @@ def locate(
     Location([1001.02 ± 1.52, 999.061 ± 2.34], 1 of 5 faulty)
     >>> fix.outlier.azimuth
     array([False, False, False, False,  True])
+
+    An explosion, heard by five stations with clocks of 5 ms:
+
+    >>> times = [13.364, 12.777, 14.652, 13.832, 15.006]
+    >>> heard = locate(places, arrival_time=times, arrival_time_sigma=0.005, propagation_speed=340)
+    >>> heard
+    Location([701.591 ± 1.64, 900.284 ± 1.21], 0 of 5 faulty)
+    >>> round(heard.emission_time, 2)
+    10.0
     """
     places, axes, sigmas = stack_stations(stations)
     k, d = places.shape[-2:]
@@ -148,6 +190,7 @@ def locate(
         "elevation": (elevation, elevation_sigma),
         "range_difference": (range_difference, range_difference_sigma),
     }
+    correlation = correlation_of(range_difference_correlation)
     measured = {
         kind: (
             own.corrected(kind, checked(value, kind, k, degrees=degrees)),
@@ -156,8 +199,24 @@ def locate(
         for kind, (value, sigma) in given.items()
         if value is not None
     }
+    arrivals = None
+    if arrival_time is not None:
+        known = sigmas.get("arrival_time")
+        arrivals = read_arrivals(arrival_time, arrival_time_sigma, known, propagation_speed, k)
+        measured["arrival_time"] = arrivals.value, arrivals.sigma
     if not measured:
-        raise ValueError("nothing was measured; give range, azimuth, elevation or range_difference")
+        raise ValueError(
+            "nothing was measured; give range, azimuth, elevation, range_difference or arrival_time"
+        )
+    differences = "range_difference" in measured and correlation > 0
+    if differences and arrivals is not None:
+        raise ValueError(
+            "arrival_time and range_difference share the errors of their stations; give one of "
+            "them, or range_difference_correlation=0"
+        )
+    timed = differences or arrivals is not None
+    if redundancy is None:
+        redundancy = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
     if d == 2 and "elevation" in measured:
         raise ValueError("elevation needs stations with three coordinates")
     _require_deviations(measured)
@@ -181,9 +240,10 @@ def locate(
         None if axes is None else _matched(axes, batch, 3),
         values,
         _matched(stated, batch, 2),
+        survey_sigmas(stations),
         None if start is None else _matched(start, batch, 1),
-        method,
-        integer(redundancy, "redundancy", 1),
+        (method, integer(redundancy, "redundancy", 1)),
+        (flag(multipath, "multipath"), correlation),
         grows.ravel().tolist(),
         pools,
         threads(n_threads),
@@ -194,21 +254,18 @@ def locate(
         result[:-1],
         tuple(measured),
         estimated=unknown,
+        arrivals=arrivals,
         systematic=said(free, tells=tells),
         bias=own.found({kind: sigma for kind, (_, sigma) in measured.items()}, growth),
     )
     if pools and unknown:
-        location = _with_common_sigma(location, factor[KINDS.index(next(iter(measured)))])
+        common = np.sqrt(factor[KINDS.index(next(iter(measured)))])
+        unit = 1.0 if arrivals is None else arrivals.speed
+        sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
+        location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
     if isinstance(location.status, LocationStatus):
         _raise(location.status)
     return location
-
-
-def _with_common_sigma(location: Location, factor: float) -> Location:
-    """Return the same with the standard deviation that the batch has in common."""
-    shape = np.shape(location.statistic)
-    common = scalar_or_array(np.full(shape, np.sqrt(factor)))
-    return replace(location, measurement_sigma=common)
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, positive, radians, samples
+from tertia._arrays import FloatArray, positive, radians, real, samples
 from tertia.sensors import ANGLES, angle_sigma
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
     """Return measurements, (..., K) or (..., K - 1), within their domain."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
-    _require_length(array, kind, k)
+    require_length(array, kind, k)
     with np.errstate(invalid="ignore"):
         if kind == "range":
             wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
@@ -38,13 +40,24 @@ def deviations(
     array = positive(angle_sigma(sigma, name, degrees=degrees), name)
     if array.ndim == 0:
         return np.full(count, array)
-    _require_length(array, name, k)
+    require_length(array, name, k)
     return array
 
 
-def _require_length(array: FloatArray, name: str, k: int) -> None:
+def require_length(array: npt.NDArray[Any], name: str, k: int) -> None:
+    """Fail unless there is an element for each station, or each but the first."""
     count = k - int(name.startswith("range_difference"))
     if array.ndim < 1 or array.shape[-1] != count:
         raise ValueError(
             f"{name} has shape {array.shape}; for {k} stations it must be (..., {count})"
         )
+
+
+def correlation_of(value: float) -> float:
+    """Return the correlation of range differences."""
+    correlation = real(value, "range_difference_correlation")
+    if not 0.0 <= correlation < 1.0:
+        raise ValueError(
+            f"range_difference_correlation is {correlation}; it must be at least 0 and below 1"
+        )
+    return correlation

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, scalar_or_array
+from tertia.location._arrivals import Arrivals
 from tertia.sensors import Bias, ByKind, Kind, by_kind
 
 LocationMethod: TypeAlias = Literal[
@@ -77,7 +78,8 @@ class Location:
     outlier : ByKind
         Measurements that were treated as faults; none for least squares.
     degrees_of_freedom : int or ndarray of shape (...)
-        Number of measurements minus number of coordinates.
+        Number of measurements minus number of coordinates, and minus one for the emission of times
+        of arrival.
     statistic : float or ndarray of shape (...)
         Sum of all squared residuals, faults included.
     pvalue : float or ndarray of shape (...)
@@ -88,6 +90,10 @@ class Location:
         sigma 1. In metres per metre, or metres per radian; nan for mixtures of both.
     measurement_sigma : float, ndarray of shape (...) or None
         The common standard deviation of the measurements where it was estimated.
+    emission_time : float, datetime64, ndarray of shape (...) or None
+        When the signal was emitted, in the units of the times of arrival; None if there are none.
+    emission_time_sigma : float, ndarray of shape (...) or None
+        Its standard deviation in seconds.
     status : LocationStatus or ndarray of int, shape (...)
         OK, which is 0, or why there is no position.
     systematic : {"given", "estimated", "not included"}
@@ -106,6 +112,8 @@ class Location:
     pvalue: float | FloatArray
     dop: float | FloatArray
     measurement_sigma: float | FloatArray | None
+    emission_time: Any
+    emission_time_sigma: float | FloatArray | None
     status: LocationStatus | IntArray
     systematic: Systematic = "not included"
     bias: Bias | None = None
@@ -129,7 +137,8 @@ class Location:
             return f"Location(batch {batch}, {found} of {count} located{self._note})"
         pairs = zip(self.position, self.sigma, strict=True)
         listed = ", ".join(f"{value:.6g} ± {sigma:.3g}" for value, sigma in pairs)
-        count = int(self.degrees_of_freedom) + self.position.size
+        each = (getattr(self.residual, field.name) for field in fields(self.residual))
+        count = sum(int(np.sum(~np.isnan(own))) for own in each if own is not None)
         return f"Location([{listed}], {self.outlier.count} of {count} faulty{self._note})"
 
     @property
@@ -143,15 +152,17 @@ def location_of(
     kinds: Sequence[Kind],
     *,
     estimated: bool,
+    arrivals: Arrivals | None = None,
     systematic: Systematic = "not included",
     bias: Bias | None = None,
 ) -> Location:
     position, covariance, residual, outlier, columns = result
-    statuses, degrees, statistic, pvalue, dop, sigma = columns
+    statuses, degrees, statistic, pvalue, dop, sigma, emission, emission_sigma = columns
     status: LocationStatus | IntArray = statuses.astype(np.int64)
     if position.ndim == 1:
         status = LocationStatus(int(statuses))
-
+    if arrivals is not None and "arrival_time" in kinds and len(kinds) == 1:
+        sigma = sigma / arrivals.speed
     return Location(
         position,
         covariance,
@@ -162,6 +173,8 @@ def location_of(
         scalar_or_array(pvalue),
         scalar_or_array(dop),
         scalar_or_array(sigma) if estimated else None,
+        None if arrivals is None else arrivals.emission(emission),
+        None if arrivals is None else scalar_or_array(emission_sigma / arrivals.speed),
         status,
         systematic,
         bias,

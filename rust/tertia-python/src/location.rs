@@ -4,7 +4,7 @@ use crate::arrays::{Array, Input, Output, Rows, Threads, choice, columns, releas
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
-use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Status, Workspace};
+use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Workspace};
 use tertia::sensors::KINDS;
 
 type Located<'py> = (
@@ -12,7 +12,7 @@ type Located<'py> = (
     Output<'py>,
     Output<'py>,
     Output<'py, bool>,
-    [Array<'py>; 6],
+    [Array<'py>; 8],
     ([f64; KINDS], [f64; KINDS], [f64; KINDS]),
 );
 
@@ -54,25 +54,30 @@ fn optional<'a>(
     Ok(Some(rows))
 }
 
-/// Problems, degrees of freedom, chi-square, p-values, dilutions and estimated standard deviations.
+/// Problems, degrees of freedom, chi-square, p-values, dilutions, estimated standard deviations,
+/// emissions and their standard deviations.
 pub fn fix_columns<'py>(
     py: Python<'py>,
     batch: &[usize],
     fixes: &[Fix],
-) -> PyResult<[Array<'py>; 6]> {
-    let of: [fn(&Fix) -> f64; 6] = [
+) -> PyResult<[Array<'py>; 8]> {
+    let of: [fn(&Fix) -> f64; 8] = [
         |fix| f64::from(fix.status as u8),
         |fix| fix.degrees_of_freedom as f64,
         |fix| fix.statistic,
         |fix| fix.pvalue,
         |fix| fix.dop,
         |fix| fix.sigma,
+        |fix| fix.emission,
+        |fix| fix.emission_sigma,
     ];
     columns(py, batch, fixes, of)
 }
 
 /// Positions, covariances, residuals, marks; and problems, degrees of freedom, chi-square,
-/// p-values, dilutions and estimated standard deviations.
+/// p-values, dilutions, estimated standard deviations, emissions and theirs. `robustness` is the
+/// method and the degrees of freedom that it needs; `differences` tells whether late arrivals are
+/// likelier outliers, and how range differences correlate.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn locate<'py>(
@@ -81,14 +86,19 @@ pub fn locate<'py>(
     axes: Option<Input<'py>>,
     values: Input<'py>,
     sigmas: Input<'py>,
+    position_sigmas: Option<Input<'py>>,
     initial: Option<Input<'py>>,
-    method_name: &str,
-    redundancy: usize,
+    robustness: (&str, usize),
+    differences: (bool, f64),
     free: Vec<bool>,
     pooled: bool,
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
-    let mut locator = Locator::new(method(method_name, redundancy)?).profiling();
+    let ((name, redundancy), (multipath, correlation)) = (robustness, differences);
+    let mut locator = Locator::new(method(name, redundancy)?)
+        .with_multipath(multipath)
+        .with_correlation(correlation)
+        .profiling();
     let (k, d) = size(&stations)?;
     let (stations, rows) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
     let mut sigmas = sigmas.blocks("sigmas", 2)?;
@@ -96,20 +106,13 @@ pub fn locate<'py>(
     rows.require(KINDS * k, count)?;
     sigmas.require_shared(KINDS * k, count)?;
     stations.require_shared(k * d, count)?;
+    let surveys = optional(position_sigmas.as_ref(), "position_sigmas", (1, k), count)?;
     let initial = optional(initial.as_ref(), "initial", (1, d), count)?;
     let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
     let mut position = Output::new(py, rows.batch(), &[d])?;
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
-    let failed = Fix {
-        status: Status::TooFew,
-        degrees_of_freedom: 0,
-        statistic: 0.0,
-        pvalue: 0.0,
-        dop: 0.0,
-        sigma: 0.0,
-    };
-    let mut fixes = repeated(failed, count)?;
+    let mut fixes = repeated(Fix::UNKNOWN, count)?;
     let mut contradiction = Contradiction::NONE;
     if free.contains(&true) {
         locator = locator.growing();
@@ -122,6 +125,7 @@ pub fn locate<'py>(
                     axes: axes.as_ref().map(|axes| axes.shared(i)),
                     values: rows.shared(i),
                     sigmas: sigmas.shared(i),
+                    position_sigmas: surveys.as_ref().map(|surveys| surveys.shared(i)),
                     initial: initial.as_ref().map(|initial| initial.shared(i)),
                 })
                 .collect();
@@ -158,6 +162,7 @@ pub fn locate<'py>(
                     axes: axes.as_ref().map(|axes| axes.shared(i)),
                     values: rows.shared(i),
                     sigmas: sigmas.shared(i),
+                    position_sigmas: surveys.as_ref().map(|surveys| surveys.shared(i)),
                     initial: initial.as_ref().map(|initial| initial.shared(i)),
                 })
                 .collect();
@@ -193,7 +198,9 @@ pub fn location_accuracy<'py>(
     stations: Input<'py>,
     axes: Option<Input<'py>>,
     sigmas: Input<'py>,
+    position_sigmas: Option<Input<'py>>,
     positions: Input<'py>,
+    correlation: f64,
     n_threads: Threads,
 ) -> PyResult<(Output<'py>, Output<'py>)> {
     let (k, d) = size(&stations)?;
@@ -203,17 +210,25 @@ pub fn location_accuracy<'py>(
     sigmas.require(KINDS * k, 1)?;
     rows.require(d, rows.count())?;
     let axes = optional(axes.as_ref(), "axes", (3, k * d * d), 1)?;
+    let surveys = optional(position_sigmas.as_ref(), "position_sigmas", (1, k), 1)?;
+    let locator = Locator::new(Method::LeastSquares).with_correlation(correlation);
+    let instant = Instant {
+        stations: &stations.values,
+        axes: axes.as_ref().map(|axes| &*axes.values),
+        values: &sigmas.values,
+        sigmas: &sigmas.values,
+        position_sigmas: surveys.as_ref().map(|surveys| &*surveys.values),
+        initial: None,
+    };
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let mut dilution = Output::new(py, rows.batch(), &[])?;
     let outputs = covariance.rows()?.zip(dilution.values()?);
     let cost = ACCURACY_NS * (KINDS * k * rows.count()) as f64;
     let new = || (Workspace::<2>::default(), Workspace::<3>::default());
     rows.each(py, cost, n_threads, outputs, new, |(plane, space), (_, p), (covariance, out)| {
-        let axes = axes.as_ref().map(|axes| &*axes.values);
-        let (stations, sigmas) = (&stations.values, &sigmas.values);
         *out = match d {
-            2 => Locator::accuracy(stations, axes, sigmas, p, covariance, plane),
-            _ => Locator::accuracy(stations, axes, sigmas, p, covariance, space),
+            2 => locator.accuracy(&instant, p, covariance, plane),
+            _ => locator.accuracy(&instant, p, covariance, space),
         };
         Ok(())
     })?;

@@ -9,7 +9,7 @@ use tertia::trajectory::{self, Failure, Polynomials, Record, Trajectory};
 
 /// Position, covariance, residuals, marks; problems, degrees of freedom, chi-square, p-values,
 /// dilutions and standard deviations, as of `locate`.
-type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>; 6]);
+type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>; 8]);
 
 /// Covariance, innovation, likelihood, count, jerk and its standard uncertainty.
 type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, f64, f64);

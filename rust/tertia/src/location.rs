@@ -1,14 +1,19 @@
-//! Location: a position at one instant from ranges, azimuths, elevations and range differences of
-//! several stations, some of them wrong.
+//! Location: a position at one instant from ranges, azimuths, elevations, range differences and
+//! times of arrival of several stations, some of them wrong.
 //!
 //! Azimuths turn clockwise from north; positions are local east, north and up in metres. With the
 //! whitened residuals `r_i = (z_i − h_i(p)) / σ_i` the estimate minimises `Σ ρ(r_i)`, where ρ is
-//! half the square, or Tukey's biweight from a start that survives faults.
+//! half the square, or Tukey's biweight from a start that survives faults. Times of arrival have one
+//! unknown more, the emission, and so have range differences whose errors have a common part: they
+//! are read as arrivals, that of the first station at zero. Their ρ is `−ln` of the density of
+//! normal noise and rare faults.
 //!
 //! | part | what |
 //! |---|---|
 //! | `fix` | what is asked of an instant, and what comes out |
+//! | `record` | the measurements of an instant |
 //! | `candidates` | points that as many measurements as there are coordinates agree on |
+//! | `arrivals` | where times of arrival say that their emission was |
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
 //! | `block`, `lanes` | the same for several instants side by side |
 //! | `doubt` | what measurements that may be faults add to the covariance |
@@ -23,6 +28,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod arrivals;
 mod block;
 mod candidates;
 mod contradiction;
@@ -33,6 +39,7 @@ mod growth;
 mod lanes;
 mod lenth;
 mod profile;
+mod record;
 mod search;
 mod solver;
 mod summary;

@@ -55,6 +55,7 @@ struct Sight<const D: usize> {
     azimuth: Option<(f64, f64)>,
     elevation: Option<(f64, f64)>,
     difference: Option<f64>,
+    arrival: Option<f64>,
 }
 
 /// Buffers.
@@ -114,6 +115,7 @@ impl<const D: usize> Candidates<D> {
         });
         self.spheres(angles);
         self.hyperbolas(angles);
+        self.arrivals(angles);
         if self.points.is_empty() {
             self.around(extent);
         }
@@ -177,17 +179,40 @@ impl<const D: usize> Candidates<D> {
         if self.planes.len() == angles {
             return;
         }
-        self.meet(D, MOST, |planes, points| {
-            let Some((u, v)) = meeting(planes) else { return };
-            if planes.iter().all(|plane| plane.slope == 0.0) {
-                return;
+        self.meet(D, MOST, |planes, points| hyperbolas(planes, &[0.0; D], points));
+        self.planes.truncate(angles);
+    }
+
+    /// The same of arrivals, each difference of two of them once, or with a few of many.
+    fn arrivals(&mut self, angles: usize) {
+        let count = self.sights.iter().filter(|sight| sight.arrival.is_some()).count();
+        let every = count.div_ceil(SPHERES).max(1);
+        let most = MOST / count.clamp(1, SPHERES);
+        let mut number = 0;
+        for at in 0..self.sights.len() {
+            let sight = self.sights[at];
+            let Some(first) = sight.arrival else { continue };
+            number += 1;
+            if number % every != 0 {
+                continue;
             }
-            for t in roots(dot(&v, &v) - 1.0, dot(&u, &v), dot(&u, &u)) {
-                if t > 0.0 {
-                    points.push(std::array::from_fn(|i| u[i] + v[i] * t));
-                }
+            let origin = sight.station;
+            self.planes.truncate(angles);
+            // as seen from the station
+            self.planes.iter_mut().for_each(|plane| plane.offset -= dot(&plane.normal, &origin));
+            for (index, other) in self.sights.iter().enumerate() {
+                let Some(arrival) = other.arrival.filter(|_| index > at || every > 1) else {
+                    continue;
+                };
+                let s = std::array::from_fn(|i| other.station[i] - origin[i]);
+                let d = arrival - first;
+                self.planes.extend(Plane::new(s, 0.5 * (dot(&s, &s) - d * d), -d));
             }
-        });
+            self.meet(D, most, |planes, points| hyperbolas(planes, &origin, points));
+            let back = |plane: &mut Plane<D>| plane.offset += dot(&plane.normal, &origin);
+            self.planes[..angles].iter_mut().for_each(back);
+        }
+        self.planes.truncate(angles);
     }
 
     /// Points all around the stations, where nothing better is known.
@@ -226,6 +251,7 @@ impl<const D: usize> Sight<D> {
             azimuth: None,
             elevation: None,
             difference: None,
+            arrival: None,
         };
         for m in measurements {
             sight.axes = sight.axes.or(m.axes);
@@ -234,7 +260,7 @@ impl<const D: usize> Sight<D> {
                 Kind::Azimuth => sight.azimuth = Some((m.sine, m.cosine)),
                 Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
                 Kind::RangeDifference => sight.difference = Some(m.value),
-                Kind::Arrival => {}
+                Kind::Arrival => sight.arrival = Some(m.value),
             }
         }
         sight
@@ -310,6 +336,23 @@ fn meeting<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)
         (n[i], a[i], b[i]) = (plane.normal, plane.offset, plane.slope);
     }
     solve_line(n, a, b)
+}
+
+/// Points where planes meet whose slopes are those of the distance from a station.
+fn hyperbolas<const D: usize>(
+    planes: &[Plane<D>],
+    station: &Vector<D>,
+    points: &mut Vec<Vector<D>>,
+) {
+    let Some((u, v)) = meeting(planes) else { return };
+    if planes.iter().all(|plane| plane.slope == 0.0) {
+        return;
+    }
+    for t in roots(dot(&v, &v) - 1.0, dot(&u, &v), dot(&u, &u)) {
+        if t > 0.0 {
+            points.push(std::array::from_fn(|i| station[i] + u[i] + v[i] * t));
+        }
+    }
 }
 
 /// The line `u + v t` where D − 1 planes meet.

@@ -9,15 +9,16 @@
 //! residuals that are l instants apart, about zero, n instants count as `n / (1 + 2 Σ ρ_l²)`
 //! (Bartlett 1935, for squares).
 
-use super::descent::Loss;
+use super::descent::{Loss, TUKEY};
 use super::fix::{Fix, Instant, Output, Status};
 use super::growth::{agreeing, growth};
+use super::record::Record;
 use super::solver::{Locator, Workspace};
 use super::summary::Expected;
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
-use crate::base::small::{Factor, Matrix, Vector, dot};
-use crate::sensors::{KINDS, Measurement, Row, read};
+use crate::base::small::{Factor, Matrix, dot};
+use crate::sensors::{KINDS, Row};
 
 /// So many instants, evenly spread, tell enough of a batch.
 const SAMPLE: usize = 256;
@@ -44,7 +45,7 @@ impl Contradiction {
     pub const NONE: Self =
         Self { growth: [1.0; KINDS], factor: [1.0; KINDS], degrees_of_freedom: [0.0; KINDS] };
 
-    /// Multiplies standard deviations, of the 4 K measurements of each instant, where they are
+    /// Multiplies standard deviations, of the 5 K measurements of each instant, where they are
     /// `free`. Those that are not known are taken as 1.
     pub fn apply(&self, sigmas: &mut [f64], free: &[bool]) {
         stretch(sigmas, free, &self.growth);
@@ -70,12 +71,12 @@ fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) {
 struct Sums {
     square: [f64; KINDS],
     freedom: [f64; KINDS],
-    /// 4 K weighted residuals of each instant, 0 where there is none.
+    /// 5 K weighted residuals of each instant, 0 where there is none.
     residual: Vec<f64>,
 }
 
 impl Locator {
-    /// How the instants contradict their sigmas, where these are `free` to be wrong (4 K marks).
+    /// How the instants contradict their sigmas, where these are `free` to be wrong (5 K marks).
     /// With `pooled` variances may shrink, too: sigmas are relative, or not known. O(N M), for at
     /// most 256 instants.
     pub fn contradiction<const D: usize>(
@@ -145,7 +146,7 @@ impl Locator {
     ) -> Option<f64> {
         let mut factors = Vec::new();
         for instant in sample {
-            let (fix, _) = self.located(instant, instant.sigmas, workspace);
+            let fix = self.located(instant, instant.sigmas, workspace);
             let freedom = fix.degrees_of_freedom;
             if fix.status != Status::None || freedom < 1 {
                 continue;
@@ -163,7 +164,7 @@ impl Locator {
         instant: &Instant<'_>,
         sigmas: &[f64],
         workspace: &mut Workspace<D>,
-    ) -> (Fix, Vector<D>) {
+    ) -> Fix {
         let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
         let mut residual = vec![0.0; instant.values.len()];
         let mut outlier = vec![false; instant.values.len()];
@@ -173,8 +174,7 @@ impl Locator {
             residual: &mut residual,
             outlier: &mut outlier,
         };
-        let fix = self.locate(&Instant { sigmas, ..*instant }, &mut out, workspace);
-        (fix, position)
+        self.locate(&Instant { sigmas, ..*instant }, &mut out, workspace)
     }
 
     /// Squares and degrees of freedom of the residuals with these factors of the variances.
@@ -187,51 +187,52 @@ impl Locator {
     ) -> Sums {
         let zero = [0.0; KINDS];
         let mut sums = Sums { square: zero, freedom: zero, residual: Vec::new() };
-        let mut rows: Vec<(usize, Row<D>)> = Vec::new();
         for instant in sample {
             let at = sums.residual.len();
             sums.residual.resize(at + free.len(), 0.0);
             let mut sigmas = instant.sigmas.to_vec();
             stretch(&mut sigmas, free, factor);
-            let (fix, position) = self.located(instant, &sigmas, workspace);
+            let fix = self.located(instant, &sigmas, workspace);
             if fix.status != Status::None || fix.degrees_of_freedom < 1 {
                 continue;
             }
-            let Instant { stations, axes, values, .. } = *instant;
-            let p: Vector<D> = std::array::from_fn(|i| position[i] - stations[i]);
-            rows.clear();
-            read(stations, axes, values, &sigmas, |place, m: Measurement<D>| {
-                rows.push((place, m.row(&p)));
-            });
-            let loss = self.loss(fix.degrees_of_freedom as usize);
-            sums.add(loss, &rows, free, at);
+            let Workspace { records, plane, space, .. } = &*workspace;
+            let of_arrivals = self.has_arrivals(instant);
+            let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
+            match (D, of_arrivals) {
+                (_, false) => sums.add(loss, &records[0], free, at),
+                (2, true) => sums.add(loss, &plane.0, free, at),
+                _ => sums.add(loss, &space.0, free, at),
+            }
         }
         sums
     }
 }
 
 impl Sums {
-    fn add<const D: usize>(
+    fn add<const D: usize, const N: usize>(
         &mut self,
         loss: Loss,
-        rows: &[(usize, Row<D>)],
+        record: &Record<D, N>,
         free: &[bool],
         at: usize,
     ) {
-        let mut normal: Matrix<D> = [[0.0; D]; D];
-        for (_, Row { residual, gradient }) in rows {
-            let (weight, ..) = loss.at(*residual);
-            for i in 0..D {
-                for j in 0..D {
+        let Record { measurements, rows, places, .. } = record;
+        let rows = || measurements.iter().zip(rows).zip(places);
+        let mut normal: Matrix<N> = [[0.0; N]; N];
+        for ((m, Row { residual, gradient }), _) in rows() {
+            let (weight, ..) = loss.of(m.kind).at(*residual);
+            for i in 0..N {
+                for j in 0..N {
                     normal[i][j] += weight * gradient[i] * gradient[j];
                 }
             }
         }
         let Some(factor) = Factor::try_new(&normal, 0.0) else { return };
-        let spread = if loss == Loss::Square { 1.0 } else { Expected::of_tukey(1.0).spread };
+        let spread = if loss == Loss::Tukey(TUKEY) { Expected::of_tukey(1.0).spread } else { 1.0 };
         let stations = free.len() / KINDS;
-        for (place, Row { residual, gradient }) in rows.iter().filter(|(place, _)| free[*place]) {
-            let (weight, ..) = loss.at(*residual);
+        for ((m, Row { residual, gradient }), &place) in rows().filter(|(_, place)| free[**place]) {
+            let (weight, ..) = loss.of(m.kind).at(*residual);
             let leverage = dot(&factor.solve(gradient), gradient);
             let kind = place / stations;
             self.square[kind] += weight * residual * residual / spread;

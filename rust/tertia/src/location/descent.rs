@@ -1,7 +1,8 @@
 //! Gauss–Newton on weighted, whitened residuals, with Levenberg's safeguard.
 
+use super::doubt::EVIDENCE;
 use crate::base::small::{Factor, Matrix, Vector, norm, quadratic};
-use crate::sensors::{Measurement, Row};
+use crate::sensors::{Kind, Measurement, Row};
 
 /// Least squares end where a step is shorter than so many standard deviations.
 pub(super) const TOLERANCE: f64 = 1e-9;
@@ -13,6 +14,12 @@ pub(super) const NEAR: f64 = 1e-9;
 /// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
 pub(super) const HUBER: f64 = 1.345;
 pub(super) const TUKEY: f64 = 4.685;
+/// `ε √(2π)/((1 − ε) s)`: a share ε = 1 % of faults, spread evenly over s = 50 σ, all of them late;
+/// or over twice as much, late or early.
+const LATE: f64 = 5.063_9e-4;
+const EITHER: f64 = 0.5 * LATE;
+/// Of twenty faults by multipath and other causes one is early.
+const RARELY_EARLY: f64 = 20.0;
 /// Damping where a step fails for the first time, what it grows by, and the largest.
 const FIRST_DAMPING: f64 = 1e-3;
 const GROWTH: f64 = 10.0;
@@ -34,6 +41,9 @@ pub(super) enum Loss {
     Huber(f64),
     /// `c²/6 (1 − (1 − (u/c)²)³)` up to c, constant beyond.
     Tukey(f64),
+    /// `−ln (e^(−u²/2) + κ)/(1 + κ)`, with one κ for late arrivals and another for early ones: the
+    /// likelihood of normal noise and rare faults of any size.
+    Mixture { late: f64, early: f64 },
 }
 
 impl Loss {
@@ -51,6 +61,48 @@ impl Loss {
                 let cost = c * c / 6.0 * (1.0 - rest * rest * rest);
                 (rest * rest, cost, rest * (1.0 - 5.0 * q))
             }
+            Self::Mixture { late, early } => {
+                let faults = if u > 0.0 { late } else { early };
+                let normal = (-0.5 * u * u).exp();
+                let total = normal + faults;
+                let weight = normal / total;
+                let cost = -(total / (1.0 + faults)).ln();
+                (weight, cost, weight * (1.0 - (1.0 - weight) * u * u))
+            }
+        }
+    }
+
+    /// Of arrivals, some of which are wrong: late if they came by detours.
+    pub fn of_arrivals(multipath: bool) -> Self {
+        let early = if multipath { LATE / RARELY_EARLY } else { EITHER };
+        Self::Mixture { late: if multipath { LATE } else { EITHER }, early }
+    }
+
+    /// That of a kind: only arrivals are late rather than early.
+    #[inline(always)]
+    pub fn of(self, kind: Kind) -> Self {
+        match self {
+            Self::Mixture { .. } if kind != Kind::Arrival => {
+                Self::Mixture { late: EITHER, early: EITHER }
+            }
+            _ => self,
+        }
+    }
+
+    /// `−ln` of the odds of a fault that has this sign and hardly any size.
+    pub fn evidence(self, u: f64) -> f64 {
+        match self {
+            Self::Mixture { late, early } => -(if u > 0.0 { late } else { early }).ln(),
+            _ => EVIDENCE,
+        }
+    }
+
+    /// Whether a residual is that of a fault.
+    pub fn is_fault(self, u: f64) -> bool {
+        match self {
+            Self::Mixture { .. } => 0.5 * u * u >= self.evidence(u),
+            Self::Tukey(c) => u.abs() >= c,
+            _ => false,
         }
     }
 }
@@ -96,26 +148,27 @@ pub(super) enum End {
     Diverged,
 }
 
-/// The measurements of an instant and the size of their geometry.
-pub(super) struct Problem<'a, const D: usize> {
+/// The measurements of an instant and the size of their geometry; the state is a position, and of
+/// arrivals also their emission.
+pub(super) struct Problem<'a, const D: usize, const N: usize> {
     pub measurements: &'a [Measurement<D>],
     pub extent: f64,
 }
 
-impl<const D: usize> Problem<'_, D> {
+impl<const D: usize, const N: usize> Problem<'_, D, N> {
     /// The normal equations. O(M).
-    pub fn normal(&self, p: &Vector<D>, loss: Loss, scale: f64) -> Normal<D> {
-        let zero = [[0.0; D]; D];
-        let mut normal = Normal { matrix: zero, curvature: zero, vector: [0.0; D], cost: 0.0 };
+    pub fn normal(&self, p: &Vector<N>, loss: Loss, scale: f64) -> Normal<N> {
+        let zero = [[0.0; N]; N];
+        let mut normal = Normal { matrix: zero, curvature: zero, vector: [0.0; N], cost: 0.0 };
         let reciprocal = 1.0 / scale;
         for measurement in self.measurements {
-            let Row { residual: u, gradient } = measurement.row(p).scaled(reciprocal);
-            let (weight, cost, curvature) = loss.at(u);
+            let Row { residual: u, gradient } = measurement.row_at(p).scaled(reciprocal);
+            let (weight, cost, curvature) = loss.of(measurement.kind).at(u);
             normal.cost += cost;
             if weight == 0.0 {
                 continue;
             }
-            for i in 0..D {
+            for i in 0..N {
                 normal.vector[i] += weight * u * gradient[i];
                 for j in 0..=i {
                     let product = gradient[i] * gradient[j];
@@ -124,7 +177,7 @@ impl<const D: usize> Problem<'_, D> {
                 }
             }
         }
-        for i in 0..D {
+        for i in 0..N {
             for j in 0..i {
                 normal.matrix[j][i] = normal.matrix[i][j];
                 normal.curvature[j][i] = normal.curvature[i][j];
@@ -134,9 +187,9 @@ impl<const D: usize> Problem<'_, D> {
     }
 
     /// The cost alone. O(M).
-    pub fn cost(&self, p: &Vector<D>, loss: Loss, scale: f64) -> f64 {
+    pub fn cost(&self, p: &Vector<N>, loss: Loss, scale: f64) -> f64 {
         let reciprocal = 1.0 / scale;
-        let cost = |m: &Measurement<D>| loss.at(m.row(p).residual * reciprocal).1;
+        let cost = |m: &Measurement<D>| loss.of(m.kind).at(m.row_at(p).residual * reciprocal).1;
         self.measurements.iter().map(cost).sum()
     }
 
@@ -146,14 +199,15 @@ impl<const D: usize> Problem<'_, D> {
     /// down or would grow; then that with weights, then shorter ones of that.
     pub fn descend(
         &self,
-        p: &mut Vector<D>,
+        p: &mut Vector<N>,
         loss: Loss,
         scale: f64,
         steps: usize,
         tolerance: f64,
-    ) -> (End, Normal<D>) {
+    ) -> (End, Normal<N>) {
         let mut normal = self.normal(p, loss, scale);
-        let newton: &[f64] = if matches!(loss, Loss::Tukey(_)) { &NEWTON } else { &[] };
+        let newton: &[f64] =
+            if matches!(loss, Loss::Tukey(_) | Loss::Mixture { .. }) { &NEWTON } else { &[] };
         let mut damping = 0.0;
         for _ in 0..steps {
             let taken = newton.iter().find_map(|&share| {
@@ -196,12 +250,12 @@ impl<const D: usize> Problem<'_, D> {
     /// in standard deviations. Otherwise that square alone.
     fn step(
         &self,
-        p: &Vector<D>,
-        factor: &Factor<D>,
-        normal: &Normal<D>,
+        p: &Vector<N>,
+        factor: &Factor<N>,
+        normal: &Normal<N>,
         loss: Loss,
         scale: f64,
-    ) -> Result<(Vector<D>, Normal<D>, f64), f64> {
+    ) -> Result<(Vector<N>, Normal<N>, f64), f64> {
         let step = factor.solve(&normal.vector);
         let size = quadratic(&normal.matrix, &step);
         let trial = std::array::from_fn(|i| p[i] + step[i]);

@@ -11,21 +11,21 @@ use crate::base::small::{Matrix, Vector, dot};
 use crate::sensors::Row;
 
 /// −ln of `ε/(1 − ε) √(2π)/s`: a share ε = 1 % of faults, spread evenly over s = 100 σ.
-const EVIDENCE: f64 = 8.28;
+pub(super) const EVIDENCE: f64 = 8.28;
 /// The average over all sizes of a fault is too little for the one that hides best, of four to
 /// five sigmas. So many times the spread make normalised errors of at most 1.3 of five sigmas.
 const SAFETY: f64 = 6.0;
 /// Share of a measurement in its own prediction from which on nothing else checks it.
 const UNCHECKED: f64 = 1.0 - 1e-6;
 
-/// `c Σ π_i (1 − π_i) d_i d_i^T` from the rows of unit variance, their weights and
-/// `(J^T W J)^-1`. O(M).
+/// `c Σ π_i (1 − π_i) d_i d_i^T` from the rows of unit variance, their weights, `−ln` of the odds of
+/// a fault before its size is known, and `(J^T W J)^-1`. O(M).
 pub(super) fn doubt<const D: usize>(
-    rows: impl Iterator<Item = (Row<D>, f64)>,
+    rows: impl Iterator<Item = (Row<D>, f64, f64)>,
     inverse: &Matrix<D>,
 ) -> Matrix<D> {
     let mut sum = [[0.0; D]; D];
-    for (Row { residual, gradient }, weight) in rows {
+    for (Row { residual, gradient }, weight, evidence) in rows {
         // (J^T W J)^-1 j and j^T (J^T W J)^-1 j
         let mut gain: Vector<D> = [0.0; D];
         for i in 0..D {
@@ -38,7 +38,7 @@ pub(super) fn doubt<const D: usize>(
         }
         // left out, the residual is r / (1 − w h), its variance 1 + h / (1 − w h)
         let share = (1.0 - own) * (1.0 - own + leverage);
-        let odds = (0.5 * residual * residual / share - EVIDENCE).exp();
+        let odds = (0.5 * residual * residual / share - evidence).exp();
         let probability = odds / (1.0 + odds);
         let spread = SAFETY * probability / (1.0 + odds);
         if spread.is_nan() {

@@ -44,11 +44,14 @@ pub struct Instant<'a> {
     /// East, north and up of each station, K D² numbers, to which its angles refer; those of the
     /// frame if there are none.
     pub axes: Option<&'a [f64]>,
-    /// Ranges, azimuths, elevations and range differences, 5 K finite numbers, nan where there is
-    /// none.
+    /// Ranges, azimuths, elevations, range differences and times of arrival (in metres, from any
+    /// origin), 5 K finite numbers, nan where there is none.
     pub values: &'a [f64],
     /// Their standard deviations; nan if they are unknown and equal.
     pub sigmas: &'a [f64],
+    /// Standard deviations of the coordinates of each station, as surveyed, K numbers; 0 if there
+    /// are none.
+    pub position_sigmas: Option<&'a [f64]>,
     /// A position near the one looked for.
     pub initial: Option<&'a [f64]>,
 }
@@ -71,7 +74,7 @@ pub struct Output<'a> {
 pub struct Fix {
     /// Why there is no position.
     pub status: Status,
-    /// Measurements less coordinates, negative where there are too few.
+    /// Measurements less unknowns, negative where there are too few.
     pub degrees_of_freedom: i64,
     /// Sum of all squared residuals.
     pub statistic: f64,
@@ -81,6 +84,10 @@ pub struct Fix {
     pub dop: f64,
     /// The standard deviation of a measurement where it is estimated, nan otherwise.
     pub sigma: f64,
+    /// Emission of arrivals, in metres from their origin; nan if there are none.
+    pub emission: f64,
+    /// Its standard deviation.
+    pub emission_sigma: f64,
 }
 
 impl Fix {
@@ -92,5 +99,7 @@ impl Fix {
         pvalue: f64::NAN,
         dop: f64::NAN,
         sigma: f64::NAN,
+        emission: f64::NAN,
+        emission_sigma: f64::NAN,
     };
 }

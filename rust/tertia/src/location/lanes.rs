@@ -195,6 +195,7 @@ impl<S: Simd> Lanes<S> {
                 let cost = self.splat(c * c / 6.0) * (one - weight * rest);
                 (weight, cost, rest * (one - self.splat(5.0) * q))
             }
+            Loss::Mixture { .. } => unreachable!("instants with arrivals are located one by one"),
         }
     }
 

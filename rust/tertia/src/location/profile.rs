@@ -8,7 +8,7 @@
 
 use super::descent::Loss;
 use super::growth::LIMIT;
-use super::search::{Minimum, Search};
+use super::search::{Minimum, Search, position};
 use crate::base::small::{Factor, Matrix, Vector, add, dot, norm};
 
 /// A standard deviation of this share of the distance to the nearest station is not small: the
@@ -24,16 +24,16 @@ const TURNS: usize = 50;
 /// Weight of the axis in steps that must not follow it.
 const STIFF: f64 = 1e4;
 
-impl<const D: usize> Search<'_, D> {
+impl<const D: usize, const N: usize> Search<'_, D, N> {
     /// The covariance of a minimum where it is curved, none where it is nearly not; an error where
     /// the ellipse of 95 % has no end; costs are in `unit`. O(M) where it is not curved.
     pub fn curved(
         &self,
-        minimum: &Minimum<D>,
+        minimum: &Minimum<N>,
         covariance: &Matrix<D>,
         unit: f64,
     ) -> Result<Option<Matrix<D>>, Unbounded> {
-        let p = &minimum.position;
+        let p: Vector<D> = position(&minimum.state);
         let distance = |station: &Vector<D>| norm::<D>(&std::array::from_fn(|i| p[i] - station[i]));
         let stations = self.problem.measurements.iter().map(|m| distance(&m.station));
         let nearest = stations.fold(f64::INFINITY, f64::min);
@@ -64,14 +64,16 @@ impl<const D: usize> Search<'_, D> {
     }
 
     /// The distance along an axis to the end of the region of 95 %, if it has one.
-    fn reach(&self, minimum: &Minimum<D>, axis: &Vector<D>, sigma: f64, unit: f64) -> Option<f64> {
+    fn reach(&self, minimum: &Minimum<N>, axis: &Vector<D>, sigma: f64, unit: f64) -> Option<f64> {
         let goal = minimum.normal.cost + 0.5 * LIMIT[D - 2] * unit;
-        let limit = INFINITY * (self.problem.extent + norm(&minimum.position));
+        let limit = INFINITY * (self.problem.extent + norm(&position::<D, N>(&minimum.state)));
         let (mut near, mut far) = (0.0, LIMIT[D - 2].sqrt() * sigma);
-        let mut ridge = minimum.position;
+        let mut ridge = minimum.state;
+        // the emission is where it fits
+        let axis: Vector<N> = std::array::from_fn(|i| if i < D { axis[i] } else { 0.0 });
         loop {
             let from = std::array::from_fn(|i| ridge[i] + (far - near) * axis[i]);
-            let (point, cost) = self.relaxed(from, axis, minimum.scale);
+            let (point, cost) = self.relaxed(from, &axis, minimum.scale);
             if cost.is_nan() || cost >= goal {
                 break;
             }
@@ -85,22 +87,22 @@ impl<const D: usize> Search<'_, D> {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             let from = std::array::from_fn(|i| ridge[i] + (middle - near) * axis[i]);
-            let (_, cost) = self.relaxed(from, axis, minimum.scale);
+            let (_, cost) = self.relaxed(from, &axis, minimum.scale);
             if cost < goal { low = middle } else { high = middle }
         }
         Some(high)
     }
 
     /// The lowest point near another one, across an axis, and its cost.
-    fn relaxed(&self, from: Vector<D>, axis: &Vector<D>, scale: f64) -> (Vector<D>, f64) {
+    fn relaxed(&self, from: Vector<N>, axis: &Vector<N>, scale: f64) -> (Vector<N>, f64) {
         let loss: Loss = self.loss;
         let mut p = from;
         let mut normal = self.problem.normal(&p, loss, scale);
         for _ in 0..RELAXATIONS {
-            let trace: f64 = (0..D).map(|i| normal.matrix[i][i]).sum();
+            let trace: f64 = (0..N).map(|i| normal.matrix[i][i]).sum();
             let mut matrix = normal.matrix;
-            for i in 0..D {
-                for j in 0..D {
+            for i in 0..N {
+                for j in 0..N {
                     matrix[i][j] += STIFF * trace * axis[i] * axis[j];
                 }
             }

@@ -1,5 +1,6 @@
 //! The minimum that explains an instant best: start, robust steps, other minima.
 
+use super::arrivals;
 use super::block::Arrival;
 use super::candidates::Candidates;
 use super::descent::{
@@ -39,49 +40,79 @@ const MEETING: f64 = 1e-6;
 
 /// A minimum of the cost.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Minimum<const D: usize> {
-    pub position: Vector<D>,
-    pub normal: Normal<D>,
+pub(super) struct Minimum<const N: usize> {
+    pub state: Vector<N>,
+    pub normal: Normal<N>,
     pub end: End,
     pub scale: f64,
 }
 
-/// One instant on its way through the solver.
-pub(super) struct Search<'a, const D: usize> {
-    pub problem: descent::Problem<'a, D>,
+/// One instant on its way through the solver; the state has D coordinates and, of arrivals, their
+/// emission.
+pub(super) struct Search<'a, const D: usize, const N: usize> {
+    pub problem: descent::Problem<'a, D, N>,
     pub loss: Loss,
     pub unknown: bool,
     /// Where a start that is trusted led to.
-    pub first: Option<Minimum<D>>,
+    pub first: Option<Minimum<N>>,
 }
 
-impl<const D: usize> Search<'_, D> {
+/// Buffers of a search.
+#[derive(Debug)]
+pub(super) struct Buffers<const D: usize, const N: usize> {
+    pub candidates: Candidates<D>,
+    points: Vec<Vector<N>>,
+    costs: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+impl<const D: usize, const N: usize> Default for Buffers<D, N> {
+    fn default() -> Self {
+        Self {
+            candidates: Candidates::default(),
+            points: Vec::new(),
+            costs: Vec::new(),
+            scratch: Vec::new(),
+        }
+    }
+}
+
+impl<const D: usize, const N: usize> Search<'_, D, N> {
     /// The best minimum, if no other explains the measurements as well.
     pub fn minimum(
         &self,
         initial: Option<Vector<D>>,
-        candidates: &mut Candidates<D>,
-        costs: &mut Vec<f64>,
-        scratch: &mut Vec<f64>,
-    ) -> Result<Minimum<D>, Status> {
+        buffers: &mut Buffers<D, N>,
+    ) -> Result<Minimum<N>, Status> {
+        let Buffers { candidates, points, costs, scratch } = buffers;
         if let Some(start) = initial {
+            let start = self.state(&start, scratch);
             return Ok(self.refine(start, scratch));
         }
         let count = self.problem.measurements.len() as f64;
         let [few, more] = TRUSTED_FAULTS.map(|faults| faults * TUKEY * TUKEY / 6.0);
-        let limits = [0.5 * count + few, 0.5 * (count - D as f64) + more];
+        let limits = [0.5 * count + few, 0.5 * (count - N as f64) + more];
         if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
             return Ok(minimum);
         }
+        let heard = arrivals::start(self.problem.measurements);
+        if let Some(start) = heard.filter(|_| !self.unknown) {
+            let minimum = self.refine_steadily(start);
+            if self.is_trusted(&minimum, limits[0]) {
+                return Ok(minimum);
+            }
+        }
         let middle = candidates.middle(self.problem.measurements);
         if let Some(start) = middle.filter(|_| !self.unknown) {
+            let start = self.state(&start, scratch);
             let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
             if self.is_trusted(&minimum, limits[0]) {
                 return Ok(minimum);
             }
-            let best = self.best(&candidates.points, costs, scratch);
-            let other = best.map(|at| self.refine(candidates.points[at], scratch));
-            let better = |other: &Minimum<D>| other.normal.cost < minimum.normal.cost;
+            self.states(&candidates.points, points, scratch);
+            let best = self.best(points, costs, scratch);
+            let other = best.map(|at| self.refine(points[at], scratch));
+            let better = |other: &Minimum<N>| other.normal.cost < minimum.normal.cost;
             let minimum = other.filter(better).unwrap_or(minimum);
             if self.is_trusted(&minimum, limits[1]) {
                 return Ok(minimum);
@@ -89,7 +120,8 @@ impl<const D: usize> Search<'_, D> {
         }
         candidates.read(self.problem.measurements);
         candidates.all(self.problem.extent);
-        let points = &mut candidates.points;
+        self.states(&candidates.points, points, scratch);
+        points.extend(heard);
         let Some(start) = self.best(points, costs, scratch) else {
             return Err(Status::NoIntersection);
         };
@@ -97,8 +129,23 @@ impl<const D: usize> Search<'_, D> {
         self.rivalled(minimum, points, costs, scratch)
     }
 
+    /// A position with the emission that arrivals have from there.
+    fn state(&self, p: &Vector<D>, scratch: &mut Vec<f64>) -> Vector<N> {
+        let mut state = [0.0; N];
+        state[..D].copy_from_slice(p);
+        if N > D {
+            state[D] = arrivals::emission(self.problem.measurements, p, scratch);
+        }
+        state
+    }
+
+    fn states(&self, from: &[Vector<D>], to: &mut Vec<Vector<N>>, scratch: &mut Vec<f64>) {
+        to.clear();
+        to.extend(from.iter().map(|p| self.state(p, scratch)));
+    }
+
     /// Whether a minimum needs no other starts: it costs less than so much.
-    fn is_trusted(&self, minimum: &Minimum<D>, limit: f64) -> bool {
+    fn is_trusted(&self, minimum: &Minimum<N>, limit: f64) -> bool {
         let hardly = self.loss == Loss::Square || minimum.normal.cost < limit;
         minimum.end == End::Converged && hardly
     }
@@ -106,14 +153,16 @@ impl<const D: usize> Search<'_, D> {
     /// Index of the point with the least cost, and the costs of all.
     fn best(
         &self,
-        points: &[Vector<D>],
+        points: &[Vector<N>],
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
     ) -> Option<usize> {
         costs.clear();
         for point in points {
             costs.push(match self.loss {
-                Loss::Tukey(_) if self.unknown => self.median_scale(point, scratch),
+                Loss::Tukey(_) | Loss::Mixture { .. } if self.unknown => {
+                    self.median_scale(point, scratch)
+                }
                 loss => self.problem.cost(point, loss, 1.0),
             });
         }
@@ -121,10 +170,10 @@ impl<const D: usize> Search<'_, D> {
     }
 
     /// Goes down from a start that is trusted: Huber's steps are not compared with it.
-    fn refine_steadily(&self, start: Vector<D>) -> Minimum<D> {
-        let (mut position, scale) = (start, 1.0);
+    pub fn refine_steadily(&self, start: Vector<N>) -> Minimum<N> {
+        let (mut state, scale) = (start, 1.0);
         let mut run = |loss, steps, tolerance| {
-            self.problem.descend(&mut position, loss, scale, steps, tolerance)
+            self.problem.descend(&mut state, loss, scale, steps, tolerance)
         };
         let (end, normal) = if self.loss == Loss::Square {
             run(self.loss, STEPS, TOLERANCE)
@@ -132,54 +181,53 @@ impl<const D: usize> Search<'_, D> {
             run(Loss::Huber(HUBER), HUBER_STEPS, HUBER_TOLERANCE);
             run(self.loss, TUKEY_STEPS, TUKEY_TOLERANCE)
         };
-        Minimum { position, normal, end, scale }
+        Minimum { state, normal, end, scale }
     }
 
     /// Goes down from a start.
-    fn refine(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
-        let mut position = start;
+    fn refine(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
+        let mut state = start;
         if self.loss == Loss::Square {
-            let (end, normal) =
-                self.problem.descend(&mut position, self.loss, 1.0, STEPS, TOLERANCE);
-            return Minimum { position, normal, end, scale: 1.0 };
+            let (end, normal) = self.problem.descend(&mut state, self.loss, 1.0, STEPS, TOLERANCE);
+            return Minimum { state, normal, end, scale: 1.0 };
         }
         let mut scale = 1.0;
         for _ in 0..if self.unknown { HUBER_STEPS } else { 1 } {
             let steps = if self.unknown { 1 } else { HUBER_STEPS };
             if self.unknown {
-                scale = self.median_scale(&position, scratch);
+                scale = self.median_scale(&state, scratch);
             }
             let huber = Loss::Huber(HUBER);
-            self.problem.descend(&mut position, huber, scale, steps, HUBER_TOLERANCE);
+            self.problem.descend(&mut state, huber, scale, steps, HUBER_TOLERANCE);
         }
-        if !self.is_better(&position, &start, scratch) {
-            position = start;
+        if !self.is_better(&state, &start, scratch) {
+            state = start;
         }
         if self.unknown {
             for _ in 0..RESCALINGS {
-                scale = self.median_scale(&position, scratch);
-                self.problem.descend(&mut position, self.loss, scale, 1, TUKEY_TOLERANCE);
+                scale = self.median_scale(&state, scratch);
+                self.problem.descend(&mut state, self.loss, scale, 1, TUKEY_TOLERANCE);
             }
-            scale = self.median_scale(&position, scratch);
+            scale = self.median_scale(&state, scratch);
         }
         let (end, normal) =
-            self.problem.descend(&mut position, self.loss, scale, TUKEY_STEPS, TUKEY_TOLERANCE);
-        Minimum { position, normal, end, scale }
+            self.problem.descend(&mut state, self.loss, scale, TUKEY_STEPS, TUKEY_TOLERANCE);
+        Minimum { state, normal, end, scale }
     }
 
     /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
-    fn rival(&self, start: Vector<D>, scratch: &mut Vec<f64>) -> Minimum<D> {
-        let few = self.problem.measurements.len() < D + RIVALRY;
+    fn rival(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
+        let few = self.problem.measurements.len() < N + RIVALRY;
         if few || self.unknown || self.loss == Loss::Square {
             return self.refine(start, scratch);
         }
-        let mut position = start;
+        let mut state = start;
         let (end, normal) =
-            self.problem.descend(&mut position, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
-        Minimum { position, normal, end, scale: 1.0 }
+            self.problem.descend(&mut state, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
+        Minimum { state, normal, end, scale: 1.0 }
     }
 
-    fn is_better(&self, p: &Vector<D>, q: &Vector<D>, scratch: &mut Vec<f64>) -> bool {
+    fn is_better(&self, p: &Vector<N>, q: &Vector<N>, scratch: &mut Vec<f64>) -> bool {
         if self.unknown {
             // the least of many scales is too small by chance
             let factor = SMALLER_BY_CHANCE;
@@ -190,16 +238,16 @@ impl<const D: usize> Search<'_, D> {
 
     /// σ from the size of the residual of the middle of those that a fit does not make small, with
     /// the correction of Rousseeuw and Leroy (1987) for few measurements.
-    fn median_scale(&self, p: &Vector<D>, scratch: &mut Vec<f64>) -> f64 {
+    fn median_scale(&self, x: &Vector<N>, scratch: &mut Vec<f64>) -> f64 {
         scratch.clear();
-        scratch.extend(self.problem.measurements.iter().map(|m| m.row(p).residual.abs()));
+        scratch.extend(self.problem.measurements.iter().map(|m| m.row_at(x).residual.abs()));
         if scratch.iter().any(|r| r.is_nan()) {
             return f64::INFINITY;
         }
         let count = scratch.len();
-        let at = (count + D).div_ceil(2) - 1;
+        let at = (count + N).div_ceil(2) - 1;
         let (_, &mut size, _) = scratch.select_nth_unstable_by(at, f64::total_cmp);
-        let correction = 1.0 + FEW / (count - D) as f64;
+        let correction = 1.0 + FEW / (count - N) as f64;
         (correction * size / NORMAL_MEDIAN).max(f64::MIN_POSITIVE.sqrt())
     }
 
@@ -207,16 +255,16 @@ impl<const D: usize> Search<'_, D> {
     /// equally good.
     fn rivalled(
         &self,
-        mut best: Minimum<D>,
-        points: &mut [Vector<D>],
+        mut best: Minimum<N>,
+        points: &mut [Vector<N>],
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
-    ) -> Result<Minimum<D>, Status> {
+    ) -> Result<Minimum<N>, Status> {
         if best.scale != 1.0 {
             costs.clear();
             costs.extend(points.iter().map(|p| self.problem.cost(p, self.loss, best.scale)));
         }
-        let mut rival: Option<Minimum<D>> = None;
+        let mut rival: Option<Minimum<N>> = None;
         for _ in 0..RIVALS {
             for minimum in [Some(best), rival].into_iter().flatten() {
                 for (point, cost) in points.iter().zip(costs.iter_mut()) {
@@ -230,16 +278,16 @@ impl<const D: usize> Search<'_, D> {
             let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
             costs[at] = f64::INFINITY;
             let mut other = self.rival(points[at], scratch);
-            if other.end != End::Converged || best.is_same(&other.position) {
+            if other.end != End::Converged || best.is_same(&other.state) {
                 continue;
             }
             if other.scale != best.scale {
-                other.normal = self.problem.normal(&other.position, self.loss, best.scale);
+                other.normal = self.problem.normal(&other.state, self.loss, best.scale);
             }
             if other.normal.cost < best.normal.cost || best.end != End::Converged {
                 (best, other) = (other, best);
             }
-            let closer = |r: &Minimum<D>| r.normal.cost > other.normal.cost;
+            let closer = |r: &Minimum<N>| r.normal.cost > other.normal.cost;
             if other.end == End::Converged && rival.as_ref().is_none_or(closer) {
                 rival = Some(other);
             }
@@ -259,12 +307,12 @@ impl<const D: usize> Search<'_, D> {
     }
 
     /// Fails where a minimum is none, or not one point.
-    pub fn checked(&self, minimum: Minimum<D>) -> Result<Minimum<D>, Status> {
-        let p = &minimum.position;
+    pub fn checked(&self, minimum: Minimum<N>) -> Result<Minimum<N>, Status> {
+        let p = &position(&minimum.state);
         if self.is_blind(p, NEAR) {
             return Err(Status::AtStation);
         }
-        let exact = self.problem.measurements.len() == D;
+        let exact = self.problem.measurements.len() == N;
         if exact && (minimum.normal.cost.is_nan() || minimum.normal.cost > MEETING) {
             return Err(Status::NoIntersection);
         }
@@ -288,40 +336,48 @@ impl<const D: usize> Search<'_, D> {
         &self,
         initial: Option<Vector<D>>,
         weight: Weight,
-        candidates: &mut Candidates<D>,
-        costs: &mut Vec<f64>,
-        scratch: &mut Vec<f64>,
-    ) -> Result<Minimum<D>, Status> {
-        let start = self.checked(self.minimum(initial, candidates, costs, scratch)?)?;
+        buffers: &mut Buffers<D, N>,
+    ) -> Result<Minimum<N>, Status> {
+        let start = self.checked(self.minimum(initial, buffers)?)?;
         let measurements = self.problem.measurements;
-        if self.unknown && measurements.len() == D {
+        if self.unknown && measurements.len() == N {
             // nothing is left to estimate κ from
             let mut minimum = Minimum { scale: f64::NAN, ..start };
             minimum.normal.matrix = undetermined();
             return Ok(minimum);
         }
         let known = (!self.unknown).then(|| measurements[0].precision.powi(2));
-        let estimate = lenth::estimate(measurements, start.position, known, weight);
-        let mut normal = self.problem.normal(&estimate.position, Loss::Square, 1.0);
-        normal.matrix = estimate.covariance.ok_or(Status::Singular)?;
+        let estimate = lenth::estimate(measurements, position(&start.state), known, weight);
+        let mut state = start.state;
+        state[..D].copy_from_slice(&estimate.position);
+        let mut normal = self.problem.normal(&state, Loss::Square, 1.0);
+        for (row, own) in normal.matrix.iter_mut().zip(estimate.covariance.ok_or(Status::Singular)?)
+        {
+            row[..D].copy_from_slice(&own);
+        }
         let end = if estimate.converged { End::Converged } else { End::Moving };
         let scale = if self.unknown { 1.0 / estimate.kappa.sqrt() } else { 1.0 };
-        Ok(Minimum { position: estimate.position, normal, end, scale })
+        Ok(Minimum { state, normal, end, scale })
     }
 }
 
-impl<const D: usize> Minimum<D> {
-    pub fn of(arrival: Arrival<D>) -> Self {
-        let Arrival { position, matrix, cost } = arrival;
+impl<const N: usize> Minimum<N> {
+    pub fn of(arrival: Arrival<N>) -> Self {
+        let Arrival { position: state, matrix, cost } = arrival;
         let normal = Normal::at_minimum(matrix, cost);
-        Self { position, normal, end: End::Converged, scale: 1.0 }
+        Self { state, normal, end: End::Converged, scale: 1.0 }
     }
 
     /// Whether a point is within the error of this one.
-    fn is_same(&self, point: &Vector<D>) -> bool {
-        let difference = std::array::from_fn(|i| point[i] - self.position[i]);
+    fn is_same(&self, point: &Vector<N>) -> bool {
+        let difference = std::array::from_fn(|i| point[i] - self.state[i]);
         quadratic(&self.normal.matrix, &difference) <= SAME_MINIMUM
     }
+}
+
+/// The coordinates of a state.
+pub(super) fn position<const D: usize, const N: usize>(state: &Vector<N>) -> Vector<D> {
+    std::array::from_fn(|i| state[i])
 }
 
 /// Index of the least number that is finite.

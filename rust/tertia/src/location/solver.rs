@@ -1,30 +1,33 @@
 //! Positions of instants: what was measured, starts that are trusted, results.
 
 use super::block::Block;
-use super::candidates::Candidates;
 use super::descent::{self, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
 use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
 use super::lanes::LANES;
 use super::lenth::Weight;
 use super::profile::Unbounded;
-use super::search::{Minimum, Search};
+use super::record::Record;
+use super::search::{Buffers, Minimum, position};
 use super::summary::Spread;
 use crate::base::distribution::chi_square_upper;
-use crate::base::small::{Factor, Vector, norm, undetermined};
-use crate::sensors::{Measurement, Row, read};
+use crate::base::small::{Factor, Matrix, Vector, norm, undetermined};
+use crate::sensors::KINDS;
 
 /// The same from a start that is trusted.
 const NEAR_HUBER: f64 = 0.5;
+/// Descents with the errors that surveyed stations make of angles at the position before.
+const SURVEYS: usize = 2;
 
 /// Buffers of a thread.
 #[derive(Debug)]
 pub struct Workspace<const D: usize> {
-    records: Vec<Record<D>>,
+    pub(super) records: Vec<Record<D, D>>,
     block: Block<D>,
-    candidates: Candidates<D>,
-    costs: Vec<f64>,
-    scratch: Vec<f64>,
+    buffers: Buffers<D, D>,
+    // of arrivals, whose emission is one unknown more
+    pub(super) plane: (Record<2, 3>, Buffers<2, 3>),
+    pub(super) space: (Record<3, 4>, Buffers<3, 4>),
 }
 
 impl<const D: usize> Default for Workspace<D> {
@@ -32,37 +35,9 @@ impl<const D: usize> Default for Workspace<D> {
         Self {
             records: vec![Record::default(); LANES],
             block: Block::default(),
-            candidates: Candidates::default(),
-            costs: Vec::new(),
-            scratch: Vec::new(),
-        }
-    }
-}
-
-/// What was measured at one instant, without gaps.
-#[derive(Clone, Debug)]
-struct Record<const D: usize> {
-    measurements: Vec<Measurement<D>>,
-    /// Where each stands in the instant.
-    places: Vec<usize>,
-    /// The size of the geometry.
-    extent: f64,
-    /// A start that is trusted, and the minimum it led to.
-    start: Option<Vector<D>>,
-    first: Option<Minimum<D>>,
-    /// Residuals and their derivatives there.
-    rows: Vec<Row<D>>,
-}
-
-impl<const D: usize> Default for Record<D> {
-    fn default() -> Self {
-        Self {
-            measurements: Vec::new(),
-            places: Vec::new(),
-            extent: 0.0,
-            start: None,
-            first: None,
-            rows: Vec::new(),
+            buffers: Buffers::default(),
+            plane: Default::default(),
+            space: Default::default(),
         }
     }
 }
@@ -75,12 +50,16 @@ pub struct Locator {
     grows: bool,
     /// Whether they follow the cost where it is no parabola.
     profiles: bool,
+    /// Whether outliers of arrivals are late rather than early.
+    multipath: bool,
+    /// That of range differences.
+    correlation: f64,
 }
 
 impl Locator {
     /// An estimator by this method.
     pub fn new(method: Method) -> Self {
-        Self { method, grows: false, profiles: false }
+        Self { method, grows: false, profiles: false, multipath: true, correlation: 0.5 }
     }
 
     /// The same, with covariances that grow where the residuals of an instant are larger than
@@ -93,6 +72,17 @@ impl Locator {
     /// no position where its ellipse has no end.
     pub fn profiling(self) -> Self {
         Self { profiles: true, ..self }
+    }
+
+    /// The same; outliers of arrivals are late rather than early, or either.
+    pub fn with_multipath(self, multipath: bool) -> Self {
+        Self { multipath, ..self }
+    }
+
+    /// The same, with range differences whose errors have this correlation, at least 0 and below
+    /// 1: a share of their variance is that of the first station, which all have in common.
+    pub fn with_correlation(self, correlation: f64) -> Self {
+        Self { correlation, ..self }
     }
 
     /// Estimates the positions of instants, [`location::BLOCK`](super::BLOCK) of them side by side
@@ -113,7 +103,7 @@ impl Locator {
         for ((instants, out), fixes) in blocks.zip(fixes.chunks_mut(LANES)) {
             self.descend(instants, workspace);
             for (at, instant) in instants.iter().enumerate() {
-                fixes[at] = self.finish(instant, at, &mut out[at], workspace);
+                fixes[at] = self.one(instant, at, &mut out[at], workspace);
             }
         }
     }
@@ -126,25 +116,64 @@ impl Locator {
         workspace: &mut Workspace<D>,
     ) -> Fix {
         self.descend(std::slice::from_ref(instant), workspace);
-        self.finish(instant, 0, out, workspace)
+        self.one(instant, 0, out, workspace)
     }
 
     /// What a residual costs, with so many degrees of freedom.
-    pub(super) fn loss(&self, redundancy: usize) -> Loss {
+    pub(super) fn loss(&self, redundancy: usize, of_arrivals: bool) -> Loss {
         match self.method {
-            Method::Robust(least) if redundancy >= least.max(1) => Loss::Tukey(TUKEY),
+            Method::Robust(least) if redundancy < least.max(1) => Loss::Square,
+            Method::Robust(_) if of_arrivals => Loss::of_arrivals(self.multipath),
+            Method::Robust(_) => Loss::Tukey(TUKEY),
             _ => Loss::Square,
         }
     }
 
+    /// Finishes an instant of a block, or locates one with arrivals alone.
+    fn one<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        at: usize,
+        out: &mut Output<'_>,
+        workspace: &mut Workspace<D>,
+    ) -> Fix {
+        let Workspace { records, buffers, plane, space, .. } = workspace;
+        if !self.has_arrivals(instant) {
+            return self.finish(instant, &mut records[at], out, buffers);
+        }
+        match D {
+            2 => {
+                plane.0.read(instant, self.correlation);
+                self.finish(instant, &mut plane.0, out, &mut plane.1)
+            }
+            _ => {
+                space.0.read(instant, self.correlation);
+                self.finish(instant, &mut space.0, out, &mut space.1)
+            }
+        }
+    }
+
+    /// Whether there are arrivals, or differences of them.
+    pub(super) fn has_arrivals(&self, instant: &Instant<'_>) -> bool {
+        let k = instant.values.len() / KINDS;
+        let [.., differences, arrivals] =
+            std::array::from_fn::<_, KINDS, _>(|kind| &instant.values[kind * k..(kind + 1) * k]);
+        let any = |values: &[f64]| values.iter().any(|v| !v.is_nan());
+        any(arrivals) || any(differences) && instant.common(self.correlation).is_some()
+    }
+
     /// Reads instants, and goes down from the starts that are trusted side by side.
     fn descend<const D: usize>(&self, instants: &[Instant<'_>], workspace: &mut Workspace<D>) {
-        let Workspace { records, block, candidates, .. } = workspace;
+        let Workspace { records, block, buffers, .. } = workspace;
         let records = &mut records[..instants.len()];
         for (record, instant) in records.iter_mut().zip(instants) {
-            record.read(instant);
-            if instant.initial.is_none() && self.lenth().is_none() && !record.is_unknown(instant) {
-                record.start = candidates.middle(&record.measurements);
+            if self.has_arrivals(instant) {
+                record.clear();
+                continue;
+            }
+            record.read(instant, self.correlation);
+            if instant.initial.is_none() && self.lenth().is_none() && !record.unknown {
+                record.start = buffers.candidates.middle(&record.measurements);
             }
         }
         for from in 0..records.len() {
@@ -161,7 +190,7 @@ impl Locator {
                     block.set(lane, &record.measurements, &start);
                 }
             }
-            let loss = self.loss(first.measurements.len() - D);
+            let loss = self.loss(first.measurements.len() - D, false);
             let tolerance = if loss == Loss::Square { TOLERANCE } else { TUKEY_TOLERANCE };
             block.descend(loss, (HUBER_STEPS, NEAR_HUBER), tolerance);
             for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
@@ -175,62 +204,61 @@ impl Locator {
     }
 
     /// The position of a record, from the minimum that its start led to or from others.
-    fn finish<const D: usize>(
+    fn finish<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
-        at: usize,
+        record: &mut Record<D, N>,
         out: &mut Output<'_>,
-        workspace: &mut Workspace<D>,
+        buffers: &mut Buffers<D, N>,
     ) -> Fix {
         out.position.fill(f64::NAN);
         out.covariance.fill(f64::NAN);
         out.residual.fill(f64::NAN);
         out.outlier.fill(false);
-        let Workspace { records, candidates, costs, scratch, .. } = workspace;
-        let record = &mut records[at];
-        let unknown = record.is_unknown(instant);
-        let Record { measurements, places, extent, first: arrived, rows, .. } = record;
-        let count = measurements.len();
-        let degrees_of_freedom = count as i64 - D as i64;
-        let failed = |status| Fix {
-            status,
-            degrees_of_freedom,
-            statistic: f64::NAN,
-            pvalue: f64::NAN,
-            dop: f64::NAN,
-            sigma: f64::NAN,
-        };
-        if degrees_of_freedom < 0 {
+        let count = record.measurements.len();
+        let failed =
+            |status| Fix { status, degrees_of_freedom: count as i64 - N as i64, ..Fix::UNKNOWN };
+        if count < N {
             return failed(Status::TooFew);
         }
-        let redundancy = count - D;
-        let loss = self.loss(redundancy);
-        let problem = descent::Problem { measurements, extent: *extent };
-        let search = Search { problem, loss, unknown, first: *arrived };
+        let loss = self.loss(count - N, N > D);
         let origin = first::<D>(instant.stations);
         let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
+        let search = record.search(loss);
         let found = match self.lenth() {
-            None => search.minimum(initial, candidates, costs, scratch),
-            Some(weight) => search.lenth(initial, weight, candidates, costs, scratch),
+            None => search.minimum(initial, buffers),
+            Some(weight) => search.lenth(initial, weight, buffers),
         };
-        let minimum = match found.and_then(|minimum| search.checked(minimum)) {
+        let mut minimum = match found.and_then(|minimum| search.checked(minimum)) {
             Ok(minimum) => minimum,
             Err(status) => return failed(status),
         };
-        for (value, (p, o)) in out.position.iter_mut().zip(minimum.position.iter().zip(origin)) {
-            *value = p + o;
+        if record.is_blurred(instant) {
+            for _ in 0..SURVEYS {
+                record.blur(instant, &position(&minimum.state));
+                let search = record.search(loss);
+                minimum = match search.checked(search.refine_steadily(minimum.state)) {
+                    Ok(minimum) => minimum,
+                    Err(status) => return failed(status),
+                };
+            }
         }
-        if arrived.is_none_or(|first| first.position != minimum.position) {
-            rows.clear();
-            rows.extend(measurements.iter().map(|m| m.row(&minimum.position)));
+        for (i, (value, o)) in out.position.iter_mut().zip(origin).enumerate() {
+            *value = minimum.state[i] + o;
         }
-        let summary = search.summary(&minimum, self.lenth(), rows);
+        if record.first.is_none_or(|first| first.state != minimum.state) {
+            record.rows.clear();
+            record.rows.extend(record.measurements.iter().map(|m| m.row_at(&minimum.state)));
+        }
+        let search = record.search(loss);
+        let summary = search.summary(&minimum, self.lenth(), &record.rows);
         let growth = match summary.kept {
-            (square, freedom) if self.grows && !unknown => growth::<D>(square, freedom),
+            (square, freedom) if self.grows && !record.unknown => growth::<D>(square, freedom),
             _ => 1.0,
         };
-        let mut covariance = summary.covariance.map(|row| row.map(|v| v * growth));
-        let scale = if unknown { summary.sigma / minimum.scale } else { 1.0 };
+        let mut covariance: Matrix<D> =
+            std::array::from_fn(|i| std::array::from_fn(|j| summary.covariance[i][j] * growth));
+        let scale = if record.unknown { summary.sigma / minimum.scale } else { 1.0 };
         if self.profiles && self.lenth().is_none() {
             match search.curved(&minimum, &covariance, growth * scale * scale) {
                 Ok(curved) => covariance = curved.unwrap_or(covariance),
@@ -240,26 +268,36 @@ impl Locator {
                 }
             }
         }
-        for (i, row) in covariance.iter().enumerate() {
-            out.covariance[i * D..(i + 1) * D].copy_from_slice(row);
+        for (own, row) in out.covariance.chunks_exact_mut(D).zip(&covariance) {
+            own.copy_from_slice(row);
         }
         let mut statistic = 0.0;
         let [own, robust] = [summary.sigma, minimum.scale].map(f64::recip);
-        for (row, &place) in rows.iter().zip(&*places) {
+        let rows = record.measurements.iter().zip(&record.rows).zip(&record.places);
+        for ((m, row), &place) in rows {
             let u = row.residual * own;
             out.residual[place] = u;
-            out.outlier[place] = (row.residual * robust).abs() >= summary.fault;
+            out.outlier[place] = search.is_fault(m, row.residual * robust, self.lenth());
             statistic += u * u;
         }
+        if record.common.is_some() {
+            record.tell_differences(out);
+        }
+        let (emission, emission_sigma) = match N > D {
+            true => (minimum.state[D], (growth * summary.covariance[D][D]).sqrt()),
+            false => (f64::NAN, f64::NAN),
+        };
         Fix {
             statistic,
-            pvalue: match unknown {
-                true => f64::NAN,
-                false if redundancy == 0 => 1.0,
-                false => chi_square_upper(statistic, redundancy),
+            pvalue: match count - N {
+                _ if record.unknown => f64::NAN,
+                0 => 1.0,
+                redundancy => chi_square_upper(statistic, redundancy),
             },
             dop: summary.dop,
-            sigma: if unknown { summary.sigma } else { f64::NAN },
+            sigma: if record.unknown { summary.sigma } else { f64::NAN },
+            emission,
+            emission_sigma,
             ..failed(Status::None)
         }
     }
@@ -277,65 +315,58 @@ impl Locator {
     /// `sigmas` nan for what they do not measure; infinite where it is not determined. Returns the
     /// dilution. O(K).
     pub fn accuracy<const D: usize>(
-        stations: &[f64],
-        axes: Option<&[f64]>,
-        sigmas: &[f64],
+        &self,
+        instant: &Instant<'_>,
         position: &[f64],
         covariance: &mut [f64],
         workspace: &mut Workspace<D>,
     ) -> f64 {
-        let values = sigmas;
-        let record = &mut workspace.records[0];
-        record.read(&Instant { stations, axes, values, sigmas, initial: None });
+        let Workspace { records, plane, space, .. } = workspace;
+        match (D, self.has_arrivals(instant)) {
+            (_, false) => self.accuracy_of(instant, position, covariance, &mut records[0]),
+            (2, true) => self.accuracy_of(instant, position, covariance, &mut plane.0),
+            _ => self.accuracy_of(instant, position, covariance, &mut space.0),
+        }
+    }
+
+    fn accuracy_of<const D: usize, const N: usize>(
+        &self,
+        instant: &Instant<'_>,
+        position: &[f64],
+        covariance: &mut [f64],
+        record: &mut Record<D, N>,
+    ) -> f64 {
+        record.read(instant, self.correlation);
+        let origin = first::<D>(instant.stations);
+        let p: Vector<D> = std::array::from_fn(|i| position[i] - origin[i]);
+        if record.is_blurred(instant) {
+            record.blur(instant, &p);
+        }
+        let mut state = [0.0; N];
+        state[..D].copy_from_slice(&p);
         let Record { measurements, extent, .. } = &*record;
         let extent = *extent;
-        let origin = first::<D>(stations);
-        let p: Vector<D> = std::array::from_fn(|i| position[i] - origin[i]);
         let near = NEAR * (extent + norm(&p));
         let problem = descent::Problem { measurements, extent };
-        let matrix = problem.normal(&p, Loss::Square, 1.0).matrix;
+        let matrix = problem.normal(&state, Loss::Square, 1.0).matrix;
         let blind = measurements.iter().any(|m| m.is_blind(&p, near));
         let inverse = Factor::try_new(&matrix, 0.0).filter(|_| !blind).map(|f| f.inverse());
-        for (i, row) in inverse.unwrap_or_else(undetermined).iter().enumerate() {
-            covariance[i * D..(i + 1) * D].copy_from_slice(row);
+        let all = inverse.unwrap_or_else(undetermined);
+        for (own, row) in covariance.chunks_exact_mut(D).zip(&all) {
+            own.copy_from_slice(&row[..D]);
         }
         if inverse.is_none() {
             return f64::INFINITY;
         }
-        let mut spread = Spread::of(measurements);
+        let mut spread = Spread::<N>::of(measurements);
         for m in measurements {
-            spread.add(m, &m.row(&p), true);
+            spread.add(m, &m.row_at(&state), true);
         }
-        spread.dop()
+        spread.dop(D)
     }
 }
 
 /// The first station, from which positions are counted: a common offset costs no digits.
 fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
     std::array::from_fn(|i| stations[i])
-}
-
-impl<const D: usize> Record<D> {
-    /// Whether the standard deviation is to be estimated.
-    fn is_unknown(&self, instant: &Instant<'_>) -> bool {
-        self.places.iter().any(|&at| instant.sigmas[at].is_nan())
-    }
-
-    /// Collects what was measured, station by station.
-    fn read(&mut self, instant: &Instant<'_>) {
-        self.measurements.clear();
-        self.places.clear();
-        (self.start, self.first) = (None, None);
-        let mut extent = 0.0_f64;
-        let Instant { stations, axes, values, sigmas, .. } = *instant;
-        read(stations, axes, values, sigmas, |place, m: Measurement<D>| {
-            if !m.kind.is_angle() {
-                extent = extent.max(m.value.abs());
-            }
-            extent = extent.max(norm(&m.station));
-            self.measurements.push(m);
-            self.places.push(place);
-        });
-        self.extent = extent;
-    }
 }

@@ -12,47 +12,47 @@ const SPREAD_STEPS: usize = 20;
 /// Least sum of the weights beyond what the coordinates use up.
 const LEAST_REST: f64 = 1e-9;
 
-impl<const D: usize> Search<'_, D> {
+impl<const D: usize, const N: usize> Search<'_, D, N> {
     /// Covariance, σ and dilution, from residuals and their derivatives.
     pub fn summary(
         &self,
-        minimum: &Minimum<D>,
+        minimum: &Minimum<N>,
         lenth: Option<Weight>,
-        rows: &[Row<D>],
-    ) -> Summary<D> {
+        rows: &[Row<N>],
+    ) -> Summary<N> {
         let robust = self.loss != Loss::Square;
-        let fault = match lenth {
-            Some(Weight::Andrews) => lenth::ZERO,
-            None if robust => TUKEY,
-            _ => f64::INFINITY,
-        };
         let reciprocal = 1.0 / minimum.scale;
-        let mut spread = Spread::of(self.problem.measurements);
+        let mut spread = Spread::<N>::of(self.problem.measurements);
         let (mut sum, mut total) = (0.0, 0.0);
         for (m, row) in self.problem.measurements.iter().zip(rows) {
             let u = row.residual * reciprocal;
-            let (weight, ..) = self.loss.at(u);
+            let (weight, ..) = self.loss.of(m.kind).at(u);
             sum += weight * u * u;
             total += weight;
-            spread.add(m, row, u.abs() < fault);
+            spread.add(m, row, !self.is_fault(m, u, lenth));
         }
-        let dop = spread.dop();
-        let unit = if robust { Expected::of_tukey(1.0).spread } else { 1.0 };
-        let kept = (sum / unit, total - D as f64);
+        let dop = spread.dop(D);
+        let unit = match self.loss {
+            Loss::Square | Loss::Mixture { .. } => 1.0,
+            _ => Expected::of_tukey(1.0).spread,
+        };
+        let kept = (sum / unit, total - N as f64);
         if lenth.is_some() {
             let covariance = minimum.normal.matrix;
-            return Summary { covariance, sigma: minimum.scale, fault, dop, kept };
+            return Summary { covariance, sigma: minimum.scale, dop, kept };
         }
         let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
             .map_or_else(undetermined, |factor| factor.inverse());
-        let of =
-            |sigma: f64| if robust { Expected::of_tukey(sigma) } else { Expected::of_square() };
+        let of = |sigma: f64| match self.loss {
+            Loss::Tukey(_) => Expected::of_tukey(sigma),
+            _ => Expected::of_square(),
+        };
         let mut sigma = 1.0;
         if self.unknown {
-            let rest = total - D as f64;
+            let rest = total - N as f64;
             if rest < LEAST_REST {
                 let covariance = undetermined();
-                return Summary { covariance, sigma: f64::NAN, fault, dop, kept };
+                return Summary { covariance, sigma: f64::NAN, dop, kept };
             }
             sigma = (sum / rest).sqrt();
             for _ in 0..SPREAD_STEPS {
@@ -62,13 +62,23 @@ impl<const D: usize> Search<'_, D> {
         let factor = of(sigma).variance * sigma * sigma;
         let mut covariance = inverse.map(|row| row.map(|v| v * factor));
         if robust {
-            let rows = rows.iter().map(|row| {
-                let row = row.scaled(reciprocal);
-                (row, self.loss.at(row.residual).0)
+            let rows = self.problem.measurements.iter().zip(rows).map(|(m, row)| {
+                let (row, loss) = (row.scaled(reciprocal), self.loss.of(m.kind));
+                let u = row.residual;
+                (row, loss.at(u).0, loss.evidence(u))
             });
             add(&mut covariance, &doubt(rows, &inverse));
         }
-        Summary { covariance, sigma: minimum.scale * sigma, fault, dop, kept }
+        Summary { covariance, sigma: minimum.scale * sigma, dop, kept }
+    }
+
+    /// Whether a whitened residual is that of a fault.
+    pub fn is_fault(&self, m: &Measurement<D>, u: f64, lenth: Option<Weight>) -> bool {
+        match lenth {
+            Some(Weight::Andrews) => u.abs() >= lenth::ZERO,
+            Some(_) => false,
+            None => self.loss.of(m.kind).is_fault(u),
+        }
     }
 }
 
@@ -100,8 +110,6 @@ impl Expected {
 pub(super) struct Summary<const D: usize> {
     pub covariance: Matrix<D>,
     pub sigma: f64,
-    /// Residuals from here on have no weight.
-    pub fault: f64,
     pub dop: f64,
     /// Sum of the weighted squares of the residuals, and its degrees of freedom.
     pub kept: (f64, f64),
@@ -114,13 +122,13 @@ pub(super) struct Spread<const D: usize> {
 }
 
 impl<const D: usize> Spread<D> {
-    pub fn of(measurements: &[Measurement<D>]) -> Self {
+    pub fn of<const P: usize>(measurements: &[Measurement<P>]) -> Self {
         let angles = measurements.iter().filter(|m| m.kind.is_angle()).count();
         let mixed = angles != 0 && angles != measurements.len();
         Self { matrix: [[0.0; D]; D], mixed }
     }
 
-    pub fn add(&mut self, m: &Measurement<D>, row: &Row<D>, counts: bool) {
+    pub fn add<const P: usize>(&mut self, m: &Measurement<P>, row: &Row<D>, counts: bool) {
         if self.mixed || !counts {
             return;
         }
@@ -132,13 +140,13 @@ impl<const D: usize> Spread<D> {
         }
     }
 
-    /// Root of the trace of the covariance; nan where units are mixed.
-    pub fn dop(&self) -> f64 {
+    /// Root of the trace of the covariance of so many coordinates; nan where units are mixed.
+    pub fn dop(&self, coordinates: usize) -> f64 {
         if self.mixed {
             return f64::NAN;
         }
         let Some(factor) = Factor::try_new(&self.matrix, 0.0) else { return f64::INFINITY };
         let inverse = factor.inverse();
-        (0..D).map(|i| inverse[i][i]).sum::<f64>().sqrt()
+        (0..coordinates).map(|i| inverse[i][i]).sum::<f64>().sqrt()
     }
 }

@@ -90,6 +90,21 @@ impl<const D: usize> Measurement<D> {
         self
     }
 
+    /// Residual and gradient at a state: a position and, if there is one number more, the emission of
+    /// arrivals.
+    #[inline(always)]
+    pub fn row_at<const N: usize>(&self, x: &Vector<N>) -> Row<N> {
+        let row = self.row(&std::array::from_fn(|i| x[i]));
+        let mut gradient = [0.0; N];
+        gradient[..D].copy_from_slice(&row.gradient);
+        let mut residual = row.residual;
+        if N > D && self.kind == Kind::Arrival {
+            residual -= x[D] * self.precision;
+            gradient[D] = self.precision;
+        }
+        Row { residual, gradient }
+    }
+
     /// Residual and gradient at a position relative to the first station.
     #[inline(always)]
     pub fn row(&self, p: &Vector<D>) -> Row<D> {

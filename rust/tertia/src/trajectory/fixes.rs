@@ -137,6 +137,7 @@ impl Fixes {
                         axes: record.axes_at(t, D),
                         values: &values[at(i)..][..width],
                         sigmas: &sigmas[at(i)..][..width],
+                        position_sigmas: None,
                         initial: None,
                     })
                     .collect();

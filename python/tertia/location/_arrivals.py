@@ -1,0 +1,81 @@
+"""Times of arrival: seconds or NumPy's dates in, metres for the core, seconds or dates out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, positive, samples, scalar_or_array
+from tertia.location._readers import deviations, require_length
+
+# metres per second, in vacuum
+LIGHT = 299_792_458.0
+_SECOND = np.timedelta64(1, "s")
+# dates whose steps are not coarser than clocks
+_FINE = [(unit, 1) for unit in ("ns", "ps", "fs", "as")]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arrivals:
+    """Times of arrival of K stations as the core takes them.
+
+    `first` is the first one of each instant, of shape (...): in double precision, seconds since
+    1970 have steps of 0.2 µs, which is 70 m for light, so that only times from there are multiplied
+    by the speed. `value` and `sigma` are metres, of shape (..., K).
+    """
+
+    first: npt.NDArray[Any]
+    speed: FloatArray
+    value: FloatArray
+    sigma: FloatArray
+
+    def emission(self, emission: FloatArray) -> Any:
+        """Return times of emission, from metres after the first arrival."""
+        seconds = emission / self.speed
+        if self.first.dtype.kind not in "mM":
+            return scalar_or_array(np.asarray(self.first + seconds))
+        known = np.isfinite(seconds)
+        step = np.dtype(f"timedelta64[{np.datetime_data(self.first.dtype)[0]}]")
+        steps = np.where(known, seconds, 0.0) * (_SECOND / np.ones((), step))
+        after = np.rint(steps).astype(np.int64).astype(step)
+        return np.where(known, self.first + after, np.array("NaT", self.first.dtype))[()]
+
+
+def read_arrivals(
+    value: npt.ArrayLike,
+    sigma: npt.ArrayLike | None,
+    own: FloatArray | None,
+    speed: npt.ArrayLike,
+    k: int,
+) -> Arrivals:
+    """Return times of arrival, checked."""
+    time = np.asarray(value)
+    if time.dtype.kind in "mM":
+        if np.datetime_data(time.dtype) not in _FINE:
+            time = time.astype(f"{time.dtype.kind}8[ns]")
+        absent = np.isnat(time)
+    else:
+        time = samples(value, "arrival_time")
+        absent = np.isnan(time)
+    require_length(time, "arrival_time", k)
+    infinite = np.argwhere(~absent & ~np.isfinite(time))
+    if len(infinite):
+        place = ", ".join(map(str, infinite[0]))
+        raise ValueError(f"arrival_time[{place}] is infinite; it must be a finite number, or nan")
+    speeds = positive(speed, "propagation_speed")
+    first = np.fmin.reduce(time, axis=-1)
+    after = time - first[..., np.newaxis]
+    seconds = after / _SECOND if time.dtype.kind in "mM" else after
+    spread = deviations(sigma, own, "arrival_time", k, degrees=False)
+    try:
+        np.broadcast_shapes(speeds.shape, first.shape, spread.shape[:-1])
+    except ValueError:
+        raise ValueError(
+            f"propagation_speed has shape {speeds.shape}; it must be one number, or one for each "
+            f"instant, of shape {first.shape}"
+        ) from None
+    each = speeds[..., np.newaxis]
+    return Arrivals(first, speeds, seconds * each, spread * each)

@@ -1,0 +1,157 @@
+//! What was measured at one instant, without gaps.
+
+use super::descent::{Loss, Problem};
+use super::fix::{Instant, Output};
+use super::search::{Minimum, Search};
+use crate::base::small::{Vector, dot, norm};
+use crate::sensors::{KINDS, Kind, Measurement, Row, read};
+
+/// Measurements and where the search for their position stands; the state is a position and, of
+/// arrivals, their emission.
+#[derive(Clone, Debug)]
+pub(super) struct Record<const D: usize, const N: usize> {
+    pub measurements: Vec<Measurement<D>>,
+    /// Where each stands in the instant.
+    pub places: Vec<usize>,
+    /// The size of the geometry.
+    pub extent: f64,
+    /// Whether the standard deviation is to be estimated.
+    pub unknown: bool,
+    /// The variance that differences have from the first station, if they are read as arrivals.
+    pub common: Option<f64>,
+    /// A start that is trusted, and the minimum it led to.
+    pub start: Option<Vector<D>>,
+    pub first: Option<Minimum<N>>,
+    /// Residuals and their derivatives there.
+    pub rows: Vec<Row<N>>,
+}
+
+impl<const D: usize, const N: usize> Default for Record<D, N> {
+    fn default() -> Self {
+        Self {
+            measurements: Vec::new(),
+            places: Vec::new(),
+            extent: 0.0,
+            unknown: false,
+            common: None,
+            start: None,
+            first: None,
+            rows: Vec::new(),
+        }
+    }
+}
+
+impl Instant<'_> {
+    /// The variance that range differences have from the first station, if any: that of their
+    /// correlation, and what its survey adds.
+    pub(super) fn common(&self, correlation: f64) -> Option<f64> {
+        let k = self.values.len() / KINDS;
+        let differences =
+            Kind::RangeDifference as usize * k..(Kind::RangeDifference as usize + 1) * k;
+        let least = self.sigmas[differences].iter().copied().fold(f64::NAN, f64::min);
+        let own = if least.is_nan() { 1.0 } else { least };
+        let common = correlation * own * own + self.survey(0).powi(2);
+        (common > 0.0).then_some(common)
+    }
+
+    /// Standard deviation of a station's coordinates.
+    fn survey(&self, station: usize) -> f64 {
+        self.position_sigmas.map_or(0.0, |sigmas| sigmas[station])
+    }
+}
+
+impl<const D: usize, const N: usize> Record<D, N> {
+    pub fn clear(&mut self) {
+        self.measurements.clear();
+        self.places.clear();
+        (self.start, self.first, self.common) = (None, None, None);
+        (self.extent, self.unknown) = (0.0, false);
+    }
+
+    /// Collects what was measured, station by station; differences that share an error as arrivals,
+    /// that of the first station at zero.
+    pub fn read(&mut self, instant: &Instant<'_>, correlation: f64) {
+        self.clear();
+        let Instant { stations, axes, values, sigmas, .. } = *instant;
+        let k = values.len() / KINDS;
+        let reference = Kind::RangeDifference as usize * k;
+        let differences = reference..reference + k;
+        if N > D && values[differences].iter().any(|v| !v.is_nan()) {
+            self.common = instant.common(correlation);
+        }
+        if let Some(common) = self.common {
+            let zero = Measurement::new(Kind::Arrival, 0, [0.0; D], 0.0, common.sqrt());
+            self.measurements.push(zero);
+            self.places.push(reference);
+        }
+        let (common, mut extent) = (self.common, 0.0_f64);
+        let survey = |k: usize| instant.survey(k).powi(2);
+        read(stations, axes, values, sigmas, |place, mut m: Measurement<D>| {
+            let sigma = sigmas[place];
+            self.unknown |= sigma.is_nan();
+            let variance = m.precision.powi(-2) + survey(m.index);
+            match (m.kind, common) {
+                (Kind::RangeDifference, Some(common)) => {
+                    let own = (variance - common + survey(0)).sqrt();
+                    m = Measurement::new(Kind::Arrival, m.index, m.station, m.value, own);
+                }
+                (Kind::Range | Kind::Arrival | Kind::RangeDifference, _)
+                    if survey(m.index) > 0.0 =>
+                {
+                    m.precision = variance.sqrt().recip();
+                }
+                _ => {}
+            }
+            if !m.kind.is_angle() {
+                extent = extent.max(m.value.abs());
+            }
+            extent = extent.max(norm(&m.station));
+            self.measurements.push(m);
+            self.places.push(place);
+        });
+        self.extent = extent;
+    }
+
+    pub fn search(&self, loss: Loss) -> Search<'_, D, N> {
+        let Self { measurements, extent, unknown, first, .. } = self;
+        let problem = Problem { measurements, extent: *extent };
+        Search { problem, loss, unknown: *unknown, first: *first }
+    }
+
+    /// Whether errors of the stations' positions are errors of angles.
+    pub fn is_blurred(&self, instant: &Instant<'_>) -> bool {
+        let angles = self.measurements.iter().filter(|m| m.kind.is_angle());
+        !self.unknown && angles.into_iter().any(|m| instant.survey(m.index) > 0.0)
+    }
+
+    /// Gives angles the errors that those of their stations' positions make at a position.
+    pub fn blur(&mut self, instant: &Instant<'_>, p: &Vector<D>) {
+        for (m, &place) in self.measurements.iter_mut().zip(&self.places) {
+            if m.kind.is_angle() {
+                let gradient = m.row(p).gradient;
+                let slope = dot(&gradient, &gradient) / (m.precision * m.precision);
+                let survey = instant.survey(m.index).powi(2);
+                let sigma = instant.sigmas[place];
+                m.precision = (sigma * sigma + survey * slope).sqrt().recip();
+            }
+        }
+        self.first = None;
+    }
+
+    /// Whitened residuals and marks of differences in place of those of arrivals.
+    pub fn tell_differences(&self, out: &mut Output<'_>) {
+        let reference = self.places[0];
+        let sigma = |at: usize| self.measurements[at].precision.recip();
+        let (first, wrong) = (out.residual[reference] * sigma(0), out.outlier[reference]);
+        let differences = Kind::RangeDifference as usize;
+        let k = out.residual.len() / KINDS;
+        for (at, &place) in self.places.iter().enumerate().skip(1) {
+            if place / k == differences {
+                let total = sigma(0).hypot(sigma(at));
+                out.residual[place] = (out.residual[place] * sigma(at) - first) / total;
+                out.outlier[place] |= wrong;
+            }
+        }
+        (out.residual[reference], out.outlier[reference]) = (f64::NAN, false);
+    }
+}
