@@ -174,10 +174,10 @@ def locate(
 
     An explosion, heard by five stations with clocks of 5 ms:
 
-    >>> times = [13.364, 12.777, 14.652, 13.832, 15.006]
+    >>> times = [13.355, 12.787, 14.654, 13.834, 15.012]
     >>> heard = locate(places, arrival_time=times, arrival_time_sigma=0.005, propagation_speed=340)
     >>> heard
-    Location([701.591 ± 1.64, 900.284 ± 1.21], 0 of 5 faulty)
+    Location([699.393 ± 1.23, 899.734 ± 1.01], 0 of 5 faulty)
     >>> round(heard.emission_time, 2)
     10.0
     """

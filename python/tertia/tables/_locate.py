@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from tertia.location import Location, LocationMethod
+from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import Progress, as_names, beside, prefixed
+from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._measurements import Target, read_targets, taken
 from tertia.tables._positions import (
+    EMISSION,
     Located,
     Positions,
     coordinates,
@@ -37,6 +38,9 @@ def locate(
     by: str | Sequence[str] = (),
     method: LocationMethod = "robust",
     pooled: bool = False,
+    range_difference_correlation: float = 0.5,
+    propagation_speed: float = LIGHT,
+    multipath: bool = True,
     initial: npt.ArrayLike | None = None,
 ) -> Table:
     """Locate targets at every instant, as the command `tertia locate` does.
@@ -45,10 +49,11 @@ def locate(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per sensor and time, in any order: `time_s` (seconds, or dates with time), `sensor`,
-        and any of `range_m`, `azimuth_deg`, `elevation_deg` and `range_difference_m` (from the
-        first sensor), with their sigmas (`range_sigma_m`) if they differ from those of the sensor;
-        or one row per measurement, with `kind`, `value` and `sigma`. Measurements with equal times
-        form an instant.
+        and any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (from the first
+        sensor) and `arrival_time_s` (from any origin, preferably from `time_s`: seconds since 1970
+        have steps of .2 µs), with their sigmas (`range_sigma_m`) if they differ from those of the
+        sensor; or one row per measurement, with `kind`, `value` and `sigma`. Measurements with
+        equal times form an instant.
     sensors : sequence of Station
         The stations, with the names used in the table.
     columns : mapping of str to str, optional
@@ -60,6 +65,10 @@ def locate(
     pooled : bool
         Whether the sigmas are relative, or one sigma is unknown, for all instants of a target
         together.
+    range_difference_correlation, propagation_speed : float
+        See `tertia.location.locate`.
+    multipath : bool
+        See `tertia.location.locate`.
     initial : array_like, optional
         A position near the targets, to select one of several that fit the measurements.
 
@@ -67,9 +76,10 @@ def locate(
     -------
     table of the same kind
         One row per target and time: `by`, `time_s`, the position with its sigmas and covariances
-        (`east_m`, `east_sigma_m`, `covariance_east_north_m2`), `measurement_count`,
-        `degrees_of_freedom`, `pvalue`, `outlier_count`, `outlier_measurement` (their names), and a
-        `status` if there is no position; unknown values are null.
+        (`east_m`, `east_sigma_m`, `covariance_east_north_m2`), of times of arrival the
+        `emission_time_s` and its sigma, `measurement_count`, `degrees_of_freedom`, `pvalue`,
+        `outlier_count`, `outlier_measurement` (their names), and a `status` if there is no
+        position; unknown values are null.
 
     Raises
     ------
@@ -99,6 +109,9 @@ def locate(
         by=by,
         method=method,
         pooled=pooled,
+        range_difference_correlation=range_difference_correlation,
+        propagation_speed=propagation_speed,
+        multipath=multipath,
         initial=initial,
     )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
@@ -110,18 +123,15 @@ def locations_of(
     sensors: Sequence[Station] | Sensors[Station],
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
-    method: LocationMethod = "robust",
-    pooled: bool = False,
     initial: npt.ArrayLike | None = None,
     progress: Progress[Target] = iter,
+    **options: Any,
 ) -> Positions[Location]:
     """Return the positions of all targets with their measurements; see `locate`."""
     stations = sensors_of(sensors)
     targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
-    located = [
-        _locate(one, stations, start, method=method, pooled=pooled) for one in progress(targets)
-    ]
+    located = [_locate(one, stations, start, **options) for one in progress(targets)]
     return Positions(located, stations)
 
 
@@ -133,7 +143,14 @@ def _locate(
     sigmas = target.all_sigmas(stations, optional=True)
     # their sigmas are those that are given
     bare = [
-        Station(one.position, name=one.name, axes=one.axes, bias=one.bias) for one in stations.items
+        Station(
+            one.position,
+            name=one.name,
+            axes=one.axes,
+            bias=one.bias,
+            position_sigma=one.position_sigma,
+        )
+        for one in stations.items
     ]
     options: dict[str, Any] = target.measured()
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
@@ -147,6 +164,7 @@ def _locate(
         **coordinates(found.position, found.covariance),
         **stations.geodetic(found.position),
         **covariances(found.covariance),
+        **_emission(found),
         **of_instants(target, measured, found),
     }
     return Located(
@@ -157,3 +175,11 @@ def _locate(
         beside(target.keys, pl.DataFrame(rows)),
         of_sensors(target, measured),
     )
+
+
+def _emission(found: Location) -> dict[str, pl.Series]:
+    """Return the columns of the emission, if there were times of arrival."""
+    if found.emission_time is None:
+        return {}
+    each = found.emission_time, found.emission_time_sigma
+    return {name: known(np.asarray(one)) for name, one in zip(EMISSION, each, strict=True)}

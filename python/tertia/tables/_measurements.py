@@ -36,6 +36,7 @@ UNITS: dict[Kind, tuple[str, float]] = {
     "azimuth": ("deg", math.pi / 180),
     "elevation": ("deg", math.pi / 180),
     "range_difference": ("m", 1.0),
+    "arrival_time": ("s", 1.0),
 }
 VALUES: dict[Kind, str] = {kind: f"{kind}_{unit}" for kind, (unit, _) in UNITS.items()}
 SIGMAS: dict[Kind, str] = {kind: column_name(name, "sigma") for kind, name in VALUES.items()}
@@ -53,7 +54,7 @@ SCHEMA: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Measurements of one target at N times by K stations, in metres and radians.
+    """Measurements of one target at N times by K stations, in metres, radians, seconds.
 
     `rows` has one measurement per row, in the units of the columns, with `step` and `site`.
     `values` and `sigmas` are (N, K) for each kind, nan where there is none.

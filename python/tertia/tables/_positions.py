@@ -34,6 +34,8 @@ _OF_INSTANTS = (
     "status",
 )
 
+EMISSION = "emission_time_s", "emission_time_sigma_s"
+
 R = TypeVar("R")
 
 
@@ -87,6 +89,7 @@ def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
         *(name for vector in vectors for name in vector),
         *covariances(space),
         *GEODETIC,
+        *EMISSION,
         *_OF_INSTANTS,
         *_SUMMARY,
         *("value", "residual", "outlier", "time_s", "bias"),

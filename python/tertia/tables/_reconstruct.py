@@ -116,6 +116,8 @@ def _path(
 ) -> Located[Trajectory]:
     if not target.values:
         raise RecordError(f"{target.name}: nothing was measured")
+    if "arrival_time" in target.values:
+        raise RecordError(f"{target.name}: paths take no arrival_time_s; locate each instant")
     sigmas = _constant(target, sensors)
     stations = [
         Station(

@@ -40,7 +40,9 @@ _STATION = {
     "range_sigma": ("range_sigma_m", 1.0),
     "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
     "elevation_sigma": ("elevation_sigma_deg", math.pi / 180),
+    "arrival_time_sigma": ("arrival_time_sigma_s", 1.0),
 }
+_POSITION_SIGMA = "position_sigma_m"
 # its systematic errors, and whether there are none
 _BIAS = {
     "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
@@ -166,6 +168,7 @@ def stations(
             key: None if (sigma := one.sigma(column)) is None else sigma * unit
             for key, (column, unit) in _STATION.items()
         }
+        options["position_sigma"] = one.number(_POSITION_SIGMA) or 0.0
         options["axes"] = None if axes is None else axes[k]
         options["bias"] = _bias(one)
         items.append(one.made(Station, positions[k], options))

@@ -22,7 +22,7 @@ from tertia.cli.terminal.options import (
     column_names,
 )
 from tertia.cli.terminal.say import FAILED, WRONG_USAGE, fail, progress
-from tertia.location import Location, LocationMethod
+from tertia.location import LIGHT, Location, LocationMethod
 from tertia.sensors import ByKind, Kind
 from tertia.tables._groups import group_name
 from tertia.tables._locate import locations_of
@@ -36,6 +36,7 @@ EXAMPLES = (
     "tertia locate measurements.csv --sensors stations.toml --output positions.csv",
     "tertia locate bearings.csv --sensors stations.csv --by target --plot positions.png",
     "tertia locate ranges.csv --sensors two.toml --initial 1200,3400 --method least-squares",
+    "tertia locate shots.csv --sensors microphones.toml --propagation-speed 343",
 )
 # what a picture of one instant shows
 _DRAWN: tuple[Kind, ...] = ("azimuth", "range")
@@ -52,6 +53,18 @@ def locate(
         bool,
         typer.Option("--pooled", help="Sigmas are relative: one factor for all instants."),
     ] = False,
+    range_difference_correlation: Annotated[
+        float,
+        typer.Option(
+            metavar="R", help="Of range differences: 0.5 if they share the first sensor's error."
+        ),
+    ] = 0.5,
+    propagation_speed: Annotated[
+        float, typer.Option(metavar="M_S", help="Speed of signals, for times of arrival.")
+    ] = LIGHT,
+    multipath: Annotated[
+        bool, typer.Option(help="Outliers among arrivals are late rather than early.")
+    ] = True,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -63,10 +76,11 @@ def locate(
     measurements: MeasurementOutput = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Locate a target at every instant from ranges, azimuths, elevations or range differences.
+    """Locate a target at every instant from ranges, azimuths, elevations or times of arrival.
 
-    One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
-    one per measurement, with kind and value. Measurements with equal times form an instant.
+    One row per sensor and time, with range_m, azimuth_deg, elevation_deg, range_difference_m or
+    arrival_time_s; or one per measurement, with kind and value. Measurements with equal times form
+    an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
     stations = read.read_stations(sensors)
@@ -78,6 +92,9 @@ def locate(
         by=by or [],
         method=method,
         pooled=pooled,
+        range_difference_correlation=range_difference_correlation,
+        propagation_speed=propagation_speed,
+        multipath=multipath,
         initial=_start(initial, stations.dimension),
         progress=progress("Locating"),
     )

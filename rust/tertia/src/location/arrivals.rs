@@ -1,6 +1,7 @@
 //! Starts from times of arrival, in metres: `z = b + |p − s|`, b that of the emission.
 
-use crate::base::small::{Factor, Vector, dot, norm};
+use super::profile::longest;
+use crate::base::small::{Factor, Matrix, Vector, dot, norm};
 use crate::sensors::{Kind, Measurement};
 
 /// Rank of the arrival that is taken for undisturbed, as a share: more are late than early.
@@ -65,4 +66,32 @@ pub(super) fn emission<const D: usize>(
     let at = (EARLY * (scratch.len().max(1) - 1) as f64).round() as usize;
     let (_, emission, _) = scratch.select_nth_unstable_by(at, f64::total_cmp);
     *emission
+}
+
+/// A state on the other side of the line or plane that stations are nearest to: if they are on it,
+/// their distances are the same from there. O(M).
+pub(super) fn mirrored<const D: usize, const N: usize>(
+    measurements: &[Measurement<D>],
+    state: &Vector<N>,
+) -> Vector<N> {
+    let mut mean = [0.0; D];
+    for m in measurements {
+        for i in 0..D {
+            mean[i] += m.station[i] / measurements.len() as f64;
+        }
+    }
+    let mut spread: Matrix<D> = [[0.0; D]; D];
+    for m in measurements {
+        let offset: Vector<D> = std::array::from_fn(|i| m.station[i] - mean[i]);
+        let square = dot(&offset, &offset);
+        for i in 0..D {
+            for j in 0..D {
+                let own = if i == j { square } else { 0.0 };
+                spread[i][j] += own - offset[i] * offset[j];
+            }
+        }
+    }
+    let (normal, _) = longest(&spread);
+    let height: f64 = (0..D).map(|i| normal[i] * (state[i] - mean[i])).sum();
+    std::array::from_fn(|i| if i < D { state[i] - 2.0 * height * normal[i] } else { state[i] })
 }

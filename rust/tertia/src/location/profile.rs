@@ -126,7 +126,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 pub(super) struct Unbounded;
 
 /// The axis of the largest variance, by powers of the matrix.
-fn longest<const D: usize>(covariance: &Matrix<D>) -> (Vector<D>, f64) {
+pub(super) fn longest<const D: usize>(covariance: &Matrix<D>) -> (Vector<D>, f64) {
     let mut largest = 0;
     for i in 1..D {
         if covariance[i][i] > covariance[largest][largest] {

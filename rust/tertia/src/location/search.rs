@@ -8,7 +8,7 @@ use super::descent::{
 };
 use super::fix::Status;
 use super::lenth::{self, Weight};
-use crate::base::small::{Factor, Vector, quadratic, undetermined};
+use crate::base::small::{Factor, Vector, norm, quadratic, undetermined};
 
 const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;
@@ -35,6 +35,9 @@ const RIVALRY: usize = 4;
 /// Where a descent creeps closer than this, it would end at a station: close to one, its azimuth
 /// can be anything.
 const APPROACHED: f64 = 1e-2;
+/// A start is clearly on the side of a minimum if its distance is this share of that of the mirror
+/// image at most.
+const CLEARLY: f64 = 0.3;
 /// Largest cost of a point where as many measurements as coordinates meet.
 const MEETING: f64 = 1e-6;
 
@@ -98,7 +101,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let heard = arrivals::start(self.problem.measurements);
         if let Some(start) = heard.filter(|_| !self.unknown) {
             let minimum = self.refine_steadily(start);
-            if self.is_trusted(&minimum, limits[0]) {
+            if self.is_trusted(&minimum, limits[0]) && self.is_on_its_side(&minimum, &start) {
                 return Ok(minimum);
             }
         }
@@ -126,7 +129,19 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             return Err(Status::NoIntersection);
         };
         let minimum = self.refine(points[start], scratch);
+        if self.problem.measurements.iter().any(|m| m.kind.is_difference()) {
+            let mirrored = arrivals::mirrored(self.problem.measurements, &minimum.state);
+            points.push(mirrored);
+            costs.push(self.problem.cost(&mirrored, self.loss, minimum.scale));
+        }
         self.rivalled(minimum, points, costs, scratch)
+    }
+
+    /// Whether a start tells a minimum from its mirror image.
+    fn is_on_its_side(&self, minimum: &Minimum<N>, start: &Vector<N>) -> bool {
+        let mirrored = arrivals::mirrored(self.problem.measurements, &minimum.state);
+        let distance = |x: &Vector<N>| norm::<D>(&std::array::from_fn(|i| x[i] - start[i]));
+        distance(&minimum.state) < CLEARLY * distance(&mirrored)
     }
 
     /// A position with the emission that arrivals have from there.

@@ -29,6 +29,11 @@ impl Kind {
     pub fn is_angle(self) -> bool {
         matches!(self, Self::Azimuth | Self::Elevation)
     }
+
+    /// Whether it tells distances from stations only compared with each other.
+    pub fn is_difference(self) -> bool {
+        matches!(self, Self::RangeDifference | Self::Arrival)
+    }
 }
 
 /// A measured number, its station (relative to the first one) and its standard deviation.
