@@ -70,9 +70,13 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "right treatment": weights.right_treatment,
         "area": weights.area,
     },
+    "honesty.md": {
+        "locate": location.coverage,
+    },
     "location.md": {
         "faults": location.faults,
         "poor geometry": location.poor_geometry,
+        "biases": location.biases,
         "lenth": location.lenth,
     },
     "association.md": {

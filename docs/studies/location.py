@@ -1,15 +1,18 @@
 """The tables and pictures of the page on location."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from studies import honesty
+from studies.honesty import BoolArray
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics, plot
 from tertia.location import Location, LocationMethod, Station, accuracy_map, locate
+from tertia.sensors import Bias, Kind
 from tertia.simulate import stations
 
 TRIALS = repetitions(20_000)
@@ -33,6 +36,9 @@ CASES: dict[str, tuple[list[Station], list[float]]] = {
     ),
     "8 ranges": ([Station(p, range_sigma=10.0) for p in FINDERS], [700.0, 1100.0]),
 }
+# quantiles of chi-square at 95 %, by the number of coordinates
+LIMITS = {2: 5.991, 3: 7.815}
+SIGMAS = {"range": 10.0, "azimuth": np.radians(2.0), "elevation": np.radians(2.0)}
 # Lenth (1981), as published: bearings, estimator, position, standard deviations
 METHODS: tuple[LocationMethod, ...] = ("lenth-mle", "lenth-huber", "lenth-andrews", "robust")
 LENTH = np.array(
@@ -91,26 +97,158 @@ def faults() -> str:
 
 
 def poor_geometry() -> str:
-    """Compare the error of two bearings that cross at a small angle with the linear one."""
+    """Compare the errors of bearings that cross at small angles with those that are claimed."""
+    cases: list[tuple[str, list[list[float]], FloatArray]] = [
+        (
+            f"2 finders, {baseline:.0f} m apart",
+            [[0, 0], [baseline, 0]],
+            np.array([baseline / 2, 1000]),
+        )
+        for baseline in (2000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0)
+    ]
+    line = [[0.0, 0.0], [300.0, 0.0], [600.0, 0.0], [900.0, 0.0]]
+    cases += [
+        (f"4 finders in a line of 900 m, target {far / 1000:.0f} km away", line,
+         np.array([450 + far / 2, far]))
+        for far in (1000.0, 3000.0, 10_000.0, 30_000.0)
+    ]  # fmt: skip
     rows = []
-    for baseline in (2000.0, 500.0, 200.0, 100.0):
-        places = [
-            Station([0.0, 0.0], azimuth_sigma=0.02),
-            Station([baseline, 0.0], azimuth_sigma=0.02),
-        ]
-        target = np.array([baseline / 2, 1000.0])
-        record = stations(places, target, batch=TRIALS, rng=generator(41, int(baseline)))
+    for at, (name, sites, target) in enumerate(cases):
+        places = [Station(site, azimuth_sigma=0.02) for site in sites]
+        record = stations(places, target, batch=TRIALS, rng=generator(41, at))
         fix = locate(places, azimuth=record.measurements["azimuth"])
-        linear = accuracy_map(places, target).sigma
+        linear = np.max(accuracy_map(places, target).sigma)
         located = np.asarray(fix.success)
-        nees = np.asarray(metrics.nees(fix.position - target, fix.covariance))[located]
-        bias = np.median(fix.position[located, 1]) - target[1]
+        square = np.asarray(metrics.nees(fix.position - target, fix.covariance))[located]
+        claimed = np.median(np.max(fix.sigma[located], axis=-1)) if located.any() else np.nan
         rows.append(
-            [f"{baseline:.0f}", f"{linear[1]:.0f}", f"{bias:+.0f}", f"{nees.mean() / 2:.2f}",
-             f"{1 - located.mean():.1%}"]
+            [name, f"{linear:.0f}", f"{claimed:.0f}", f"{square.mean() / 2:.2f}",
+             f"{np.mean(square < LIMITS[2]):.0%}", f"{1 - located.mean():.1%}"]
         )  # fmt: skip
-    head = ["baseline, m", "linear σ north, m", "median error north, m", "NEES", "no position"]
+    head = ["bearings of .02 rad", "linear σ, m", "claimed σ, m (median)", "NEES", "inside 95 %"]
+    return markdown([*head, "no position"], rows)
+
+
+def biases() -> str:
+    """Tell what sigmas claim that are trusted, left to the contradictions, and given."""
+    rows = []
+    errors = {"none": 0.0, "2 σ, the same at all instants": 1, "2 σ, new at each of ten stops": 10}
+    for at, (stops, name) in enumerate((int(stops), name) for name, stops in errors.items()):
+        for count in (4, 8):
+            places = np.array(FINDERS[:count], float)
+            cells = np.zeros((3, 2))
+            runs = repetitions(200)
+            for run in range(runs):
+                rng = generator(44, at, count, run)
+                truth = path(200, 2)
+                bias = 2 * rng.standard_normal((max(stops, 1), count)) * bool(stops)
+                error = rng.standard_normal((200, count)) + np.repeat(
+                    bias, 200 // len(bias), axis=0
+                )
+                sigma = SIGMAS["azimuth"]
+                azimuth = directions(truth, places)["azimuth"] + sigma * error
+                given = Bias(azimuth_sigma=2 * sigma * bool(stops))
+                for column, known in enumerate((Bias(), None, given)):
+                    fix = locate(places, azimuth=azimuth, azimuth_sigma=sigma, bias=known)
+                    located = np.asarray(fix.success)
+                    off = (fix.position - truth)[located]
+                    square = np.asarray(metrics.nees(off, fix.covariance[located]))
+                    cells[column] += np.mean(square < LIMITS[2]), np.mean(np.sum(off**2, axis=-1))
+            share, rmse = cells[:, 0] / runs, np.sqrt(cells[:, 1] / runs)
+            rows.append(
+                [name, str(count), *(f"{s:.0%}, {r:.0f}" for s, r in zip(share, rmse, strict=True))]
+            )
+    head = ["biases", "finders", "`bias=Bias()`: inside 95 %, RMSE in m", "`bias=None`", "given"]
     return markdown(head, rows)
+
+
+def coverage() -> str:
+    """Tell how often 95 % ellipses hold the target, with errors as they are in the field."""
+    sights: tuple[Kind, ...] = ("azimuth",)
+    polar: tuple[Kind, ...] = ("range", "azimuth", "elevation")
+    batch, finders, radars = repetitions(200, 40), np.array(FINDERS, float), np.array(RADARS, float)
+    few, more = finders[:4], finders[[0, 2, 4, 5, 7]]
+    pooled = {"pooled": True}
+    free = {"azimuth_sigma": None, **pooled}
+    return honesty.coverage_table(
+        {
+            "4 bearings, each instant alone": inside(few, sights, 1),
+            "4 bearings, 10 instants": inside(few, sights, 10),
+            f"4 bearings, {batch} instants": inside(few, sights, batch),
+            "4 bearings, the same, `pooled`": inside(few, sights, batch, **pooled),
+            f"3 bearings, no sigma, `pooled`, {batch} instants": inside(
+                finders[:3], sights, batch, **free
+            ),
+            "8 bearings, each instant alone": inside(finders, sights, 1),
+            "8 bearings, 10 instants": inside(finders, sights, 10),
+            f"8 bearings, {batch} instants": inside(finders, sights, batch),
+            "8 bearings, the same, `pooled`": inside(finders, sights, batch, **pooled),
+            "5 ranges, each instant alone": inside(more, ("range",), 1),
+            f"5 ranges, {batch} instants": inside(more, ("range",), batch),
+            "3 radars in space, each instant alone": inside(radars, polar, 1),
+            f"3 radars in space, {batch} instants": inside(radars, polar, batch),
+        },
+        study=43,
+    )
+
+
+def inside(
+    places: FloatArray, kinds: Sequence[Kind], batch: int, **options: Any
+) -> Callable[[honesty.Draw], BoolArray]:
+    """Return what locates a path in batches of so many instants; only located ones count."""
+
+    def run(draw: honesty.Draw) -> BoolArray:
+        found = []
+        for _ in range(repetitions(4000 // max(batch, 40), 1)):
+            truth = path(max(batch, 40), places.shape[1])
+            measured: dict[str, Any] = {}
+            true = directions(truth, places)
+            for kind in kinds:
+                error = draw(true[kind].T.shape, true["azimuth"].T).T
+                measured |= {kind: true[kind] + SIGMAS[kind] * error, f"{kind}_sigma": SIGMAS[kind]}
+            measured |= options
+            found.append(hits(places, kinds, measured, truth, alone=batch == 1))
+        return np.concatenate(found)
+
+    return run
+
+
+def hits(
+    places: FloatArray,
+    kinds: Sequence[Kind],
+    measured: dict[str, Any],
+    truth: FloatArray,
+    alone: bool,
+) -> BoolArray:
+    """Return whether the ellipses of the located instants hold the truth."""
+    rest = {name: value for name, value in measured.items() if name not in kinds}
+    parts = range(len(truth)) if alone else [slice(None)]
+    squares = []
+    for part in parts:
+        # one instant in a batch of its own: no error where it is not located
+        own = {kind: np.atleast_2d(measured[kind][part]) for kind in kinds}
+        fix = locate(places, **own, **rest)
+        error = fix.position - np.atleast_2d(truth[part])
+        squares.append(np.asarray(metrics.nees(error, fix.covariance))[np.asarray(fix.success)])
+    return np.concatenate(squares) < LIMITS[places.shape[1]]
+
+
+def path(steps: int, dimension: int) -> FloatArray:
+    """Return positions of a target that passes between the stations."""
+    t = np.linspace(0.0, 1.0, steps)
+    flat = np.stack([300 + 1200 * t, 700 + 600 * np.sin(3 * t)], axis=-1)
+    return flat if dimension == 2 else np.column_stack([flat, 500 + 200 * t])
+
+
+def directions(target: FloatArray, places: FloatArray) -> dict[str, FloatArray]:
+    """Return ranges and angles of targets (N, D) from stations (K, D), each (N, K)."""
+    d = target[:, np.newaxis] - places
+    level = np.hypot(d[..., 0], d[..., 1])
+    return {
+        "range": np.linalg.norm(d, axis=-1),
+        "azimuth": np.arctan2(d[..., 0], d[..., 1]),
+        "elevation": np.arctan2(d[..., -1], level),
+    }
 
 
 def lenth() -> str:

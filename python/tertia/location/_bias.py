@@ -62,12 +62,12 @@ class Given:
         columns: dict[str, Any] = {}
         for at, kind in enumerate(STATION_KINDS):
             demanded = np.zeros(self.sigma.shape[-1])
-            if kind in stated:
+            if kind in stated and growth[at] > 1.0:
                 sigma = stated[kind]
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", RuntimeWarning)  # stations without a sigma
                     typical = np.nanmedian(sigma.reshape(-1, sigma.shape[-1]), axis=0)
-                demanded = np.nan_to_num(typical) * np.sqrt(np.fmax(growth[at] - 1.0, 0.0))
+                demanded = np.nan_to_num(typical) * np.sqrt(growth[at] - 1.0)
             columns[kind] = self.value[at]
             columns[f"{kind}_sigma"] = np.where(np.isnan(self.sigma[at]), demanded, self.sigma[at])
         return Bias(**columns)

@@ -110,6 +110,11 @@ impl<const D: usize> Factor<D> {
         x
     }
 
+    /// `ln |A|`, of the matrix without damping.
+    pub fn ln_determinant(&self) -> f64 {
+        (0..D).map(|i| 2.0 * (self.lower[i][i] / self.scale[i]).ln()).sum()
+    }
+
     /// `A^-1`, symmetric to the last bit.
     pub fn inverse(&self) -> Matrix<D> {
         let mut inverse = [[0.0; D]; D];

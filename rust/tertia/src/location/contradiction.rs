@@ -1,24 +1,28 @@
 //! By how much the measurements of a batch contradict each other more than their sigmas allow.
 //!
-//! What a position cannot explain stays in the residuals: of kind c, `N_c = Σ w r²` of `H_c = Σ w
-//! (1 − w h)` degrees of freedom, with the weights w and leverages h of the estimate. The factor
+//! What a position cannot explain stays in the residuals: of kind c, `N_c = Σ r²` of `H_c = Σ (1 −
+//! h)` degrees of freedom, with leverages h, of least squares without the outliers. The factor
 //! `φ_c ← φ_c N_c / H_c` of the variances, with new positions each time, converges to the maximum
 //! of the restricted likelihood (Patterson, Thompson 1971).
+//!
+//! Where outliers are rejected, few measurements of a kind may be taken for outliers one after the
+//! other, so that nothing is left that contradicts. So the rounds start once more from the factors
+//! of least squares, and where that leads elsewhere, the larger restricted likelihood counts, of
+//! normal errors and a share of outliers.
 //!
 //! An error that lasts is the same contradiction again and again. With the correlation `ρ_l` of
 //! residuals that are l instants apart, about zero, n instants count as `n / (1 + 2 Σ ρ_l²)`
 //! (Bartlett 1935, for squares).
 
-use super::descent::{Loss, TUKEY};
+use super::descent::Loss;
 use super::fix::{Fix, Instant, Output, Status};
 use super::growth::{agreeing, growth};
 use super::record::Record;
 use super::solver::{Locator, Workspace};
-use super::summary::Expected;
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
-use crate::base::small::{Factor, Matrix, dot};
-use crate::sensors::{KINDS, Row};
+use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::sensors::{KINDS, Measurement, Row};
 
 /// So many instants, evenly spread, tell enough of a batch.
 const SAMPLE: usize = 256;
@@ -28,6 +32,14 @@ const SETTLED: f64 = 0.01;
 /// Degrees of freedom below which nothing is learnt.
 const LEAST_FREEDOM: f64 = 1e-6;
 const OUTSIDE: f64 = 0.05;
+/// Degrees of freedom for which sigmas of one kind count that are as wrong as those of the others:
+/// the few residuals of a kind that others hardly check may agree by chance.
+const ALIKE: f64 = 10.0;
+/// Share of outliers from which on they may be sigmas that are too small.
+const MANY: f64 = 0.03;
+/// Shares of outliers, spread evenly over 100 σ: their density over that of a normal number at 0.
+const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
+const FLAT: f64 = 2.506_628_274_631_000_5 / 100.0;
 
 /// What a batch says of the errors of each kind of measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,12 +79,26 @@ fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) {
     }
 }
 
+/// The instants that are asked, and which of their sigmas may be wrong.
+struct Problem<'a> {
+    sample: &'a [Instant<'a>],
+    free: &'a [bool],
+    pooled: bool,
+}
+
 /// What the residuals of all instants add up to.
+#[derive(Default)]
 struct Sums {
     square: [f64; KINDS],
     freedom: [f64; KINDS],
-    /// 5 K weighted residuals of each instant, 0 where there is none.
+    /// 5 K residuals of each instant, 0 where there is none.
     residual: Vec<f64>,
+    /// Restricted log likelihood of each instant, by the share of outliers; nan where there is no
+    /// position.
+    likelihood: Vec<[f64; SHARES.len()]>,
+    /// Measurements without and with weight.
+    rejected: f64,
+    kept: f64,
 }
 
 impl Locator {
@@ -88,53 +114,80 @@ impl Locator {
     ) -> Contradiction {
         let count = instants.len().min(SAMPLE);
         let sample: Vec<_> = (0..count).map(|i| instants[i * instants.len() / count]).collect();
-        let mut factor = [1.0; KINDS];
+        let mut start = [1.0; KINDS];
         if pooled {
-            let Some(start) = self.first_factor(&sample, workspace) else {
+            let Some(first) = self.first_factor(&sample, workspace) else {
                 return Contradiction { growth: [f64::NAN; KINDS], ..Contradiction::NONE };
             };
-            factor = [start; KINDS];
+            start = [first; KINDS];
         }
-        let mut sums;
-        let mut round = 0;
-        loop {
-            sums = self.sums(&sample, free, &factor, workspace);
-            let mut change = 0.0_f64;
-            for kind in 0..KINDS {
-                if sums.freedom[kind] <= LEAST_FREEDOM {
-                    continue;
-                }
-                let agrees = sums.square[kind] <= agreeing(sums.freedom[kind]);
-                sums.square[kind] *= factor[kind];
-                if !pooled && factor[kind] == 1.0 && agrees {
-                    continue;
-                }
-                let least = if pooled { f64::MIN_POSITIVE } else { 1.0 };
-                let next = (sums.square[kind] / sums.freedom[kind]).max(least);
-                change = change.max((next / factor[kind]).ln().abs());
-                factor[kind] = next;
-            }
-            round += 1;
-            if round == ROUNDS || change < SETTLED {
-                break;
+        let problem = Problem { sample: &sample, free, pooled };
+        let (mut factor, mut sums) = self.settled(&problem, start, workspace);
+        let doubtful = factor != start || sums.rejected > MANY * sums.kept;
+        if doubtful && self.is_robust() {
+            // few measurements of a kind may all be taken for outliers, one after the other
+            let (above, _) = self.plain().settled(&problem, start, workspace);
+            let (other, others) = self.settled(&problem, above, workspace);
+            if others.explains_better_than(&sums) {
+                (factor, sums) = (other, others);
             }
         }
         let mut found = Contradiction { factor, ..Contradiction::NONE };
+        let total: f64 = sums.freedom.iter().sum();
+        let others = |freedom: f64| ALIKE.min(total - freedom);
         for kind in 0..KINDS {
             let freedom = sums.freedom[kind];
             if freedom <= LEAST_FREEDOM {
                 found.factor[kind] = 1.0;
                 continue;
             }
-            let effective = freedom * sums.independent(kind, count);
+            let effective = freedom * sums.independent(kind, count) + others(freedom);
             found.degrees_of_freedom[kind] = effective;
             found.growth[kind] = if pooled {
                 factor[kind] * student::<D>(effective)
             } else {
-                growth::<D>(sums.square[kind] / freedom * effective, effective)
+                growth::<D>(factor[kind] * effective, effective)
             };
         }
         found
+    }
+
+    /// The factors to which rounds of estimation lead, and the sums there.
+    fn settled<const D: usize>(
+        &self,
+        problem: &Problem<'_>,
+        start: [f64; KINDS],
+        workspace: &mut Workspace<D>,
+    ) -> ([f64; KINDS], Sums) {
+        let mut factor = start;
+        let mut round = 0;
+        loop {
+            let mut sums = self.sums(problem, &factor, workspace);
+            let known = |kind: &usize| sums.freedom[*kind] > LEAST_FREEDOM;
+            let kinds: Vec<usize> = (0..KINDS).filter(known).collect();
+            let contradicts = |&kind: &usize| {
+                factor[kind] != 1.0 || sums.square[kind] > agreeing(sums.freedom[kind])
+            };
+            if !problem.pooled && !kinds.iter().any(contradicts) {
+                return (factor, sums);
+            }
+            let least = if problem.pooled { f64::MIN_POSITIVE } else { 1.0 };
+            for &kind in &kinds {
+                sums.square[kind] *= factor[kind];
+            }
+            let common = sums.common();
+            let mut change = 0.0_f64;
+            for &kind in &kinds {
+                let (square, freedom) = (sums.square[kind], sums.freedom[kind]);
+                let next = ((square + ALIKE * common) / (freedom + ALIKE)).max(least);
+                change = change.max((next / factor[kind]).ln().abs());
+                factor[kind] = next;
+            }
+            round += 1;
+            if round == ROUNDS || change < SETTLED {
+                return (factor, sums);
+            }
+        }
     }
 
     /// The variance that the instants have in the median, 1 where sigmas are known; none if nothing
@@ -180,16 +233,16 @@ impl Locator {
     /// Squares and degrees of freedom of the residuals with these factors of the variances.
     fn sums<const D: usize>(
         &self,
-        sample: &[Instant<'_>],
-        free: &[bool],
+        problem: &Problem<'_>,
         factor: &[f64; KINDS],
         workspace: &mut Workspace<D>,
     ) -> Sums {
-        let zero = [0.0; KINDS];
-        let mut sums = Sums { square: zero, freedom: zero, residual: Vec::new() };
+        let Problem { sample, free, .. } = *problem;
+        let mut sums = Sums::default();
         for instant in sample {
             let at = sums.residual.len();
             sums.residual.resize(at + free.len(), 0.0);
+            sums.likelihood.push([f64::NAN; SHARES.len()]);
             let mut sigmas = instant.sigmas.to_vec();
             stretch(&mut sigmas, free, factor);
             let fix = self.located(instant, &sigmas, workspace);
@@ -200,9 +253,9 @@ impl Locator {
             let of_arrivals = self.has_arrivals(instant);
             let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
             match (D, of_arrivals) {
-                (_, false) => sums.add(loss, &records[0], free, at),
-                (2, true) => sums.add(loss, &plane.0, free, at),
-                _ => sums.add(loss, &space.0, free, at),
+                (_, false) => sums.add(loss, &records[0], free, at, factor),
+                (2, true) => sums.add(loss, &plane.0, free, at, factor),
+                _ => sums.add(loss, &space.0, free, at, factor),
             }
         }
         sums
@@ -216,29 +269,66 @@ impl Sums {
         record: &Record<D, N>,
         free: &[bool],
         at: usize,
+        factor: &[f64; KINDS],
     ) {
         let Record { measurements, rows, places, .. } = record;
-        let rows = || measurements.iter().zip(rows).zip(places);
-        let mut normal: Matrix<N> = [[0.0; N]; N];
-        for ((m, Row { residual, gradient }), _) in rows() {
-            let (weight, ..) = loss.of(m.kind).at(*residual);
+        let all = || measurements.iter().zip(rows).zip(places);
+        let keeps = |m: &Measurement<D>, row: &Row<N>| !loss.of(m.kind).is_fault(row.residual);
+        let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
+        for (_, row) in measurements.iter().zip(rows).filter(|(m, row)| keeps(m, row)) {
             for i in 0..N {
+                vector[i] += row.residual * row.gradient[i];
                 for j in 0..N {
-                    normal[i][j] += weight * gradient[i] * gradient[j];
+                    normal[i][j] += row.gradient[i] * row.gradient[j];
                 }
             }
         }
-        let Some(factor) = Factor::try_new(&normal, 0.0) else { return };
-        let spread = if loss == Loss::Tukey(TUKEY) { Expected::of_tukey(1.0).spread } else { 1.0 };
+        let Some(lower) = Factor::try_new(&normal, 0.0) else { return };
+        // the residuals of least squares with what is kept: those of weights depend on the weights
+        let step = lower.solve(&vector);
         let stations = free.len() / KINDS;
-        for ((m, Row { residual, gradient }), &place) in rows().filter(|(_, place)| free[**place]) {
-            let (weight, ..) = loss.of(m.kind).at(*residual);
-            let leverage = dot(&factor.solve(gradient), gradient);
+        let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
+        for ((m, row), &place) in all() {
             let kind = place / stations;
-            self.square[kind] += weight * residual * residual / spread;
-            self.freedom[kind] += weight * (1.0 - weight * leverage).max(0.0);
-            self.residual[at + place] = weight.sqrt() * residual;
+            let kept = keeps(m, row);
+            let residual = row.residual - dot(&row.gradient, &step);
+            let unit = if free[place] { factor[kind] } else { 1.0 };
+            for (sum, share) in likelihood.iter_mut().zip(SHARES) {
+                let normal = (1.0 - share) * (-0.5 * residual * residual).exp() / unit.sqrt();
+                *sum += (normal + share * FLAT).ln();
+            }
+            *if kept { &mut self.kept } else { &mut self.rejected } += 1.0;
+            if kept && free[place] {
+                let leverage = dot(&lower.solve(&row.gradient), &row.gradient);
+                self.square[kind] += residual * residual;
+                self.freedom[kind] += (1.0 - leverage).max(0.0);
+                self.residual[at + place] = residual;
+            }
         }
+        if let Some(last) = self.likelihood.last_mut() {
+            *last = likelihood;
+        }
+    }
+
+    /// The factor that all kinds have in common.
+    fn common(&self) -> f64 {
+        self.square.iter().sum::<f64>() / self.freedom.iter().sum::<f64>()
+    }
+
+    /// Whether instants that are located with both are likelier, with the better share of outliers.
+    fn explains_better_than(&self, other: &Self) -> bool {
+        let mut sums = [[0.0; SHARES.len()]; 2];
+        for (own, others) in self.likelihood.iter().zip(&other.likelihood) {
+            if own[0].is_nan() || others[0].is_nan() {
+                continue;
+            }
+            for i in 0..SHARES.len() {
+                sums[0][i] += own[i];
+                sums[1][i] += others[i];
+            }
+        }
+        let [own, others] = sums.map(|sum| sum.into_iter().fold(f64::NEG_INFINITY, f64::max));
+        own > others
     }
 
     /// The share of so many instants that counts, of one kind.

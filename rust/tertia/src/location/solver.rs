@@ -119,6 +119,16 @@ impl Locator {
         self.one(instant, 0, out, workspace)
     }
 
+    /// Whether outliers are looked for.
+    pub(super) fn is_robust(&self) -> bool {
+        matches!(self.method, Method::Robust(_))
+    }
+
+    /// The same by least squares.
+    pub(super) fn plain(&self) -> Self {
+        Self { method: Method::LeastSquares, ..*self }
+    }
+
     /// What a residual costs, with so many degrees of freedom.
     pub(super) fn loss(&self, redundancy: usize, of_arrivals: bool) -> Loss {
         match self.method {
