@@ -35,6 +35,7 @@ __all__ = [
     "gate_pairs",
     "gate_sectors",
     "gate_threshold",
+    "group_arrivals",
     "grubbs",
     "k_sigma",
     "least_count",
@@ -49,6 +50,7 @@ __all__ = [
     "plan_speeds",
     "plots_to_cartesian",
     "reconstruct",
+    "reconstruct_arrivals",
     "register_biases",
     "register_noise",
     "singer_transition",
@@ -340,6 +342,10 @@ def smooth(
 def reconstruct(
     measured: dict[str, Any], steps: dict[str, Any], n_threads: int | None
 ) -> dict[str, Any]: ...
+def group_arrivals(
+    time: FloatArray, sensor: list[int], identity: list[int]
+) -> list[int | None]: ...
+def reconstruct_arrivals(net: dict[str, Any], recorded: dict[str, Any]) -> dict[str, Any]: ...
 def gate_threshold(probability: float, dimension: int) -> float: ...
 def gate_sectors(
     innovation: FloatArray, covariance: FloatArray, velocity: FloatArray

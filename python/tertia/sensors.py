@@ -228,7 +228,9 @@ class Bias:
         Metres, of one sensor or of K.
     azimuth, elevation : float or ndarray of shape (K,)
         Radians.
-    range_sigma, azimuth_sigma, elevation_sigma : float, ndarray of shape (K,), or None
+    time : float or ndarray of shape (K,)
+        Reading of the sensor's clock less the true time, in seconds.
+    range_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of shape (K,), or None
         Their standard deviations.
 
     Raises
@@ -248,9 +250,11 @@ class Bias:
     range: float | FloatArray
     azimuth: float | FloatArray
     elevation: float | FloatArray
+    time: float | FloatArray
     range_sigma: float | FloatArray | None
     azimuth_sigma: float | FloatArray | None
     elevation_sigma: float | FloatArray | None
+    time_sigma: float | FloatArray | None
 
     def __init__(
         self,
@@ -258,18 +262,22 @@ class Bias:
         range: npt.ArrayLike = 0.0,  # noqa: A002  # its name everywhere
         azimuth: npt.ArrayLike = 0.0,
         elevation: npt.ArrayLike = 0.0,
+        time: npt.ArrayLike = 0.0,
         range_sigma: npt.ArrayLike | None = 0.0,
         azimuth_sigma: npt.ArrayLike | None = 0.0,
         elevation_sigma: npt.ArrayLike | None = 0.0,
+        time_sigma: npt.ArrayLike | None = 0.0,
         degrees: bool = False,
     ) -> None:
         given = {
             "range": range,
             "azimuth": azimuth,
             "elevation": elevation,
+            "time": time,
             "range_sigma": range_sigma,
             "azimuth_sigma": azimuth_sigma,
             "elevation_sigma": elevation_sigma,
+            "time_sigma": time_sigma,
         }
         arrays = {
             name: _bias_number(value, name, degrees)
@@ -297,7 +305,7 @@ class Bias:
         """Return the bias of one of the sensors."""
         len(self)
         own: dict[str, Any] = {}
-        for name in self.__slots__:
+        for name in Bias.__slots__:
             value = getattr(self, name)
             own[name] = None if value is None else value[sensor]
         return Bias(**own)
@@ -305,7 +313,7 @@ class Bias:
     def __repr__(self) -> str:
         """Show what is not zero."""
         shown = []
-        for name in self.__slots__:
+        for name in Bias.__slots__:
             value = getattr(self, name)
             if value is None:
                 shown.append(f"{name}=None")

@@ -10,7 +10,24 @@ clockwise from north.
 """
 
 from tertia.sensors import Bias, ByKind, Station
+from tertia.trajectory._arrivals import group_arrivals, reconstruct_arrivals
+from tertia.trajectory._arrivals_result import Arrivals, ArrivalTrajectory
+from tertia.trajectory._clocks import ClockBias
 from tertia.trajectory._reconstruct import Order, Smoother, Spatial, reconstruct
 from tertia.trajectory._result import Trajectory
 
-__all__ = ["Bias", "ByKind", "Order", "Smoother", "Spatial", "Station", "Trajectory", "reconstruct"]
+__all__ = [
+    "ArrivalTrajectory",
+    "Arrivals",
+    "Bias",
+    "ByKind",
+    "ClockBias",
+    "Order",
+    "Smoother",
+    "Spatial",
+    "Station",
+    "Trajectory",
+    "group_arrivals",
+    "reconstruct",
+    "reconstruct_arrivals",
+]

@@ -1,6 +1,7 @@
 //! Python bindings of Tertia: arrays in, GIL released, kernel, arrays out. No arithmetic here.
 
 mod arrays;
+mod arrivals;
 mod association;
 mod bearing;
 mod flightplan;
@@ -20,6 +21,8 @@ use pyo3::prelude::*;
 /// The compiled core of the `tertia` package.
 #[pymodule(name = "_core", gil_used = false)]
 mod core_module {
+    #[pymodule_export]
+    use super::arrivals::{group_arrivals, reconstruct_arrivals};
     #[pymodule_export]
     use super::association::{
         assign_pairs, gate_pairs, gate_sectors, gate_threshold, likelihood_score, paper_score,

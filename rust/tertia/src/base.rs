@@ -20,5 +20,6 @@ pub(crate) mod moments;
 pub(crate) mod plane;
 #[cfg(test)]
 pub(crate) mod random;
+pub(crate) mod skyline;
 pub(crate) mod small;
 pub(crate) mod vector;

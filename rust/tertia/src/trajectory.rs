@@ -8,6 +8,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+pub mod arrivals;
 mod bias;
 mod failure;
 mod fixes;

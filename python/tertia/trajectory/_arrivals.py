@@ -1,0 +1,397 @@
+"""Trajectories from arrival times at receivers that nobody synchronised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, Systematic, finite, instance, positive, real, require_each
+from tertia.sensors import Station, stack_stations
+from tertia.trajectory._arrivals_result import Arrivals, ArrivalTrajectory
+from tertia.trajectory._clocks import ClockBias
+
+Beacon: TypeAlias = int | Station | npt.ArrayLike
+
+# residual beyond which an arrival is an outlier
+_OUTLIER = 4.0
+# share of the extent of the net to which times must be resolved
+_RESOLUTION = 1e-4
+
+
+def group_arrivals(arrivals: Arrivals) -> Arrivals:
+    """Find which arrivals belong to the same emission, although no clock agrees with another.
+
+    Parameters
+    ----------
+    arrivals : Arrivals
+        Identities must emit at irregular intervals, or at intervals of their own: offsets of clocks
+        are found by comparing intervals.
+
+    Returns
+    -------
+    Arrivals
+        The same with `emission`. It is -1 for the later arrivals (echoes) of an emission that a
+        receiver heard twice, and for receivers that share too few emissions with the others.
+
+    Raises
+    ------
+    TypeError
+        `arrivals` is something else.
+
+    Notes
+    -----
+    Receivers join one after the other. Differences between the arrivals of all identities at one
+    receiver and the emissions that are known have a peak at the offset of its clock: the window
+    that stands out of its surroundings most. A line of least absolute deviations through the peak
+    gives the rate. Times on one clock are cut into emissions wherever the gap is larger than half
+    the width of the widest peak. `reconstruct_arrivals` does the same, and in addition knows how
+    far sound or light goes between receivers.
+
+    Cost N log N, and at most two million differences for each receiver.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.trajectory import Arrivals, group_arrivals
+    >>> emitted = np.cumsum(np.random.default_rng(1).uniform(20, 40, 30))
+    >>> time = np.concatenate([emitted, emitted + 71.3])  # the second clock is 71.3 s fast
+    >>> group_arrivals(Arrivals(time, np.repeat([0, 1], 30), np.full(60, 7)))
+    Arrivals(60 arrivals in 30 emissions of 1 identity at 2 receivers)
+    """
+    instance(arrivals, "arrivals", Arrivals)
+    _, identity = np.unique(arrivals.identity, return_inverse=True)
+    found = _core.group_arrivals(arrivals.time, arrivals.sensor.tolist(), identity.tolist())
+    emission = [-1 if one is None else one for one in found]
+    return Arrivals(arrivals.time, arrivals.sensor, arrivals.identity, emission)
+
+
+def reconstruct_arrivals(
+    stations: Sequence[Station],
+    arrivals: Arrivals,
+    *,
+    beacons: Mapping[Any, Beacon] | None = None,
+    propagation_speed: float,
+    propagation_speed_sigma: float = 0.0,
+    path_sigma: float | None = None,
+    clock_drift: float | None = None,
+    jerk: float | None = None,
+) -> ArrivalTrajectory:
+    """Reconstruct trajectories from arrival times at receivers whose clocks are not synchronised.
+
+    Parameters
+    ----------
+    stations : sequence of K Station
+        Receivers that do not move. `position_sigma` is the standard deviation of the survey.
+        `arrival_time_sigma`, if given, weighs receivers against each other; a common factor is
+        always estimated. A clock with `bias=Bias(time=...)` is a time base; without any, it is the
+        first station's.
+    arrivals : Arrivals
+        Grouped or not; see `group_arrivals`.
+    beacons : mapping, optional
+        Where identities are that do not move: the number of a station, a position of shape (D,),
+        or a `Station` with a `position_sigma`. All other identities move.
+    propagation_speed, propagation_speed_sigma : float
+        Speed of sound or light in metres per second, and its standard deviation; 0: it is known.
+    path_sigma : float, optional
+        Standard deviation, in seconds, of an error that all arrivals from one beacon at one
+        receiver share; by default estimated.
+    clock_drift : float, optional
+        Intensity of the random walk of the clocks' rates, in 1/sqrt(s); by default estimated.
+    jerk : float, optional
+        Intensity of the white jerk of moving identities in m^2/s^5; by default estimated for each.
+
+    Returns
+    -------
+    ArrivalTrajectory
+        Positions, velocities and accelerations with their covariance; clocks, positions of
+        receivers and the speed of propagation.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, a number outside its domain, times too large to resolve the travel times,
+        receivers that share too few emissions with the others, or an unknown that nothing
+        determines.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    An arrival at receiver h of an emission e is
+
+        t = T_e + |p_e - s_h| / c + o_h(t) + m_bh + error,
+
+    with errors of Student's distribution with 3 degrees of freedom, whose scale is estimated. o_h
+    is linear between nodes, with rates that walk at random; s_h and c have the given
+    standard deviations; m_bh is a constant of a beacon and a receiver; p_e moves with white jerk.
+    All unknowns are estimated at once, by scoring steps; intensities by MacKay's fixed point. The
+    information of an arrival is mean(psi')^2 / mean(psi^2) of the residuals (Huber 1964), so that
+    the covariance does not depend on Student's distribution.
+
+    If the survey is wrong by more than `position_sigma`, or motion is much smoother than it is
+    taken to be, the error goes into the speed: look at `propagation_speed_deviation`.
+
+    Model: Baktoft et al., Scientific Reports 7 (2017) 14294, without separate synchronisation.
+
+    Cost about N (K D)^2 a step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.trajectory import Arrivals, Station, reconstruct_arrivals
+    >>> rng = np.random.default_rng(1)
+    >>> places = np.array([[0.0, 0.0], [300.0, 20.0], [280.0, 310.0], [-10.0, 290.0], [150.0, 400]])
+    >>> emitted = np.cumsum(rng.uniform(10, 30, 120))
+    >>> source = np.column_stack([50 + 0.1 * emitted, 100 + 40 * np.sin(emitted / 200)])
+    >>> identity = np.where(np.arange(120) % 3 == 0, 1, 2)  # identity 1 is at the second receiver
+    >>> source[identity == 1] = places[1]
+    >>> travel = np.linalg.norm(source[:, np.newaxis] - places, axis=-1) / 1500
+    >>> clock = np.array([0, 31.0, -12.0, 5.0, 77.0]) + 1e-5 * emitted[:, np.newaxis] * np.arange(5)
+    >>> time = emitted[:, np.newaxis] + travel + clock + 2e-4 * rng.standard_normal((120, 5))
+    >>> heard = Arrivals(time.ravel(), np.tile(np.arange(5), 120), np.repeat(identity, 5))
+    >>> stations = [Station(place, position_sigma=0.5) for place in places]
+    >>> track = reconstruct_arrivals(
+    ...     stations, heard, beacons={1: 1}, propagation_speed=1500, propagation_speed_sigma=5
+    ... )
+    >>> error = np.linalg.norm(track.position - source[identity == 2], axis=1)
+    >>> bool(np.median(error) < 1.0)
+    True
+    """
+    known = _receivers(stations)
+    instance(arrivals, "arrivals", Arrivals)
+    heard = arrivals
+    k, places = len(known), _places(known)
+    if np.max(heard.sensor) >= k:
+        raise ValueError(f"arrivals have sensor {np.max(heard.sensor)}; there are {k} stations")
+    speed = float(positive(real(propagation_speed, "propagation_speed"), "propagation_speed"))
+    _not_negative(propagation_speed_sigma, "propagation_speed_sigma")
+    if path_sigma is not None:
+        _not_negative(path_sigma, "path_sigma")
+    for name, number in (("clock_drift", clock_drift), ("jerk", jerk)):
+        if number is not None:
+            positive(real(number, name), name)
+    _refuse_coarse(heard.time, speed, places)
+    names, identity = np.unique(heard.identity, return_inverse=True)
+    sites, site_sigma, beacon = _beacons(beacons, names, known, places)
+    is_base, offset = _time_base(known)
+    sigma, _ = _sigmas(known, speed)
+    found = _core.reconstruct_arrivals(
+        {
+            "sites": sites,
+            "site_sigma": site_sigma,
+            "sigma": sigma,
+            "is_base": is_base,
+            "beacon": beacon,
+            "speed": speed,
+            "speed_sigma": float(propagation_speed_sigma),
+            "path_sigma": None if path_sigma is None else float(path_sigma) * speed,
+            "clock_drift": None if clock_drift is None else float(clock_drift),
+            "jerk": None if jerk is None else float(jerk),
+        },
+        {
+            "time": heard.time - offset[heard.sensor],
+            "sensor": heard.sensor.tolist(),
+            "identity": identity.tolist(),
+            "emission": _emission(heard),
+        },
+    )
+    if found["failure"] is not None:
+        why, numbers = found["failure"]
+        _raise(why, numbers, known, names)
+    prior = (speed, float(propagation_speed_sigma))
+    systematic = _systematic(path_sigma, beacon, site_sigma)
+    return _result(found, heard, (known, names), prior, systematic)
+
+
+def _result(
+    found: dict[str, Any],
+    heard: Arrivals,
+    known: tuple[tuple[Station, ...], npt.NDArray[Any]],
+    prior: tuple[float, float],
+    systematic: Systematic,
+) -> ArrivalTrajectory:
+    (stations, names), (speed, speed_sigma) = known, prior
+    sigma, stated = _sigmas(stations, speed)
+    _, offset = _time_base(stations)
+    d = stations[0].position.shape[-1]
+    moving = np.array(found["moving"], dtype=np.int64)
+    owner = np.array(found["identity"], dtype=np.int64)[moving]
+    rows = np.array([-1 if row is None else row for row in found["row"]], dtype=np.int64)
+    used = rows >= 0
+    residual, emission = np.full(len(heard), np.nan), np.full(len(heard), -1)
+    residual[used] = found["residual"][rows[used]]
+    emission[used] = np.array(found["emission"])[rows[used]]
+    clock, variance, covariance = (table.T for table in found["clock"])
+    mean, (place, place_sigma) = found["mean"], found["site"]
+    estimated, estimated_sigma = found["speed"]
+    return ArrivalTrajectory(
+        time=found["time"][moving],
+        time_sigma=found["time_sigma"][moving],
+        target=names[owner],
+        position=mean[:, :d],
+        velocity=mean[:, d : 2 * d],
+        acceleration=mean[:, 2 * d :],
+        covariance=found["covariance"],
+        systematic=systematic,
+        arrivals=Arrivals(heard.time, heard.sensor, heard.identity, emission),
+        residual=residual,
+        outlier=np.abs(residual) > _OUTLIER,
+        bias=ClockBias(found["node"], clock + offset[:, np.newaxis], variance, covariance[:, :-1]),
+        stations=tuple(
+            Station(
+                place[at],
+                arrival_time_sigma=found["noise_factor"] * sigma[at] / speed,
+                position_sigma=float(np.sqrt(np.mean(place_sigma[at] ** 2))),
+                name=stations[at].name,
+            )
+            for at in range(len(stations))
+        ),
+        arrival_time_sigma=found["noise_factor"] * float(np.mean(sigma)) / speed,
+        noise_factor=found["noise_factor"] if stated else np.nan,
+        propagation_speed=estimated,
+        propagation_speed_sigma=estimated_sigma,
+        propagation_speed_deviation=(estimated - speed) / speed_sigma if speed_sigma else np.nan,
+        path_sigma=found["path_sigma"] / speed,
+        clock_drift=found["clock_drift"],
+        jerk={names[one].item(): found["jerk"][one] for one in np.unique(owner)},
+        degrees_of_freedom=found["degrees_of_freedom"],
+        iterations=found["iterations"],
+        success=found["is_converged"],
+    )
+
+
+def _receivers(stations: Sequence[Station]) -> tuple[Station, ...]:
+    if not isinstance(stations, Sequence) or not all(isinstance(s, Station) for s in stations):
+        raise TypeError("stations must be a sequence of Station")
+    if len(stations) < 2:
+        raise ValueError(f"there are {len(stations)} stations; at least 2 are needed")
+    return tuple(stations)
+
+
+def _places(stations: tuple[Station, ...]) -> FloatArray:
+    places, _, _ = stack_stations(stations)
+    if places.ndim != 2:
+        raise ValueError("stations move; receivers must stay where they are")
+    return places
+
+
+def _not_negative(value: float, name: str) -> None:
+    number = finite(real(value, name), name)
+    require_each(number, number >= 0, name, "0 or positive")
+
+
+def _refuse_coarse(time: FloatArray, speed: float, places: FloatArray) -> None:
+    """Fail where the doubles themselves are too coarse."""
+    extent = float(np.linalg.norm(np.ptp(places, axis=0)))
+    if extent == 0:
+        raise ValueError("stations are all at the same place")
+    largest = float(np.max(np.abs(time)))
+    step = float(np.spacing(largest)) * speed
+    if step > _RESOLUTION * extent:
+        raise ValueError(
+            f"time is up to {largest:.3g} s, of which a float64 resolves {np.spacing(largest):.1g} "
+            f"s, or {step:.2g} m of travel; subtract a common start before"
+        )
+
+
+def _beacons(
+    beacons: Mapping[Any, Beacon] | None,
+    names: npt.NDArray[Any],
+    stations: tuple[Station, ...],
+    places: FloatArray,
+) -> tuple[FloatArray, FloatArray, list[int | None]]:
+    """Return all places, their sigmas, and the place of each identity; None where it moves."""
+    k, d = places.shape
+    sites, sigmas = [*places], [station.position_sigma for station in stations]
+    given = {} if beacons is None else beacons
+    if not isinstance(given, Mapping):
+        raise TypeError("beacons must be a mapping from identities to places")
+    found: list[int | None] = []
+    for name in names.tolist():
+        place = given.get(name)
+        if place is None:
+            found.append(None)
+        elif isinstance(place, (int, np.integer)) and not isinstance(place, bool):
+            if not 0 <= place < k:
+                raise ValueError(f"beacons[{name!r}] is station {place}; there are {k} stations")
+            found.append(int(place))
+        else:
+            position = place.position if isinstance(place, Station) else place
+            where = finite(position, f"beacons[{name!r}]")
+            if where.shape != (d,):
+                raise ValueError(f"beacons[{name!r}] has shape {where.shape}; it must be ({d},)")
+            found.append(len(sites))
+            sites.append(where)
+            sigmas.append(place.position_sigma if isinstance(place, Station) else 0.0)
+    return np.array(sites), np.array(sigmas, dtype=np.float64), found
+
+
+def _time_base(stations: tuple[Station, ...]) -> tuple[list[bool], FloatArray]:
+    """Return whose clocks are known, and how much they are fast."""
+    is_base, offset = [], np.zeros(len(stations))
+    for at, station in enumerate(stations):
+        bias = station.bias
+        sigma = None if bias is None else bias.time_sigma
+        if sigma is not None and 0 < sigma < np.inf:
+            raise ValueError(
+                f"stations[{at}].bias.time_sigma is {sigma}; it must be 0 (the clock is a time "
+                "base), or inf or None (it is estimated)"
+            )
+        is_base.append(sigma == 0)
+        if bias is not None and sigma == 0:
+            offset[at] = bias.time
+    if not any(is_base):
+        is_base[0] = True
+    return is_base, offset
+
+
+def _sigmas(stations: tuple[Station, ...], speed: float) -> tuple[FloatArray, bool]:
+    """Return standard deviations of arrivals in metres, and whether they were stated."""
+    given = np.array(
+        [np.nan if (s := station.arrival_time_sigma) is None else s for station in stations]
+    )
+    if np.all(np.isnan(given)):
+        return np.ones(len(stations)), False
+    return np.where(np.isnan(given), np.nanmedian(given), given) * speed, True
+
+
+def _emission(heard: Arrivals) -> list[int | None] | None:
+    if heard.emission is None:
+        return None
+    _, numbers = np.unique(heard.emission, return_inverse=True)
+    return [
+        None if given < 0 else int(number)
+        for given, number in zip(heard.emission, numbers, strict=True)
+    ]
+
+
+def _systematic(
+    path_sigma: float | None, beacon: list[int | None], site_sigma: FloatArray
+) -> Systematic:
+    if path_sigma is not None:
+        return "given"
+    if any(one is not None for one in beacon):
+        return "estimated"
+    return "given" if np.any(site_sigma > 0) else "not included"
+
+
+def _raise(
+    why: str, numbers: list[int], stations: tuple[Station, ...], names: npt.NDArray[Any]
+) -> NoReturn:
+    called = [one.name or f"station {at}" for at, one in enumerate(stations)]
+    if why == "apart":
+        listed = ", ".join(called[number] for number in numbers)
+        raise ValueError(
+            f"clocks of {listed} cannot be tied to the others: they share too few emissions"
+        )
+    if why == "nothing":
+        raise ValueError("arrivals have no emission that two receivers heard")
+    if why == "clock":
+        raise ValueError(f"the clock of {called[numbers[0]]} is not determined by the arrivals")
+    if why == "motion":
+        raise ValueError(f"the motion of {names[numbers[0]]} is not determined by the arrivals")
+    raise ValueError("the arrivals determine neither the clocks nor the speed of propagation")

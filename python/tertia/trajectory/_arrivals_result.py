@@ -1,0 +1,203 @@
+"""Arrivals, and what is reconstructed from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, finite
+from tertia.sensors import Station
+from tertia.trajectory._clocks import ClockBias
+
+# deviation of the speed from what was given, in sigmas, above which it is not believed
+ALARM = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Arrivals:
+    """Times at which receivers heard emissions.
+
+    Attributes
+    ----------
+    time : ndarray of shape (n,)
+        Seconds by the receiver's own clock.
+    sensor : ndarray of shape (n,)
+        Number of the receiver among the stations, from 0.
+    identity : ndarray of shape (n,)
+        Who emitted: integers or strings.
+    emission : ndarray of shape (n,) or None
+        Number of the emission; -1 for an arrival that belongs to none. None: unknown.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Columns of different lengths, no arrivals, a time that is not finite, or a number of a
+        sensor or emission that is not an integer.
+
+    Examples
+    --------
+    >>> from tertia.trajectory import Arrivals
+    >>> Arrivals([12.1, 12.3], [0, 1], [77, 77])
+    Arrivals(2 arrivals of 1 identity at 2 receivers)
+    """
+
+    time: FloatArray
+    sensor: IntArray
+    identity: npt.NDArray[Any]
+    emission: IntArray | None
+
+    def __init__(
+        self,
+        time: npt.ArrayLike,
+        sensor: npt.ArrayLike,
+        identity: npt.ArrayLike,
+        emission: npt.ArrayLike | None = None,
+    ) -> None:
+        instants = finite(time, "time")
+        if instants.ndim != 1 or instants.size == 0:
+            raise ValueError(f"time has shape {instants.shape}; it must be (n,) and not empty")
+        names = np.asarray(identity)
+        columns = {
+            "time": instants,
+            "sensor": _numbers(sensor, "sensor"),
+            "identity": names,
+            "emission": None if emission is None else _numbers(emission, "emission", least=-1),
+        }
+        if names.dtype.kind not in "iuUST":
+            raise TypeError(f"identity has dtype {names.dtype}; it must hold integers or strings")
+        for name, column in columns.items():
+            if column is not None and column.shape != instants.shape:
+                raise ValueError(
+                    f"{name} has shape {column.shape}; it must be {instants.shape}, as time"
+                )
+            object.__setattr__(self, name, column)
+
+    def __len__(self) -> int:
+        """Return the number of arrivals."""
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        """Return what there is."""
+        identities, receivers = np.unique(self.identity).size, np.unique(self.sensor).size
+        grouped = ""
+        if self.emission is not None:
+            count = np.unique(self.emission[self.emission >= 0]).size
+            grouped = f" in {count} emissions"
+        return (
+            f"Arrivals({len(self)} arrivals{grouped} of {identities} "
+            f"{'identity' if identities == 1 else 'identities'} at {receivers} receivers)"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArrivalTrajectory:
+    """Trajectories from arrivals, with the clocks, places and speed that explain them.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Times of the emissions of moving identities, ascending, in seconds of the time base.
+    time_sigma : ndarray of shape (N,)
+        Their standard deviations.
+    target : ndarray of shape (N,)
+        Who emitted, as in `Arrivals.identity`.
+    position, velocity, acceleration : ndarray of shape (N, D)
+        In metres and seconds.
+    covariance : ndarray of shape (N, 3 D, 3 D)
+        Covariance of position, velocity and acceleration, in this order, including the uncertainty
+        of clocks, of the speed of propagation, of the stations' positions and of path errors.
+    systematic : {"given", "estimated", "not included"}
+        What the covariance says of path errors: "estimated" with `path_sigma=None` and beacons,
+        "given" with a `path_sigma` or, without beacons, sigmas of stations; otherwise
+        "not included".
+    arrivals : Arrivals
+        With `emission`: row of the emission among all of them, -1 for arrivals that were not used.
+    residual : ndarray of shape (n,)
+        Measured minus expected times of arrival, divided by their standard deviation; nan for
+        arrivals that were not used.
+    outlier : ndarray of shape (n,)
+        Where residuals are beyond 4; such arrivals hardly count.
+    bias : ClockBias
+        Clocks of the K receivers: reading less time of the time base.
+    stations : tuple of K Station
+        With estimated positions and their standard deviations.
+    arrival_time_sigma : float
+        Standard deviation of an arrival in seconds, in the mean over stations.
+    noise_factor : float
+        Estimated over stated standard deviation; nan if none was stated.
+    propagation_speed, propagation_speed_sigma : float
+        Estimated speed in metres per second and its standard deviation.
+    propagation_speed_deviation : float
+        Estimated less given speed, divided by the given sigma; nan if that is 0. Beyond 3, survey,
+        model of motion or medium are wrong.
+    path_sigma : float
+        Standard deviation of path errors in seconds.
+    clock_drift : float
+        Intensity of the random walk of clock rates in 1/sqrt(s).
+    jerk : dict
+        Intensity of the jerk of each moving identity in m^2/s^5.
+    degrees_of_freedom : float
+        Arrivals less what was estimated from them.
+    iterations : int
+        Steps of the solution.
+    success : bool
+        Whether it converged.
+    """
+
+    time: FloatArray
+    time_sigma: FloatArray
+    target: npt.NDArray[Any]
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    covariance: FloatArray
+    systematic: Systematic
+    arrivals: Arrivals
+    residual: FloatArray
+    outlier: BoolArray
+    bias: ClockBias
+    stations: tuple[Station, ...]
+    arrival_time_sigma: float
+    noise_factor: float
+    propagation_speed: float
+    propagation_speed_sigma: float
+    propagation_speed_deviation: float
+    path_sigma: float
+    clock_drift: float
+    jerk: dict[Any, float]
+    degrees_of_freedom: float
+    iterations: int
+    success: bool
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of the coordinates, of shape (N, D)."""
+        d = self.position.shape[-1]
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)[:, :d])
+
+    def __repr__(self) -> str:
+        """Return the number of positions, the median sigma, and what is wrong."""
+        n, d = self.position.shape
+        sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1)))) if n else np.nan
+        text = (
+            f"ArrivalTrajectory({n} positions of {len(self.jerk)} in {d} axes, "
+            f"{np.count_nonzero(self.outlier)} of {len(self.arrivals)} arrivals are outliers, "
+            f"median sigma {sigma:.3g}"
+        )
+        if abs(self.propagation_speed_deviation) > ALARM:
+            text += f", speed {self.propagation_speed_deviation:+.1f} sigmas from the given one"
+        if self.systematic == "not included":
+            text += ", systematic error not included"
+        return text + ("" if self.success else ", not converged") + ")"
+
+
+def _numbers(value: npt.ArrayLike, name: str, least: int = 0) -> IntArray:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
+    if array.size and np.min(array) < least:
+        raise ValueError(f"{name} is {np.min(array)}; it must be at least {least}")
+    return array.astype(np.int64)

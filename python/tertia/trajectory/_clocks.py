@@ -1,0 +1,126 @@
+"""Clocks of receivers over time, as they were estimated."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, finite
+from tertia.sensors import Bias
+
+if TYPE_CHECKING:
+    from tertia.trajectory._arrivals_result import Arrivals
+
+
+class ClockBias(Bias):
+    """Systematic errors of clocks, which change over time.
+
+    `time` and `time_sigma` are those at the middle of the record.
+
+    Attributes
+    ----------
+    node : ndarray of shape (M,)
+        Times, in seconds of the time base, between which the clocks are linear.
+    reading : ndarray of shape (..., M)
+        Reading of the clock less the time at the nodes, in seconds; (K, M) of K receivers.
+    variance : ndarray of shape (..., M)
+        Its variance.
+    covariance : ndarray of shape (..., M - 1)
+        Its covariance between one node and the next.
+    """
+
+    __slots__ = ("covariance", "node", "reading", "variance")
+
+    node: FloatArray
+    reading: FloatArray
+    variance: FloatArray
+    covariance: FloatArray
+
+    def __init__(
+        self, node: FloatArray, reading: FloatArray, variance: FloatArray, covariance: FloatArray
+    ) -> None:
+        for name, value in (
+            ("node", node),
+            ("reading", reading),
+            ("variance", variance),
+            ("covariance", covariance),
+        ):
+            object.__setattr__(self, name, value)
+        middle, sigma = self.at(0.5 * (node[0] + node[-1]))
+        super().__init__(time=middle, time_sigma=sigma)
+
+    def __reduce__(self) -> tuple[type[ClockBias], tuple[FloatArray, ...]]:
+        """Pickle what the rest follows from."""
+        return ClockBias, (self.node, self.reading, self.variance, self.covariance)
+
+    def __getitem__(self, sensor: int) -> ClockBias:
+        """Return the clock of one of the receivers."""
+        len(self)
+        return ClockBias(
+            self.node, self.reading[sensor], self.variance[sensor], self.covariance[sensor]
+        )
+
+    def at(self, time: npt.ArrayLike) -> tuple[Any, Any]:
+        """Return the errors of the clocks at a time of the time base, and their sigmas.
+
+        Parameters
+        ----------
+        time : array_like
+            Seconds; before and after the nodes the last line goes on, with a sigma of inf.
+
+        Returns
+        -------
+        value, sigma : float or ndarray
+            Seconds, in the shape of `time` after that of the receivers.
+        """
+        instants = finite(time, "time")
+        at, share = self._place(instants)
+        value, variance = self.reading[..., at], self.variance[..., at]
+        if self.node.size > 1:
+            value = value * (1 - share) + self.reading[..., at + 1] * share
+            variance = (
+                variance * (1 - share) ** 2
+                + self.variance[..., at + 1] * share**2
+                + 2 * self.covariance[..., at] * share * (1 - share)
+            )
+        # the nodes themselves are rounded
+        outside = (share < -1e-9) | (share > 1 + 1e-9)
+        sigma = np.where(outside & (variance > 0), np.inf, np.sqrt(np.maximum(variance, 0.0)))
+        return value[()], sigma[()]
+
+    def correct(self, arrivals: Arrivals) -> FloatArray:
+        """Return the times of arrivals on the time base.
+
+        Parameters
+        ----------
+        arrivals : Arrivals
+            `sensor` numbers the receivers of these clocks.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Seconds.
+        """
+        corrected = np.array(arrivals.time)
+        for sensor in np.unique(arrivals.sensor):
+            if not 0 <= sensor < len(self):
+                raise ValueError(f"sensor is {sensor}; there are clocks of {len(self)} receivers")
+            own = arrivals.sensor == sensor
+            clock = self.reading[sensor]
+            if self.node.size == 1:
+                corrected[own] -= clock[0]
+                continue
+            reading = self.node + clock
+            at = np.clip(np.searchsorted(reading, corrected[own]) - 1, 0, self.node.size - 2)
+            share = (corrected[own] - reading[at]) / (reading[at + 1] - reading[at])
+            corrected[own] -= clock[at] * (1 - share) + clock[at + 1] * share
+        return corrected
+
+    def _place(self, time: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
+        """Return the node before each time, and how far it is towards the next."""
+        if self.node.size == 1:
+            return np.zeros(time.shape, dtype=np.intp), np.zeros(time.shape)
+        at = np.clip(np.searchsorted(self.node, time) - 1, 0, self.node.size - 2)
+        return at, (time - self.node[at]) / (self.node[at + 1] - self.node[at])

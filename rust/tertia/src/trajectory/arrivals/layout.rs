@@ -1,0 +1,77 @@
+//! Which unknown has which column, so that the matrix has low columns: motion and clocks in the
+//! order of time, then what all of the record shares.
+
+use super::scene::Scene;
+
+/// Columns; what is known has none.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    /// The first of 3 D of each emission: coordinates, then velocities, then accelerations.
+    pub motion: Vec<Option<usize>>,
+    /// Of each node and receiver, (M, K).
+    pub clock: Vec<Option<usize>>,
+    /// Of the reciprocal of the speed.
+    pub slowness: Option<usize>,
+    /// The first of D of each site.
+    pub site: Vec<Option<usize>>,
+    /// Of each path.
+    pub path: Vec<Option<usize>>,
+    pub order: usize,
+}
+
+/// What a column is of.
+pub(super) enum Unknown {
+    Motion(usize),
+    Clock(usize),
+    Shared,
+}
+
+impl Layout {
+    /// `interval` is the one between nodes in which an emission falls.
+    pub fn new<const D: usize>(
+        scene: &Scene<D>,
+        identity: &[usize],
+        interval: &[usize],
+        nodes: usize,
+        paths: usize,
+    ) -> Self {
+        let k = scene.is_base.len();
+        let mut next = 0;
+        let mut take = |count: usize| {
+            next += count;
+            Some(next - count)
+        };
+        let (mut motion, mut clock) = (vec![None; identity.len()], vec![None; nodes * k]);
+        let mut emission = 0;
+        for node in 0..nodes {
+            while emission < identity.len() && (interval[emission] <= node || node + 1 == nodes) {
+                if scene.beacon[identity[emission]].is_none() {
+                    motion[emission] = take(3 * D);
+                }
+                emission += 1;
+            }
+            for sensor in (0..k).filter(|&sensor| !scene.is_base[sensor]) {
+                clock[node * k + sensor] = take(1);
+            }
+        }
+        let slowness = if scene.speed_sigma > 0.0 { take(1) } else { None };
+        let site = scene.site_sigma.iter().map(|&s| if s > 0.0 { take(D) } else { None }).collect();
+        let path = (0..paths)
+            .map(|_| if scene.path_sigma == Some(0.0) { None } else { take(1) })
+            .collect();
+        Self { motion, clock, slowness, site, path, order: next }
+    }
+
+    /// What a column is of.
+    pub fn unknown<const D: usize>(&self, column: usize, k: usize) -> Unknown {
+        let within =
+            |first: &Option<usize>| first.is_some_and(|c| (c..c + 3 * D).contains(&column));
+        if let Some(emission) = self.motion.iter().position(within) {
+            return Unknown::Motion(emission);
+        }
+        match self.clock.iter().position(|&c| c == Some(column)) {
+            Some(at) => Unknown::Clock(at % k),
+            None => Unknown::Shared,
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! The normal equations, from which emissions are eliminated one by one.
+
+use super::linear::{Group, Row};
+use super::problem::{Model, NU, Problem};
+use crate::base::skyline::Skyline;
+
+/// Information of an arrival, over that of Student's distribution of the scale, which is believed.
+const INFORMATION: [f64; 2] = [0.3, 1.5];
+
+/// Weights of the arrivals: for the pull, and for the information.
+pub(super) struct Weights {
+    pub pull: Vec<f64>,
+    pub information: Vec<f64>,
+    /// Standard deviation of an arrival with the same information, in given standard deviations.
+    pub sigma: f64,
+}
+
+/// The emission eliminated: its own weight, derivatives of its rows and the pull on it.
+struct Eliminated {
+    weight: f64,
+    columns: Vec<(usize, f64)>,
+    pull: f64,
+}
+
+pub(super) struct Normal {
+    pub matrix: Skyline,
+    pull: Vec<f64>,
+    emissions: Vec<Eliminated>,
+}
+
+impl Weights {
+    /// For Student's errors; the information is Huber's, mean(psi')^2 / mean(psi^2), so that it
+    /// holds for errors of any distribution.
+    pub fn new<const D: usize>(
+        problem: &Problem<'_, D>,
+        rows: &[Row],
+        scale: f64,
+        free: f64,
+    ) -> Self {
+        let n = rows.len() as f64;
+        let (mut slope, mut square, mut mean) = (0.0, 0.0, 0.0);
+        let mut pull = Vec::with_capacity(rows.len());
+        for (row, arrival) in rows.iter().zip(&problem.scene.rows) {
+            let sigma = problem.scene.sigma[arrival.sensor];
+            let (error, s) = ((row.residual / sigma).powi(2), NU * scale * scale);
+            let weight = (NU + 1.0) / (s + error);
+            slope += weight * (s - error) / (s + error);
+            square += weight * weight * error;
+            mean += weight;
+            pull.push(weight / (sigma * sigma));
+        }
+        let student = (NU + 1.0) / (NU + 3.0) / (scale * scale);
+        let found = slope.max(0.0).powi(2) / (n * square.max(f64::MIN_POSITIVE)) * free;
+        let found = found.clamp(INFORMATION[0] * student, INFORMATION[1] * student);
+        let factor = found * n / mean;
+        let information = pull.iter().map(|weight| factor * weight).collect();
+        Self { pull, information, sigma: found.sqrt().recip() }
+    }
+}
+
+impl<const D: usize> Problem<'_, D> {
+    /// Where the rows of the matrix begin.
+    pub fn envelope(&self, rows: &[Row], priors: &[(Row, Group)]) -> Skyline {
+        let mut first: Vec<usize> = (0..self.layout.order).collect();
+        let mut couple = |columns: &mut dyn Iterator<Item = usize>| {
+            let columns: Vec<usize> = columns.collect();
+            let low = columns.iter().copied().min().unwrap_or(0);
+            for column in columns {
+                first[column] = first[column].min(low);
+            }
+        };
+        let of = |row: &Row| row.columns().iter().map(|c| c.0).collect::<Vec<_>>();
+        for ends in self.first.windows(2) {
+            couple(&mut rows[ends[0]..ends[1]].iter().flat_map(of));
+        }
+        for (row, _) in priors {
+            couple(&mut of(row).into_iter());
+        }
+        // of which the covariance is wanted
+        for first in self.layout.motion.iter().flatten() {
+            couple(&mut (*first..first + 3 * D));
+        }
+        Skyline::zeros(first)
+    }
+
+    /// `matrix` is an envelope.
+    pub fn normal(
+        &self,
+        mut matrix: Skyline,
+        rows: &[Row],
+        weights: &Weights,
+        priors: &[(Row, Group)],
+        model: &Model,
+    ) -> Normal {
+        matrix.clear();
+        let mut pull = vec![0.0; self.layout.order];
+        for (row, group) in priors {
+            let weight = 1.0 / model.variance(*group);
+            row.add_to(&mut matrix, weight);
+            row.add_pull(&mut pull, weight);
+        }
+        let mut emissions = Vec::with_capacity(self.identity.len());
+        let mut sums = vec![0.0; self.layout.order];
+        let mut touched: Vec<usize> = Vec::new();
+        for ends in self.first.windows(2) {
+            touched.clear();
+            let (mut weight, mut own) = (0.0, 0.0);
+            for at in ends[0]..ends[1] {
+                let (row, information) = (&rows[at], weights.information[at]);
+                row.add_to(&mut matrix, information);
+                row.add_pull(&mut pull, weights.pull[at]);
+                weight += information;
+                own += weights.pull[at] * row.residual;
+                for &(column, value) in row.columns() {
+                    sums[column] += information * value;
+                    touched.push(column);
+                }
+            }
+            touched.sort_unstable();
+            touched.dedup();
+            for (a, &i) in touched.iter().enumerate() {
+                let share = sums[i] / weight;
+                pull[i] -= share * own;
+                for &j in &touched[..=a] {
+                    matrix.add(i, j, -share * sums[j]);
+                }
+            }
+            let columns = touched.iter().map(|&i| (i, std::mem::take(&mut sums[i]))).collect();
+            emissions.push(Eliminated { weight, columns, pull: own });
+        }
+        Normal { matrix, pull, emissions }
+    }
+}
+
+impl Normal {
+    /// Factorises the matrix: the step of the unknowns and of the emissions, and the sum of the
+    /// squares of the former in standard deviations; or the column that is not determined.
+    pub fn step(&mut self) -> Result<(Vec<f64>, Vec<f64>, f64), usize> {
+        self.matrix.factorise()?;
+        let mut step = self.pull.clone();
+        self.matrix.solve(&mut step);
+        let emission = self.emissions.iter().map(|own| {
+            let taken: f64 = own.columns.iter().map(|&(column, b)| b * step[column]).sum();
+            (own.pull - taken) / own.weight
+        });
+        let emission = emission.collect();
+        let decrement = step.iter().zip(&self.pull).map(|(step, pull)| step * pull).sum();
+        Ok((step, emission, decrement))
+    }
+
+    /// Variances of the emissions, from elements of the inverse.
+    pub fn emission_variances(&self, inverse: &Skyline) -> Vec<f64> {
+        let variance = |own: &Eliminated| {
+            1.0 / own.weight + inverse.quadratic(&own.columns) / (own.weight * own.weight)
+        };
+        self.emissions.iter().map(variance).collect()
+    }
+}

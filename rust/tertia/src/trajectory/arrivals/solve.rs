@@ -1,0 +1,326 @@
+//! Scoring steps for the unknowns, and fixed-point steps for the intensities.
+
+use super::layout::Unknown;
+use super::linear::{Group, Row};
+use super::normal::{Normal, Weights};
+use super::problem::{Model, Problem, State};
+use super::scene::{Scene, Solution, Undetermined};
+use crate::base::skyline::Skyline;
+
+/// Steps at most; those before the intensities are estimated; those before it may end.
+const ITERATIONS: usize = 100;
+const FIRST: usize = 2;
+const FEWEST: usize = 10;
+/// Steps before which positions are looked for anew: a wrong one, of few arrivals, may be a minimum.
+const RELOCATED: [usize; 2] = [4, 8];
+/// Halvings of a step that does not lower the cost.
+const HALVINGS: usize = 8;
+/// Share of a step that is taken: with Student's errors, small residuals pull up to twice as hard as
+/// the mean information says, and a whole step would swing about the solution.
+const SHARE: f64 = 0.75;
+/// Longest step of a position, over the extent of the net.
+const LONGEST: f64 = 0.3;
+/// A step ends the search if the sum of its squares, in standard deviations, is less, and intensities
+/// changed by less than this share.
+const DECREMENT: f64 = 1e-3;
+const CHANGE: f64 = 2e-2;
+/// Most that the logarithm of an intensity may change in a step; how much further it may be taken
+/// where changes are a geometric series; its lowest value over the first one.
+const JUMP: f64 = 2.3;
+const AHEAD: f64 = 5.0;
+const LOWEST: f64 = 1e-4;
+/// Least share of the measurements that counts as degrees of freedom.
+const FREE: f64 = 0.05;
+/// First jerk: so many times the median squared step in units of the usual interval.
+const JERK: f64 = 20.0;
+
+/// Sum of squares of a group of priors, the rows, and what their estimates leave uncertain.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    squares: f64,
+    rows: f64,
+    variance: f64,
+}
+
+/// The search.
+struct Search<'a, 'b, const D: usize> {
+    problem: &'a Problem<'b, D>,
+    state: State<D>,
+    model: Model,
+    /// The model at first.
+    lowest: Model,
+    /// Share of the measurements that is redundant.
+    free: f64,
+    /// Last change of the logarithm of each intensity.
+    last: Vec<f64>,
+}
+
+/// Solves the scene.
+///
+/// # Errors
+/// An unknown that the measurements do not determine.
+pub fn solve<const D: usize>(scene: &Scene<D>) -> Result<Solution, Undetermined> {
+    let problem = Problem::new(scene, None);
+    let named = |column| problem.undetermined(column);
+    let (state, scale) = problem.start().map_err(|_| Undetermined::Other)?;
+    let model = problem.first_model(&state, scale);
+    let mut search = Search {
+        problem: &problem,
+        state,
+        lowest: model.clone(),
+        model,
+        free: 1.0,
+        last: Vec::new(),
+    };
+    search.run().map_err(named)
+}
+
+impl<const D: usize> Problem<'_, D> {
+    fn undetermined(&self, column: usize) -> Undetermined {
+        match self.layout.unknown::<D>(column, self.scene.is_base.len()) {
+            Unknown::Motion(emission) => Undetermined::Motion(self.identity[emission]),
+            Unknown::Clock(sensor) => Undetermined::Clock(sensor),
+            Unknown::Shared => Undetermined::Other,
+        }
+    }
+
+    /// Intensities that are given, or such that priors are loose.
+    fn first_model(&self, state: &State<D>, scale: f64) -> Model {
+        let scene = self.scene;
+        let sigma = scene.sigma.iter().sum::<f64>() / scene.sigma.len() as f64;
+        let span = self.nodes[self.nodes.len() - 1] - self.nodes[0];
+        let step = (span / self.nodes.len() as f64).max(f64::MIN_POSITIVE);
+        let mut squares = vec![Vec::new(); self.unit.len()];
+        for (emission, before) in self.previous.iter().enumerate() {
+            let Some(before) = *before else { continue };
+            let (a, b) = (&state.motion[before][0], &state.motion[emission][0]);
+            let square = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / D as f64;
+            squares[self.identity[emission]].push(square);
+        }
+        let jerk = squares.iter_mut().zip(&self.unit).map(|(squares, unit)| match scene.jerk {
+            Some(jerk) => jerk * unit.powi(5),
+            None => {
+                squares.sort_by(f64::total_cmp);
+                let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
+                JERK * median.max((sigma * scale).powi(2))
+            }
+        });
+        Model {
+            scale,
+            path: scene.path_sigma.unwrap_or(sigma * scale),
+            drift: match scene.clock_drift {
+                Some(drift) => drift * scene.speed,
+                None => sigma * scale / step.powf(1.5),
+            },
+            jerk: jerk.collect(),
+        }
+    }
+}
+
+impl<const D: usize> Search<'_, '_, D> {
+    fn run(&mut self) -> Result<Solution, usize> {
+        let problem = self.problem;
+        let (mut rows, mut priors) = (problem.rows(&self.state), problem.priors(&self.state));
+        let mut envelope = problem.envelope(&rows, &priors);
+        let mut iterations = 0;
+        let (mut is_converged, mut change) = (false, f64::INFINITY);
+        while iterations < ITERATIONS && !is_converged {
+            if RELOCATED.contains(&iterations) {
+                self.relocate();
+                (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
+            }
+            let weights = Weights::new(problem, &rows, self.model.scale, self.free);
+            let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
+            let (step, emission, decrement) = normal.step()?;
+            self.move_along(&step, &emission, &rows, &priors);
+            (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
+            // the inverse is the dearest part of a step, and intensities do not need more
+            if iterations >= FIRST && (change >= CHANGE || iterations < FEWEST) {
+                let inverse = normal.matrix.inverse();
+                change = self.adapt(&inverse, &rows, &priors);
+            }
+            envelope = normal.matrix;
+            iterations += 1;
+            is_converged = iterations >= FEWEST && decrement < DECREMENT && change < CHANGE;
+        }
+        let weights = Weights::new(problem, &rows, self.model.scale, self.free);
+        let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
+        normal.step()?;
+        let inverse = normal.matrix.inverse();
+        Ok(self.solution(&normal, &inverse, &rows, &weights, (is_converged, iterations)))
+    }
+
+    fn relocate(&mut self) {
+        let sigmas = &self.problem.scene.sigma;
+        let finest = self.model.scale * sigmas.iter().sum::<f64>() / sigmas.len() as f64;
+        self.problem.relocate(&mut self.state, &vec![true; sigmas.len()], finest);
+    }
+
+    /// Takes the step, shorter where it is long or does not lower the cost.
+    fn move_along(
+        &mut self,
+        step: &[f64],
+        emission: &[f64],
+        rows: &[Row],
+        priors: &[(Row, Group)],
+    ) {
+        let problem = self.problem;
+        let positions = problem.layout.motion.iter().flatten().flat_map(|&c| &step[c..c + D]);
+        let sites = problem.layout.site.iter().flatten().flat_map(|&c| &step[c..c + D]);
+        let longest = positions.chain(sites).fold(0.0_f64, |longest, x| longest.max(x.abs()));
+        let mut length = (LONGEST * problem.extent / longest.max(f64::MIN_POSITIVE)).min(SHARE);
+        let before = problem.cost(rows, priors, &self.model);
+        for halving in 0..=HALVINGS {
+            let moved = problem.moved(&self.state, step, emission, length);
+            let cost = problem.cost(&problem.rows(&moved), &problem.priors(&moved), &self.model);
+            if cost <= before + 1e-9 * before.abs() || halving == HALVINGS {
+                self.state = moved;
+                break;
+            }
+            length *= 0.5;
+        }
+    }
+
+    /// Intensities from the residuals (MacKay, Neural Computation 4, 1992): sum of squares over the
+    /// number of values that measurements determine. The largest relative change.
+    fn adapt(&mut self, inverse: &Skyline, rows: &[Row], priors: &[(Row, Group)]) -> f64 {
+        let identities = self.model.jerk.len();
+        let mut tallies = vec![Tally::default(); identities + 3];
+        for (row, group) in priors {
+            let tally = &mut tallies[match group {
+                Group::Unit => 0,
+                Group::Path => 1,
+                Group::Drift => 2,
+                Group::Jerk(identity) => 3 + identity,
+            }];
+            tally.squares += row.residual * row.residual;
+            tally.rows += 1.0;
+            tally.variance += inverse.quadratic(row.columns());
+        }
+        let group = |at: usize| match at {
+            0 => Group::Unit,
+            1 => Group::Path,
+            2 => Group::Drift,
+            _ => Group::Jerk(at - 3),
+        };
+        let bound: f64 = tallies
+            .iter()
+            .enumerate()
+            .map(|(at, tally)| tally.variance / self.model.variance(group(at)))
+            .sum();
+        let n = rows.len() as f64;
+        let unknowns = self.problem.layout.order as f64 - bound;
+        let free = (n - self.problem.identity.len() as f64 - unknowns).max(FREE * n);
+        self.free = free / n;
+        let scene = self.problem.scene;
+        let mut change = 0.0_f64;
+        let mut steps = Vec::with_capacity(tallies.len() + 1);
+        let last = std::mem::take(&mut self.last);
+        let mut update = |value: &mut f64, found: f64, lowest: f64| {
+            let step = (found.max(lowest) / *value).ln().clamp(-JUMP, JUMP);
+            change = change.max(step.abs());
+            // Aitken: the rest of a geometric series
+            let ratio = last.get(steps.len()).map_or(0.0, |last| step / last);
+            let ahead = if (0.0..1.0).contains(&ratio) { 1.0 / (1.0 - ratio) } else { 1.0 };
+            *value = (*value * (step * ahead.min(AHEAD)).exp()).max(lowest);
+            // not twice from the same series
+            steps.push(if ahead > 1.5 { f64::INFINITY } else { step });
+        };
+        let variance = |tally: &Tally, now: f64| {
+            let known = tally.rows - tally.variance / now;
+            // where measurements determine nothing: the expectation-maximisation step
+            if known < 1e-3 * tally.rows {
+                (tally.squares + tally.variance) / tally.rows
+            } else {
+                tally.squares / known
+            }
+        };
+        let before = self.model.clone();
+        if scene.path_sigma.is_none() && tallies[1].rows > 0.0 {
+            let found = variance(&tallies[1], before.path.powi(2)).sqrt();
+            update(&mut self.model.path, found, LOWEST * self.lowest.path);
+        }
+        if scene.clock_drift.is_none() && tallies[2].rows > 0.0 {
+            let found = variance(&tallies[2], before.drift.powi(2)).sqrt();
+            update(&mut self.model.drift, found, LOWEST * self.lowest.drift);
+        }
+        for (at, jerk) in self.model.jerk.iter_mut().enumerate() {
+            if scene.jerk.is_none() && tallies[3 + at].rows > 0.0 {
+                let found = variance(&tallies[3 + at], *jerk);
+                update(jerk, found, LOWEST.powi(2) * self.lowest.jerk[at]);
+            }
+        }
+        let weighted = rows.iter().zip(&scene.rows).map(|(row, arrival)| {
+            let square = (row.residual / scene.sigma[arrival.sensor]).powi(2);
+            let s = before.scale.powi(2);
+            (super::problem::NU + 1.0) * s * square / (super::problem::NU * s + square)
+        });
+        let found = (weighted.sum::<f64>() / free).sqrt();
+        update(&mut self.model.scale, found, 1e-9 * self.lowest.scale);
+        self.last = steps;
+        change
+    }
+
+    fn solution(
+        &self,
+        normal: &Normal,
+        inverse: &Skyline,
+        rows: &[Row],
+        weights: &Weights,
+        (is_converged, iterations): (bool, usize),
+    ) -> Solution {
+        let (problem, scene, state) = (self.problem, self.problem.scene, &self.state);
+        let (k, m, speed) = (scene.is_base.len(), problem.nodes.len(), scene.speed);
+        let variance = |column: Option<usize>| column.map_or(0.0, |c| inverse.get(c, c));
+        let sigma = |row: &Row, sensor: usize| row.residual / (weights.sigma * scene.sigma[sensor]);
+        let mut found = Solution {
+            time: state.emission.iter().map(|t| t / speed).collect(),
+            residual: rows.iter().zip(&scene.rows).map(|(row, a)| sigma(row, a.sensor)).collect(),
+            node: problem.nodes.clone(),
+            site: state.site.as_flattened().to_vec(),
+            noise_factor: weights.sigma,
+            path_sigma: self.model.path,
+            clock_drift: self.model.drift / speed,
+            degrees_of_freedom: self.free * rows.len() as f64,
+            is_converged,
+            iterations,
+            ..Solution::default()
+        };
+        let variances = normal.emission_variances(inverse);
+        found.time_sigma = variances.iter().map(|v| v.sqrt() / speed).collect();
+        for (emission, first) in problem.layout.motion.iter().enumerate() {
+            let Some(first) = *first else { continue };
+            let unit = problem.unit[problem.identity[emission]];
+            let scale = |at: usize| unit.powi(-((at / D) as i32));
+            let values = state.motion[emission].as_flattened().iter().enumerate();
+            found.moving.push(emission);
+            found.mean.extend(values.map(|(at, value)| value * scale(at)));
+            for i in 0..3 * D {
+                let row =
+                    (0..3 * D).map(|j| inverse.get(first + i, first + j) * scale(i) * scale(j));
+                found.covariance.extend(row);
+            }
+        }
+        for at in 0..m * k {
+            let line = &scene.lines[at % k];
+            let time = problem.nodes[at / k];
+            found.clock.push(line.reading(time) - time + state.clock[at] / speed);
+            let (here, next) = (problem.layout.clock[at], problem.layout.clock.get(at + k));
+            let covariance = match (here, next.copied().flatten()) {
+                (Some(here), Some(next)) => inverse.get(here, next),
+                _ => 0.0,
+            };
+            found.clock_variance.push(variance(here) / (speed * speed));
+            found.clock_covariance.push(covariance / (speed * speed));
+        }
+        let sites = problem.layout.site.iter();
+        found.site_sigma = sites
+            .flat_map(|first| (0..D).map(|i| variance(first.map(|first| first + i)).sqrt()))
+            .collect();
+        let slowness = variance(problem.layout.slowness).sqrt();
+        found.speed = (speed / state.slowness, speed * slowness / state.slowness.powi(2));
+        let jerks = self.model.jerk.iter().zip(&problem.unit);
+        found.jerk = jerks.map(|(jerk, unit)| jerk / unit.powi(5)).collect();
+        found
+    }
+}

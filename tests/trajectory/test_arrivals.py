@@ -1,0 +1,411 @@
+"""Trajectories from arrival times at receivers that nobody synchronised."""
+
+import pickle
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from places import DATA, needs_data
+from reference import arrivals as reference
+
+from tertia.sensors import Bias, Station
+from tertia.trajectory import (
+    Arrivals,
+    ArrivalTrajectory,
+    group_arrivals,
+    reconstruct_arrivals,
+)
+
+SPEED = 1500.0
+TAG, BEACON = 7, 1
+
+
+@dataclass
+class Net:
+    """A simulated net: what is given, and the truth."""
+
+    stations: list[Station]
+    arrivals: Arrivals
+    beacons: dict[int, Any]
+    time: npt.NDArray[np.float64]
+    source: npt.NDArray[np.float64]
+    identity: npt.NDArray[np.int64]
+    clock: npt.NDArray[np.float64]
+    emission: npt.NDArray[np.int64]
+
+
+def net(
+    seed: int,
+    *,
+    k: int = 7,
+    dimension: int = 2,
+    emissions: int = 40,
+    tags: int = 1,
+    beacons: int = 2,
+    survey: float = 1.0,
+    noise: float = 2e-4,
+    speed: float = SPEED,
+    heard: float = 0.95,
+    extent: float = 400.0,
+    late: float = 0.0,
+) -> Net:
+    """Simulate tags on curves and beacons at the first receivers, heard by drifting clocks."""
+    rng = np.random.default_rng(seed)
+    place = rng.uniform(-0.5, 0.5, (k, dimension)) * extent
+    names = [BEACON + i for i in range(beacons)] + [TAG + i for i in range(tags)]
+    time = np.cumsum(rng.uniform(0.5, 1.5, (len(names), emissions)) * 20, axis=1)
+    source: Any = np.empty((len(names), emissions, dimension))
+    for i in range(len(names)):
+        phase, rate = rng.uniform(0, 6.28, dimension), rng.uniform(0.5, 1.0, dimension) / 300
+        source[i] = 0.35 * extent * np.sin(rate * time[i][:, np.newaxis] + phase)
+        if i < beacons:
+            source[i] = place[i]
+    time, source = time.reshape(-1), source.reshape(-1, dimension)
+    identity = np.repeat(names, emissions)
+    offset, rate = rng.uniform(-60, 60, k), 1e-5 * rng.standard_normal(k)
+    offset[0], rate[0] = 0.0, 0.0
+    clock = offset + rate * time[:, np.newaxis]
+    travel = np.linalg.norm(source[:, np.newaxis] - place, axis=-1) / speed
+    error = noise * rng.standard_normal(travel.shape)
+    error += np.where(rng.random(travel.shape) < late, 30 * noise, 0.0)
+    row, sensor = np.nonzero(rng.random(travel.shape) < heard)
+    reading = (time[:, np.newaxis] + travel + clock + error)[row, sensor]
+    given = place + survey * rng.standard_normal(place.shape)
+    return Net(
+        [Station(p, position_sigma=survey) for p in given],
+        Arrivals(reading, sensor, identity[row]),
+        {name: at for at, name in enumerate(names[:beacons])},
+        time,
+        source,
+        identity,
+        clock,
+        row,
+    )
+
+
+def solved(scene: Net, **options: Any) -> ArrivalTrajectory:
+    given = {"propagation_speed": SPEED, "propagation_speed_sigma": 3.0} | options
+    return reconstruct_arrivals(scene.stations, scene.arrivals, beacons=scene.beacons, **given)
+
+
+def truth_of(scene: Net, track: ArrivalTrajectory) -> npt.NDArray[np.float64]:
+    """Return where the emissions really came from."""
+    found = np.empty_like(track.position)
+    for name in np.unique(track.target):
+        own, rows = track.target == name, np.flatnonzero(scene.identity == name)
+        near = np.argmin(np.abs(scene.time[rows] - track.time[own][:, np.newaxis]), axis=1)
+        found[own] = scene.source[rows[near]]
+    return found
+
+
+def distances(scene: Net, track: ArrivalTrajectory) -> npt.NDArray[np.float64]:
+    """Return squared errors, normalised."""
+    d = track.position.shape[1]
+    error = track.position - truth_of(scene, track)
+    inverse = np.linalg.inv(track.covariance[:, :d, :d])
+    squares: npt.NDArray[np.float64] = np.einsum("ni,nij,nj->n", error, inverse, error)
+    return squares
+
+
+def check_result(track: ArrivalTrajectory, n: int) -> None:
+    """Check what holds for every result."""
+    assert track.success
+    assert len(track.arrivals) == n
+    assert np.all(np.diff(track.time) > 0)
+    assert track.covariance == pytest.approx(np.swapaxes(track.covariance, -1, -2), rel=1e-12)
+    assert np.all(np.linalg.eigvalsh(track.covariance)[:, 0] > 0)
+    assert np.all(track.time_sigma > 0)
+    used = track.arrivals.emission
+    assert used is not None
+    assert np.array_equal(used < 0, np.isnan(track.residual))
+    assert not track.outlier[used < 0].any()
+
+
+def test_clocks_and_positions_of_one_tag() -> None:
+    scene = net(1)
+    track = solved(scene)
+    check_result(track, len(scene.arrivals))
+    assert track.systematic == "estimated"
+    assert np.median(np.linalg.norm(track.position - truth_of(scene, track), axis=1)) < 1.5
+    # the clocks, beyond the travel time that an error of the survey may hide
+    value, sigma = track.bias.at(scene.time)
+    inside = (scene.time > track.bias.node[0]) & (scene.time < track.bias.node[-1])
+    off = (value - scene.clock.T)[1:, inside] / sigma[1:, inside]
+    assert np.sqrt(np.mean(off**2)) < 2.0
+    assert np.all(value[0] == 0)
+    assert np.all(sigma[0] == 0)
+
+
+def test_the_solution_is_that_of_the_dense_problem() -> None:
+    scene = net(2, k=6, emissions=25, heard=1.0)
+    options = {"path_sigma": 3e-4, "clock_drift": 1e-8, "jerk": 1e-7}
+    known = Arrivals(
+        scene.arrivals.time, scene.arrivals.sensor, scene.arrivals.identity, scene.emission
+    )
+    scene.arrivals = known
+    track = solved(scene, **options)
+    order = np.argsort(scene.time)
+    rank = np.argsort(order)
+    problem = reference.Problem(
+        reference.Scene(
+            sites=np.array([station.position for station in scene.stations]),
+            site_sigma=np.array([station.position_sigma for station in scene.stations]),
+            time=known.time,
+            sensor=known.sensor,
+            emission=rank[scene.emission],
+            beacon=np.array([scene.beacons.get(int(i), -1) for i in scene.identity])[order],
+            node=track.bias.node,
+            speed=SPEED,
+            speed_sigma=3.0,
+            receivers=6,
+            path_sigma=options["path_sigma"],
+            clock_drift=options["clock_drift"],
+            jerk=options["jerk"],
+        ),
+        scene.time[order],
+        scene.source[order],
+        scene.clock.mean(axis=0),
+    )
+    x, covariance, sigma = problem.solve()
+    motion = slice(problem.at[1], problem.at[2])
+    mean = x[motion].reshape(-1, 3, 2)
+    found = np.stack([track.position, track.velocity, track.acceleration], axis=1)
+    spread = np.sqrt(np.diag(covariance)[motion]).reshape(mean.shape)
+    assert np.max(np.abs(found - mean) / spread) < 0.02
+    for i in range(len(mean)):
+        own = slice(motion.start + 6 * i, motion.start + 6 * i + 6)
+        assert track.covariance[i] == pytest.approx(
+            covariance[own, own], rel=0.01, abs=0.01 * np.min(np.diag(covariance[own, own]))
+        )
+    assert track.arrival_time_sigma * SPEED == pytest.approx(sigma, rel=2e-3)
+    slowness = problem.at[3]
+    assert track.propagation_speed == pytest.approx(SPEED / x[slowness], rel=1e-6)
+    assert track.propagation_speed_sigma == pytest.approx(
+        SPEED * np.sqrt(covariance[slowness, slowness]), rel=0.02
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"tags": 3, "beacons": 1},
+        {"beacons": 0, "tags": 2, "k": 9, "emissions": 80},
+        {"late": 0.15, "k": 9},
+        {"dimension": 3, "k": 12},
+        {"survey": 0.0, "speed": 299_792_458.0, "noise": 1e-8, "extent": 20e3},
+    ],
+    ids=["one tag", "three tags", "no beacon", "late arrivals", "in space", "radio"],
+)
+def test_regions_hold_the_truth(options: dict[str, Any]) -> None:
+    squares = []
+    given = {"propagation_speed": options.get("speed", SPEED)}
+    if "speed" in options:
+        given["propagation_speed_sigma"] = 0.0
+    for seed in range(6):
+        scene = net(seed, **options)
+        track = solved(scene, **given)
+        check_result(track, len(scene.arrivals))
+        squares.append(distances(scene, track))
+    d = options.get("dimension", 2)
+    limit = {2: 5.991, 3: 7.815}[d]
+    inside = np.mean(np.concatenate(squares) < limit)
+    # six nets share few errors of survey and speed: some 3 % of uncertainty
+    assert 0.86 < inside <= 1.0
+    assert np.median(np.concatenate(squares)) < 2.0 * d
+
+
+def test_emissions_are_found_whatever_the_clocks() -> None:
+    scene = net(3, tags=2)
+    grouped = group_arrivals(scene.arrivals)
+    assert grouped.emission is not None
+    # each emission of the truth is one found, and the other way round
+    pairs = set(zip(scene.emission.tolist(), grouped.emission.tolist(), strict=True))
+    assert len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs})
+    assert "emissions" in repr(grouped)
+    # the time base does not matter
+    base = [
+        Station(one.position, position_sigma=1.0, bias=Bias(time=12.5) if at == 3 else None)
+        for at, one in enumerate(scene.stations)
+    ]
+    first = solved(scene)
+    scene.stations = base
+    other = solved(scene)
+    assert np.all(other.bias[3].reading == 12.5)
+    assert len(first.time) == len(other.time)
+    assert np.max(np.abs(first.position - other.position) / first.sigma) < 0.1
+
+
+def test_an_echo_is_not_used_and_an_outlier_is_marked() -> None:
+    scene = net(4)
+    heard = scene.arrivals
+    echo = Arrivals(
+        np.append(heard.time, heard.time[10] + 0.02),
+        np.append(heard.sensor, heard.sensor[10]),
+        np.append(heard.identity, heard.identity[10]),
+    )
+    echo.time[50] += 0.05
+    scene.arrivals = echo
+    track = solved(scene)
+    assert track.arrivals.emission is not None
+    assert track.arrivals.emission[-1] == -1
+    assert track.outlier[50]
+    assert np.count_nonzero(track.outlier) < 8
+
+
+def test_corrected_times_and_saved_clocks() -> None:
+    scene = net(5)
+    track = solved(scene)
+    corrected = track.bias.correct(scene.arrivals)
+    value, _ = track.bias.at(corrected)
+    again = corrected + value[scene.arrivals.sensor, np.arange(len(corrected))]
+    assert again == pytest.approx(scene.arrivals.time, abs=1e-9)
+    one = track.bias[2]
+    assert one.at(100.0)[0] == pytest.approx(track.bias.at(100.0)[0][2])
+    assert one.at(track.bias.node[-1] + 1e3)[1] == np.inf
+    kept = pickle.loads(pickle.dumps(track.bias))
+    assert np.array_equal(kept.reading, track.bias.reading)
+
+
+def test_a_receiver_that_never_hears_a_beacon() -> None:
+    scene = net(6)
+    heard = scene.arrivals
+    keep = (heard.sensor != 4) | (heard.identity == TAG)
+    scene.arrivals = Arrivals(heard.time[keep], heard.sensor[keep], heard.identity[keep])
+    track = solved(scene)
+    check_result(track, int(keep.sum()))
+    assert np.mean(distances(scene, track) < 5.991) > 0.8
+
+
+def test_a_receiver_that_hears_nothing() -> None:
+    scene = net(7)
+    scene.stations.append(Station([0.0, 0.0], position_sigma=1.0))
+    track = solved(scene)
+    assert track.bias.at(100.0)[1][7] > 1e-3
+
+
+def test_scale_and_systematic_errors_are_told() -> None:
+    scene = net(8)
+    far = solved(scene, propagation_speed=SPEED + 60, propagation_speed_sigma=3.0)
+    assert far.propagation_speed_deviation < -3
+    assert "sigmas from the given one" in repr(far)
+    scene = net(8, beacons=0, tags=2, survey=0.0, k=9, emissions=80)
+    track = solved(scene, propagation_speed_sigma=0.0)
+    assert track.systematic == "not included"
+    assert "systematic error not included" in repr(track)
+    assert solved(scene, propagation_speed_sigma=0.0, path_sigma=0.0).systematic == "given"
+
+
+def test_clocks_that_share_no_emission_are_named() -> None:
+    scene = net(9)
+    heard = scene.arrivals
+    apart = np.where(heard.sensor >= 5, heard.identity + 100, heard.identity)
+    scene.arrivals = Arrivals(heard.time, heard.sensor, apart)
+    with pytest.raises(ValueError, match="clocks of station 5, station 6 cannot be tied"):
+        solved(scene)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"propagation_speed": 0.0}, "propagation_speed is 0"),
+        ({"propagation_speed_sigma": -1.0}, "propagation_speed_sigma is -1"),
+        ({"path_sigma": np.nan}, "path_sigma is nan"),
+        ({"jerk": 0.0}, "jerk is 0"),
+        ({"beacons": {1: 9}}, "beacons[1] is station 9; there are 7 stations"),
+        ({"beacons": {1: [0.0, 0.0, 0.0]}}, "beacons[1] has shape (3,)"),
+        ({"arrivals": Arrivals([1.0], [9], [1])}, "sensor 9; there are 7"),
+        ({"arrivals": Arrivals([1.0, 2.0], [0, 1], [1, 2], [0, 1])}, "cannot be tied"),
+        (
+            {"stations": [Station([i, 0.0], bias=Bias(time_sigma=1.0)) for i in range(7)]},
+            "stations[0].bias.time_sigma is 1.0",
+        ),
+        ({"stations": [Station([0.0, 0.0])]}, "at least 2"),
+        ({"stations": [Station([0.0, 0.0])] * 7}, "all at the same place"),
+    ],
+)
+def test_wrong_arguments(changes: dict[str, Any], message: str) -> None:
+    scene = net(10)
+    given: dict[str, Any] = {
+        "stations": scene.stations,
+        "arrivals": scene.arrivals,
+        "beacons": scene.beacons,
+        "propagation_speed": SPEED,
+    } | changes
+    stations: Any = given.pop("stations")
+    arrivals: Any = given.pop("arrivals")
+    with pytest.raises(ValueError, match=re.escape(message)):
+        reconstruct_arrivals(stations, arrivals, **given)
+
+
+def test_times_too_large_to_resolve_the_travel() -> None:
+    scene = net(11)
+    heard = scene.arrivals
+    late = Arrivals(heard.time + 1.7e9, heard.sensor, heard.identity)
+    with pytest.raises(ValueError, match="subtract a common start"):
+        reconstruct_arrivals(scene.stations, late, propagation_speed=299_792_458.0)
+
+
+def test_wrong_columns() -> None:
+    with pytest.raises(ValueError, match=re.escape("sensor has shape (1,); it must be (2,)")):
+        Arrivals([1.0, 2.0], [0], [1, 1])
+    with pytest.raises(TypeError, match="sensor has dtype float64"):
+        Arrivals([1.0], [0.5], [1])
+    with pytest.raises(TypeError, match="identity has dtype float64"):
+        Arrivals([1.0], [0], [0.5])
+    with pytest.raises(ValueError, match="emission is -2"):
+        Arrivals([1.0], [0], [1], [-2])
+
+
+@needs_data
+def test_the_hydrophones_of_ssu1() -> None:
+    folder = DATA / "ssu1"
+    detections = np.genfromtxt(folder / "detections.csv", delimiter=",", names=True)
+    receivers = np.genfromtxt(folder / "hydros.csv", delimiter=",", names=True)
+    gps = np.genfromtxt(folder / "gps.csv", delimiter=",", names=True)
+    start = 1_568_045_000
+    time = (detections["epo"] - start) + detections["frac"]
+    serial = {number: at for at, number in enumerate(receivers["serial"])}
+    sensor = np.array([serial[number] for number in detections["serial"]])
+    place = np.column_stack([receivers["x"], receivers["y"]])
+    middle = place.mean(axis=0)
+    # the clock of the fifth is the one that agrees with the boat's
+    stations = [
+        Station(p - middle, position_sigma=3.0, bias=Bias() if at == 4 else None)
+        for at, p in enumerate(place)
+    ]
+    tags = {int(tag): at for at, tag in enumerate(receivers["sync_tag"]) if np.isfinite(tag)}
+
+    def track_of(chosen: npt.NDArray[np.bool_]) -> ArrivalTrajectory:
+        heard = Arrivals(time[chosen], sensor[chosen], detections["tag"][chosen].astype(int))
+        return reconstruct_arrivals(
+            stations, heard, beacons=tags, propagation_speed=1548.0, propagation_speed_sigma=8.0
+        )
+
+    track = track_of(np.ones(len(time), dtype=bool))
+    instants = track.time + start
+    inside = (instants > gps["ts"][0]) & (instants < gps["ts"][-1])
+    truth = np.column_stack([np.interp(instants, gps["ts"], gps[c]) for c in ("utm_x", "utm_y")])
+    error = (track.position + middle - truth)[inside]
+    distance = np.linalg.norm(error, axis=1)
+    assert np.median(distance) < 3.6
+    assert np.quantile(distance, 0.99) < 8.0
+    covariance = track.covariance[inside, :2, :2] + 2.5**2 * np.eye(2)
+    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+    assert 0.93 < np.mean(squares < 5.991) <= 0.99
+    about = (truth - truth[inside].mean(axis=0))[inside]
+    found = track.position[inside] - track.position[inside].mean(axis=0)
+    assert abs(np.sum(about * found) / np.sum(about**2) - 1) < 0.012
+    assert abs(track.propagation_speed_deviation) < 3
+    # two halves of the receivers, which share no measurement but the base
+    halves = [track_of((sensor % 2 == part) | (sensor == 4)) for part in (0, 1)]
+    pairs = np.abs(halves[0].time[:, np.newaxis] - halves[1].time)
+    a, b = np.nonzero(pairs < 2.0)
+    off = halves[0].position[a] - halves[1].position[b]
+    both = halves[0].covariance[a, :2, :2] + halves[1].covariance[b, :2, :2]
+    nees = np.mean(np.einsum("ni,nij,nj->n", off, np.linalg.inv(both), off)) / 2
+    assert len(a) > 80
+    assert nees < 1.3
