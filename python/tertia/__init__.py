@@ -46,13 +46,16 @@ if TYPE_CHECKING:
         weights,
     )
     from tertia.bearing import BearingEstimate, estimate_bearing
+    from tertia.metrics import Audit, audit
 
 __version__ = VERSION
 
 __all__ = [
+    "Audit",
     "BearingEstimate",
     "__version__",
     "association",
+    "audit",
     "bearing",
     "estimate_bearing",
     "flightplan",
@@ -70,6 +73,14 @@ __all__ = [
     "weights",
 ]
 
+# what is here as well as in its module
+_HOMES = {
+    "Audit": "metrics",
+    "BearingEstimate": "bearing",
+    "audit": "metrics",
+    "estimate_bearing": "bearing",
+}
+
 if DEBUG_BUILD:
     warnings.warn(
         "tertia was built without optimisation and is many times slower than it should be; "
@@ -81,8 +92,8 @@ if DEBUG_BUILD:
 
 def __getattr__(name: str) -> Any:
     """Import a module on first use: all modules together take as long as NumPy."""
-    if name in {"BearingEstimate", "estimate_bearing"}:
-        found = getattr(importlib.import_module("tertia.bearing"), name)
+    if name in _HOMES:
+        found = getattr(importlib.import_module(f"tertia.{_HOMES[name]}"), name)
     elif name in __all__:
         found = importlib.import_module(f"tertia.{name}")
     else:

@@ -18,6 +18,7 @@ __all__ = [
     "assign_pairs",
     "beam_meetings",
     "bursts",
+    "chi_square_quantile",
     "cochran",
     "common_states",
     "conformance",
@@ -37,7 +38,9 @@ __all__ = [
     "gate_threshold",
     "group_arrivals",
     "grubbs",
+    "indicator_powers",
     "k_sigma",
+    "lasting",
     "least_count",
     "leave_one_out",
     "leave_one_out_mask",
@@ -46,13 +49,16 @@ __all__ = [
     "local_polynomial",
     "locate",
     "location_accuracy",
+    "mean_interval",
     "paper_score",
     "plan_speeds",
     "plots_to_cartesian",
+    "rank_interval",
     "reconstruct",
     "reconstruct_arrivals",
     "register_biases",
     "register_noise",
+    "share_interval",
     "singer_transition",
     "smooth",
     "smooth_series",
@@ -437,3 +443,13 @@ def traffic_states(
 def beam_meetings(
     traffic: dict[str, Any], position: list[float], scan_period: float, phase: float
 ) -> tuple[IntArray, FloatArray]: ...
+def lasting(errors: FloatArray, gaps: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+def mean_interval(
+    mean: float, ratio: float, worth: dict[str, Any], confidence_level: float
+) -> list[float]: ...
+def share_interval(share: float, worth: dict[str, Any], confidence_level: float) -> list[float]: ...
+def rank_interval(
+    probability: float, worth: dict[str, Any], confidence_level: float
+) -> list[float]: ...
+def indicator_powers(axes: int, probability: float) -> list[float]: ...
+def chi_square_quantile(probability: float, degrees_of_freedom: int) -> float: ...

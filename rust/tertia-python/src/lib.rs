@@ -8,6 +8,7 @@ mod flightplan;
 mod fusion;
 mod kalman;
 mod location;
+mod metrics;
 mod registration;
 mod screening;
 mod simulate;
@@ -40,6 +41,11 @@ mod core_module {
     };
     #[pymodule_export]
     use super::location::{locate, location_accuracy};
+    #[pymodule_export]
+    use super::metrics::{
+        chi_square_quantile, indicator_powers, lasting, mean_interval, rank_interval,
+        share_interval,
+    };
     #[pymodule_export]
     use super::registration::{common_states, correct_states, register_biases, register_noise};
     #[pymodule_export]

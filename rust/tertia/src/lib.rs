@@ -34,7 +34,7 @@
 //!
 //! `base <- screening <- bearing <- weights <- location <- kalman <- smoothing <- fusion <-
 //! association <- flightplan <- registration <- tracker`: a module uses those to its left only.
-//! [`simulate`] stands outside. [`batch`] and [`missing`] are for callers.
+//! [`simulate`] and [`metrics`] stand outside. [`batch`] and [`missing`] are for callers.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! # Costs
@@ -79,6 +79,7 @@ pub mod flightplan;
 pub mod fusion;
 pub mod kalman;
 pub mod location;
+pub mod metrics;
 pub mod registration;
 pub mod screening;
 pub mod sensors;

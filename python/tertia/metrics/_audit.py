@@ -1,0 +1,425 @@
+"""Errors of estimates compared with the covariances that were stated with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import probability as checked_probability
+from tertia.metrics._indicator import (
+    Indicator,
+    digits,
+    factor_verdict,
+    honest_if,
+    share_verdict,
+    text,
+)
+from tertia.metrics._rows import (
+    Rows,
+    column,
+    errors_of,
+    gaps_of,
+    in_order,
+    labels_of,
+    like,
+    matrices_of,
+    require_definite,
+    strata_of,
+)
+from tertia.metrics._worth import Record
+
+_NEWTON_STEPS, _ROUNDING = 30, 1e-14
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Audit:
+    """How far the stated covariances of estimates agree with their errors.
+
+    Attributes
+    ----------
+    nees : Indicator
+        Mean normalised error squared per axis: 1 if the covariances are right.
+    coverage : dict of float to Indicator
+        Share of the truths inside the regions of each probability.
+    scale : dict of float to Indicator
+        The number by which the covariances are to be multiplied so that the region of each
+        probability has this share inside. Its square root is the factor of the sigmas.
+    radius : dict of float to Indicator
+        The distance from the estimate within which the truth of the next one is with this
+        probability, whatever the distribution: inf where the record is too short for it. `low` and
+        `high` are bounds of the quantile of the errors.
+    region_factor : dict of float to Indicator
+        The same of regions: the factor by which their axes, or the sigmas, are to be multiplied so
+        that they hold the truth of the next estimate with at least this probability.
+    effective_number : float
+        Number of independent errors that the record is worth for its NEES.
+    time_offset : Indicator or None
+        Seconds to be added to the times of the truth; None if no velocities were given.
+    strata : dict of str to Audit
+        The same of the parts of the record.
+    count, missing : int
+        Rows that were audited, and rows left out because a number in them is not finite.
+    """
+
+    nees: Indicator
+    coverage: Mapping[float, Indicator]
+    scale: Mapping[float, Indicator]
+    radius: Mapping[float, Indicator]
+    region_factor: Mapping[float, Indicator]
+    effective_number: float
+    time_offset: Indicator | None
+    strata: Mapping[str, Audit]
+    count: int
+    missing: int
+
+    @property
+    def probability(self) -> float:
+        """The probability nearest to 0.95: that of the verdict."""
+        return min(self.scale, key=lambda one: abs(one - 0.95))
+
+    @property
+    def verdict(self) -> str:
+        """What the regions of 95 % say: the sigmas are too small by a factor, honest, ..."""
+        return self.scale[self.probability].verdict
+
+    def __repr__(self) -> str:
+        """Return the main figures."""
+        p = self.probability
+        return (
+            f"Audit({self.verdict}; {100 * p:g} % regions hold {_percent(self.coverage[p])}, NEES "
+            f"per axis {self.nees.value:.3g}, {self.count} errors worth "
+            f"{self.effective_number:.0f})"
+        )
+
+    def __str__(self) -> str:
+        """Return all figures, one per line."""
+        lines = [f"sigmas: {self.verdict}"]
+        missing = f", {self.missing} rows left out" if self.missing else ""
+        lines.append(f"{self.count} errors worth {self.effective_number:.0f} independent{missing}")
+        lines.append(f"NEES per axis {self.nees}")
+        for p, share in self.coverage.items():
+            lines.append(
+                f"{100 * p:g} % regions hold {_percent(share)}: {share.verdict}; the truth is "
+                f"within {digits(self.radius[p].value)}"
+            )
+        if self.time_offset is not None:
+            lines.append(f"time of the truth: {self.time_offset.verdict}")
+        lines += [f"{name}: {one!r}" for name, one in self.strata.items()]
+        return "\n".join(lines)
+
+
+def _percent(share: Indicator) -> str:
+    value, interval = text(*(100 * x for x in (share.value, share.low, share.high)))
+    return f"{value} % {interval}"
+
+
+def audit(
+    error: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    *,
+    truth_covariance: npt.ArrayLike | None = None,
+    time: npt.ArrayLike | None = None,
+    groups: npt.ArrayLike | None = None,
+    strata: npt.ArrayLike | Mapping[str, npt.ArrayLike] | None = None,
+    velocity: npt.ArrayLike | None = None,
+    probability: Sequence[float] = (0.5, 0.9, 0.95, 0.99),
+    confidence_level: float = 0.95,
+) -> Audit:
+    """Compare errors with the stated covariances: NEES, coverage, and what would make them honest.
+
+    All figures have intervals that allow for errors that last.
+
+    Parameters
+    ----------
+    error : array_like of shape (N, m), or (N,) for one axis
+        Estimates minus truth, in order of time; nan where there is none. Differences of angles must
+        be wrapped.
+    covariance : array_like
+        Stated covariances of the estimates, of shape (N, m, m), or (m, m) for all rows; or
+        variances of the axes, (N, m); or one variance for each row, (N,), or for all, ().
+    truth_covariance : array_like, optional
+        Those of the truth, of any of these shapes; by default the truth is exact.
+    time : array_like of shape (N,), optional
+        Seconds. By default rows are equally spaced.
+    groups : array_like of shape (N,), optional
+        Labels of what is independent of the rest: flights, runs, targets. From ten groups of equal
+        size on the intervals come from their differences alone.
+    strata : array_like of shape (N,), or mapping of str to array_like, optional
+        Labels of parts that are audited on their own; numbers of more than eight different values
+        are divided at their quartiles.
+    velocity : array_like of shape (N, m), optional
+        Velocities of the targets in units per second, estimated or true, for `time_offset`.
+    probability : sequence of float
+        Content of the regions.
+    confidence_level : float
+        Of the intervals.
+
+    Returns
+    -------
+    Audit
+        The figures, with intervals and verdicts.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a number outside its domain, or no row of finite numbers.
+    numpy.linalg.LinAlgError
+        A covariance that is not positive definite; the message has its row.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    With fewer than ten groups, how long errors last comes from the posterior of models in which a
+    share of the variance is a Gauss-Markov process and the rest is white, once for the whitened
+    errors and once for the ranks of their squares, which also follow a noise that comes and goes;
+    the longer of the two counts. The interval of the NEES is that of a variance, mixed over this
+    posterior. That of a share is Wilson's (1927), with the correlation of normal errors passed to
+    what is inside and outside; those of scale and radius are order statistics (Woodruff 1952).
+    With ten groups or more, all come from the variance between groups (Liang, Zeger 1986) and
+    Student's distribution.
+
+    A verdict of 'honest' needs at least ten independent errors, otherwise the record is 'too short
+    to tell'; sigmas that are wrong by more than the interval are named as such in any record.
+
+    The radius is conformal (Vovk, Gammerman, Shafer 2005): exact for exchangeable errors, so not
+    where the next estimates are made under other conditions.
+
+    `time_offset` is the least-squares fit of the errors to the velocities. It is right where
+    errors do not depend on the velocity otherwise, as those of a filter that lags do.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia import audit
+    >>> error = np.random.default_rng(1).normal(0.0, 3.0, (500, 2))
+    >>> audit(error, 1.0)
+    Audit(too small by a factor of 2.9 (2.7 to 3.3); 95 % regions hold 27 % (23 to 31), NEES per \
+axis 8.78, 500 errors worth 336)
+    """
+    errors = errors_of(error)
+    stated = matrices_of(covariance, "covariance", errors.shape)
+    true = None
+    if truth_covariance is not None:
+        true = matrices_of(truth_covariance, "truth_covariance", errors.shape)
+    levels = [checked_probability(one, "probability") for one in probability]
+    if not levels:
+        raise ValueError("probability is empty; there must be one")
+    level = checked_probability(confidence_level, "confidence_level")
+    group = labels_of(groups, "groups", len(errors))
+    order, position = in_order(group, column(time, "time", len(errors)))
+    speeds = None if velocity is None else like(velocity, "velocity", errors)
+    rows = Rows(errors, stated, true, group, position, speeds)
+    known = rows.known()
+    if not known.any():
+        raise ValueError("error and covariance have no row of finite numbers; there must be one")
+    require_definite(stated, known, "covariance")
+    if true is not None:
+        require_definite(stated + true, known, "covariance + truth_covariance")
+    parts = {
+        name: _figures(rows.at(order[own[order]]), levels, level, {})
+        for name, own in strata_of(strata, known).items()
+    }
+    return _figures(rows.at(order), levels, level, parts)
+
+
+def audit_split(
+    first: npt.ArrayLike,
+    first_covariance: npt.ArrayLike,
+    second: npt.ArrayLike,
+    second_covariance: npt.ArrayLike,
+    **options: Any,
+) -> Audit:
+    """Compare two estimates of the same from different sensors, where no truth is known.
+
+    Their difference must agree with the sum of their covariances. It does not show errors that both
+    share, such as those of a common map or clock.
+
+    Parameters
+    ----------
+    first, second : array_like of shape (N, m), or (N,)
+        Estimates from disjoint sets of sensors; nan where there is none.
+    first_covariance, second_covariance : array_like
+        Their covariances, as for `audit`.
+    **options
+        The other arguments of `audit`.
+
+    Returns
+    -------
+    Audit
+        Of the difference: `scale` is for the sum of the covariances.
+
+    Raises
+    ------
+    ValueError, TypeError, numpy.linalg.LinAlgError
+        As `audit`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.metrics import audit_split
+    >>> rng = np.random.default_rng(1)
+    >>> one, other = rng.normal(0.0, [[3.0], [4.0]], (2, 500))
+    >>> audit_split(one, 9.0, other, 16.0).verdict
+    'honest'
+    """
+    one, other = errors_of(first), like(second, "second", errors_of(first))
+    sums = matrices_of(first_covariance, "first_covariance", one.shape) + matrices_of(
+        second_covariance, "second_covariance", one.shape
+    )
+    return audit(one - other, sums, **options)
+
+
+def _figures(
+    rows: Rows, levels: Sequence[float], level: float, parts: Mapping[str, Audit]
+) -> Audit:
+    known = np.flatnonzero(rows.known())
+    missing, rows = len(rows.errors) - len(known), rows.at(known)
+    count, axes = rows.errors.shape
+    both, of_truth = rows.covariance, None
+    if rows.truth_covariance is not None:
+        both, of_truth = both + rows.truth_covariance, _Axes.of(rows, rows.truth_covariance)
+    root = np.linalg.cholesky(both)
+    white = np.linalg.solve(root, rows.errors[..., np.newaxis])[..., 0]
+    _, group = np.unique(rows.group, return_inverse=True)
+    record = Record.of(white, gaps_of(rows.position, group), group)
+    worth = record.of_mean()
+    nees = record.squares / axes
+    low, high = worth.of_mean(nees, axes, level)
+    mean, number = float(nees.mean()), worth.effective_number
+    found = Indicator(mean, low, high, count, number, factor_verdict(mean, low, high, number))
+    distance = np.linalg.norm(rows.errors, axis=-1)
+    shares, scales, radii, region_factors = {}, {}, {}, {}
+    for p in levels:
+        quantile = _core.chi_square_quantile(p, axes)
+        inside = record.squares <= quantile
+        shares[p] = _share(record, inside, p, level)
+        needed = record.squares / quantile if of_truth is None else of_truth.scale(quantile)
+        scales[p] = _quantile(record, needed, p, level)
+        radii[p] = _conformal(record, distance, p, level)
+        region_factors[p] = _conformal(record, np.sqrt(needed), p, level)
+    offset = None
+    if rows.velocity is not None:
+        speed = np.linalg.solve(root, rows.velocity[..., np.newaxis])[..., 0]
+        offset = _time_offset(white, speed, record, level)
+    return Audit(
+        found,
+        shares,
+        scales,
+        radii,
+        region_factors,
+        worth.effective_number,
+        offset,
+        dict(parts),
+        count,
+        missing,
+    )
+
+
+def _share(record: Record, inside: BoolArray, probability: float, level: float) -> Indicator:
+    share = float(np.mean(inside))
+    worth = record.of_inside(inside, share)
+    low, high = worth.of_share(share, level)
+    number = worth.effective_number
+    verdict = share_verdict(low, high, probability, number)
+    return Indicator(share, low, high, len(inside), number, verdict)
+
+
+def _bounds(
+    record: Record, values: FloatArray, probability: float, level: float
+) -> tuple[float, float, float, float]:
+    """Return the quantile, the order statistics that bound it, and the effective number."""
+    quantile = float(np.quantile(values, probability))
+    worth = record.of_inside(values <= quantile, probability)
+    low, high = (share * len(values) for share in worth.of_rank(probability, level))
+    ordered = np.sort(values)
+    below, above = int(np.floor(low)), int(np.ceil(high))
+    return (
+        quantile,
+        float(ordered[below - 1]) if below >= 1 else 0.0,
+        float(ordered[above]) if above < len(values) else np.inf,
+        worth.effective_number,
+    )
+
+
+def _quantile(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
+    """Return the scale of the covariances."""
+    value, low, high, number = _bounds(record, values, probability, level)
+    verdict = factor_verdict(value, low, high, number)
+    return Indicator(value, low, high, len(values), number, verdict)
+
+
+def _conformal(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
+    """Return the bound of the next value: of n + 1 exchangeable ones each rank is as likely."""
+    _, low, high, number = _bounds(record, values, probability, level)
+    count = len(values)
+    rank = int(np.ceil(probability * (1.0 + 1.0 / number) * count - 1e-9))
+    bound = float(np.sort(values)[rank - 1]) if rank <= count else np.inf
+    verdict = "" if np.isfinite(bound) else honest_if(0.0)
+    return Indicator(bound, low, high, count, number, verdict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axes:
+    """Squares of the errors along common axes of C and C_truth, and the ratios of these there.
+
+    With C = L L' and L^-1 C_truth L^-T = U diag(g) U', `e' (s C + C_truth)^-1 e` is
+    `sum_k y_k^2 / (s + g_k)`, y = U' L^-1 e.
+    """
+
+    square: FloatArray
+    ratio: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows, truth_covariance: FloatArray) -> _Axes:
+        root = np.linalg.cholesky(rows.covariance)
+        y = np.linalg.solve(root, rows.errors[..., np.newaxis])
+        half = np.linalg.solve(root, truth_covariance)
+        both = np.linalg.solve(root, np.swapaxes(half, -1, -2))
+        ratio, turn = np.linalg.eigh(0.5 * (both + np.swapaxes(both, -1, -2)))
+        square = (np.swapaxes(turn, -1, -2) @ y)[..., 0] ** 2
+        return cls(np.asarray(square), np.maximum(ratio, np.finfo(np.float64).tiny))
+
+    def scale(self, quantile: float) -> FloatArray:
+        """Return the s of each row at which the form is the quantile, 0 where C_truth suffices.
+
+        The form falls and is convex in s, so that Newton's steps from below never pass the root.
+        """
+        # the largest term alone
+        scale: FloatArray = np.maximum(np.max(self.square / quantile - self.ratio, axis=-1), 0.0)
+        for _ in range(_NEWTON_STEPS):
+            part = self.square / (scale[:, np.newaxis] + self.ratio)
+            slope = np.sum(part / (scale[:, np.newaxis] + self.ratio), axis=-1)
+            excess = np.maximum(part.sum(axis=-1) - quantile, 0.0)
+            step = np.divide(excess, slope, out=np.zeros_like(slope), where=slope > 0)
+            scale = scale + step
+            if np.all(step <= _ROUNDING * scale):
+                break
+        return scale
+
+
+def _time_offset(error: FloatArray, speed: FloatArray, record: Record, level: float) -> Indicator:
+    """Return what to add to the times of the truth, of whitened errors and velocities."""
+    information = float(np.sum(speed**2))
+    count = len(error)
+    if information == 0.0:
+        return Indicator(np.nan, -np.inf, np.inf, count, 0.0, honest_if(0.0))
+    offset = -float(np.sum(speed * error)) / information
+    score = np.sum(speed * (error + speed * offset), axis=-1)
+    worth = record.of_score(score)
+    # quantiles of the standardised error: the interval of a share of one half
+    steps = (np.array(worth.of_rank(0.5, level)) - 0.5) / 0.5
+    spread = float(np.sqrt(np.mean(score**2))) * count / information
+    low, high = (offset + step * spread for step in steps)
+    number = worth.effective_number
+    if low > 0.0 or high < 0.0:
+        verdict = f"add {offset:.3g} s ({low:.3g} to {high:.3g})"
+    else:
+        verdict = honest_if(number)
+    return Indicator(offset, low, high, count, number, verdict)

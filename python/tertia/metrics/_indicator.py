@@ -1,0 +1,88 @@
+"""A figure with its interval, and what it says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+# of fewer independent values nothing good can be said
+LEAST_NUMBER = 10.0
+TOO_SHORT = "too short to tell"
+HONEST = "honest"
+_MOST_PLACES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Indicator:
+    """A figure of a record, with its confidence interval.
+
+    Attributes
+    ----------
+    value : float
+        The figure.
+    low, high : float
+        Bounds of its confidence interval.
+    count : int
+        Number of values that it comes from.
+    effective_number : float
+        Number of independent values that would be worth as much.
+    verdict : str
+        What it says, in words; empty where nothing is claimed that could be right or wrong.
+    """
+
+    value: float
+    low: float
+    high: float
+    count: int
+    effective_number: float
+    verdict: str
+
+    def __str__(self) -> str:
+        """Return the figure, its interval and the verdict."""
+        value, interval = text(self.value, self.low, self.high)
+        return f"{value} {interval}" + (f": {self.verdict}" if self.verdict else "")
+
+
+def digits(value: float) -> str:
+    """Return a number to two or three digits, without an exponent."""
+    if not math.isfinite(value):
+        return "unbounded" if value > 0 else "unknown"
+    size = abs(value)
+    return f"{value:.{0 if size >= 20 else 1 if size >= 2 else 2}f}"
+
+
+def text(value: float, low: float, high: float) -> tuple[str, str]:
+    """Return a figure and its interval, to about a quarter of the interval's length."""
+    length = high - low if math.isfinite(high - low) else abs(value)
+    places = 2
+    if 0 < length < math.inf:
+        places = min(max(math.ceil(-math.log10(length / 4)), 0), _MOST_PLACES)
+    if math.isinf(high):
+        interval = f"(at least {low:.{places}f})"
+    else:
+        interval = f"({low:.{places}f} to {high:.{places}f})"
+    return (f"{value:.{places}f}" if math.isfinite(value) else digits(value)), interval
+
+
+def factor_verdict(value: float, low: float, high: float, number: float) -> str:
+    """Return what the factor by which covariances are to be multiplied says of the sigmas."""
+    if low > 1.0:
+        return "too small by a factor of {} {}".format(*text(*map(math.sqrt, (value, low, high))))
+    if high < 1.0:
+        inverse = (math.sqrt(1.0 / x) if x > 0 else math.inf for x in (value, high, low))
+        return "too large by a factor of {} {}".format(*text(*inverse))
+    return honest_if(number)
+
+
+def share_verdict(low: float, high: float, probability: float, number: float) -> str:
+    """Return what the share of truths inside regions says of these."""
+    if high < probability:
+        return "too small"
+    if low > probability:
+        return "too large"
+    return honest_if(number)
+
+
+def honest_if(number: float) -> str:
+    """Return the verdict where nothing contradicts the claim."""
+    return HONEST if number >= LEAST_NUMBER else TOO_SHORT

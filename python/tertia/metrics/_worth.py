@@ -1,0 +1,147 @@
+"""How many independent errors a record is worth, and intervals of its figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, IntArray
+
+# so many groups show by themselves how much their means vary
+LEAST_GROUPS = 10
+# the squares of errors: the second power of their correlation; of their ranks: the first
+_OF_ERRORS, _OF_RANKS = np.eye(8)[1], np.eye(8)[0]
+_MOST_SHARE = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Worth:
+    """Numbers of independent values that a record may be worth, and their probabilities."""
+
+    number: FloatArray
+    probability: FloatArray
+    degrees_of_freedom: float = np.inf
+
+    @property
+    def effective_number(self) -> float:
+        """The number that would give the mean variance."""
+        return float(1.0 / np.sum(self.probability / self.number))
+
+    def _record(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self.__slots__}
+
+    def of_mean(self, values: FloatArray, axes: int, level: float) -> tuple[float, float]:
+        """Return the interval of the expectation of squares."""
+        mean = float(values.mean())
+        if mean == 0.0:
+            return 0.0, 0.0
+        # the variance about the sample's mean lacks what the mean varies
+        lacking = min(1.0 / self.effective_number, _MOST_SHARE) if len(values) > 1 else 0.0
+        ratio = max(float(values.var()) / mean**2 / (1.0 - lacking), 2.0 / axes)
+        low, high = _core.mean_interval(mean, ratio, self._record(), level)
+        return low, high
+
+    def of_share(self, share: float, level: float) -> tuple[float, float]:
+        """Return the interval of a probability."""
+        low, high = _core.share_interval(share, self._record(), level)
+        return low, high
+
+    def of_rank(self, probability: float, level: float) -> tuple[float, float]:
+        """Return the interval of the share that is observed of a probability."""
+        low, high = _core.rank_interval(probability, self._record(), level)
+        return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What tells how much the figures of a record vary: groups, or how long errors last.
+
+    `errors` are whitened, (N, m), in order of group and time; `gaps` are the steps since the row
+    before, 0 where a group begins.
+    """
+
+    squares: FloatArray
+    axes: int
+    group: IntArray
+    models: tuple[tuple[FloatArray, FloatArray], ...]
+
+    @classmethod
+    def of(cls, errors: FloatArray, gaps: FloatArray, group: IntArray) -> Record:
+        """Return the record of errors."""
+        count, axes = errors.shape
+        squares = np.sum(errors**2, axis=-1)
+        if _balanced(group) >= LEAST_GROUPS:
+            return cls(squares, axes, group, ())
+        ranks = np.empty(count)
+        ranks[np.argsort(squares, kind="stable")] = (np.arange(count) + 0.5) / count - 0.5
+        lasting = (
+            _core.lasting(np.ascontiguousarray(errors), gaps),
+            _core.lasting(ranks[:, np.newaxis], gaps),
+        )
+        return cls(squares, axes, group, lasting)
+
+    def of_mean(self) -> Worth:
+        """Return what the record is worth for the mean square."""
+        return self._worth(self.squares, (_OF_ERRORS, _OF_RANKS))
+
+    def of_inside(self, inside: BoolArray, probability: float) -> Worth:
+        """Return what it is worth for the share inside a region of this content."""
+        least = 0.5 / len(inside)
+        content = min(max(probability, least), 1.0 - least)
+        if self.models:
+            weights = [np.array(_core.indicator_powers(m, content)) for m in (self.axes, 0)]
+            return self._worth(self.squares, (weights[0], weights[1]))
+        if inside.all() or not inside.any():
+            return self.of_mean()
+        return self._worth(inside.astype(np.float64), ())
+
+    def of_score(self, score: FloatArray) -> Worth:
+        """Return what it is worth for the mean of what is linear in the errors."""
+        return self._worth(score, (_OF_RANKS, _OF_RANKS))
+
+    def _worth(self, values: FloatArray, weights: tuple[FloatArray, ...]) -> Worth:
+        count = len(values)
+        if not self.models:
+            return _clustered(values, self.group)
+        rows = [
+            (probability, per_value @ weight)
+            for (probability, per_value), weight in zip(self.models, weights, strict=True)
+        ]
+        probability, per_value = _larger(*rows)
+        return Worth(np.maximum(count / per_value, 1.0), probability)
+
+
+def _balanced(group: IntArray) -> float:
+    """Return the number of groups, of equal ones that would be worth as much."""
+    sizes = np.bincount(group)
+    return float(sizes.sum() ** 2 / np.sum(sizes.astype(np.float64) ** 2))
+
+
+def _clustered(values: FloatArray, group: IntArray) -> Worth:
+    """Return the worth by the variance of groups (Liang, Zeger 1986), Student's by their number."""
+    count, groups = len(values), int(group.max()) + 1
+    centred = values - values.mean()
+    own = float(np.mean(centred**2))
+    sums = np.bincount(group, centred)
+    of_mean = float(np.sum(sums**2)) / count**2 * groups / (groups - 1)
+    number = float(count) if of_mean == 0 else own / of_mean * count / (count - 1)
+    number = min(max(number, 1.0), float(count))
+    return Worth(np.array([number]), np.ones(1), _balanced(group) - 1.0)
+
+
+def _larger(
+    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the distribution of the larger of two independent variables: probability, value."""
+    values = np.union1d(one[1], other[1])
+
+    def below(probability: FloatArray, value: FloatArray) -> FloatArray:
+        order = np.argsort(value)
+        sums = np.concatenate([[0.0], np.cumsum(probability[order])])
+        return np.asarray(sums[np.searchsorted(value[order], values, side="right")])
+
+    probability = np.diff(below(*one) * below(*other), prepend=0.0)
+    return np.ascontiguousarray(probability), values

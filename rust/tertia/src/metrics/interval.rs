@@ -1,0 +1,118 @@
+//! Intervals of figures of a record that is worth an uncertain number of independent values.
+
+use crate::base::distribution::{chi_square_upper_real, normal_two_sided, student_two_sided};
+use crate::base::error::{Result, require};
+
+/// Halvings of an interval: more than the digits of a double.
+const HALVINGS: usize = 60;
+/// Models of less probability than this change no printed digit.
+const NEGLIGIBLE: f64 = 1e-9;
+
+/// How many independent values a record may be worth.
+pub struct Worth<'a> {
+    /// Numbers of values.
+    pub number: &'a [f64],
+    /// Their probabilities.
+    pub probability: &'a [f64],
+    /// Of the variance from which the numbers come; infinite where it is integrated over.
+    pub degrees_of_freedom: f64,
+}
+
+impl Worth<'_> {
+    fn check(&self, confidence_level: f64) -> Result<()> {
+        let holds = confidence_level > 0.0 && confidence_level < 1.0;
+        require("confidence_level", confidence_level, holds, "between 0 and 1 (exclusive)")?;
+        let count = self.number.len() as f64;
+        let fit = !self.number.is_empty() && self.number.len() == self.probability.len();
+        require("number", count, fit, "as many as probabilities, and at least one")
+    }
+
+    /// The mean of a function of the number.
+    fn mean(&self, of: impl Fn(f64) -> f64) -> f64 {
+        let models = self.number.iter().zip(self.probability);
+        models.filter(|(_, p)| **p > NEGLIGIBLE).map(|(n, p)| p * of(*n)).sum()
+    }
+
+    /// `P(T ≤ t)` of a standard normal variable, or of Student's.
+    fn lower(&self, t: f64) -> f64 {
+        let outside = if self.degrees_of_freedom.is_finite() {
+            student_two_sided(t.abs(), self.degrees_of_freedom)
+        } else {
+            normal_two_sided(t.abs())
+        };
+        if t < 0.0 { 0.5 * outside } else { 1.0 - 0.5 * outside }
+    }
+
+    /// `P(T ≤ t √n)` over the numbers.
+    fn lower_of_mean(&self, t: f64) -> f64 {
+        if t == 0.0 {
+            return 0.5;
+        }
+        self.mean(|n| self.lower(t * n.sqrt()))
+    }
+}
+
+/// The interval of the expectation of positive values with this mean and ratio of their variance to
+/// the square of the mean (2/m of chi-square with m degrees of freedom).
+///
+/// The mean of n values counts as that of chi-square with `2 n / ratio` degrees of freedom; with
+/// finite degrees of freedom its logarithm is Student's.
+///
+/// # Errors
+/// A level that is none, or numbers that do not fit.
+pub fn mean_interval(
+    mean: f64,
+    ratio: f64,
+    worth: &Worth,
+    confidence_level: f64,
+) -> Result<[f64; 2]> {
+    worth.check(confidence_level)?;
+    let outside = 0.5 * (1.0 - confidence_level);
+    // P(expectation < mean e^x)
+    let below = |x: f64| {
+        if worth.degrees_of_freedom.is_finite() {
+            return worth.lower_of_mean(x / ratio.sqrt());
+        }
+        worth.mean(|n| {
+            let nu = 2.0 * n / ratio;
+            chi_square_upper_real(nu * (-x).exp(), nu)
+        })
+    };
+    Ok([outside, 1.0 - outside].map(|p| mean * crossing(&below, p, [-30.0, 30.0]).exp()))
+}
+
+/// The interval of a probability of which a share was observed: Wilson's (1927), over the numbers.
+///
+/// # Errors
+/// A level that is none, or numbers that do not fit.
+pub fn share_interval(share: f64, worth: &Worth, confidence_level: f64) -> Result<[f64; 2]> {
+    worth.check(confidence_level)?;
+    let outside = 0.5 * (1.0 - confidence_level);
+    let below = |p: f64| worth.lower_of_mean((p - share) / (p * (1.0 - p)).sqrt());
+    Ok([outside, 1.0 - outside].map(|p| crossing(&below, p, [0.0, 1.0])))
+}
+
+/// The shares that may be observed of what has this probability: between the order statistics at
+/// these shares lies the quantile (Woodruff 1952). Not cut to 0…1: beyond, the quantile is unbounded.
+///
+/// # Errors
+/// A level that is none, or numbers that do not fit.
+pub fn rank_interval(probability: f64, worth: &Worth, confidence_level: f64) -> Result<[f64; 2]> {
+    worth.check(confidence_level)?;
+    let holds = probability > 0.0 && probability < 1.0;
+    require("probability", probability, holds, "between 0 and 1 (exclusive)")?;
+    let outside = 0.5 * (1.0 - confidence_level);
+    let scale = (probability * (1.0 - probability)).sqrt();
+    let below = |share: f64| worth.lower_of_mean((share - probability) / scale);
+    let bounds = [probability - 60.0 * scale, probability + 60.0 * scale];
+    Ok([outside, 1.0 - outside].map(|p| crossing(&below, p, bounds)))
+}
+
+/// Where a rising function crosses a value, by halving.
+fn crossing(rising: impl Fn(f64) -> f64, value: f64, [mut low, mut high]: [f64; 2]) -> f64 {
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if rising(middle) < value { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
