@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 from studies import (
     association,
+    audit,
     bearing,
     flightplan,
     fusion,
@@ -84,6 +85,11 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "zeros": association.zeros,
         "ambiguity": association.ambiguity,
         "updates": association.updates,
+    },
+    "audit.md": {
+        "intervals": audit.intervals,
+        "other errors": audit.other_errors,
+        "verdicts": audit.verdicts,
     },
     "registration.md": {
         "coverage": registration.coverage,
@@ -166,6 +172,7 @@ FIGURES = {
     "fusion_smoothing.png": fusion.smoothing_figure,
     "smoothing_track.png": smoothing.track_figure,
     "trajectory.png": trajectory.track_figure,
+    "audit.png": audit.audit_figure,
 }
 
 

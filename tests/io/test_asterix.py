@@ -110,6 +110,8 @@ def test_system_tracks_and_reports(save: Save) -> None:
             12: struct.pack(">H", 4713),
             17: struct.pack(">h", 4 * 390),
             18: struct.pack(">h", 1000),
+            # I062/500: X and Y, root of the covariance
+            27: b"\xc0" + struct.pack(">HHh", 2 * 30, 2 * 40, 2 * -15),
         }
     )
     fine = struct.pack(">ii", *(round(a / (180 / 2**30)) for a in (-45.25, 15.5)))
@@ -136,6 +138,8 @@ def test_system_tracks_and_reports(save: Save) -> None:
     assert (row["latitude_deg"], row["longitude_deg"]) == pytest.approx((45.4, -15.1), abs=6e-6)
     assert (row["speed_m_s"], row["course_deg"]) == pytest.approx((50.0, 143.13010235415598))
     assert (row["flight_level"], row["mode_3a"]) == (390.0, "1275")
+    assert (row["east_sigma_m"], row["north_sigma_m"]) == (30.0, 40.0)
+    assert row["covariance_east_north_m2"] == -225.0
     assert row["height_m"] == pytest.approx(6250 * 0.3048)
     row = found.reports.row(0, named=True)
     assert (row["time_s"], row["target"], row["flight_level"]) == (45_828.0, "4BAACD", 350.0)

@@ -15,6 +15,7 @@ try:
     import typer
 
     from tertia.cli.commands import (
+        audit,
         bearing,
         evaluate,
         fuse_series,
@@ -40,6 +41,7 @@ _COMMANDS: dict[Callable[..., Any], tuple[str, ...]] = {
     weights.weights: weights.EXAMPLES,
     track.track: track.EXAMPLES,
     evaluate.evaluate: evaluate.EXAMPLES,
+    audit.audit: audit.EXAMPLES,
     report.report: report.EXAMPLES,
     simulate.simulate: simulate.EXAMPLES,
 }

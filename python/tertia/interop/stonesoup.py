@@ -37,7 +37,7 @@ from tertia.kalman import SingerModel
 from tertia.sensors import Radar
 from tertia.tracker import Plots, Tracker, TrackTable
 
-__all__ = ["PlotTracker", "SingerMotion", "Updater", "plots", "predictor", "radar"]
+__all__ = ["PlotTracker", "SingerMotion", "Updater", "errors", "plots", "predictor", "radar"]
 
 # a radar this many metres away measures x and y: its beam bends by a metre in 20 km
 _FAR = 1e8
@@ -136,6 +136,74 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
     rows = [_row(detection, models, start) for detection in detections]
     time, distance, azimuth, index = np.array(rows, dtype=np.float64).reshape(-1, 4).T
     return Plots(time, distance, azimuth, sensor=index.astype(np.int64))
+
+
+def errors(
+    tracks: Iterable[Any], truth: Iterable[Any], mapping: Sequence[int] = (0, 2)
+) -> dict[str, FloatArray]:
+    """Return tracks and the truth as the arguments of `tertia.audit`.
+
+    Parameters
+    ----------
+    tracks : iterable of Track
+        Tracks, or other sequences of Gaussian states.
+    truth : iterable of GroundTruthPath
+        True paths, with states at the times of the tracks.
+    mapping : sequence of int
+        Components of the state that are compared.
+
+    Returns
+    -------
+    dict
+        `error` (N, m), `covariance` (N, m, m), `time` in seconds from the first state, and
+        `groups`, the index of the track. A state belongs to the nearest path at its time; states
+        at other times than the truth's are left out.
+
+    Raises
+    ------
+    ValueError
+        No state at a time of the truth.
+
+    Examples
+    --------
+    >>> from datetime import datetime
+    >>> import numpy as np
+    >>> from stonesoup.types.groundtruth import GroundTruthPath, GroundTruthState
+    >>> from stonesoup.types.state import GaussianState
+    >>> from stonesoup.types.track import Track
+    >>> from tertia import audit
+    >>> from tertia.interop.stonesoup import errors
+    >>> now = datetime(2024, 1, 1)
+    >>> path = GroundTruthPath([GroundTruthState([0.0, 1.0, 0.0, 1.0], timestamp=now)])
+    >>> track = Track([GaussianState([3.0, 1.0, 4.0, 1.0], np.eye(4) * 25.0, timestamp=now)])
+    >>> audit(**errors([track], [path])).nees.value
+    0.5
+    """
+    chosen = list(mapping)
+    places: dict[datetime, list[FloatArray]] = {}
+    for path in truth:
+        for state in path:
+            there = np.asarray(state.state_vector, dtype=np.float64)[chosen, 0]
+            places.setdefault(state.timestamp, []).append(there)
+    rows: list[tuple[Any, ...]] = []
+    for group, one in enumerate(tracks):
+        for state in one:
+            if state.timestamp not in places:
+                continue
+            mean = np.asarray(state.mean, dtype=np.float64).reshape(-1)[chosen]
+            off = mean - np.array(places[state.timestamp])
+            covariance = np.asarray(state.covar, dtype=np.float64)[np.ix_(chosen, chosen)]
+            nearest = off[np.argmin(np.linalg.norm(off, axis=-1))]
+            rows.append((nearest, covariance, state.timestamp, group))
+    if not rows:
+        raise ValueError("tracks have no state at a time of the truth")
+    first = min(row[2] for row in rows)
+    return {
+        "error": np.array([row[0] for row in rows]),
+        "covariance": np.array([row[1] for row in rows]),
+        "time": np.array([(row[2] - first).total_seconds() for row in rows]),
+        "groups": np.array([row[3] for row in rows], dtype=np.float64),
+    }
 
 
 def _row(detection: Any, models: Sequence[Any], start: datetime) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from math import cos, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ _PLOTS, _SERVICE, _TRACKS, _REPORTS = 48, 34, 62, 21
 _HEADER = 3
 _DAY = 86_400.0
 _NORTH_MARKER = 1
+# metres of a degree of latitude, of which an accuracy needs three digits
+_DEGREE = 1852.0 * 60.0
 # of I048/020
 _DETECTIONS = (
     "none",
@@ -58,6 +61,9 @@ _COLUMNS = {
         "flight_level": _NUMBER,
         "east_m": _NUMBER,
         "north_m": _NUMBER,
+        "east_sigma_m": _NUMBER,
+        "north_sigma_m": _NUMBER,
+        "covariance_east_north_m2": _NUMBER,
         **_MOTION,
         **_IDENTITY,
     },
@@ -89,8 +95,9 @@ class AsterixRecording:
         `latitude_deg`, `longitude_deg`, `height_m`, `scan_period_s`, `plots`.
     tracks : DataFrame
         System tracks (category 62): `time_s`, `sensor`, `target`, `latitude_deg`, `longitude_deg`,
-        `height_m`, `flight_level`, `east_m`, `north_m`, `speed_m_s`, `course_deg`,
-        `icao_address`, `mode_3a`, `callsign`.
+        `height_m`, `flight_level`, `east_m`, `north_m`, `east_sigma_m`, `north_sigma_m` and
+        `covariance_east_north_m2` (I062/500), `speed_m_s`, `course_deg`, `icao_address`,
+        `mode_3a`, `callsign`.
     reports : DataFrame
         ADS-B reports (category 21): `time_s`, `sensor`, `target`, `latitude_deg`,
         `longitude_deg`, `height_m`, `flight_level`, `speed_m_s`, `course_deg`, `icao_address`,
@@ -369,9 +376,9 @@ class _Items:
         content = self._content(names)
         return None if content is None else int(content.as_uint())
 
-    def number(self, item: str, unit: str, part: str | None = None) -> float | None:
+    def number(self, item: str, unit: str, *parts: str) -> float | None:
         """Return an item in a unit."""
-        content = self._content((item,) if part is None else (item, part))
+        content = self._content((item, *parts))
         return None if content is None else float(content.as_quantity(unit))
 
     def text(self, *names: str) -> str | None:
@@ -432,11 +439,28 @@ def _track(items: _Items) -> dict[str, Any]:
         "flight_level": items.number("136", "FL"),
         "east_m": items.number("100", "m", "X"),
         "north_m": items.number("100", "m", "Y"),
+        **_accuracy(items),
         "speed_m_s": speed,
         "course_deg": course,
         "icao_address": items.address("380", "ADR"),
         "mode_3a": items.code("060"),
         "callsign": items.text("380", "ID") or items.text("245", "CHR"),
+    }
+
+
+def _accuracy(items: _Items) -> dict[str, float | None]:
+    """Return the estimated accuracy of a position: Cartesian or, without that, of WGS 84."""
+    east, north = items.number("500", "m", "APC", "X"), items.number("500", "m", "APC", "Y")
+    root = items.number("500", "m", "COV")
+    latitude = items.number("105", "°", "LAT")
+    if east is None and latitude is not None:
+        east = _times(items.number("500", "°", "APW", "LON"), _DEGREE * cos(radians(latitude)))
+        north = _times(items.number("500", "°", "APW", "LAT"), _DEGREE)
+    return {
+        "east_sigma_m": east,
+        "north_sigma_m": north,
+        # transmitted as the root of its size, with its sign
+        "covariance_east_north_m2": None if root is None else root * abs(root),
     }
 
 

@@ -6,6 +6,7 @@ Outliers differ in shape as well as in colour; the colours are those of Okabe an
 colour-blind readers can distinguish.
 """
 
+from tertia.plot._audit import audit
 from tertia.plot._axes import rounded as rounded
 from tertia.plot._fused import fused
 from tertia.plot._fused_series import fused_series
@@ -17,6 +18,7 @@ from tertia.plot._trajectory import trajectory
 
 __all__ = [
     "accuracy_map",
+    "audit",
     "bearing",
     "consistency",
     "fused",

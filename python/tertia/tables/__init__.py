@@ -10,6 +10,7 @@ here can be passed to `map_partitions` of Dask and `map_batches` of Ray. With `s
 be applied to an iterator of record batches, as in `mapInArrow` of Spark and readers of large files.
 """
 
+from tertia.tables._audit import audit
 from tertia.tables._bearing import bearing
 from tertia.tables._evaluate import evaluate
 from tertia.tables._fuse_series import fuse_series
@@ -29,6 +30,7 @@ __all__ = [
     "RecordWarning",
     "Rule",
     "Sensors",
+    "audit",
     "bearing",
     "evaluate",
     "fuse_series",

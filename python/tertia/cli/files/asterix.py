@@ -12,6 +12,7 @@ from tertia.tables._sensors import GEODETIC
 # recordings of radars, not tables
 SUFFIXES = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
 _IDENTITIES = ("icao_address", "mode_3a")
+_ESTIMATED = ("east_m", "north_m", "east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 
 
 def _read(path: Path) -> AsterixRecording:
@@ -47,6 +48,22 @@ def plots(path: Path) -> Part:
         for row in found.sensors.drop("plot_count").iter_rows(named=True)
     }
     return Part(measured.drop(empty), str(path), path.stem, sensors=said)
+
+
+def tracks(path: Path) -> Part:
+    """Return the system tracks of a recording, with their estimated accuracies."""
+    found = _read(path).tracks
+    if found.is_empty():
+        fail(f"{path} has no system tracks (category 62)")
+    columns = [
+        one
+        for one in ("time_s", "target", *_ESTIMATED, *GEODETIC, *_IDENTITIES)
+        if found[one].null_count() < found.height
+    ]
+    if "east_sigma_m" not in columns:
+        fail(f"{path} has no accuracies of system tracks (I062/500)")
+    rows = found.select(columns).drop_nulls(["time_s", "target", "east_sigma_m", "north_sigma_m"])
+    return Part(rows, str(path), path.stem)
 
 
 def truth(path: Path) -> Part:

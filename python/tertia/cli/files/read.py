@@ -60,6 +60,14 @@ def plots(*paths: Path) -> Source:
     )
 
 
+def estimates(*paths: Path) -> Source:
+    """Return estimates with their sigmas: tables, or system tracks in ASTERIX."""
+    return _filled(
+        [asterix.tracks(one) if kind_of(one) in asterix.SUFFIXES else _table(one) for one in paths],
+        paths,
+    )
+
+
 def truth(path: Path) -> Source:
     """Return the truth in a file: a table, or a recording in ASTERIX."""
     found = asterix.truth(path) if kind_of(path) in asterix.SUFFIXES else _table(path)
@@ -94,8 +102,8 @@ def _frame(path: Path) -> pl.DataFrame:
         fail(f"cannot read {path}: it is a folder")
     if kind in asterix.SUFFIXES:
         fail(
-            f"cannot read {path}: ASTERIX is for tertia track and report, and for the truth of "
-            "evaluate"
+            f"cannot read {path}: ASTERIX is for tertia track, report and audit, and for the truth "
+            "of evaluate"
         )
     if kind == ".json":
         fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")

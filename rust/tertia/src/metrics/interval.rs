@@ -78,7 +78,7 @@ pub fn mean_interval(
             chi_square_upper_real(nu * (-x).exp(), nu)
         })
     };
-    Ok([outside, 1.0 - outside].map(|p| mean * crossing(&below, p, [-30.0, 30.0]).exp()))
+    Ok([outside, 1.0 - outside].map(|p| mean * crossing(below, p, [-30.0, 30.0]).exp()))
 }
 
 /// The interval of a probability of which a share was observed: Wilson's (1927), over the numbers.
@@ -89,7 +89,7 @@ pub fn share_interval(share: f64, worth: &Worth, confidence_level: f64) -> Resul
     worth.check(confidence_level)?;
     let outside = 0.5 * (1.0 - confidence_level);
     let below = |p: f64| worth.lower_of_mean((p - share) / (p * (1.0 - p)).sqrt());
-    Ok([outside, 1.0 - outside].map(|p| crossing(&below, p, [0.0, 1.0])))
+    Ok([outside, 1.0 - outside].map(|p| crossing(below, p, [0.0, 1.0])))
 }
 
 /// The shares that may be observed of what has this probability: between the order statistics at
@@ -105,7 +105,7 @@ pub fn rank_interval(probability: f64, worth: &Worth, confidence_level: f64) -> 
     let scale = (probability * (1.0 - probability)).sqrt();
     let below = |share: f64| worth.lower_of_mean((share - probability) / scale);
     let bounds = [probability - 60.0 * scale, probability + 60.0 * scale];
-    Ok([outside, 1.0 - outside].map(|p| crossing(&below, p, bounds)))
+    Ok([outside, 1.0 - outside].map(|p| crossing(below, p, bounds)))
 }
 
 /// Where a rising function crosses a value, by halving.

@@ -89,10 +89,15 @@ pub fn lasting(errors: &[f64], axes: usize, gaps: &[f64]) -> Result<Lasting> {
     Ok(Lasting { probability, rows_per_value })
 }
 
+/// Whether a series begins after this gap.
+fn begins(gap: f64) -> bool {
+    gap.is_nan() || gap <= 0.0
+}
+
 /// Every how many rows the correlation has fallen below [`CORRELATED`], and the rows in that order:
 /// for each series those of the first phase, then those of the second, ...
 fn thinned(errors: &[f64], axes: usize, gaps: &[f64]) -> (usize, Vec<usize>) {
-    let mut starts: Vec<usize> = (0..gaps.len()).filter(|row| !(gaps[*row] > 0.0)).collect();
+    let mut starts: Vec<usize> = (0..gaps.len()).filter(|row| begins(gaps[*row])).collect();
     if starts.first() != Some(&0) {
         starts.insert(0, 0);
     }
@@ -127,7 +132,7 @@ fn gaps_between(gaps: &[f64], order: &[usize], step: usize) -> Vec<f64> {
         .iter()
         .enumerate()
         .map(|(row, gap)| {
-            if !(*gap > 0.0) {
+            if begins(*gap) {
                 begin = row;
             }
             if row < begin + step { 0.0 } else { gaps[row + 1 - step..=row].iter().sum() }
@@ -184,7 +189,7 @@ impl Run {
     /// The factors `exp(−gap/l)`, 0 where a series begins.
     fn decay(&mut self, gaps: &[f64], length: f64) {
         for (factor, gap) in self.factor.iter_mut().zip(gaps) {
-            *factor = if *gap > 0.0 { (-gap / length).exp() } else { 0.0 };
+            *factor = if begins(*gap) { 0.0 } else { (-gap / length).exp() };
         }
     }
 

@@ -1,0 +1,117 @@
+"""`tertia audit`: sigmas of estimates versus the truth."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tertia import plot
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    TRUTH,
+    ColumnNames,
+    MaxDistance,
+    Origin,
+    Output,
+    PlotFile,
+    column_names,
+    pair,
+)
+from tertia.cli.terminal.say import note, print_table, working
+from tertia.tables._audit import audit_of
+
+EXAMPLES = (
+    "tertia audit tracks.csv --truth truth.csv",
+    "tertia audit positions.csv --truth gps.csv --truth-column time_s=ts --truth-sigma 2.5",
+    "tertia audit bearings.csv --value azimuth_deg --by sensor --strata range_km --plot audit.png",
+)
+
+
+def audit(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            readable=False,
+            help="Estimates with sigmas: any output of the other commands, a table, CAT062.",
+        ),
+    ],
+    *,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", readable=False, help=f"{TRUTH} By default columns true_*."),
+    ] = None,
+    value: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="Audit this column, as azimuth_deg; by default positions."
+        ),
+    ] = None,
+    by: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Rows of one value are independent of the others; by default track or target.",
+        ),
+    ] = None,
+    strata: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN", help="Divide the record by this column; may be repeated."),
+    ] = None,
+    column: ColumnNames = None,
+    truth_column: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=COLUMN", help="The same in the truth; may be repeated."),
+    ] = None,
+    truth_sigma: Annotated[
+        float, typer.Option(help="Standard deviation of each axis of the truth, in metres.")
+    ] = 0.0,
+    origin: Origin = None,
+    max_distance: MaxDistance = 1000.0,
+    output: Output = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Say whether sigmas are too small, too large, or honest: estimates against the truth.
+
+    All figures have intervals that allow for errors that last. The truth is interpolated linearly
+    between its times.
+    """
+    write.check_suffixes(output, plot_file)
+    with working("Auditing"):
+        found = audit_of(
+            read.estimates(file),
+            None if truth is None else read.truth(truth),
+            columns=column_names(column),
+            truth_columns=column_names(truth_column),
+            value=value,
+            by=by or (),
+            strata=strata or (),
+            origin=pair(origin, "--origin", float),
+            truth_sigma=truth_sigma,
+            max_distance=max_distance,
+        )
+    print_table(found.summary, text=["part", "sigmas"])
+    if output is not None:
+        write.write(found.rows, output)
+    whole = found.audit
+    if whole.missing:
+        note(f"{whole.missing} estimates left out: without a truth or sigmas")
+    if whole.time_offset is not None:
+        typer.echo(f"times of the truth: {whole.time_offset.verdict}")
+    if plot_file is not None:
+        _draw(whole, plot_file)
+    return {
+        "verdict": whole.verdict,
+        "count": whole.count,
+        "missing_count": whole.missing,
+        "effective_number": whole.effective_number,
+        "figures": found.rows.to_dicts(),
+    }
+
+
+def _draw(whole: Any, path: Path) -> None:
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    plot.audit(whole, ax=figure.subplots())
+    write.save(figure, path)

@@ -1,0 +1,576 @@
+"""Estimates with their covariances versus the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray, IntArray, positive_number, real
+from tertia.metrics import Audit, Indicator, Truth, match_tracks
+from tertia.metrics import audit as audit_errors
+from tertia.tables._frames import Table, names, result, series
+from tertia.tables._groups import as_names, column_name, layout, split_unit
+from tertia.tables._records import (
+    Clock,
+    ColumnError,
+    Field,
+    RecordError,
+    Records,
+    Schema,
+    Source,
+    kind_of_times,
+    number,
+    read,
+    source_of,
+)
+from tertia.tables._sensors import GEODETIC, LOCAL
+
+_AXES = ("east", "north", "up")
+_TURN = 360.0
+# of the usual time between rows of the truth: a longer gap is not bridged
+_LONGEST_GAP = 10.0
+# share of estimates without a velocity of the truth, with which no offset is estimated
+_MOST_UNKNOWN = 0.5
+# tables of other programs, by columns that they always have
+_FOREIGN: dict[tuple[str, ...], dict[str, str]] = {
+    ("top", "x", "y", "x_sd", "y_sd"): {  # tracks of yaps
+        "time_s": "top",
+        "east_m": "x",
+        "north_m": "y",
+        "east_sigma_m": "x_sd",
+        "north_sigma_m": "y_sd",
+    },
+    ("timestamp", "latitude", "longitude"): {  # flights of traffic
+        "time_s": "timestamp",
+        "latitude_deg": "latitude",
+        "longitude_deg": "longitude",
+    },
+}
+_TIME = Field("time", {"time_s": 1.0})
+_NAME = Field("name", {"target": 1.0, "track": 1.0, "icao24": 1.0})
+_PLACES: Schema = {name: number(name) for name in (*LOCAL, *GEODETIC)}
+_SIGMAS: Schema = {
+    **{f"{axis}_sigma_m": number(f"{axis}_sigma_m") for axis in _AXES},
+    **{
+        f"covariance_{one}_{other}_m2": number(f"covariance_{one}_{other}_m2")
+        for one, other in (("east", "north"), ("east", "up"), ("north", "up"))
+    },
+    "position_sigma_m": number("position_sigma_m"),
+}
+ESTIMATES: Schema = {
+    "time": _TIME,
+    "name": _NAME,
+    "confirmed": Field("flag", {"confirmed": 1.0}),
+    **_PLACES,
+    **_SIGMAS,
+    **{f"true_{name}": number(f"true_{name}") for name in (*LOCAL, *GEODETIC)},
+}
+TRUTH: Schema = {"time": _TIME, "name": _NAME, **_PLACES, **_SIGMAS}
+
+
+@dataclass(frozen=True, slots=True)
+class Audited:
+    """An audit, and its figures as a table."""
+
+    audit: Audit
+    unit: str
+
+    @property
+    def rows(self) -> pl.DataFrame:
+        """One row per part, figure and probability."""
+        found = [row for name, one in self._parts() for row in _figures(one, name, self.unit)]
+        schema: Any = {
+            "part": pl.String,
+            "figure": pl.String,
+            "probability": pl.Float64,
+            "value": pl.Float64,
+            "low": pl.Float64,
+            "high": pl.Float64,
+            "unit": pl.String,
+            "effective_number": pl.Float64,
+            "verdict": pl.String,
+        }
+        return pl.DataFrame(found, schema, orient="row")
+
+    @property
+    def summary(self) -> pl.DataFrame:
+        """One row per part: its NEES and coverage with their intervals, and the verdict."""
+        return pl.DataFrame(
+            [
+                {
+                    "part": name,
+                    "count": one.count,
+                    "worth": round(one.effective_number),
+                    "nees": str(one.nees).partition(":")[0],
+                    **{
+                        f"inside {100 * p:g} %": f"{100 * share.value:.0f} % "
+                        f"({100 * share.low:.0f} to {100 * share.high:.0f})"
+                        for p, share in one.coverage.items()
+                    },
+                    "sigmas": one.verdict,
+                }
+                for name, one in self._parts()
+            ]
+        )
+
+    def _parts(self) -> list[tuple[str, Audit]]:
+        return [("all", self.audit), *self.audit.strata.items()]
+
+
+def _figures(one: Audit, part: str, unit: str) -> list[tuple[Any, ...]]:
+    rows: list[tuple[str, str, float | None, Indicator, str]]
+    rows = [(part, "nees", None, one.nees, "")]
+    for p in one.coverage:
+        rows += [
+            (part, "coverage", p, one.coverage[p], ""),
+            (part, "scale", p, one.scale[p], ""),
+            (part, "radius", p, one.radius[p], unit),
+            (part, "region_factor", p, one.region_factor[p], ""),
+        ]
+    if one.time_offset is not None:
+        rows.append((part, "time_offset", None, one.time_offset, "s"))
+    return [
+        (name, figure, p, *_cells(shown), of, shown.effective_number, shown.verdict or None)
+        for name, figure, p, shown, of in rows
+    ]
+
+
+def _cells(shown: Indicator) -> list[float | None]:
+    """Return the figure and its bounds, None where there is none."""
+    return [x if np.isfinite(x) else None for x in (shown.value, shown.low, shown.high)]
+
+
+def audit(
+    table: Table,
+    truth: Any = None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    truth_columns: Mapping[str, str] | None = None,
+    value: str | None = None,
+    by: str | Sequence[str] = (),
+    strata: str | Sequence[str] = (),
+    origin: tuple[float, float] | None = None,
+    truth_sigma: float = 0.0,
+    max_distance: float = 1000.0,
+) -> Table:
+    """Compare estimates and their sigmas with the truth, as the command `tertia audit` does.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        Positions: `east_m`, `north_m` and, if known, `up_m`, or `latitude_deg` and `longitude_deg`;
+        with `east_sigma_m`, `north_sigma_m`, `up_sigma_m`, and covariances such as
+        `covariance_east_north_m2`, or `position_sigma_m` for all axes; and `time_s`. Outputs of the
+        other functions are such tables; tracks of yaps and flights of traffic are recognised.
+    truth : table, optional
+        Positions of the targets: `time_s`, and `target` if there are several. It may have sigmas of
+        its own. By default the truth is in columns of the table: `true_east_m`, ...
+    columns, truth_columns : mapping of str to str, optional
+        Names of the columns in the table and in the truth, by these standard names.
+    value : str, optional
+        A column that is audited in place of positions, such as `azimuth_deg`: its sigma is in
+        `azimuth_sigma_deg`, the truth in `true_azimuth_deg`. Degrees wrap.
+    by : str or sequence of str
+        Columns of what is independent of the rest, such as flights; by default `track` or `target`.
+    strata : str or sequence of str
+        Columns by which the record is divided.
+    origin : (float, float), optional
+        Latitude and longitude in degrees of the origin, if only one of the tables has them.
+    truth_sigma : float
+        Standard deviation of each axis of the truth, where it has no sigmas of its own.
+    max_distance : float
+        Largest distance in metres at which a track can belong to a target.
+
+    Returns
+    -------
+    table of the same kind
+        One row per figure, and per part of the record: `part`, `figure`, `probability`, `value`,
+        `low`, `high`, `unit`, `effective_number`, `verdict`.
+
+    Raises
+    ------
+    RecordError
+        A missing column, a cell that cannot be understood, a covariance that is not positive
+        definite, or no estimate with a truth.
+    ValueError
+        An argument outside its domain, or one that is needed.
+    TypeError
+        A table of an unsupported kind.
+
+    Notes
+    -----
+    The truth is interpolated linearly, but not across gaps of more than ten times its usual step.
+    Its velocity is used for `time_offset`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import polars as pl
+    >>> from tertia import tables
+    >>> rng = np.random.default_rng(1)
+    >>> east, north = rng.normal(0.0, 20.0, (2, 300))
+    >>> found = tables.audit(
+    ...     pl.DataFrame({"east_m": east, "north_m": north}).with_columns(
+    ...         position_sigma_m=pl.lit(10.0), true_east_m=pl.lit(0.0), true_north_m=pl.lit(0.0)
+    ...     )
+    ... )
+    >>> found.filter(figure="nees")["verdict"].item()
+    'too small by a factor of 1.90 (1.79 to 2.02)'
+    """
+    found = audit_of(
+        source_of(table),
+        None if truth is None else source_of(truth),
+        columns=columns,
+        truth_columns=truth_columns,
+        value=value,
+        by=by,
+        strata=strata,
+        origin=origin,
+        truth_sigma=truth_sigma,
+        max_distance=max_distance,
+    )
+    return result(table, found.rows)  # type: ignore[no-any-return]
+
+
+def audit_of(
+    source: Source,
+    truth: Source | None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    truth_columns: Mapping[str, str] | None = None,
+    value: str | None = None,
+    by: str | Sequence[str] = (),
+    strata: str | Sequence[str] = (),
+    origin: tuple[float, float] | None = None,
+    truth_sigma: float = 0.0,
+    max_distance: float = 1000.0,
+) -> Audited:
+    """Return the audit; see `audit`."""
+    spread = real(truth_sigma, "truth_sigma")
+    if not 0.0 <= spread < np.inf:
+        raise ValueError(f"truth_sigma is {truth_sigma}; it must be 0 or more")
+    distance = positive_number(max_distance, "max_distance")
+    groups, parts = as_names(by), as_names(strata)
+    schema = ESTIMATES if value is None else _scalar(value)
+    called = _called(source, columns)
+    records = read(source, schema, columns=_only(called, schema, groups), by=groups)
+    rows = _Estimates(records, _labels(records, groups), _strata(source, called, parts))
+    if value is not None:
+        errors = _scalar_errors(records, value, truth)
+    elif truth is None:
+        errors = _beside(records)
+    else:
+        there = read(truth, TRUTH, columns=_only(_called(truth, truth_columns), TRUTH, ()))
+        errors = _versus(rows, there, origin, distance)
+    error, covariance, true, velocity, kept = errors
+    if spread > 0.0:
+        own = np.zeros((len(error), *covariance.shape[1:])) if true is None else true
+        lacks = ~np.any(own, axis=(1, 2)) | np.isnan(own).any(axis=(1, 2))
+        own[lacks] = spread**2 * np.eye(own.shape[-1])
+        true = own
+    if not np.any(np.isfinite(error).all(axis=-1) & np.isfinite(covariance).all(axis=(1, 2))):
+        raise RecordError("no estimate has both a truth and sigmas")
+    clock = records.rows["time"]
+    time = None
+    if not clock.null_count():
+        time = Clock.of(clock).seconds(clock)[kept]
+    try:
+        found = audit_errors(
+            error,
+            covariance,
+            truth_covariance=true,
+            time=time,
+            groups=rows.group[kept],
+            strata={name: labels[kept] for name, labels in rows.strata.items()} or None,
+            velocity=velocity,
+        )
+    except np.linalg.LinAlgError as failure:
+        raise RecordError(f"a covariance of the estimates: {failure}") from failure
+    return Audited(found, "m" if value is None else split_unit(value)[1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimates:
+    records: Records
+    group: IntArray
+    strata: Mapping[str, Any]
+
+
+# errors, covariances of estimates and truth, velocities, and the rows that they belong to
+_Errors = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, Any]
+
+
+def _called(source: Source, columns: Mapping[str, str] | None) -> dict[str, str]:
+    """Return the names of columns, those of other programs included."""
+    called = dict(columns or {})
+    there = set(names(source[0].table))
+    for needed, foreign in _FOREIGN.items():
+        if set(needed) <= there:
+            called = {k: v for k, v in foreign.items() if k not in there} | called
+    return called
+
+
+def _only(called: Mapping[str, str], schema: Schema, by: Sequence[str]) -> dict[str, str]:
+    """Return the names of columns that are read, and refuse those that nothing has."""
+    known_names = {name for one in schema.values() for name in one.columns} | set(by)
+    foreign = {name for one in _FOREIGN.values() for name in one}
+    return {k: v for k, v in called.items() if k in known_names or k not in foreign}
+
+
+def _labels(records: Records, by: Sequence[str]) -> IntArray:
+    """Return a number for each group: of the columns `by`, or of the tracks."""
+    rows = records.rows
+    frame = records.by if by else rows.select("name")
+    groups = layout(frame, rows.height)
+    labels = np.empty(rows.height, dtype=np.int64)
+    labels[groups.order] = groups.group
+    return labels
+
+
+def _strata(source: Source, called: Mapping[str, str], parts: Sequence[str]) -> dict[str, Any]:
+    found = {}
+    for name in parts:
+        columns = []
+        for part in source:
+            part.require(called.get(name, name))
+            columns.append(series(part.table, called.get(name, name)))
+        frames = [one.to_frame(name) for one in columns]
+        whole = pl.concat(frames, how="vertical_relaxed")[name]
+        if whole.dtype == pl.String and not whole.cast(pl.Float64, strict=False).is_null().any():
+            whole = whole.cast(pl.Float64)
+        numeric = whole.dtype.is_numeric()
+        found[name] = (
+            whole.cast(pl.Float64).fill_null(np.nan).to_numpy()
+            if numeric
+            else whole.cast(pl.String).fill_null("").to_numpy().astype(str)
+        )
+    return found
+
+
+def _scalar(value: str) -> Schema:
+    return {
+        "time": _TIME,
+        "name": Field("name", {**_NAME.columns, "sensor": 1.0}),
+        "value": number(value, required=True),
+        "sigma": number(column_name(value, "sigma"), required=True),
+        "true": number(f"true_{value}", required=True),
+    }
+
+
+def _scalar_errors(records: Records, value: str, truth: Source | None) -> _Errors:
+    if truth is not None:
+        raise ValueError(f"the truth of {value} must be in a column true_{value} of the table")
+    rows = records.rows
+    error = (rows["value"] - rows["true"]).to_numpy().copy()
+    if split_unit(value)[1] == "deg":
+        error = (error + _TURN / 2) % _TURN - _TURN / 2
+    variance = rows["sigma"].to_numpy() ** 2
+    return error[:, np.newaxis], variance[:, np.newaxis, np.newaxis], None, None, slice(None)
+
+
+def _beside(records: Records) -> _Errors:
+    """Return the errors where the truth is in the same rows."""
+    rows = records.rows
+    axes = _axes(records, "true_")
+    if axes and _axes(records, ""):
+        axes = min(axes, _axes(records, ""))
+        there, true = (
+            rows.select([f"{prefix}{name}" for name in LOCAL[:axes]]).to_numpy()
+            for prefix in ("", "true_")
+        )
+    elif f"true_{GEODETIC[0]}" in records.column and GEODETIC[0] in records.column:
+        frame = _frame(rows, None)
+        there, true = (_local(frame, rows, prefix)[:, :2] for prefix in ("", "true_"))
+        axes = 2
+    else:
+        raise ColumnError(
+            f"{records.source[0].called} has no column true_{LOCAL[0]}: give the truth, in columns "
+            "of the table or as a table of its own",
+            column=f"true_{LOCAL[0]}",
+        )
+    return there - true, _covariance(records, axes), None, None, slice(None)
+
+
+def _versus(
+    rows: _Estimates, there: Records, origin: tuple[float, float] | None, distance: float
+) -> _Errors:
+    """Return the errors versus a truth of its own times."""
+    records = rows.records
+    for one, table in ((records, "the estimates"), (there, "the truth")):
+        if "time" not in one.column:
+            raise ColumnError(f"{table} need a column time_s to be compared", column="time_s")
+        if one.rows["time"].null_count():
+            raise RecordError(f"a time_s of {table} is missing", column="time_s")
+    times = [records.rows["time"], there.rows["time"]]
+    kinds = [kind_of_times(one) for one in times]
+    if kinds[0] != kinds[1]:
+        raise RecordError(
+            f"time_s of the estimates holds {kinds[0]}, that of the truth {kinds[1]}",
+            column="time_s",
+        )
+    both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
+    clock = Clock.of(both["time"])
+    place, true_place = _common_places(records, there, origin)
+    axes = place.shape[1]
+    known_truth = np.isfinite(true_place).all(axis=1)
+    labels = there.rows["name"].fill_null("").to_numpy().astype(str)
+    when = clock.seconds(there.rows["time"])
+    truth = Truth(when[known_truth], labels[known_truth], true_place[known_truth])
+    time = clock.seconds(records.rows["time"])
+    sure = np.isfinite(place).all(axis=1)
+    if "confirmed" in records.column:
+        sure &= records.rows["confirmed"].fill_null(False).to_numpy()
+    kept = np.flatnonzero(sure)
+    own = records.rows["name"].fill_null("").to_numpy().astype(str)[kept]
+    target = _targets(truth, own, time[kept], place[kept], distance)
+    covariance = _covariance(records, axes)[kept]
+    error = place[kept] - truth.at(target, time[kept])
+    error[~_bridged(truth, target, time[kept])] = np.nan
+    velocity: FloatArray | None
+    speed = _velocity(truth, target, time[kept])
+    unknown = np.isnan(speed[np.isfinite(error).all(axis=1), 0])
+    if np.count_nonzero(unknown) > _MOST_UNKNOWN * len(unknown):
+        velocity = None
+    else:
+        # the ends of the truth have none, and say nothing about the offset
+        velocity = np.nan_to_num(speed)
+    own_spread = None
+    if _has_sigmas(there, axes):
+        matrices = _covariance(there, axes)[known_truth]
+        nearest = _nearest(truth, when[known_truth], labels[known_truth], target, time[kept])
+        own_spread = np.nan_to_num(matrices[nearest])
+    return error, covariance, own_spread, velocity, kept
+
+
+def _common_places(
+    records: Records, there: Records, origin: tuple[float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the positions of both in the same frame."""
+    axes = min(_axes(records, ""), _axes(there, ""))
+    if axes:
+        return tuple(  # type: ignore[return-value]
+            one.rows.select(LOCAL[:axes]).to_numpy() for one in (records, there)
+        )
+    degrees = [GEODETIC[0] in one.column for one in (records, there)]
+    if not any(degrees) or (not all(degrees) and origin is None):
+        raise ValueError(
+            "estimates and truth must both have east_m and north_m, or latitude_deg and "
+            "longitude_deg; with one of each give origin"
+        )
+    frame = _frame((records if degrees[0] else there).rows, origin)
+    found = [
+        _local(frame, one.rows)[:, :2] if has else one.rows.select(LOCAL[:2]).to_numpy()
+        for one, has in zip((records, there), degrees, strict=True)
+    ]
+    return found[0], found[1]
+
+
+def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> Any:
+    """Return the plane at the origin, by default in the middle of the positions."""
+    try:
+        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
+    except ImportError as error:
+        raise ImportError(
+            f"{GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'"
+        ) from error
+    if origin is None:
+        middle = rows.select(pl.col(GEODETIC[:2]).fill_nan(None).median()).row(0)
+        if None in middle:
+            raise RecordError("no latitude and longitude is known", column=GEODETIC[0])
+        origin = middle[0], middle[1]
+    return LocalFrame(*origin)
+
+
+def _local(frame: Any, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
+    latitude, longitude, height = (rows[f"{prefix}{name}"].to_numpy() for name in GEODETIC)
+    local: FloatArray = frame.to_local(latitude, longitude, np.nan_to_num(height))
+    return local
+
+
+def _axes(records: Records, prefix: str) -> int:
+    """Return how many local coordinates there are: 0, 2 or 3."""
+    there = [f"{prefix}{name}" in records.column for name in LOCAL]
+    return 3 if all(there) else 2 if all(there[:2]) else 0
+
+
+def _has_sigmas(records: Records, axes: int) -> bool:
+    each = all(f"{axis}_sigma_m" in records.column for axis in _AXES[:axes])
+    return each or "position_sigma_m" in records.column
+
+
+def _covariance(records: Records, axes: int) -> FloatArray:
+    """Return the covariances (N, axes, axes) of positions."""
+    rows = records.rows
+    if not _has_sigmas(records, axes):
+        raise ColumnError(
+            f"{records.source[0].called} has neither {_AXES[0]}_sigma_m and {_AXES[1]}_sigma_m nor "
+            "position_sigma_m",
+            column=f"{_AXES[0]}_sigma_m",
+        )
+    matrices = np.zeros((rows.height, axes, axes))
+    for i, axis in enumerate(_AXES[:axes]):
+        name = f"{axis}_sigma_m"
+        column = name if name in records.column else "position_sigma_m"
+        matrices[:, i, i] = rows[column].to_numpy() ** 2
+        for j, other in enumerate(_AXES[:i]):
+            both = f"covariance_{other}_{axis}_m2"
+            if both in records.column:
+                matrices[:, i, j] = matrices[:, j, i] = rows[both].to_numpy()
+    return matrices
+
+
+def _targets(
+    truth: Truth, names_of: Any, time: FloatArray, place: FloatArray, distance: float
+) -> IntArray:
+    """Return the target of each estimate: the only one, that of the same name, or the nearest."""
+    if len(truth) == 1:
+        return np.zeros(len(time), dtype=np.int64)
+    index = {name: k for k, name in enumerate(truth.targets.tolist())}
+    found = np.array([index.get(name, -1) for name in names_of.tolist()], dtype=np.int64)
+    if np.any(found >= 0):
+        return found
+    tracks = SimpleNamespace(time=time, track=names_of, position=place)
+    return match_tracks(tracks, truth, max_distance=distance).target
+
+
+def _usual_step(truth: Truth) -> float:
+    steps = np.concatenate([np.diff(times) for _, times, _ in truth])
+    return float(np.median(steps)) if len(steps) else 1.0
+
+
+def _bridged(truth: Truth, target: IntArray, time: FloatArray) -> Any:
+    """Return which times are not in a long gap of the truth."""
+    longest = _LONGEST_GAP * _usual_step(truth)
+    fine = target >= 0
+    for k, (_, times, _) in enumerate(truth):
+        own = np.flatnonzero(target == k)
+        after = np.clip(np.searchsorted(times, time[own]), 1, max(len(times) - 1, 1))
+        if len(times) > 1:
+            fine[own] &= times[after] - times[after - 1] <= longest
+    return fine
+
+
+def _velocity(truth: Truth, target: IntArray, time: FloatArray) -> FloatArray:
+    """Return velocities by central differences over two usual steps of the truth."""
+    half = _usual_step(truth)
+    ahead, behind = (truth.at(target, time + step) for step in (half, -half))
+    return np.asarray((ahead - behind) / (2 * half))
+
+
+def _nearest(
+    truth: Truth, when: FloatArray, labels: Any, target: IntArray, time: FloatArray
+) -> IntArray:
+    """Return the row of the truth that is nearest in time."""
+    found = np.zeros(len(time), dtype=np.int64)
+    for k, name in enumerate(truth.targets.tolist()):
+        rows = np.flatnonzero(labels == name)
+        rows = rows[np.argsort(when[rows], kind="stable")]
+        own = np.flatnonzero(target == k)
+        middle = (when[rows][1:] + when[rows][:-1]) / 2
+        found[own] = rows[np.searchsorted(middle, time[own])]
+    return found
