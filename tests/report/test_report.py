@@ -98,7 +98,10 @@ def test_figures_are_those_of_evaluate(scene: Path, summary: dict[str, Any]) -> 
 def test_the_page_is_whole_and_asks_for_nothing(scene: Path, summary: dict[str, Any]) -> None:
     """All sections, valid figures with units on their axes, and no address outside the library."""
     html = (scene / "page.html").read_text(encoding="utf-8")
-    for section in ("map", "radars", "fusion", "truth", "plans", "finders", "tracks", "notes"):
+    for section in (
+        *("map", "radars", "fusion", "truth", "audit"),
+        *("plans", "finders", "tracks", "notes"),
+    ):
         assert f'<section id="{section}">' in html
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=\"(?!data:)", html)
     charts = json.loads(re.findall(r"^const charts = (.*);$", html, re.MULTILINE)[0])
@@ -118,7 +121,9 @@ def test_without_truth_plans_and_bearings(tmp_path: Path) -> None:
     assert done.code == 0, done.err
     html = output.read_text(encoding="utf-8")
     assert '<section id="fusion">' in html
-    assert not any(f'<section id="{name}">' in html for name in ("truth", "plans", "finders"))
+    assert not any(
+        f'<section id="{name}">' in html for name in ("truth", "audit", "plans", "finders")
+    )
     plots = pl.read_csv(PLOTS[0], infer_schema=False).filter(pl.col("sensor") == "west")
     plots.drop("sensor").write_csv(tmp_path / "west.csv")
     radars = Path(PLOTS[2]).read_text(encoding="utf-8").split("[[radar]]")

@@ -17,8 +17,8 @@ from tertia.metrics._indicator import (
     digits,
     factor_verdict,
     honest_if,
+    share_text,
     share_verdict,
-    text,
 )
 from tertia.metrics._rows import (
     Rows,
@@ -85,15 +85,20 @@ class Audit:
 
     @property
     def verdict(self) -> str:
-        """What the regions of 95 % say: the sigmas are too small by a factor, honest, ..."""
-        return self.scale[self.probability].verdict
+        """What the regions of 95 % say of the sigmas: too small by a factor, honest, ...
+
+        If the record is too short to bound their scale, it is what the NEES says.
+        """
+        scale = self.scale[self.probability]
+        unbounded = scale.low <= 1.0 and np.isinf(scale.high)
+        return self.nees.verdict if unbounded else scale.verdict
 
     def __repr__(self) -> str:
         """Return the main figures."""
         p = self.probability
         return (
-            f"Audit({self.verdict}; {100 * p:g} % regions hold {_percent(self.coverage[p])}, NEES "
-            f"per axis {self.nees.value:.3g}, {self.count} errors worth "
+            f"Audit({self.verdict}; {100 * p:g} % regions hold {share_text(self.coverage[p])}, "
+            f"NEES per axis {self.nees.value:.3g}, {self.count} errors worth "
             f"{self.effective_number:.0f})"
         )
 
@@ -104,19 +109,15 @@ class Audit:
         lines.append(f"{self.count} errors worth {self.effective_number:.0f} independent{missing}")
         lines.append(f"NEES per axis {self.nees}")
         for p, share in self.coverage.items():
-            lines.append(
-                f"{100 * p:g} % regions hold {_percent(share)}: {share.verdict}; the truth is "
-                f"within {digits(self.radius[p].value)}"
-            )
+            line = f"{100 * p:g} % regions hold {share_text(share)}: {share.verdict}"
+            radius = self.radius[p].value
+            if np.isfinite(radius):
+                line += f"; the truth is within {digits(radius)}"
+            lines.append(line)
         if self.time_offset is not None:
             lines.append(f"time of the truth: {self.time_offset.verdict}")
         lines += [f"{name}: {one!r}" for name, one in self.strata.items()]
         return "\n".join(lines)
-
-
-def _percent(share: Indicator) -> str:
-    value, interval = text(*(100 * x for x in (share.value, share.low, share.high)))
-    return f"{value} % {interval}"
 
 
 def audit(

@@ -10,6 +10,7 @@ LEAST_NUMBER = 10.0
 TOO_SHORT = "too short to tell"
 HONEST = "honest"
 _MOST_PLACES = 4
+_MOST_RATIO = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +54,13 @@ def digits(value: float) -> str:
 
 def text(value: float, low: float, high: float) -> tuple[str, str]:
     """Return a figure and its interval, to about a quarter of the interval's length."""
-    length = high - low if math.isfinite(high - low) else abs(value)
+    # a bound of such a size says nothing
+    bounded = high <= _MOST_RATIO * max(abs(value), abs(low))
+    length = high - low if bounded else abs(value)
     places = 2
     if 0 < length < math.inf:
         places = min(max(math.ceil(-math.log10(length / 4)), 0), _MOST_PLACES)
-    if math.isinf(high):
+    if not bounded:
         interval = f"(at least {low:.{places}f})"
     else:
         interval = f"({low:.{places}f} to {high:.{places}f})"
@@ -86,3 +89,9 @@ def share_verdict(low: float, high: float, probability: float, number: float) ->
 def honest_if(number: float) -> str:
     """Return the verdict where nothing contradicts the claim."""
     return HONEST if number >= LEAST_NUMBER else TOO_SHORT
+
+
+def share_text(share: Indicator) -> str:
+    """Return a share and its interval in percent."""
+    value, interval = text(*(100 * x for x in (share.value, share.low, share.high)))
+    return f"{value} % {interval}"

@@ -10,7 +10,7 @@ import numpy as np
 from tertia import metrics
 from tertia._arrays import FloatArray, IntArray
 from tertia.flightplan import FlightPlan
-from tertia.metrics import Truth
+from tertia.metrics import Audit, Truth
 from tertia.metrics._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.registration import Registration
 from tertia.registration._register import corrected, in_stretches, rounds
@@ -58,6 +58,7 @@ class Analysis:
     updates: list[Updates]
     fusion: Fusion | None
     judged: dict[str, Judged]
+    audits: dict[str, Audit]
     update_interval: float
     followed: list[Followed]
     heard: list[Heard]
@@ -144,6 +145,7 @@ def analyse(
         updates=counts,
         fusion=fused,
         judged=judged,
+        audits=_audit_all(judged),
         update_interval=required,
         followed=plan_rows,
         heard=heard,
@@ -184,6 +186,23 @@ def _judge_all(
     return {
         name: judge(one, truth, intervals, max_distance) for name, one in rows.items()
     }, required
+
+
+def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
+    """Compare the errors of each set of tracks with their covariances."""
+    found = {}
+    for name, one in judged.items():
+        updates, matching = one.rows.updates(), one.indicators.matching
+        if updates.covariance is None:
+            continue
+        if np.any(np.isfinite(matching.error).all(axis=-1)):
+            found[name] = metrics.audit(
+                matching.error,
+                updates.covariance,
+                time=updates.time,
+                groups=matching.target,
+            )
+    return found
 
 
 def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:

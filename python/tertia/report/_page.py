@@ -37,6 +37,7 @@ def page(analysis: Analysis, numbers: dict[str, Any], title: str, since: str | N
         Section("radars", "Radars", _figures.radar_panels(analysis, time), rows["radars"]),
         Section("fusion", "Fusion", _figures.fusion_panels(analysis, time), rows["fusion"]),
         Section("truth", "Versus truth", _figures.truth_panels(analysis, time), rows["truth"]),
+        Section("audit", "Audit", [], rows["audit"]),
         Section("plans", "Flight plans", _figures.plan_panels(analysis, time), rows["plans"]),
         Section(
             "finders", "Direction finders", _figures.finder_panels(analysis, time), rows["finders"]

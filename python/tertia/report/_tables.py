@@ -9,6 +9,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray
 from tertia.metrics._evaluation import figures
+from tertia.metrics._indicator import share_text
 from tertia.plot import rounded
 from tertia.report._analysis import (
     FOUND,
@@ -149,6 +150,32 @@ def evaluation_rows(analysis: Analysis) -> list[Row]:
     ]
 
 
+def audit_rows(analysis: Analysis) -> list[Row]:
+    """Return what the errors of each set of tracks say of its sigmas."""
+    return [
+        {
+            "tracks": name,
+            "count": one.count,
+            "effective_number": one.effective_number,
+            "nees_per_axis": one.nees.value,
+            "nees_low": one.nees.low,
+            "nees_high": one.nees.high,
+            **{
+                f"{key}_{100 * p:.0f}": value
+                for p, share in one.coverage.items()
+                for key, value in (
+                    ("within", share.value),
+                    ("low", share.low),
+                    ("high", share.high),
+                )
+            },
+            "radius_95_m": _known(one.radius[0.95].value),
+            "verdict": one.verdict,
+        }
+        for name, one in analysis.audits.items()
+    ]
+
+
 def plan_rows(analysis: Analysis) -> list[Row]:
     """Return the conformance of tracks to their plans."""
     return [
@@ -235,6 +262,7 @@ def tables(analysis: Analysis) -> dict[str, list[Table]]:
         "radars": [_radar_table(analysis)],
         "fusion": [_fusion_table(analysis)] if analysis.fusion is not None else [],
         "truth": [_evaluation_table(analysis)] if analysis.judged else [],
+        "audit": [_audit_table(analysis)] if analysis.audits else [],
         "plans": [_plan_table(analysis)] if analysis.followed else [],
         "finders": [_emitter_table(analysis), _bearing_table(analysis)] if analysis.heard else [],
         "tracks": [_track_table(analysis)],
@@ -299,6 +327,36 @@ def _evaluation_table(analysis: Analysis) -> Table:
     columns = {"figure": "figure", "unit": "unit"} | {name: name for name in analysis.judged}
     caption = f"Tracks versus truth; updates are required every {analysis.update_interval:.3g} s."
     return _table("evaluation-table", caption, columns, evaluation_rows(analysis))
+
+
+def _audit_table(analysis: Analysis) -> Table:
+    rows = [
+        {
+            "tracks": name,
+            "count": one.count,
+            "worth": f"{one.effective_number:.0f}",
+            "nees": str(one.nees).partition(":")[0],
+            **{f"{100 * p:g} %": share_text(share) for p, share in one.coverage.items()},
+            "radius": one.radius[0.95].value if np.isfinite(one.radius[0.95].value) else None,
+            "verdict": one.verdict,
+        }
+        for name, one in analysis.audits.items()
+    ]
+    shares = {f"{100 * p:g} %": f"within {100 * p:g} %" for p in (0.5, 0.9, 0.95, 0.99)}
+    columns = {
+        "tracks": "tracks",
+        "count": "updates",
+        "worth": "worth",
+        "nees": "NEES per axis",
+        **shares,
+        "radius": "95 % are within (m)",
+        "verdict": "sigmas are",
+    }
+    caption = (
+        "Errors versus stated covariances, with intervals of 95 % that allow for errors that last: "
+        "the updates are worth fewer independent ones. The factors are those of sigmas."
+    )
+    return _table("audit-table", caption, columns, rows)
 
 
 def _plan_table(analysis: Analysis) -> Table:
@@ -399,6 +457,7 @@ def summary(analysis: Analysis) -> Row:
         "radars": radar_rows(analysis),
         "fusion": fusion_rows(analysis),
         "evaluation": evaluation_rows(analysis),
+        "audit": audit_rows(analysis),
         "conformance": plan_rows(analysis),
         "emitters": emitter_rows(analysis),
     }
@@ -423,6 +482,8 @@ def findings(analysis: Analysis) -> list[str]:
                 f", NEES per axis {text(float(np.nanmean(nees)) / 2)}, "
                 f"{within(nees) * 100:.0f} % within the 95 % ellipse"
             )
+        if TOGETHER in analysis.audits:
+            words += f"; sigmas are {analysis.audits[TOGETHER].verdict}"
         found += [f"{words}.", *_better(analysis)]
     for row in emitter_rows(analysis):
         if row["moves"]:

@@ -13,6 +13,7 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray, positive_number, real
 from tertia.metrics import Audit, Indicator, Truth, match_tracks
 from tertia.metrics import audit as audit_errors
+from tertia.metrics._indicator import share_text
 from tertia.tables._frames import Table, names, result, series
 from tertia.tables._groups import as_names, column_name, layout, split_unit
 from tertia.tables._records import (
@@ -108,8 +109,7 @@ class Audited:
                     "worth": round(one.effective_number),
                     "nees": str(one.nees).partition(":")[0],
                     **{
-                        f"inside {100 * p:g} %": f"{100 * share.value:.0f} % "
-                        f"({100 * share.low:.0f} to {100 * share.high:.0f})"
+                        f"inside {100 * p:g} %": share_text(share)
                         for p, share in one.coverage.items()
                     },
                     "sigmas": one.verdict,
