@@ -2,7 +2,7 @@
 
 use crate::base::distribution::{chi_square_upper_quantile, ln_gamma, normal_two_sided_quantile};
 use crate::base::error::{Result, require};
-use crate::metrics::POWERS;
+use crate::metrics::lasting::POWERS;
 
 /// Terms of the expansions.
 const TERMS: usize = 200;
