@@ -207,7 +207,7 @@ def inside(
                 error = draw(true[kind].T.shape, true["azimuth"].T).T
                 measured |= {kind: true[kind] + SIGMAS[kind] * error, f"{kind}_sigma": SIGMAS[kind]}
             measured |= options
-            found.append(hits(places, kinds, measured, truth, alone=batch == 1))
+            found.append(hits(places, kinds, measured, truth, batch))
         return np.concatenate(found)
 
     return run
@@ -218,17 +218,16 @@ def hits(
     kinds: Sequence[Kind],
     measured: dict[str, Any],
     truth: FloatArray,
-    alone: bool,
+    batch: int,
 ) -> BoolArray:
     """Return whether the ellipses of the located instants hold the truth."""
     rest = {name: value for name, value in measured.items() if name not in kinds}
-    parts = range(len(truth)) if alone else [slice(None)]
+    parts = [slice(at, at + batch) for at in range(0, len(truth), batch)]
     squares = []
     for part in parts:
-        # one instant in a batch of its own: no error where it is not located
-        own = {kind: np.atleast_2d(measured[kind][part]) for kind in kinds}
+        own: dict[str, Any] = {kind: measured[kind][part] for kind in kinds}
         fix = locate(places, **own, **rest)
-        error = fix.position - np.atleast_2d(truth[part])
+        error = fix.position - truth[part]
         squares.append(np.asarray(metrics.nees(error, fix.covariance))[np.asarray(fix.success)])
     return np.concatenate(squares) < LIMITS[places.shape[1]]
 

@@ -308,6 +308,7 @@ def locate(
     values: FloatArray,
     sigmas: FloatArray,
     position_sigmas: FloatArray | None,
+    height: FloatArray | None,
     initial: FloatArray | None,
     robustness: tuple[str, int],
     differences: tuple[bool, float],

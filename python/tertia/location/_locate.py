@@ -13,6 +13,7 @@ from tertia import _core
 from tertia._arrays import FloatArray, finite, flag, integer, scalar_or_array, threads
 from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import given_biases, said
+from tertia.location._height import anywhere, read_height, without_height
 from tertia.location._readers import checked, correlation_of, deviations
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.sensors import KINDS, Bias, Kind, Station, stack_stations, survey_sigmas
@@ -41,6 +42,8 @@ def locate(
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
     multipath: bool = True,
+    height: npt.ArrayLike | None = None,
+    height_sigma: npt.ArrayLike | None = None,
     method: LocationMethod = "robust",
     pooled: bool = False,
     redundancy: int | None = None,
@@ -87,6 +90,10 @@ def locate(
         Whether outliers among times of arrival, and among range differences with a correlation, are
         late rather than early (20 to 1), as if signals came by detours. Otherwise both are as
         likely.
+    height, height_sigma : array_like of shape (...), optional
+        The last coordinate of the target in metres, in space only, and its standard deviation: a
+        measurement like the others. Azimuths alone do not determine it: without `height` up is nan,
+        its variance infinite, and east and north are those in the plane.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"}
         "robust": Tukey's biweight with at least `redundancy` degrees of freedom, otherwise least
         squares; "least-squares": always; the others are Lenth's (1981) estimators, for azimuths in
@@ -204,28 +211,22 @@ def locate(
         known = sigmas.get("arrival_time")
         arrivals = read_arrivals(arrival_time, arrival_time_sigma, known, propagation_speed, k)
         measured["arrival_time"] = arrivals.value, arrivals.sigma
-    if not measured:
-        raise ValueError(
-            "nothing was measured; give range, azimuth, elevation, range_difference or arrival_time"
-        )
     differences = "range_difference" in measured and correlation > 0
-    if differences and arrivals is not None:
-        raise ValueError(
-            "arrival_time and range_difference share the errors of their stations; give one of "
-            "them, or range_difference_correlation=0"
-        )
     timed = differences or arrivals is not None
     if redundancy is None:
         redundancy = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
-    if d == 2 and "elevation" in measured:
-        raise ValueError("elevation needs stations with three coordinates")
+    _require_kinds(measured, d, shared=differences)
     _require_deviations(measured)
     if method in _LENTH:
         _require_lenth(measured, d, method)
-    start = None if initial is None else finite(initial, "initial")
-    if start is not None and start.shape[-1:] != (d,):
-        raise ValueError(f"initial has shape {start.shape}; it must be (..., {d})")
-    batch = _batch(places, measured, start)
+    start = _start(initial, d)
+    level = read_height(height, height_sigma, d)
+    if level is not None and _is_unknown(measured):
+        raise ValueError("height is given; then the standard deviations must be, too")
+    flat = level is None and d > 2 and set(measured) == {"azimuth"}
+    if flat:
+        level = anywhere(places)
+    batch = _batch(places, measured, start, level)
     values = np.full((*batch, len(KINDS), k), np.nan)
     stated = np.full((*_sigma_batch(measured), len(KINDS), k), np.nan)
     for kind, (value, sigma) in measured.items():
@@ -241,6 +242,7 @@ def locate(
         values,
         _matched(stated, batch, 2),
         survey_sigmas(stations),
+        None if level is None else _matched(level, batch, 1),
         None if start is None else _matched(start, batch, 1),
         (method, integer(redundancy, "redundancy", 1)),
         (flag(multipath, "multipath"), correlation),
@@ -263,12 +265,38 @@ def locate(
         unit = 1.0 if arrivals is None else arrivals.speed
         sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
         location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
+    if flat:
+        location = without_height(location)
     if isinstance(location.status, LocationStatus):
         _raise(location.status)
     return location
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
+
+
+def _require_kinds(measured: _Measured, d: int, *, shared: bool) -> None:
+    """Fail where nothing was measured, or kinds that do not fit together."""
+    if not measured:
+        raise ValueError(
+            "nothing was measured; give range, azimuth, elevation, range_difference or arrival_time"
+        )
+    if shared and "arrival_time" in measured:
+        raise ValueError(
+            "arrival_time and range_difference share the errors of their stations; give one of "
+            "them, or range_difference_correlation=0"
+        )
+    if d == 2 and "elevation" in measured:
+        raise ValueError("elevation needs stations with three coordinates")
+
+
+def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:
+    if initial is None:
+        return None
+    start = finite(initial, "initial")
+    if start.shape[-1:] != (d,):
+        raise ValueError(f"initial has shape {start.shape}; it must be (..., {d})")
+    return start
 
 
 def _require_deviations(measured: _Measured) -> None:
@@ -298,12 +326,19 @@ def _require_lenth(measured: _Measured, d: int, method: str) -> None:
         raise ValueError(f"method is {method!r}; it needs the same azimuth_sigma everywhere")
 
 
-def _batch(places: FloatArray, measured: _Measured, start: FloatArray | None) -> tuple[int, ...]:
+def _batch(
+    places: FloatArray,
+    measured: _Measured,
+    start: FloatArray | None,
+    level: FloatArray | None,
+) -> tuple[int, ...]:
     shapes = {"stations": places.shape[:-2]}
     for kind, (value, sigma) in measured.items():
         shapes[kind], shapes[f"{kind}_sigma"] = value.shape[:-1], sigma.shape[:-1]
     if start is not None:
         shapes["initial"] = start.shape[:-1]
+    if level is not None:
+        shapes["height"] = level.shape[:-1]
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:

@@ -41,6 +41,8 @@ def locate(
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
     multipath: bool = True,
+    height: float | None = None,
+    height_sigma: float | None = None,
     initial: npt.ArrayLike | None = None,
 ) -> Table:
     """Locate targets at every instant, as the command `tertia locate` does.
@@ -69,6 +71,8 @@ def locate(
         See `tertia.location.locate`.
     multipath : bool
         See `tertia.location.locate`.
+    height, height_sigma : float, optional
+        Height of all targets and its standard deviation in metres, in space.
     initial : array_like, optional
         A position near the targets, to select one of several that fit the measurements.
 
@@ -112,6 +116,8 @@ def locate(
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
         multipath=multipath,
+        height=height,
+        height_sigma=height_sigma,
         initial=initial,
     )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]

@@ -87,6 +87,7 @@ pub fn locate<'py>(
     values: Input<'py>,
     sigmas: Input<'py>,
     position_sigmas: Option<Input<'py>>,
+    height: Option<Input<'py>>,
     initial: Option<Input<'py>>,
     robustness: (&str, usize),
     differences: (bool, f64),
@@ -107,6 +108,8 @@ pub fn locate<'py>(
     sigmas.require_shared(KINDS * k, count)?;
     stations.require_shared(k * d, count)?;
     let surveys = optional(position_sigmas.as_ref(), "position_sigmas", (1, k), count)?;
+    let height = optional(height.as_ref(), "height", (1, 2), count)?;
+    let height = |i: usize| height.as_ref().map(|rows| (rows.shared(i)[0], rows.shared(i)[1]));
     let initial = optional(initial.as_ref(), "initial", (1, d), count)?;
     let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
     let mut position = Output::new(py, rows.batch(), &[d])?;
@@ -126,6 +129,7 @@ pub fn locate<'py>(
                     values: rows.shared(i),
                     sigmas: sigmas.shared(i),
                     position_sigmas: surveys.as_ref().map(|surveys| surveys.shared(i)),
+                    height: height(i),
                     initial: initial.as_ref().map(|initial| initial.shared(i)),
                 })
                 .collect();
@@ -163,6 +167,7 @@ pub fn locate<'py>(
                     values: rows.shared(i),
                     sigmas: sigmas.shared(i),
                     position_sigmas: surveys.as_ref().map(|surveys| surveys.shared(i)),
+                    height: height(i),
                     initial: initial.as_ref().map(|initial| initial.shared(i)),
                 })
                 .collect();
@@ -218,6 +223,7 @@ pub fn location_accuracy<'py>(
         values: &sigmas.values,
         sigmas: &sigmas.values,
         position_sigmas: surveys.as_ref().map(|surveys| &*surveys.values),
+        height: None,
         initial: None,
     };
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;

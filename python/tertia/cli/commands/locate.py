@@ -65,6 +65,12 @@ def locate(
     multipath: Annotated[
         bool, typer.Option(help="Outliers among arrivals are late rather than early.")
     ] = True,
+    height: Annotated[
+        float | None, typer.Option(help="Height of all targets in metres, in space.")
+    ] = None,
+    height_sigma: Annotated[
+        float | None, typer.Option(help="Its standard deviation in metres.")
+    ] = None,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -95,6 +101,8 @@ def locate(
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
         multipath=multipath,
+        height=height,
+        height_sigma=height_sigma,
         initial=_start(initial, stations.dimension),
         progress=progress("Locating"),
     )

@@ -43,7 +43,7 @@ impl<const D: usize> Plane<D> {
     }
 }
 
-/// What one station measured.
+/// What one station measured, or a height.
 #[derive(Clone, Copy, Debug)]
 struct Sight<const D: usize> {
     index: usize,
@@ -56,6 +56,7 @@ struct Sight<const D: usize> {
     elevation: Option<(f64, f64)>,
     difference: Option<f64>,
     arrival: Option<f64>,
+    height: Option<f64>,
 }
 
 /// Buffers.
@@ -252,6 +253,7 @@ impl<const D: usize> Sight<D> {
             elevation: None,
             difference: None,
             arrival: None,
+            height: None,
         };
         for m in measurements {
             sight.axes = sight.axes.or(m.axes);
@@ -261,6 +263,7 @@ impl<const D: usize> Sight<D> {
                 Kind::Elevation => sight.elevation = Some((m.sine, m.cosine)),
                 Kind::RangeDifference => sight.difference = Some(m.value),
                 Kind::Arrival => sight.arrival = Some(m.value),
+                Kind::Height => sight.height = Some(m.value),
             }
         }
         sight
@@ -285,8 +288,12 @@ impl<const D: usize> Sight<D> {
         self.axes.map_or(v, |axes| rotated_back(&axes, &v))
     }
 
-    /// The planes of the azimuth, and of the elevation with the azimuth or the range.
+    /// The planes of the height, of the azimuth, and of the elevation with the azimuth or the range.
     fn planes(&self) -> [Option<Plane<D>>; 2] {
+        if let Some(height) = self.height {
+            let normal = std::array::from_fn(|i| if i + 1 == D { 1.0 } else { 0.0 });
+            return [Plane::new(normal, height, 0.0), None];
+        }
         let azimuth = self.azimuth.and_then(|(sine, cosine)| {
             let mut normal = [0.0; D];
             normal[0] = cosine;

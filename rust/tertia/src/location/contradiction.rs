@@ -17,7 +17,7 @@
 use super::descent::Loss;
 use super::fix::{Fix, Instant, Output, Status};
 use super::growth::{agreeing, growth};
-use super::record::Record;
+use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
@@ -289,16 +289,17 @@ impl Sums {
         let stations = free.len() / KINDS;
         let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
         for ((m, row), &place) in all() {
-            let kind = place / stations;
+            let is_free = place != NOWHERE && free[place];
             let kept = keeps(m, row);
             let residual = row.residual - dot(&row.gradient, &step);
-            let unit = if free[place] { factor[kind] } else { 1.0 };
+            let unit = if is_free { factor[place / stations] } else { 1.0 };
             for (sum, share) in likelihood.iter_mut().zip(SHARES) {
                 let normal = (1.0 - share) * (-0.5 * residual * residual).exp() / unit.sqrt();
                 *sum += (normal + share * FLAT).ln();
             }
             *if kept { &mut self.kept } else { &mut self.rejected } += 1.0;
-            if kept && free[place] {
+            if kept && is_free {
+                let kind = place / stations;
                 let leverage = dot(&lower.solve(&row.gradient), &row.gradient);
                 self.square[kind] += residual * residual;
                 self.freedom[kind] += (1.0 - leverage).max(0.0);

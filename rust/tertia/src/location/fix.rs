@@ -52,6 +52,8 @@ pub struct Instant<'a> {
     /// Standard deviations of the coordinates of each station, as surveyed, K numbers; 0 if there
     /// are none.
     pub position_sigmas: Option<&'a [f64]>,
+    /// The height of the target and its standard deviation, in space.
+    pub height: Option<(f64, f64)>,
     /// A position near the one looked for.
     pub initial: Option<&'a [f64]>,
 }

@@ -246,6 +246,10 @@ impl<S: Simd> Lanes<S> {
                 }
                 ((value - range) * precision, gradient)
             }
+            Kind::Height => {
+                gradient[D - 1] = precision;
+                ((value - d[D - 1]) * precision, gradient)
+            }
             Kind::RangeDifference => {
                 let (range, first) = (self.dot(&d, &d).sqrt(), self.dot(p, p).sqrt());
                 let station = Vector::load_all(self.simd, &m.station, self.at);

@@ -6,12 +6,15 @@ use super::search::{Minimum, Search};
 use crate::base::small::{Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
 
+/// Where a height stands in the instant.
+pub(super) const NOWHERE: usize = usize::MAX;
+
 /// Measurements and where the search for their position stands; the state is a position and, of
 /// arrivals, their emission.
 #[derive(Clone, Debug)]
 pub(super) struct Record<const D: usize, const N: usize> {
     pub measurements: Vec<Measurement<D>>,
-    /// Where each stands in the instant.
+    /// Where each stands in the instant, if a station measured it.
     pub places: Vec<usize>,
     /// The size of the geometry.
     pub extent: f64,
@@ -109,6 +112,12 @@ impl<const D: usize, const N: usize> Record<D, N> {
             self.measurements.push(m);
             self.places.push(place);
         });
+        if let Some((height, sigma)) = instant.height {
+            let value = height - stations[D - 1];
+            extent = extent.max(value.abs());
+            self.measurements.push(Measurement::new(Kind::Height, k, [0.0; D], value, sigma));
+            self.places.push(NOWHERE);
+        }
         self.extent = extent;
     }
 

@@ -7,7 +7,7 @@ use super::growth::growth;
 use super::lanes::LANES;
 use super::lenth::Weight;
 use super::profile::Unbounded;
-use super::record::Record;
+use super::record::{NOWHERE, Record};
 use super::search::{Buffers, Minimum, position};
 use super::summary::Spread;
 use crate::base::distribution::chi_square_upper;
@@ -286,9 +286,11 @@ impl Locator {
         let rows = record.measurements.iter().zip(&record.rows).zip(&record.places);
         for ((m, row), &place) in rows {
             let u = row.residual * own;
-            out.residual[place] = u;
-            out.outlier[place] = search.is_fault(m, row.residual * robust, self.lenth());
             statistic += u * u;
+            if place != NOWHERE {
+                out.residual[place] = u;
+                out.outlier[place] = search.is_fault(m, row.residual * robust, self.lenth());
+            }
         }
         if record.common.is_some() {
             record.tell_differences(out);

@@ -20,6 +20,8 @@ pub(crate) enum Kind {
     /// When a signal came to a station, times its speed: the range and what is the same for all,
     /// the emission.
     Arrival,
+    /// The last coordinate, which no station measured.
+    Height,
 }
 
 impl Kind {
@@ -134,6 +136,7 @@ impl<const D: usize> Measurement<D> {
             Kind::Azimuth => self.azimuth(d),
             Kind::Elevation => self.elevation(d),
             Kind::RangeDifference => self.range_difference(d, p),
+            Kind::Height => self.height(d),
         }
     }
 
@@ -142,6 +145,13 @@ impl<const D: usize> Measurement<D> {
         let range = norm(d);
         let scale = self.precision / range;
         Row { residual: (self.value - range) * self.precision, gradient: d.map(|v| v * scale) }
+    }
+
+    #[inline]
+    fn height(&self, d: &Vector<D>) -> Row<D> {
+        let mut gradient = [0.0; D];
+        gradient[D - 1] = self.precision;
+        Row { residual: (self.value - d[D - 1]) * self.precision, gradient }
     }
 
     #[inline]
@@ -192,6 +202,9 @@ impl<const D: usize> Measurement<D> {
         let mut d: Vector<D> = std::array::from_fn(|i| p[i] - self.station[i]);
         if let Some(axes) = &self.axes {
             d = rotated(axes, &d);
+        }
+        if self.kind == Kind::Height {
+            return false;
         }
         let axes = if self.kind.is_angle() { 2 } else { D };
         let squared: f64 = d[..axes].iter().map(|v| v * v).sum();
@@ -277,8 +290,11 @@ mod tests {
         let p = [300.0, -200.0, 150.0];
         let station = [40.0, 70.0, -20.0];
         let axes = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]];
-        let measurements = Kind::ALL.map(|kind| Measurement::new(kind, 1, station, 0.5, 0.1));
-        let tilted = measurements.clone().map(|measurement| measurement.about(&axes));
+        let kinds = Kind::ALL.into_iter().chain([Kind::Height]);
+        let measurements: Vec<_> =
+            kinds.map(|kind| Measurement::new(kind, 1, station, 0.5, 0.1)).collect();
+        let tilted: Vec<_> =
+            measurements.iter().map(|measurement| measurement.clone().about(&axes)).collect();
         for measurement in measurements.into_iter().chain(tilted) {
             let kind = measurement.kind;
             let row = measurement.row(&p);

@@ -138,6 +138,7 @@ impl Fixes {
                         values: &values[at(i)..][..width],
                         sigmas: &sigmas[at(i)..][..width],
                         position_sigmas: None,
+                        height: None,
                         initial: None,
                     })
                     .collect();
