@@ -1,13 +1,18 @@
 """The audit: vectors, parity with the reference, coverage under errors that last, refusals."""
 
 import numpy as np
+import polars as pl
 import pytest
 from checks import NAN, close, rng
+from places import DATA
 from reference import metrics as reference
 from scipy import stats
 
 import tertia
 from tertia import _core, audit, metrics
+from tertia.geo import LocalFrame
+from tertia.location import Station, locate
+from tertia.sensors import Bias
 
 ONE = {"number": np.array([50.0]), "probability": np.ones(1), "degrees_of_freedom": np.inf}
 
@@ -290,3 +295,48 @@ class TestRefused:
     def test_arguments(self, arguments, message):
         with pytest.raises(ValueError, match=message):
             audit(arguments.pop("error"), arguments.pop("covariance"), **arguments)
+
+
+@pytest.mark.skipif(not (DATA / "difar").is_dir(), reason="no recordings")
+class TestSonobuoys:
+    """Positions from the bearings of four drifting finders, whose compasses are off by degrees."""
+
+    @staticmethod
+    def audited(bias):
+        rows = pl.read_csv(DATA / "difar/bearings.csv", null_values=["NaN"])
+        frame = LocalFrame(32.82, -117.585)
+        calls, buoys = (
+            rows[name].unique(maintain_order=True).to_list() for name in ("call_id", "buoy")
+        )
+        call = rows["call_id"].replace_strict(calls, range(len(calls))).to_numpy()
+        buoy = rows["buoy"].replace_strict(buoys, range(len(buoys))).to_numpy()
+        azimuth, sites = np.full((len(calls), 4), NAN), np.full((4, len(calls), 2), NAN)
+        azimuth[call, buoy] = np.radians(rows["bearing_deg"].to_numpy())
+        sites[buoy, call] = frame.to_local(rows["buoy_lat"], rows["buoy_lon"], 0.0)[:, :2]
+        boat, time = np.zeros((len(calls), 2)), np.zeros(len(calls))
+        boat[call] = frame.to_local(rows["boat_lat"], rows["boat_lon"], 0.0)[:, :2]
+        time[call] = rows["t_s"].to_numpy()
+        for site in sites:
+            for axis in site.T:
+                axis[:] = np.interp(np.arange(len(axis)), *_known(axis))
+        stations = [Station(site, azimuth_sigma=np.radians(5.0)) for site in sites]
+        fixes = locate(stations, azimuth=azimuth, bias=bias)
+        error = np.where(fixes.success[:, np.newaxis], fixes.position - boat, NAN)
+        return audit(error, fixes.covariance, time=time)
+
+    def test_trusted_sigmas_are_convicted(self):
+        found = self.audited(Bias())
+        assert found.verdict.startswith("too small by a factor of ")
+        assert found.coverage[0.95].high < 0.8
+
+    def test_estimated_biases_are_acquitted(self):
+        found = self.audited(None)
+        # one track is worth some ten independent positions, which may be too few to acquit
+        assert found.verdict in {"honest", "too short to tell"}
+        assert found.coverage[0.95].low < 0.95 < found.coverage[0.95].high
+        assert found.coverage[0.95].value > 0.9
+
+
+def _known(values):
+    there = np.flatnonzero(np.isfinite(values))
+    return there, values[there]

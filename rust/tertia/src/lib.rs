@@ -71,6 +71,11 @@
 //! | [`association::Assigner::assign`] | O(T + N + P log P) where few pairs compete | O(T + N + P) |
 //! | [`flightplan::Route`], N waypoints | O(N) a position, O(1) in a turn that is known | O(N) |
 //! | [`tracker::Tracker::track`] | O(T + P log P) where few plots compete | O(T) |
+//!
+//! | kernel for N errors of m axes | cost | extra memory |
+//! |---|---|---|
+//! | [`metrics::lasting`] | O(N m) for each of 8 models of 10 + 3 ln N lengths | O(N m) |
+//! | [`metrics::mean_interval`], `share_interval`, `rank_interval` | O(models) a step | none |
 
 pub mod association;
 mod base;

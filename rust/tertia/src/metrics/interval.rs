@@ -116,3 +116,28 @@ fn crossing(rising: impl Fn(f64) -> f64, value: f64, [mut low, mut high]: [f64; 
     }
     0.5 * (low + high)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    const WORTH: Worth =
+        Worth { number: &[50.0], probability: &[1.0], degrees_of_freedom: f64::INFINITY };
+
+    /// Wilson's interval of 45 of 50, in closed form.
+    #[test]
+    fn wilson() {
+        let [low, high] = share_interval(0.9, &WORTH, 0.95).unwrap();
+        assert_within(1e-12, low, 0.7863976856252035);
+        assert_within(1e-12, high, 0.9565242350681096);
+    }
+
+    /// A share's interval and the ranks of its bounds are inverse to each other.
+    #[test]
+    fn ranks_invert_shares() {
+        let [_, high] = share_interval(0.9, &WORTH, 0.95).unwrap();
+        let [low, _] = rank_interval(high, &WORTH, 0.95).unwrap();
+        assert_within(1e-9, low, 0.9);
+    }
+}

@@ -231,3 +231,41 @@ impl Run {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An alternating series is independent of what was before, as far as positive correlation goes.
+    #[test]
+    fn a_series_that_alternates_is_not_taken_to_last() {
+        let errors: Vec<f64> = (0..60).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let found = lasting(&errors, 1, &[1.0; 60]).unwrap();
+        assert!(found.probability[0] > 0.9);
+    }
+
+    #[test]
+    fn a_constant_is_worth_one_value() {
+        let found = lasting(&[2.0; 80], 2, &[1.0; 40]).unwrap();
+        let models = found.probability.iter().zip(&found.rows_per_value);
+        let rows: f64 = models.map(|(p, rows)| p * rows[0]).sum();
+        assert!(rows > 20.0, "{rows}");
+    }
+
+    #[test]
+    fn probabilities_sum_to_one_and_do_not_depend_on_the_unit() {
+        let errors: Vec<f64> = (0..50).map(|k| f64::from(k * k % 17) - 8.0).collect();
+        let small: Vec<f64> = errors.iter().map(|error| error * 1e-6).collect();
+        let [one, other] = [&errors, &small].map(|x| lasting(x, 1, &[1.0; 50]).unwrap());
+        assert!((one.probability.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        for (p, q) in one.probability.iter().zip(&other.probability) {
+            assert!((p - q).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn numbers_that_do_not_fit_are_refused() {
+        assert!(lasting(&[1.0; 3], 2, &[1.0; 2]).is_err());
+        assert!(lasting(&[], 1, &[]).is_err());
+    }
+}
