@@ -25,13 +25,24 @@ from stonesoup.models.transition.linear import (
 from stonesoup.predictor.kalman import KalmanPredictor
 from stonesoup.tracker.simple import MultiTargetTracker, SingleTargetTracker
 from stonesoup.types.detection import Detection
+from stonesoup.types.groundtruth import GroundTruthPath, GroundTruthState
 from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.prediction import GaussianStatePrediction
 from stonesoup.types.state import GaussianState
+from stonesoup.types.track import Track
 from stonesoup.types.update import GaussianStateUpdate
 from stonesoup.updater.kalman import ExtendedKalmanUpdater, KalmanUpdater
 
-from tertia.interop.stonesoup import PlotTracker, SingerMotion, Updater, plots, predictor, radar
+from tertia import audit
+from tertia.interop.stonesoup import (
+    PlotTracker,
+    SingerMotion,
+    Updater,
+    errors,
+    plots,
+    predictor,
+    radar,
+)
 from tertia.kalman import SingerModel
 from tertia.tracker import Plots, Radar, Tracker
 
@@ -282,3 +293,27 @@ class TestOurTracker:
     def test_positions_need_a_density_of_clutter(self):
         with pytest.raises(ValueError, match="options must have clutter_density"):
             PlotTracker([], [POSITION], PERIOD)
+
+
+def test_tracks_and_truth_are_the_arguments_of_an_audit():
+    """Each state belongs to the nearest path at its time; others are left out."""
+    rng = np.random.default_rng(1)
+    paths, tracks = [], []
+    for target in range(2):
+        moments = [START + timedelta(seconds=PERIOD * step) for step in range(60)]
+        places = [
+            np.array([x, 1.0, y, 1.0]) for x, y in (truth(PERIOD * k, target) for k in range(60))
+        ]
+        states = zip(places, moments, strict=True)
+        paths.append(GroundTruthPath([GroundTruthState(p, timestamp=t) for p, t in states]))
+        later = moments[-1] + timedelta(seconds=1)
+        seen = [
+            GaussianState(p + rng.normal(0, 30.0, 4), np.eye(4) * 900.0, timestamp=t)
+            for p, t in zip([*places, places[-1]], [*moments, later], strict=True)
+        ]
+        tracks.append(Track(seen))
+    found = audit(**errors(tracks, paths))
+    assert found.count == 120
+    assert found.verdict == "honest"
+    with pytest.raises(ValueError, match="no state at a time of the truth"):
+        errors([], paths)

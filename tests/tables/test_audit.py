@@ -2,6 +2,7 @@
 
 import json
 import struct
+from datetime import datetime
 
 import numpy as np
 import polars as pl
@@ -141,6 +142,20 @@ class TestPositions:
         names |= {"east_sigma_m": "x_sd", "north_sigma_m": "y_sd"}
         yaps = table.drop("covariance_east_north_m2").rename(names)
         assert figure(tables.audit(yaps, truth()), "nees") == expected
+
+    def test_flights_of_traffic(self):
+        frame = pytest.importorskip("tertia.geo").LocalFrame(48.0, 11.0)
+        table, _ = positions()
+        flights = []
+        for one in (table, truth()):
+            place = np.column_stack([one["east_m"], one["north_m"], np.zeros(one.height)])
+            latitude, longitude, _ = (np.array(x) for x in frame.to_geodetic(place))
+            moment = datetime(2024, 1, 1) + pl.Series(one["time_s"] * 1e6).cast(pl.Duration("us"))
+            columns = {"timestamp": moment, "latitude": latitude, "longitude": longitude}
+            flights.append(pl.DataFrame({"icao24": "4b1801", **columns}))
+        smoothed = flights[0].with_columns(position_sigma_m=pl.lit(17.7))
+        found = tables.audit(smoothed, flights[1])
+        assert figure(found, "coverage", 0.95)["verdict"] == "honest"
 
 
 class TestScalars:
