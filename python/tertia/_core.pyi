@@ -53,6 +53,7 @@ __all__ = [
     "paper_score",
     "plan_speeds",
     "plots_to_cartesian",
+    "predicted",
     "rank_interval",
     "reconstruct",
     "reconstruct_arrivals",
@@ -332,6 +333,12 @@ def location_accuracy(
     correlation: float,
     n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray]: ...
+def predicted(
+    stations: FloatArray,
+    axes: FloatArray | None,
+    positions: FloatArray,
+    n_threads: int | None,
+) -> FloatArray: ...
 def local_polynomial(
     y: FloatArray,
     time: FloatArray | None,

@@ -401,14 +401,6 @@ def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
     )
 
 
-def to_station_axes(offset: FloatArray, axes: FloatArray | None) -> FloatArray:
-    """Return offsets from stations, (..., K, D), in the axes of the stations."""
-    if axes is None:
-        return offset
-    turned: FloatArray = (axes @ offset[..., np.newaxis])[..., 0]
-    return turned
-
-
 def require_dimension(array: FloatArray, name: str, shape: str) -> None:
     """Fail unless the last axis is east, north and perhaps up."""
     if array.ndim < 1 or array.shape[-1] not in {2, 3}:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, finite, generator
-from tertia.sensors import Kind, Station, stack_stations, to_station_axes
+from tertia.sensors import KINDS, Kind, Station, stack_stations
 from tertia.simulate._parameters import _number, _require, _shape
 
 # metres: farther away, the lines of sight are parallel in double precision
@@ -152,6 +153,7 @@ def stations(
     outlier_probability: float = 0.0,
     outlier_size: float = 20.0,
     missing_probability: float = 0.0,
+    propagation_speed: float = 299_792_458.0,
     batch: int | tuple[int, ...] = (),
     rng: np.random.Generator | int | None = None,
 ) -> StationRecord:
@@ -163,14 +165,16 @@ def stations(
         The stations; each measures the kinds that it has a standard deviation for.
     position : array_like of shape (..., D)
         True position of the target.
-    kinds : sequence of {"range", "azimuth", "elevation"}, optional
+    kinds : sequence of {"range", "azimuth", "elevation", "arrival_time"}, optional
         Kinds that are measured; by default all with a standard deviation.
     outlier_probability : float
         Probability that a measurement is an outlier.
     outlier_size : float
-        Offset of an outlier, in standard deviations, up or down.
+        Offset of an outlier, in standard deviations, up or down; times of arrival are late.
     missing_probability : float
         Probability that a measurement is missing.
+    propagation_speed : float
+        Speed of signals in metres per second, by default that of light. They are emitted at 0 s.
     batch : int or tuple of int
         Shape of the batch of records of every position.
     rng : numpy.random.Generator or int, optional
@@ -203,7 +207,8 @@ def stations(
     outlier_probability = _number(outlier_probability, "outlier_probability", 0, 1)
     missing_probability = _number(missing_probability, "missing_probability", 0, 1)
     size, source = _number(outlier_size, "outlier_size", 0), generator(rng)
-    truth = _sights(to_station_axes(target[..., np.newaxis, :] - places, axes))
+    speed = _number(propagation_speed, "propagation_speed", 1e-9)
+    truth = _sights(places, axes, target, speed)
     if kinds is None:
         chosen = [kind for kind in truth if not np.all(np.isnan(sigmas.get(kind, np.nan)))]
     else:
@@ -214,7 +219,8 @@ def stations(
         _require(kind in truth, "kinds", kind, f"one of {', '.join(truth)}")
         shape = (*_shape(batch), *truth[kind].shape)
         wrong = source.uniform(size=shape) < outlier_probability
-        sign = np.where(source.uniform(size=shape) < 0.5, -1.0, 1.0)
+        up = 1.0 if kind == "arrival_time" else -1.0
+        sign = np.where(source.uniform(size=shape) < 0.5, up, 1.0)
         error = source.standard_normal(shape) + np.where(wrong, size * sign, 0.0)
         gone = source.uniform(size=shape) < missing_probability
         record[kind] = np.where(gone, np.nan, truth[kind] + sigmas[kind] * error)
@@ -222,12 +228,24 @@ def stations(
     return StationRecord(record, outlier, np.broadcast_to(target, (*_shape(batch), *target.shape)))
 
 
-def _sights(offset: FloatArray) -> dict[str, FloatArray]:
-    """Return range, azimuth and (in space) elevation of offsets in the stations' axes."""
-    truth = {
-        "range": np.sqrt(np.sum(offset**2, axis=-1)),
-        "azimuth": np.arctan2(offset[..., 0], offset[..., 1]),
+def _sights(
+    places: FloatArray, axes: FloatArray | None, target: FloatArray, speed: float
+) -> dict[Kind, FloatArray]:
+    """Return what each station measures alone, without errors, (..., K)."""
+    k, d = places.shape[-2:]
+    batch = np.broadcast_shapes(
+        places.shape[:-2], target.shape[:-1], () if axes is None else axes.shape[:-3]
+    )
+    found = _core.predicted(
+        np.broadcast_to(places, (*batch, k, d)),
+        None if axes is None else np.broadcast_to(axes, (*batch, k, d, d)),
+        np.broadcast_to(target, (*batch, d)),
+        None,
+    )
+    truth: dict[Kind, FloatArray] = {
+        kind: found[..., at, :]
+        for at, kind in enumerate(KINDS)
+        if kind != "range_difference" and (d == 3 or kind != "elevation")
     }
-    if offset.shape[-1] == 3:
-        truth["elevation"] = np.arctan2(offset[..., 2], np.hypot(offset[..., 0], offset[..., 1]))
+    truth["arrival_time"] = truth["arrival_time"] / speed
     return truth

@@ -40,7 +40,7 @@ mod core_module {
         smooth_series, steady_state,
     };
     #[pymodule_export]
-    use super::location::{locate, location_accuracy};
+    use super::location::{locate, location_accuracy, predicted};
     #[pymodule_export]
     use super::metrics::{
         chi_square_quantile, indicator_powers, lasting, mean_interval, rank_interval,

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
 use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Workspace};
-use tertia::sensors::KINDS;
+use tertia::sensors::{KINDS, predict};
 
 type Located<'py> = (
     Output<'py>,
@@ -239,4 +239,38 @@ pub fn location_accuracy<'py>(
         Ok(())
     })?;
     Ok((covariance, dilution))
+}
+
+/// What stations measure of positions (..., D) without errors, (..., kinds, K).
+#[pyfunction]
+pub fn predicted<'py>(
+    py: Python<'py>,
+    stations: Input<'py>,
+    axes: Option<Input<'py>>,
+    positions: Input<'py>,
+    n_threads: Threads,
+) -> PyResult<Output<'py>> {
+    let (k, d) = size(&stations)?;
+    let (stations, rows) = (stations.blocks("stations", 2)?, positions.blocks("positions", 1)?);
+    stations.require_shared(k * d, rows.count())?;
+    rows.require(d, rows.count())?;
+    let axes = optional(axes.as_ref(), "axes", (3, k * d * d), rows.count())?;
+    let mut found = Output::new(py, rows.batch(), &[KINDS, k])?;
+    let cost = ACCURACY_NS * (KINDS * k * rows.count()) as f64;
+    rows.each(
+        py,
+        cost,
+        n_threads,
+        found.rows()?,
+        || (),
+        |(), (i, p), out| {
+            let axes = axes.as_ref().map(|axes| axes.shared(i));
+            match d {
+                2 => predict::<2>(stations.shared(i), axes, p, out),
+                _ => predict::<3>(stations.shared(i), axes, p, out),
+            }
+            Ok(())
+        },
+    )?;
+    Ok(found)
 }

@@ -7,6 +7,7 @@
 mod measurement;
 mod radar;
 
+pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
 pub(crate) use radar::HEIGHT_SIGMA;
 pub use radar::Radar;

@@ -10,6 +10,12 @@ const EARLY: f64 = 0.3;
 /// wrong minimum once in some thousand times.
 const SPARE: usize = 3;
 
+/// With so many measurements beyond the unknowns faults are trusted, one in so many.
+const ROBUST: usize = 5;
+const FAULTS_ONE_IN: usize = 8;
+/// What the likelihood of arrivals makes of a fault at least.
+const COST_OF_FAULT: f64 = 8.3;
+
 /// The solution of `s·p − z b = (|s|² − z²)/2 + c` by least squares, which the squares of the
 /// equations are, if there are enough arrivals and they determine it. O(M).
 pub(super) fn start<const D: usize, const N: usize>(
@@ -68,6 +74,20 @@ pub(super) fn emission<const D: usize>(
     *emission
 }
 
+/// The cost up to which a minimum of so many measurements needs no other starts: noise, and a fault
+/// in eight of them. If another minimum explained as many, most of both would be the same ones.
+pub(super) fn trusted_cost(count: usize, unknowns: usize) -> f64 {
+    let noise = 0.5 * count as f64 + 2.0 * (0.5 * count as f64).sqrt();
+    let spare = if count < unknowns + ROBUST { 0 } else { count / FAULTS_ONE_IN };
+    noise + COST_OF_FAULT * spare as f64
+}
+
+/// The axis of the larger element of a symmetric matrix in the plane.
+fn across<const D: usize>(a: &Matrix<D>) -> Vector<D> {
+    let (sine, cosine) = (0.5 * (2.0 * a[0][1]).atan2(a[0][0] - a[1][1])).sin_cos();
+    std::array::from_fn(|i| if i == 0 { cosine } else { sine })
+}
+
 /// A state on the other side of the line or plane that stations are nearest to: if they are on it,
 /// their distances are the same from there. O(M).
 pub(super) fn mirrored<const D: usize, const N: usize>(
@@ -91,7 +111,7 @@ pub(super) fn mirrored<const D: usize, const N: usize>(
             }
         }
     }
-    let (normal, _) = longest(&spread);
+    let normal = if D == 2 { across(&spread) } else { longest(&spread).0 };
     let height: f64 = (0..D).map(|i| normal[i] * (state[i] - mean[i])).sum();
     std::array::from_fn(|i| if i < D { state[i] - 2.0 * height * normal[i] } else { state[i] })
 }

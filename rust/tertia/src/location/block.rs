@@ -14,42 +14,42 @@ use pulp::{Arch, Simd, WithSimd};
 
 /// Where a lane arrived, the normal matrix and the cost there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Arrival<const D: usize> {
-    pub position: small::Vector<D>,
-    pub matrix: Matrix<D>,
+pub(super) struct Arrival<const N: usize> {
+    pub state: small::Vector<N>,
+    pub matrix: Matrix<N>,
     pub cost: f64,
 }
 
-/// Instants and where they are on their way.
+/// Instants and where they are on their way: positions and, of arrivals, their emissions.
 #[derive(Debug)]
-pub(super) struct Block<const D: usize> {
+pub(super) struct Block<const D: usize, const N: usize> {
     measured: Vec<Measured<D>>,
-    /// Residuals and their derivatives at the positions.
-    rows: Vec<(Lane, [Lane; D])>,
-    position: [Lane; D],
-    matrix: [[Lane; D]; D],
+    /// Residuals and their derivatives at the states.
+    rows: Vec<(Lane, [Lane; N])>,
+    state: [Lane; N],
+    matrix: [[Lane; N]; N],
     cost: Lane,
     /// Positive at a minimum.
     found: Lane,
 }
 
-impl<const D: usize> Default for Block<D> {
+impl<const D: usize, const N: usize> Default for Block<D, N> {
     fn default() -> Self {
         let zeros = [0.0; LANES];
         Self {
             measured: Vec::new(),
             rows: Vec::new(),
-            position: [zeros; D],
-            matrix: [[zeros; D]; D],
+            state: [zeros; N],
+            matrix: [[zeros; N]; N],
             cost: zeros,
             found: zeros,
         }
     }
 }
 
-impl<const D: usize> Block<D> {
+impl<const D: usize, const N: usize> Block<D, N> {
     /// Begins with an instant, in all lanes.
-    pub fn begin(&mut self, measurements: &[Measurement<D>], start: &small::Vector<D>) {
+    pub fn begin(&mut self, measurements: &[Measurement<D>], start: &small::Vector<N>) {
         self.measured.clear();
         for m in measurements {
             self.measured.push(Measured {
@@ -62,7 +62,7 @@ impl<const D: usize> Block<D> {
                 axes: m.axes.map(|axes| axes.map(|axis| axis.map(|v| [v; LANES]))),
             });
         }
-        self.position = start.map(|v| [v; LANES]);
+        self.state = start.map(|v| [v; LANES]);
     }
 
     /// Whether an instant measured the same kinds.
@@ -75,7 +75,7 @@ impl<const D: usize> Block<D> {
     }
 
     /// Puts an instant that fits into a lane.
-    pub fn set(&mut self, lane: usize, measurements: &[Measurement<D>], start: &small::Vector<D>) {
+    pub fn set(&mut self, lane: usize, measurements: &[Measurement<D>], start: &small::Vector<N>) {
         for (own, m) in self.measured.iter_mut().zip(measurements) {
             for i in 0..D {
                 own.station[i][lane] = m.station[i];
@@ -92,8 +92,8 @@ impl<const D: usize> Block<D> {
                 }
             }
         }
-        for i in 0..D {
-            self.position[i][lane] = start[i];
+        for i in 0..N {
+            self.state[i][lane] = start[i];
         }
     }
 
@@ -104,13 +104,13 @@ impl<const D: usize> Block<D> {
     }
 
     /// The minimum of a lane, and the rows there, if it reached one.
-    pub fn arrival(&self, lane: usize, extent: f64, rows: &mut Vec<Row<D>>) -> Option<Arrival<D>> {
-        let position = std::array::from_fn(|i| self.position[i][lane]);
-        if self.found[lane] <= 0.0 || small::norm(&position) > FAR * extent {
+    pub fn arrival(&self, lane: usize, extent: f64, rows: &mut Vec<Row<N>>) -> Option<Arrival<N>> {
+        let state = std::array::from_fn(|i| self.state[i][lane]);
+        if self.found[lane] <= 0.0 || small::norm(&state) > FAR * extent {
             return None;
         }
-        let mut matrix = [[0.0; D]; D];
-        for i in 0..D {
+        let mut matrix = [[0.0; N]; N];
+        for i in 0..N {
             for j in 0..=i {
                 matrix[i][j] = self.matrix[i][j][lane];
                 matrix[j][i] = matrix[i][j];
@@ -121,39 +121,39 @@ impl<const D: usize> Block<D> {
             residual: residual[lane],
             gradient: std::array::from_fn(|i| gradient[i][lane]),
         }));
-        Some(Arrival { position, matrix, cost: self.cost[lane] })
+        Some(Arrival { state, matrix, cost: self.cost[lane] })
     }
 }
 
-struct Descent<'a, const D: usize> {
-    block: &'a mut Block<D>,
+struct Descent<'a, const D: usize, const N: usize> {
+    block: &'a mut Block<D, N>,
     loss: Loss,
     huber: (usize, f64),
     tolerance: f64,
 }
 
-impl<const D: usize> WithSimd for Descent<'_, D> {
+impl<const D: usize, const N: usize> WithSimd for Descent<'_, D, N> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { block, loss, huber, tolerance } = self;
-        block.rows.resize(block.measured.len(), ([0.0; LANES], [[0.0; LANES]; D]));
+        block.rows.resize(block.measured.len(), ([0.0; LANES], [[0.0; LANES]; N]));
         for at in 0..LANES / S::F64_LANES {
             let lanes = Lanes { simd, at };
-            let mut p = Vector::load_all(simd, &block.position, at);
+            let mut p = Vector::load_all(simd, &block.state, at);
             if loss != Loss::Square {
                 lanes.approach(&block.measured, &mut p, huber);
             }
             let (normal, found) = lanes.descend(&block.measured, &mut p, loss, tolerance);
-            Vector::store_all(&p, &mut block.position, at);
-            for i in 0..D {
+            Vector::store_all(&p, &mut block.state, at);
+            for i in 0..N {
                 Vector::store_all(&normal.matrix[i], &mut block.matrix[i], at);
             }
             normal.cost.store(&mut block.cost, at);
             found.store(&mut block.found, at);
             for (m, (residual, gradient)) in block.measured.iter().zip(&mut block.rows) {
-                let (u, slope) = lanes.row(m, &p);
+                let (u, slope) = lanes.row_at(m, &p);
                 u.store(residual, at);
                 Vector::store_all(&slope, gradient, at);
             }
@@ -193,7 +193,7 @@ mod tests {
     fn lanes_arrive_where_single_steps_do() {
         let start = [980.0, 1520.0, 470.0];
         for tilted in [false, true] {
-            let mut block = Block::default();
+            let mut block = Block::<3, 3>::default();
             let instants: Vec<_> =
                 (0..LANES).map(|lane| measurements(0.2 * lane as f64, tilted)).collect();
             block.begin(&instants[0], &start);
@@ -203,17 +203,18 @@ mod tests {
             }
             for loss in [Loss::Square, Loss::Tukey(TUKEY)] {
                 for i in 0..3 {
-                    block.position[i] = [start[i]; LANES];
+                    block.state[i] = [start[i]; LANES];
                 }
                 block.descend(loss, (8, 0.5), 1e-9);
                 for (lane, instant) in instants.iter().enumerate() {
-                    let problem = descent::Problem { measurements: instant, extent: 2000.0 };
+                    let problem =
+                        descent::Problem::<3, 3> { measurements: instant, extent: 2000.0 };
                     let mut p = start;
                     let (_, normal) = problem.descend(&mut p, loss, 1.0, 50, 1e-9);
                     let mut rows = Vec::new();
                     let arrival = block.arrival(lane, 2000.0, &mut rows).unwrap();
                     for i in 0..3 {
-                        assert!((arrival.position[i] - p[i]).abs() < 1e-6, "{loss:?} {lane}");
+                        assert!((arrival.state[i] - p[i]).abs() < 1e-6, "{loss:?} {lane}");
                     }
                     assert!((arrival.cost - normal.cost).abs() <= 1e-9 * (1.0 + normal.cost));
                     for (row, m) in rows.iter().zip(instant) {
@@ -222,7 +223,7 @@ mod tests {
                 }
             }
         }
-        let mut block = Block::default();
+        let mut block = Block::<3, 3>::default();
         block.begin(&measurements(0.0, false), &start);
         assert!(!block.fits(&measurements(0.0, true)));
         assert!(!block.fits(&measurements(0.0, false)[1..]));

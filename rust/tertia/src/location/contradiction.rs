@@ -249,13 +249,13 @@ impl Locator {
             if fix.status != Status::None || fix.degrees_of_freedom < 1 {
                 continue;
             }
-            let Workspace { records, plane, space, .. } = &*workspace;
+            let Workspace { own, plane, space } = &*workspace;
             let of_arrivals = self.has_arrivals(instant);
             let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
             match (D, of_arrivals) {
-                (_, false) => sums.add(loss, &records[0], free, at, factor),
-                (2, true) => sums.add(loss, &plane.0, free, at, factor),
-                _ => sums.add(loss, &space.0, free, at, factor),
+                (_, false) => sums.add(loss, &own.records[0], free, at, factor),
+                (2, true) => sums.add(loss, &plane.records[0], free, at, factor),
+                _ => sums.add(loss, &space.records[0], free, at, factor),
             }
         }
         sums

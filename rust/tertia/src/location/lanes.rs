@@ -25,6 +25,13 @@ pub(super) struct Measured<const D: usize> {
 
 /// Steps after which a lane is left to others.
 const STEPS: usize = 16;
+/// Likelihoods, each 2.5e-4 or more, whose product is a number.
+const FACTORS: usize = 64;
+/// What `e^−x` is computed for at most.
+const LARGEST_DECAY: f64 = 64.0;
+/// From 1/10 to 1.
+const RECIPROCALS: [f64; 10] =
+    [1.0 / 10.0, 1.0 / 9.0, 1.0 / 8.0, 1.0 / 7.0, 1.0 / 6.0, 0.2, 0.25, 1.0 / 3.0, 0.5, 1.0];
 
 /// `J^T W J`, the same with ψ' in place of the weights, `J^T W r` and the cost; of the matrices the
 /// lower triangles.
@@ -56,10 +63,10 @@ impl<S: Simd> Lanes<S> {
 
     /// Huber's steps, which never go uphill for long.
     #[inline(always)]
-    pub fn approach<const D: usize>(
+    pub fn approach<const D: usize, const N: usize>(
         self,
         measured: &[Measured<D>],
-        p: &mut [Vector<S>; D],
+        p: &mut [Vector<S>; N],
         (steps, tolerance): (usize, f64),
     ) {
         let one = self.splat(1.0);
@@ -70,7 +77,7 @@ impl<S: Simd> Lanes<S> {
             let (step, _) = self.solve(&normal.matrix, &normal.vector);
             let size = self.quadratic(&normal.matrix, &step);
             let still = done.at_most(self.splat(0.0));
-            for i in 0..D {
+            for i in 0..N {
                 p[i] = (p[i] + step[i]).or(still, p[i]);
             }
             done = one.or(size.at_most(limit), done);
@@ -83,13 +90,13 @@ impl<S: Simd> Lanes<S> {
     /// Newton's steps with ψ', or those with weights where the cost curves down. Returns 1 where a
     /// minimum is reached, 0 elsewhere.
     #[inline(always)]
-    pub fn descend<const D: usize>(
+    pub fn descend<const D: usize, const N: usize>(
         self,
         measured: &[Measured<D>],
-        p: &mut [Vector<S>; D],
+        p: &mut [Vector<S>; N],
         loss: Loss,
         tolerance: f64,
-    ) -> (Normal<S, D>, Vector<S>) {
+    ) -> (Normal<S, N>, Vector<S>) {
         let (zero, one) = (self.splat(0.0), self.splat(1.0));
         let limit = self.splat(tolerance * tolerance);
         let slack = self.splat(1.0 + ROUNDING);
@@ -101,13 +108,13 @@ impl<S: Simd> Lanes<S> {
             if !regular.all_positive() {
                 let (other, _) = self.solve(&normal.matrix, &normal.vector);
                 let singular = regular.at_most(zero);
-                for i in 0..D {
+                for i in 0..N {
                     step[i] = other[i].or(singular, step[i]);
                 }
             }
             let size = self.quadratic(&normal.matrix, &step);
             let mut trial = *p;
-            for i in 0..D {
+            for i in 0..N {
                 trial[i] += step[i];
             }
             let next = self.normal(measured, &trial, loss);
@@ -115,7 +122,7 @@ impl<S: Simd> Lanes<S> {
             // 1 where the lane goes on
             let moves = one.or(down, zero) - done;
             let still = moves.at_most(zero);
-            for i in 0..D {
+            for i in 0..N {
                 p[i] = p[i].or(still, trial[i]);
                 normal.vector[i] = normal.vector[i].or(still, next.vector[i]);
                 for j in 0..=i {
@@ -139,23 +146,34 @@ impl<S: Simd> Lanes<S> {
 
     /// The normal equations. O(M).
     #[inline(always)]
-    pub fn normal<const D: usize>(
+    pub fn normal<const D: usize, const N: usize>(
         self,
         measured: &[Measured<D>],
-        p: &[Vector<S>; D],
+        p: &[Vector<S>; N],
         loss: Loss,
-    ) -> Normal<S, D> {
+    ) -> Normal<S, N> {
         let zero = self.splat(0.0);
-        let zeros = [[zero; D]; D];
+        let zeros = [[zero; N]; N];
         // elsewhere the weights are ψ', or stand for it
-        let curved = matches!(loss, Loss::Tukey(_));
-        let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; D], cost: zero };
+        let curved = matches!(loss, Loss::Tukey(_) | Loss::Mixture { .. });
+        let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; N], cost: zero };
+        let is_mixture = matches!(loss, Loss::Mixture { .. });
+        let (mut likelihood, mut count) = (self.splat(1.0), 0);
         for m in measured {
-            let (u, gradient) = self.row(m, p);
-            let (weight, cost, curvature) = self.loss(u, loss);
-            normal.cost += cost;
+            let (u, gradient) = self.row_at(m, p);
+            let (weight, cost, curvature) = self.loss(u, loss.of(m.kind));
+            if is_mixture {
+                likelihood = likelihood * cost;
+                count += 1;
+                if count % FACTORS == 0 {
+                    normal.cost -= self.ln(likelihood);
+                    likelihood = self.splat(1.0);
+                }
+            } else {
+                normal.cost += cost;
+            }
             let weighted = weight * u;
-            for i in 0..D {
+            for i in 0..N {
                 normal.vector[i] += weighted * gradient[i];
                 let a = weight * gradient[i];
                 for j in 0..=i {
@@ -169,13 +187,16 @@ impl<S: Simd> Lanes<S> {
                 }
             }
         }
+        if is_mixture {
+            normal.cost -= self.ln(likelihood);
+        }
         if !curved {
             normal.curvature = normal.matrix;
         }
         normal
     }
 
-    /// Weight, cost and ψ' of a residual.
+    /// Weight, cost and ψ' of a residual; of a mixture the likelihood in place of the cost.
     #[inline(always)]
     fn loss(self, u: Vector<S>, loss: Loss) -> (Vector<S>, Vector<S>, Vector<S>) {
         let one = self.splat(1.0);
@@ -195,13 +216,69 @@ impl<S: Simd> Lanes<S> {
                 let cost = self.splat(c * c / 6.0) * (one - weight * rest);
                 (weight, cost, rest * (one - self.splat(5.0) * q))
             }
-            Loss::Mixture { .. } => unreachable!("instants with arrivals are located one by one"),
+            Loss::Mixture { late, early } => {
+                let is_early = u.at_most(self.splat(0.0));
+                let faults = self.splat(early).or(is_early, self.splat(late));
+                let all = [early, late].map(|faults| self.splat(1.0 / (1.0 + faults)));
+                let half = self.splat(0.5) * u * u;
+                let normal = self.decay(half);
+                let total = normal + faults;
+                let weight = normal / total;
+                let curvature = weight * (one - (one - weight) * (half + half));
+                (weight, total * all[0].or(is_early, all[1]), curvature)
+            }
         }
+    }
+
+    /// `e^−x`: its series at `x/256`, squared eight times; from 64 on as there.
+    #[inline(always)]
+    fn decay(self, x: Vector<S>) -> Vector<S> {
+        let most = self.splat(LARGEST_DECAY);
+        let y = x.or(x.at_most(most), most) * self.splat(1.0 / 256.0);
+        let one = self.splat(1.0);
+        let mut sum = one;
+        for term in RECIPROCALS {
+            sum = one - y * self.splat(term) * sum;
+        }
+        for _ in 0..8 {
+            sum = sum * sum;
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn ln(self, x: Vector<S>) -> Vector<S> {
+        let mut values = [1.0; LANES];
+        x.store(&mut values, 0);
+        for value in &mut values[..S::F64_LANES] {
+            *value = value.ln();
+        }
+        Vector::load(self.simd, &values, 0)
+    }
+
+    /// The whitened residual and its gradient at a state: [`Measurement::row_at`].
+    #[inline(always)]
+    pub fn row_at<const D: usize, const N: usize>(
+        self,
+        m: &Measured<D>,
+        x: &[Vector<S>; N],
+    ) -> (Vector<S>, [Vector<S>; N]) {
+        let mut p = [self.splat(0.0); D];
+        p.copy_from_slice(&x[..D]);
+        let (mut residual, slope) = self.row(m, &p);
+        let mut gradient = [self.splat(0.0); N];
+        gradient[..D].copy_from_slice(&slope);
+        if N > D && m.kind == Kind::Arrival {
+            let precision = self.load(&m.precision);
+            residual -= x[D] * precision;
+            gradient[D] = precision;
+        }
+        (residual, gradient)
     }
 
     /// The whitened residual and its gradient: [`Measurement::row`].
     #[inline(always)]
-    pub fn row<const D: usize>(
+    fn row<const D: usize>(
         self,
         m: &Measured<D>,
         p: &[Vector<S>; D],

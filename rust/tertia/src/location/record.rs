@@ -1,7 +1,11 @@
 //! What was measured at one instant, without gaps.
 
+use super::arrivals;
+use super::block::Block;
 use super::descent::{Loss, Problem};
 use super::fix::{Instant, Output};
+use super::lanes::LANES;
+use super::search::Buffers;
 use super::search::{Minimum, Search};
 use crate::base::small::{Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
@@ -23,7 +27,7 @@ pub(super) struct Record<const D: usize, const N: usize> {
     /// The variance that differences have from the first station, if they are read as arrivals.
     pub common: Option<f64>,
     /// A start that is trusted, and the minimum it led to.
-    pub start: Option<Vector<D>>,
+    pub start: Option<Vector<N>>,
     pub first: Option<Minimum<N>>,
     /// Residuals and their derivatives there.
     pub rows: Vec<Row<N>>,
@@ -162,5 +166,44 @@ impl<const D: usize, const N: usize> Record<D, N> {
             }
         }
         (out.residual[reference], out.outlier[reference]) = (f64::NAN, false);
+    }
+}
+
+/// Instants side by side, all of them with arrivals or none.
+#[derive(Debug)]
+pub(super) struct Room<const D: usize, const N: usize> {
+    pub records: Vec<Record<D, N>>,
+    pub block: Block<D, N>,
+    pub buffers: Buffers<D, N>,
+}
+
+impl<const D: usize, const N: usize> Default for Room<D, N> {
+    fn default() -> Self {
+        Self {
+            records: vec![Record::default(); LANES],
+            block: Block::default(),
+            buffers: Buffers::default(),
+        }
+    }
+}
+
+impl<const D: usize, const N: usize> Room<D, N> {
+    /// Reads an instant, and with `start` looks for one that is trusted.
+    pub fn read(&mut self, at: usize, instant: &Instant<'_>, correlation: f64, start: bool) {
+        let record = &mut self.records[at];
+        record.read(instant, correlation);
+        if !start || instant.initial.is_some() || record.unknown {
+            return;
+        }
+        record.start = if N > D {
+            arrivals::start(&record.measurements)
+        } else {
+            let middle = self.buffers.candidates.middle(&record.measurements);
+            middle.map(|p| std::array::from_fn(|i| p[i]))
+        };
+    }
+
+    pub fn clear(&mut self, count: usize) {
+        self.records[..count].iter_mut().for_each(Record::clear);
     }
 }

@@ -95,17 +95,19 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let count = self.problem.measurements.len() as f64;
         let [few, more] = TRUSTED_FAULTS.map(|faults| faults * TUKEY * TUKEY / 6.0);
         let limits = [0.5 * count + few, 0.5 * (count - N as f64) + more];
-        if let Some(minimum) = self.first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
+        let first = self.first.filter(|_| N == D);
+        if let Some(minimum) = first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
             return Ok(minimum);
         }
         let heard = arrivals::start(self.problem.measurements);
         if let Some(start) = heard.filter(|_| !self.unknown) {
-            let minimum = self.refine_steadily(start);
-            if self.is_trusted(&minimum, limits[0]) && self.is_on_its_side(&minimum, &start) {
+            let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
+            let limit = arrivals::trusted_cost(self.problem.measurements.len(), N);
+            if self.is_trusted(&minimum, limit) && self.is_on_its_side(&minimum, &start) {
                 return Ok(minimum);
             }
         }
-        let middle = candidates.middle(self.problem.measurements);
+        let middle = candidates.middle(self.problem.measurements).filter(|_| N == D);
         if let Some(start) = middle.filter(|_| !self.unknown) {
             let start = self.state(&start, scratch);
             let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
@@ -378,7 +380,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 
 impl<const N: usize> Minimum<N> {
     pub fn of(arrival: Arrival<N>) -> Self {
-        let Arrival { position: state, matrix, cost } = arrival;
+        let Arrival { state, matrix, cost } = arrival;
         let normal = Normal::at_minimum(matrix, cost);
         Self { state, normal, end: End::Converged, scale: 1.0 }
     }

@@ -1,14 +1,13 @@
 //! Positions of instants: what was measured, starts that are trusted, results.
 
-use super::block::Block;
 use super::descent::{self, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
 use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
 use super::lanes::LANES;
 use super::lenth::Weight;
 use super::profile::Unbounded;
-use super::record::{NOWHERE, Record};
-use super::search::{Buffers, Minimum, position};
+use super::record::{NOWHERE, Record, Room};
+use super::search::{Minimum, position};
 use super::summary::Spread;
 use crate::base::distribution::chi_square_upper;
 use crate::base::small::{Factor, Matrix, Vector, norm, undetermined};
@@ -22,23 +21,15 @@ const SURVEYS: usize = 2;
 /// Buffers of a thread.
 #[derive(Debug)]
 pub struct Workspace<const D: usize> {
-    pub(super) records: Vec<Record<D, D>>,
-    block: Block<D>,
-    buffers: Buffers<D, D>,
+    pub(super) own: Room<D, D>,
     // of arrivals, whose emission is one unknown more
-    pub(super) plane: (Record<2, 3>, Buffers<2, 3>),
-    pub(super) space: (Record<3, 4>, Buffers<3, 4>),
+    pub(super) plane: Room<2, 3>,
+    pub(super) space: Room<3, 4>,
 }
 
 impl<const D: usize> Default for Workspace<D> {
     fn default() -> Self {
-        Self {
-            records: vec![Record::default(); LANES],
-            block: Block::default(),
-            buffers: Buffers::default(),
-            plane: Default::default(),
-            space: Default::default(),
-        }
+        Self { own: Room::default(), plane: Room::default(), space: Room::default() }
     }
 }
 
@@ -147,19 +138,11 @@ impl Locator {
         out: &mut Output<'_>,
         workspace: &mut Workspace<D>,
     ) -> Fix {
-        let Workspace { records, buffers, plane, space, .. } = workspace;
-        if !self.has_arrivals(instant) {
-            return self.finish(instant, &mut records[at], out, buffers);
-        }
-        match D {
-            2 => {
-                plane.0.read(instant, self.correlation);
-                self.finish(instant, &mut plane.0, out, &mut plane.1)
-            }
-            _ => {
-                space.0.read(instant, self.correlation);
-                self.finish(instant, &mut space.0, out, &mut space.1)
-            }
+        let Workspace { own, plane, space } = workspace;
+        match (D, self.has_arrivals(instant)) {
+            (_, false) => self.finish(instant, at, out, own),
+            (2, true) => self.finish(instant, at, out, plane),
+            _ => self.finish(instant, at, out, space),
         }
     }
 
@@ -174,18 +157,27 @@ impl Locator {
 
     /// Reads instants, and goes down from the starts that are trusted side by side.
     fn descend<const D: usize>(&self, instants: &[Instant<'_>], workspace: &mut Workspace<D>) {
-        let Workspace { records, block, buffers, .. } = workspace;
-        let records = &mut records[..instants.len()];
-        for (record, instant) in records.iter_mut().zip(instants) {
-            if self.has_arrivals(instant) {
-                record.clear();
-                continue;
-            }
-            record.read(instant, self.correlation);
-            if instant.initial.is_none() && self.lenth().is_none() && !record.unknown {
-                record.start = buffers.candidates.middle(&record.measurements);
+        let Workspace { own, plane, space } = workspace;
+        let count = instants.len();
+        own.clear(count);
+        plane.clear(count);
+        space.clear(count);
+        let start = self.lenth().is_none();
+        for (at, instant) in instants.iter().enumerate() {
+            match (D, self.has_arrivals(instant)) {
+                (_, false) => own.read(at, instant, self.correlation, start),
+                (2, true) => plane.read(at, instant, self.correlation, start),
+                _ => space.read(at, instant, self.correlation, start),
             }
         }
+        self.descend_in(own, count);
+        self.descend_in(plane, count);
+        self.descend_in(space, count);
+    }
+
+    fn descend_in<const D: usize, const N: usize>(&self, room: &mut Room<D, N>, count: usize) {
+        let Room { records, block, .. } = room;
+        let records = &mut records[..count];
         for from in 0..records.len() {
             let (first, start) = match &records[from] {
                 Record { start: Some(start), first: None, .. } => (&records[from], start),
@@ -200,7 +192,7 @@ impl Locator {
                     block.set(lane, &record.measurements, &start);
                 }
             }
-            let loss = self.loss(first.measurements.len() - D, false);
+            let loss = self.loss(first.measurements.len() - N, N > D);
             let tolerance = if loss == Loss::Square { TOLERANCE } else { TUKEY_TOLERANCE };
             block.descend(loss, (HUBER_STEPS, NEAR_HUBER), tolerance);
             for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
@@ -217,10 +209,12 @@ impl Locator {
     fn finish<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
-        record: &mut Record<D, N>,
+        at: usize,
         out: &mut Output<'_>,
-        buffers: &mut Buffers<D, N>,
+        room: &mut Room<D, N>,
     ) -> Fix {
+        let Room { records, buffers, .. } = room;
+        let record = &mut records[at];
         out.position.fill(f64::NAN);
         out.covariance.fill(f64::NAN);
         out.residual.fill(f64::NAN);
@@ -333,11 +327,11 @@ impl Locator {
         covariance: &mut [f64],
         workspace: &mut Workspace<D>,
     ) -> f64 {
-        let Workspace { records, plane, space, .. } = workspace;
+        let Workspace { own, plane, space } = workspace;
         match (D, self.has_arrivals(instant)) {
-            (_, false) => self.accuracy_of(instant, position, covariance, &mut records[0]),
-            (2, true) => self.accuracy_of(instant, position, covariance, &mut plane.0),
-            _ => self.accuracy_of(instant, position, covariance, &mut space.0),
+            (_, false) => self.accuracy_of(instant, position, covariance, &mut own.records[0]),
+            (2, true) => self.accuracy_of(instant, position, covariance, &mut plane.records[0]),
+            _ => self.accuracy_of(instant, position, covariance, &mut space.records[0]),
         }
     }
 

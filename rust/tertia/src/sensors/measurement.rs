@@ -271,6 +271,26 @@ pub(crate) fn read<const D: usize>(
     }
 }
 
+/// What K stations measure of a position without errors: K numbers of each kind, nan of elevations
+/// in the plane. The arguments are those of an instant, `predicted` has 5 K numbers. O(K).
+pub fn predict<const D: usize>(
+    stations: &[f64],
+    axes: Option<&[f64]>,
+    position: &[f64],
+    predicted: &mut [f64],
+) {
+    let zeros = vec![0.0; predicted.len()];
+    let ones = vec![1.0; predicted.len()];
+    let p: Vector<D> = std::array::from_fn(|i| position[i] - stations[i]);
+    predicted.fill(f64::NAN);
+    read(stations, axes, &zeros, &ones, |place, m: Measurement<D>| {
+        if D == 3 || m.kind != Kind::Elevation {
+            // the residual of zero
+            predicted[place] = -m.row(&p).residual;
+        }
+    });
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
