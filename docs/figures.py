@@ -23,6 +23,7 @@ from studies import (
     fusion,
     instant,
     location,
+    location_arrivals,
     paper,
     registration,
     screening,
@@ -73,12 +74,16 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "honesty.md": {
         "locate": location.coverage,
+        "arrivals": location_arrivals.coverage,
     },
     "location.md": {
         "faults": location.faults,
         "poor geometry": location.poor_geometry,
         "biases": location.biases,
         "lenth": location.lenth,
+        "arrivals": location_arrivals.counts,
+        "late arrivals": location_arrivals.late,
+        "faulty receiver": location_arrivals.faulty,
     },
     "association.md": {
         "gates": association.gates,

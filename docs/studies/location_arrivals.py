@@ -1,10 +1,10 @@
-"""Times of arrival: the tables of the page on location, and what their error bars hold."""
+"""Times of arrival at one instant: tables of the page on location, and what error bars hold."""
 
 from typing import Any
 
 import numpy as np
 
-from studies.honesty import Draw
+from studies.honesty import Draw, coverage_table
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
@@ -161,3 +161,14 @@ def inside(receivers: int, runs: int = 40, steps: int = 25, **options: Any) -> A
         return np.concatenate(held)
 
     return run
+
+
+def coverage() -> str:
+    """Share of the truth inside the regions, with errors as they are in the field."""
+    both: dict[str, Any] = {"multipath": False}
+    estimators = {
+        f"{receivers} receivers{label}": inside(receivers, **options)
+        for receivers in (6, 10)
+        for label, options in ((", late outliers", {}), (", either side", both))
+    }
+    return coverage_table(estimators, 46)

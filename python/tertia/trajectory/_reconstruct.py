@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import FloatArray, finite, positive, radians, real, samples, threads
 from tertia.location import LocationStatus
-from tertia.location._readers import checked
+from tertia.location._readers import checked, correlation_of
 from tertia.location._result import location_of
 from tertia.sensors import (
     ANGLES,
@@ -40,6 +40,7 @@ def reconstruct(
     elevation: npt.ArrayLike | None = None,
     range_difference: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
+    range_difference_correlation: float = 0.5,
     order: Order = "spatial-first",
     spatial: Spatial = "robust",
     smoother: Smoother = "rts",
@@ -65,6 +66,8 @@ def reconstruct(
         See `tertia.location.locate`.
     range_difference_sigma : array_like of shape (K - 1,), optional
         Their standard deviations.
+    range_difference_correlation : float
+        See `tertia.location.locate`.
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then positions are smoothed over time;
         "temporal-first": each series of measurements is smoothed over time, then positions are
@@ -182,6 +185,7 @@ def reconstruct(
         "time": instants,
         "values": values,
         "sigmas": deviations,
+        "correlation": correlation_of(range_difference_correlation),
         "robust": spatial == "robust",
     }
     steps = {

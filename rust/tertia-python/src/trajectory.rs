@@ -37,6 +37,7 @@ pub struct Measured<'py> {
     time: Input<'py>,
     values: Input<'py>,
     sigmas: Input<'py>,
+    correlation: f64,
     robust: bool,
 }
 
@@ -74,6 +75,7 @@ pub fn reconstruct<'py>(
         time: &time.values,
         values: &values.values,
         sigmas: &sigmas.values,
+        correlation: measured.correlation,
         robust: measured.robust,
         n_threads,
     };

@@ -110,7 +110,7 @@ impl Fixes {
     ) {
         let width = record.width();
         let method = if record.robust { Method::Robust(REDUNDANCY) } else { Method::LeastSquares };
-        let locator = Locator::new(method);
+        let locator = Locator::new(method).with_correlation(record.correlation);
         let cost = LOCATE_NS * values.len() as f64;
         let outputs = self
             .position

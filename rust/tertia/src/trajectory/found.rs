@@ -6,6 +6,7 @@ use super::measured::{Measured, REDUNDANCY, Record};
 use super::path::{Path, Plots, Smoother};
 use super::tukey::{EFFICIENCY, tukey};
 use crate::base::small::{Factor, Matrix, Vector};
+use crate::sensors::Kind;
 use crate::smoothing::JerkFit;
 use std::rc::Rc;
 
@@ -111,7 +112,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let mut plots = self.plots.clone();
         for t in (0..setting.record.len()).filter(|&t| self.fixes.is_located(t)) {
             let p = self.path.position::<D>(t);
-            let Some((inverse, step)) = self.step(t, p) else { continue };
+            let Some((inverse, step)) = self.step(setting.record, t, p) else { continue };
             let factor = if self.is_robust(setting.record, t) { EFFICIENCY } else { 1.0 };
             for i in 0..D {
                 plots.position[t * D + i] = p[i] + step[i];
@@ -126,22 +127,44 @@ impl<const D: usize, const N: usize> Found<D, N> {
     }
 
     /// The covariance of an instant's position about another one, and the way to it.
-    fn step(&self, t: usize, p: &[f64]) -> Option<(Matrix<D>, Vector<D>)> {
+    fn step(&self, record: &Record<'_>, t: usize, p: &[f64]) -> Option<(Matrix<D>, Vector<D>)> {
         if p.iter().any(|v| v.is_nan()) {
             return None;
         }
         let width = self.trust.len() / self.fixes.fixes.len();
         let (mut normal, mut right) = ([[0.0; D]; D], [0.0; D]);
+        let common = record.common_variance();
+        // the error that range differences share is one unknown more: its column, row and right
+        let (mut column, mut corner, mut rest) = ([0.0; D], 1.0, 0.0);
         for (m, row) in self.measured.rows(t, p) {
             let weight = self.used[t * width + self.measured.column[m]];
             if weight == 0.0 {
                 continue;
+            }
+            let mut row = row;
+            let one = self.measured.one(m);
+            if one.kind == Kind::RangeDifference && common > 0.0 {
+                let own = (one.precision.powi(-2) - common).sqrt();
+                row = row.scaled(1.0 / (own * one.precision));
+                // in standard deviations
+                let share = weight * common.sqrt() / own;
+                corner += share * common.sqrt() / own;
+                rest += share * row.residual;
+                for i in 0..D {
+                    column[i] += share * row.gradient[i];
+                }
             }
             for i in 0..D {
                 right[i] += weight * row.gradient[i] * row.residual;
                 for j in 0..D {
                     normal[i][j] += weight * row.gradient[i] * row.gradient[j];
                 }
+            }
+        }
+        for i in 0..D {
+            right[i] -= column[i] * rest / corner;
+            for j in 0..D {
+                normal[i][j] -= column[i] * column[j] / corner;
             }
         }
         let factor = Factor::try_new(&normal, 0.0)?;

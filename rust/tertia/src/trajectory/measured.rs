@@ -1,7 +1,7 @@
 //! What was measured, instant by instant, ready to be compared with positions.
 
 use crate::base::small::Vector;
-use crate::sensors::{KINDS, Measurement, Row, read};
+use crate::sensors::{KINDS, Kind, Measurement, Row, read};
 use std::f64::consts::FRAC_PI_2;
 use std::num::NonZero;
 use std::ops::Range;
@@ -23,6 +23,8 @@ pub struct Record<'a> {
     pub values: &'a [f64],
     /// Their standard deviations, 5 K numbers.
     pub sigmas: &'a [f64],
+    /// Correlation of the errors of range differences of an instant.
+    pub correlation: f64,
     /// Whether instants are located robustly.
     pub robust: bool,
     /// Threads for what instants do not share.
@@ -37,6 +39,14 @@ impl<'a> Record<'a> {
 
     pub(super) fn len(&self) -> usize {
         self.time.len()
+    }
+
+    /// The variance that all range differences of an instant have in common.
+    pub(super) fn common_variance(&self) -> f64 {
+        let k = self.width() / KINDS;
+        let differences = &self.sigmas[Kind::RangeDifference as usize * k..][..k];
+        let least = differences.iter().copied().fold(f64::NAN, f64::min);
+        if least.is_nan() { 0.0 } else { self.correlation * least * least }
     }
 
     pub(super) fn stations_at(&self, instant: usize, d: usize) -> &'a [f64] {
