@@ -6,6 +6,9 @@ and Gauss-Newton with Huber's and Tukey's weights for a whole batch in NumPy, wi
 besides: covariance, whitened residuals, their sum of squares and its probability. They start from
 the median of the stations' own fixes. Results of least squares must agree to 1e-6 sigma, those of
 Tukey's biweight to 1e-4 in all but one in a thousand, before they are timed.
+
+Then times of arrival, with the emission as an unknown, against the same loop, which starts from the
+middle of the receivers.
 """
 
 from functools import partial
@@ -18,6 +21,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from tertia.location import locate
+from tertia.sensors import Bias
 
 STATIONS = np.array([[1, 1000, 2], [2000, 300, 5], [400, 2600, 0], [2500, 2500, 30.0]])
 SIGMAS = np.array([10.0, np.radians(0.3), np.radians(0.3)])
@@ -144,6 +148,68 @@ def tertia(z, method):
     )
 
 
+def heard(count, receivers, late):
+    """Receivers on a ring of 5 km and times of arrival in metres, some of them late."""
+    rng = np.random.default_rng(2)
+    turn = 2 * np.pi * np.arange(receivers) / receivers
+    places = 5000 * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+    target = rng.uniform(-2500, 2500, (count, 1, 2))
+    noise = rng.standard_normal((count, receivers))
+    noise += np.where(rng.uniform(size=noise.shape) < late, 30.0, 0.0)
+    return places, np.linalg.norm(target - places, axis=-1) + 10.0 * noise
+
+
+def arrivals(places, z, method):
+    return locate(
+        places,
+        arrival_time=z,
+        arrival_time_sigma=10.0,
+        propagation_speed=1.0,
+        method=method,
+        bias=Bias(),
+        n_threads=1,
+    )
+
+
+def arrivals_looped(places, z, loss):
+    """SciPy, one instant after the other."""
+
+    def residual(x, one):
+        return (one - x[2] - np.linalg.norm(x[:2] - places, axis=1)) / 10.0
+
+    def jacobian(x, one):
+        d = x[:2] - places
+        slope = d / np.linalg.norm(d, axis=1, keepdims=True)
+        return -np.column_stack([slope, np.ones(len(places))]) / 10.0
+
+    first = [1.0, 1.0, 0.0]
+    scale = 1.0 if loss == "linear" else HUBER
+    options = {"loss": loss, "f_scale": scale, "x_scale": "jac"}
+    options |= {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
+    return np.array(
+        [least_squares(residual, first, jacobian, args=(one,), **options).x[:2] for one in z]
+    )
+
+
+def time_arrivals():
+    print(f"{'receivers':>9} {'method':>14} {'Tertia':>8} {'SciPy loop':>18}")
+    for receivers in (5, 8, 16, 32):
+        for late in (0.0, FAULTY):
+            places, z = heard(10_000, receivers, late)
+            for method, loss in (("least-squares", "linear"), ("robust", "huber")):
+                few = z[:LOOPED]
+                if method == "least-squares":
+                    agree(
+                        arrivals(places, few, method), arrivals_looped(places, few, loss), 1e-4, 0
+                    )
+                scipy = microseconds(partial(arrivals_looped, places, few, loss), LOOPED)
+                own = microseconds(partial(arrivals, places, z, method), len(z))
+                print(
+                    f"{receivers:9d} {method:>14} {own:8.2f} {scipy:9.0f} ({scipy / own:5.0f}x)"
+                    f"   {late:.0%} late"
+                )
+
+
 def microseconds(function, count):
     return cpu_time(function) / 1e3 / count
 
@@ -180,6 +246,7 @@ def main():
                     f"{count:9d} {method:>14} {own:8.2f} {numpy:8.1f} ({numpy / own:4.1f}x)"
                     f" {scipy:9.0f} ({scipy / own:5.0f}x)   {faulty:.0%} faults"
                 )
+    time_arrivals()
 
 
 if __name__ == "__main__":

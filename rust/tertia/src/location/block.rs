@@ -228,4 +228,40 @@ mod tests {
         assert!(!block.fits(&measurements(0.0, true)));
         assert!(!block.fits(&measurements(0.0, false)[1..]));
     }
+
+    /// Times of arrival at five stations; the emission is the third unknown.
+    #[test]
+    fn emissions_arrive_too() {
+        let stations =
+            [[0.0, 0.0], [4000.0, 0.0], [0.0, 3000.0], [4200.0, 3100.0], [2000.0, -1500.0]];
+        let instant = |lane: usize| -> Vec<Measurement<2>> {
+            let arrival = |(k, s): (usize, [f64; 2])| {
+                let range = (1500.0 - s[0]).hypot(1100.0 - s[1]);
+                let wrong = 20.0 * ((7 * k + lane) as f64).sin();
+                let late = if lane == 3 && k == 1 { 400.0 } else { 0.0 };
+                Measurement::new(Kind::Arrival, k, s, 90.0 + range + wrong + late, 10.0)
+            };
+            stations.into_iter().enumerate().map(arrival).collect()
+        };
+        let start = [1520.0, 1090.0, 80.0];
+        let mut block = Block::<2, 3>::default();
+        block.begin(&instant(0), &start);
+        for lane in 0..LANES {
+            block.set(lane, &instant(lane), &start);
+        }
+        let loss = Loss::of_arrivals(true);
+        block.descend(loss, (8, 0.5), 1e-9);
+        for lane in 0..LANES {
+            let measurements = instant(lane);
+            let problem = descent::Problem::<2, 3> { measurements: &measurements, extent: 5e3 };
+            let mut x = start;
+            problem.descend(&mut x, Loss::Huber(descent::HUBER), 1.0, 8, 0.5);
+            let (_, normal) = problem.descend(&mut x, loss, 1.0, 50, 1e-9);
+            let arrival = block.arrival(lane, 5e3, &mut Vec::new()).unwrap();
+            for i in 0..3 {
+                assert!((arrival.state[i] - x[i]).abs() < 1e-6, "{lane}");
+            }
+            assert!((arrival.cost - normal.cost).abs() <= 1e-10 * (1.0 + normal.cost));
+        }
+    }
 }
