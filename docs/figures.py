@@ -25,6 +25,7 @@ from studies import (
     location,
     location_arrivals,
     paper,
+    regions,
     registration,
     screening,
     smoothing,
@@ -75,11 +76,15 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "honesty.md": {
         "locate": location.coverage,
         "arrivals": location_arrivals.coverage,
+        "regions": regions.coverage,
     },
     "location.md": {
         "faults": location.faults,
         "poor geometry": location.poor_geometry,
         "biases": location.biases,
+        "few bearings": regions.few_bearings,
+        "regions": regions.curved,
+        "protection": regions.protection,
         "lenth": location.lenth,
         "arrivals": location_arrivals.counts,
         "late arrivals": location_arrivals.late,

@@ -2,6 +2,7 @@ from typing import Any, final
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.kalman import SingerModel
+from tertia.location._scene import Measured
 from tertia.tracker import Plots
 
 __all__ = [
@@ -48,12 +49,18 @@ __all__ = [
     "likelihood_score",
     "local_polynomial",
     "locate",
+    "locate_posterior",
     "location_accuracy",
+    "location_radii",
+    "location_regions",
     "mean_interval",
     "paper_score",
     "plan_speeds",
     "plots_to_cartesian",
+    "posterior_radii",
+    "posterior_regions",
     "predicted",
+    "protection_levels",
     "rank_interval",
     "reconstruct",
     "reconstruct_arrivals",
@@ -324,6 +331,51 @@ def locate(
     list[FloatArray],
     tuple[list[float], list[float], list[float]],
 ]: ...
+def locate_posterior(
+    stations: FloatArray,
+    axes: FloatArray | None,
+    values: FloatArray,
+    sigmas: FloatArray,
+    max_range: float,
+    pooled: bool,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, list[FloatArray]]: ...
+def posterior_regions(
+    stations: FloatArray,
+    axes: FloatArray | None,
+    values: FloatArray,
+    sigmas: FloatArray,
+    max_range: float,
+    weights: FloatArray,
+    probability: float,
+    n_threads: int | None,
+) -> tuple[list[FloatArray], list[list[FloatArray]]]: ...
+def posterior_radii(
+    stations: FloatArray,
+    axes: FloatArray | None,
+    values: FloatArray,
+    sigmas: FloatArray,
+    max_range: float,
+    weights: FloatArray,
+    centres: FloatArray,
+    probability: float,
+    n_threads: int | None,
+) -> FloatArray: ...
+def location_regions(
+    scene: Measured,
+    accuracy: tuple[FloatArray, tuple[FloatArray, FloatArray] | None],
+    probability: float,
+    n_threads: int | None,
+) -> tuple[list[FloatArray], list[list[FloatArray]]]: ...
+def location_radii(
+    scene: Measured,
+    accuracy: tuple[FloatArray, tuple[FloatArray, FloatArray] | None],
+    probability: float,
+    n_threads: int | None,
+) -> FloatArray: ...
+def protection_levels(
+    scene: Measured, guarded: tuple[float, float, int, float], n_threads: int | None
+) -> FloatArray: ...
 def location_accuracy(
     stations: FloatArray,
     axes: FloatArray | None,

@@ -599,6 +599,32 @@ def test_results_are_whole_or_not_there(
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_regions_and_protection_levels(write: Write, stations: Path, tmp_path: Path) -> None:
+    told = "--probability", 0.9, "--risk", 1e-5
+    frame = positions(write(wide()), "--sensors", stations, *told, folder=tmp_path)
+    expected = located()
+    region, level = expected.region(0.9), np.asarray(expected.protection_level(1e-5))
+    assert_column(frame["region_area_m2"], region.area)
+    assert_column(frame["region_semi_major_m"], region.semi_major)
+    assert_column(frame["region_orientation_deg"], np.degrees(region.orientation))
+    assert_column(frame["protection_level_m"], np.where(np.isfinite(level), level, NAN))
+
+
+def test_few_bearings(write: Write, tmp_path: Path) -> None:
+    rows = [f"0,{name},{azimuth}" for name, azimuth in zip("ABC", (35, 325, 2), strict=True)]
+    places = write(["A,0,0", "B,400,0", "C,200,-300"], "name,east_m,north_m", "towers.csv")
+    bearings = write(rows, "time_s,sensor,azimuth_deg", "bearings.csv")
+    how = "--sensors", places, "--method", "posterior", "--max-range", 1000
+    frame = positions(bearings, *how, folder=tmp_path)
+    expected = locate(
+        [[0, 0], [400, 0], [200, -300]],
+        azimuth=np.radians([35, 325, 2]),
+        method="posterior",
+        max_range=1000.0,
+    )
+    np.testing.assert_allclose(frame.select("east_m", "north_m").row(0), expected.position)
+
+
 def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
     script = runpy.run_path(str(EXAMPLES / "make_stations.py"))
     header, *rows = (EXAMPLES / "measurements.csv").read_text(encoding="utf-8").splitlines()

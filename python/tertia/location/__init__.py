@@ -13,6 +13,7 @@ distances, the true covariance is larger and the position is biased: see docs/lo
 from tertia.location._accuracy import Accuracy, accuracy_map
 from tertia.location._arrivals import LIGHT
 from tertia.location._locate import locate
+from tertia.location._region import Region
 from tertia.location._result import Location, LocationMethod, LocationStatus
 from tertia.sensors import ByKind, Kind, Station
 
@@ -24,6 +25,7 @@ __all__ = [
     "Location",
     "LocationMethod",
     "LocationStatus",
+    "Region",
     "Station",
     "accuracy_map",
     "locate",

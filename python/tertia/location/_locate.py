@@ -14,8 +14,10 @@ from tertia._arrays import FloatArray, finite, flag, integer, scalar_or_array, t
 from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import given_biases, said
 from tertia.location._height import anywhere, read_height, without_height
+from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
+from tertia.location._scene import Scene
 from tertia.sensors import KINDS, Bias, Kind, Station, stack_stations, survey_sigmas
 
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
@@ -45,6 +47,7 @@ def locate(
     height: npt.ArrayLike | None = None,
     height_sigma: npt.ArrayLike | None = None,
     method: LocationMethod = "robust",
+    max_range: float | None = None,
     pooled: bool = False,
     redundancy: int | None = None,
     initial: npt.ArrayLike | None = None,
@@ -94,10 +97,14 @@ def locate(
         The last coordinate of the target in metres, in space only, and its standard deviation: a
         measurement like the others. Azimuths alone do not determine it: without `height` up is nan,
         its variance infinite, and east and north are those in the plane.
-    method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"}
+    method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"}
         "robust": Tukey's biweight with at least `redundancy` degrees of freedom, otherwise least
-        squares; "least-squares": always; the others are Lenth's (1981) estimators, for azimuths in
-        the plane only.
+        squares; "least-squares": always. The others are for azimuths in the plane only: Lenth's
+        (1981) estimators, and "posterior", the expected position for two bearings or more whose
+        sigma is known roughly or not at all.
+    max_range : float, optional
+        Of "posterior", which needs it: largest distance of the target from the nearest station, in
+        metres. Within it all positions are evenly likely.
     pooled : bool
         Whether standard deviations are relative: the whole batch tells one factor for each kind, or
         the common standard deviation where none is given. It may be below 1.
@@ -216,10 +223,9 @@ def locate(
     if redundancy is None:
         redundancy = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
     _require_kinds(measured, d, shared=differences)
-    _require_deviations(measured)
-    if method in _LENTH:
-        _require_lenth(measured, d, method)
     start = _start(initial, d)
+    _require_method(method, measured, d, start, max_range)
+    _require_deviations(measured)
     level = read_height(height, height_sigma, d)
     if level is not None and _is_unknown(measured):
         raise ValueError("height is given; then the standard deviations must be, too")
@@ -235,14 +241,22 @@ def locate(
         stated[..., at, first:] = sigma
     unknown, pools = _is_unknown(measured), flag(pooled, "pooled")
     free = own.free(tuple(measured))
-    grows = np.ones_like(free) if pools else free & (not unknown)
-    result = _core.locate(
+    rows = (
         _matched(places, batch, 2),
         None if axes is None else _matched(axes, batch, 3),
         values,
         _matched(stated, batch, 2),
         survey_sigmas(stations),
         None if level is None else _matched(level, batch, 1),
+    )
+    if method == "posterior":
+        location = locate_posterior(
+            *rows[:5], max_range=max_range, pooled=pools, free=free, n_threads=threads(n_threads)
+        )
+        return _checked(location)
+    grows = np.ones_like(free) if pools else free & (not unknown)
+    result = _core.locate(
+        *rows,
         None if start is None else _matched(start, batch, 1),
         (method, integer(redundancy, "redundancy", 1)),
         (flag(multipath, "multipath"), correlation),
@@ -252,6 +266,7 @@ def locate(
     )
     growth, factor, _ = result[-1]
     tells = bool(np.any(result[-2][1] > 0))
+    grown = rows[3] * np.sqrt(np.where(grows & (not unknown), np.reshape(growth, (-1, 1)), 1.0))
     location = location_of(
         result[:-1],
         tuple(measured),
@@ -259,17 +274,23 @@ def locate(
         arrivals=arrivals,
         systematic=said(free, tells=tells),
         bias=own.found({kind: sigma for kind, (_, sigma) in measured.items()}, growth),
+        scene=Scene(
+            *rows[:3],
+            grown,
+            outlier=result[3].astype(np.float64),
+            unit=1.0 if arrivals is None else arrivals.speed,
+            surveys=rows[4],
+            height=rows[5],
+            correlation=correlation,
+            pooled=pools,
+        ),
     )
     if pools and unknown:
         common = np.sqrt(factor[KINDS.index(next(iter(measured)))])
         unit = 1.0 if arrivals is None else arrivals.speed
         sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
         location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
-    if flat:
-        location = without_height(location)
-    if isinstance(location.status, LocationStatus):
-        _raise(location.status)
-    return location
+    return _checked(without_height(location) if flat else location)
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
@@ -318,9 +339,27 @@ def _is_unknown(measured: _Measured) -> bool:
     return len(measured) == 1 and all(np.all(np.isnan(s)) for _, s in measured.values())
 
 
-def _require_lenth(measured: _Measured, d: int, method: str) -> None:
+def _require_method(
+    method: str, measured: _Measured, d: int, start: FloatArray | None, max_range: float | None
+) -> None:
+    """Fail where a method does not fit the measurements, or an option the method."""
+    if method in _LENTH:
+        _require_lenth(measured, d, method)
+    if method == "posterior":
+        _require_azimuths(measured, d, method)
+        if start is not None:
+            raise ValueError(f"method is {method!r}, which weighs all positions; without initial")
+    elif max_range is not None:
+        raise ValueError(f"method is {method!r}; max_range is for 'posterior'")
+
+
+def _require_azimuths(measured: _Measured, d: int, method: str) -> None:
     if d != 2 or set(measured) != {"azimuth"}:
         raise ValueError(f"method is {method!r}; it is for azimuths alone, in the plane")
+
+
+def _require_lenth(measured: _Measured, d: int, method: str) -> None:
+    _require_azimuths(measured, d, method)
     sigma = measured["azimuth"][1]
     if not _is_unknown(measured) and np.ptp(sigma) != 0:
         raise ValueError(f"method is {method!r}; it needs the same azimuth_sigma everywhere")
@@ -358,8 +397,11 @@ def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray
     return np.broadcast_to(array, (*batch, *tail))
 
 
-def _raise(status: LocationStatus) -> None:
-    if status == LocationStatus.SINGULAR:
+def _checked(location: Location) -> Location:
+    """Return it; fail where a single instant was not located."""
+    status = location.status
+    if status is LocationStatus.SINGULAR:
         raise np.linalg.LinAlgError(status.message)
-    if status:
+    if isinstance(status, LocationStatus) and status:
         raise ValueError(status.message)
+    return location

@@ -11,10 +11,13 @@ import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, scalar_or_array
 from tertia.location._arrivals import Arrivals
+from tertia.location._protection import protection_level_of
+from tertia.location._region import Accuracy, Region, radius_of, region_of
+from tertia.location._scene import Scene
 from tertia.sensors import Bias, ByKind, Kind, by_kind
 
 LocationMethod: TypeAlias = Literal[
-    "robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews"
+    "robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"
 ]
 
 
@@ -117,6 +120,7 @@ class Location:
     status: LocationStatus | IntArray
     systematic: Systematic = "not included"
     bias: Bias | None = None
+    _scene: Scene | None = None
 
     @property
     def sigma(self) -> FloatArray:
@@ -128,6 +132,135 @@ class Location:
         """Whether there is a position, of shape (...)."""
         known: bool | BoolArray = scalar_or_array(np.asarray(self.status) == 0)
         return known
+
+    def region(self, probability: float = 0.95) -> Region:
+        """Return the region that contains the target with a probability, from above.
+
+        Where the errors are small against the distances, it is the ellipse of the covariance, with
+        quantiles of the F distribution where the sigma of the measurements was estimated.
+        Otherwise, in the plane, it is the contour of the likelihood (Wilks 1938), which may be
+        curved and may have no end. Of a posterior it is the region of highest density, which may
+        have several parts.
+
+        Parameters
+        ----------
+        probability : float
+            Its content.
+
+        Returns
+        -------
+        Region
+            Outlines, area and axes, of each position of a batch.
+
+        Raises
+        ------
+        ValueError
+            A probability that is not between 0 and 1, or a position not estimated by `locate`.
+
+        Examples
+        --------
+        >>> from tertia.location import locate
+        >>> fix = locate([[0, 0], [1000, 0]], azimuth=[0.785, 5.498], azimuth_sigma=0.01)
+        >>> fix.region(0.95)
+        Region(941.7 m², 17.32 by 17.31 m towards 8.4°)
+        """
+        return region_of(self._source(), self.position, self._accuracy(), probability)
+
+    def cep(self, probability: float = 0.5) -> float | FloatArray:
+        """Return the circular error: the radius that contains the target with a probability.
+
+        Parameters
+        ----------
+        probability : float
+            Content of the circle about the position, from above.
+
+        Returns
+        -------
+        float or ndarray of shape (...)
+            In metres. It follows from the covariance, or from the density of a posterior.
+
+        Raises
+        ------
+        ValueError
+            As for `region`.
+        """
+        return radius_of(self._source(), self.position, self._accuracy(), probability)
+
+    def protection_level(
+        self,
+        risk: float = 1e-5,
+        *,
+        fault_probability: float = 1e-4,
+        faults: int = 1,
+        false_alarm_probability: float = 1e-3,
+    ) -> float | FloatArray:
+        """Return the radius that the horizontal error exceeds with a stated risk, faults or not.
+
+        Parameters
+        ----------
+        risk : float
+            Probability that the error is larger than the level.
+        fault_probability : float
+            Probability that a measurement is faulty, independently of the others; the size of a
+            fault may be any.
+        faults : int
+            Number of simultaneous faults that are guarded against.
+        false_alarm_probability : float
+            Probability that the test rejects measurements without faults.
+
+        Returns
+        -------
+        float or ndarray of shape (...)
+            In metres, about the position. It is inf where no radius is enough: a fault could not be
+            seen, more faults than guarded are likelier than the risk, the positions from
+            subsets of the measurements contradict each other (the test rejects), or there is no
+            position.
+
+        Raises
+        ------
+        ValueError
+            A number outside its domain, a position not estimated by `locate`, or standard
+            deviations that were estimated.
+
+        Notes
+        -----
+        Solution separation (Blanch et al. 2012): each set of at most `faults` measurements is left
+        out in turn, and the position without it must agree with that of all. Outliers that were
+        left out count as faults. The sigmas must be upper bounds of the true ones.
+
+        Examples
+        --------
+        >>> from tertia.location import locate
+        >>> places = [[0, 0], [4000, 0], [0, 3000], [4200, 3100], [2000, -1500], [-900, 1200]]
+        >>> ranges = [1860.1, 2731.3, 2420.7, 3360.0, 2647.6, 2402.1]
+        >>> fix = locate(places, range=ranges, range_sigma=10.0)
+        >>> round(fix.protection_level(), 1)
+        36.3
+        """
+        if self.measurement_sigma is not None:
+            raise ValueError("a protection level needs standard deviations that are stated")
+        return protection_level_of(
+            self._source(),
+            self.position,
+            risk=risk,
+            fault_probability=fault_probability,
+            faults=faults,
+            false_alarm_probability=false_alarm_probability,
+        )
+
+    def _source(self) -> Scene:
+        if self._scene is None:
+            raise ValueError("only a position that locate returned has its measurements")
+        return self._scene
+
+    def _accuracy(self) -> Accuracy:
+        if self.measurement_sigma is None:
+            return Accuracy(self.covariance, None)
+        scene, freedom = self._source(), np.asarray(self.degrees_of_freedom, dtype=np.float64)
+        if scene.pooled:
+            freedom = np.full(freedom.shape, np.inf)
+        sigma = np.broadcast_to(self.measurement_sigma * np.asarray(scene.unit), freedom.shape)
+        return Accuracy(self.covariance, (sigma, freedom))
 
     def __repr__(self) -> str:
         """Show position and sigma where there is no batch."""
@@ -155,6 +288,7 @@ def location_of(
     arrivals: Arrivals | None = None,
     systematic: Systematic = "not included",
     bias: Bias | None = None,
+    scene: Scene | None = None,
 ) -> Location:
     position, covariance, residual, outlier, columns = result
     statuses, degrees, statistic, pvalue, dop, sigma, emission, emission_sigma = columns
@@ -178,4 +312,5 @@ def location_of(
         status,
         systematic,
         bias,
+        _scene=scene,
     )

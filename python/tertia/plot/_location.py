@@ -15,7 +15,6 @@ from tertia.plot._axes import (
     RESULT,
     add_names,
     draw_sites,
-    ellipse,
     ellipse_radius,
     names_of,
     new_axes,
@@ -88,7 +87,7 @@ def location(
         raise ValueError(
             f"stations has shape {places.shape} and result {result.position.size} coordinates"
         )
-    radius = ellipse_radius(probability)
+    ellipse_radius(probability)
     rays = None if azimuth is None else _row(azimuth, "azimuth", len(places))
     ranges = None if range is None else _row(range, "range", len(places))
     covariance = result.covariance[:2, :2]
@@ -103,11 +102,10 @@ def location(
         _draw_ranges(ax, places, ranges, _marks(result.outlier.range, ranges), result.position)
     draw_sites(ax, places[:, np.newaxis, :2], "station")
     add_names(ax, names_of(stations, len(places)), places)
-    points = result.position[np.newaxis, :2]
-    if known:
-        points = ellipse(result.position[:2], covariance, radius, "result.covariance")
     label = f"position, {100 * probability:.10g} %" if known else "position"
-    ax.plot(*points.T, color=RESULT, marker="*", markevery=[0], markersize=10, label=label)
+    ax.plot(*result.position[:2], color=RESULT, marker="*", markersize=10, label=label)
+    for ring in result.region(probability).polygon if known else ():
+        ax.plot(*np.concatenate([ring, ring[:1]]).T, color=RESULT)
     ax.set_title(with_sigmas(result.position, result.sigma))
     view_from_above(ax)
     if legend:

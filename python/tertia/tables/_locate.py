@@ -17,6 +17,8 @@ from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._measurements import Target, read_targets, taken
 from tertia.tables._positions import (
     EMISSION,
+    PROTECTION_LEVEL,
+    REGION,
     Located,
     Positions,
     coordinates,
@@ -37,6 +39,7 @@ def locate(
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     method: LocationMethod = "robust",
+    max_range: float | None = None,
     pooled: bool = False,
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
@@ -44,6 +47,8 @@ def locate(
     height: float | None = None,
     height_sigma: float | None = None,
     initial: npt.ArrayLike | None = None,
+    probability: float | None = None,
+    risk: float | None = None,
 ) -> Table:
     """Locate targets at every instant, as the command `tertia locate` does.
 
@@ -64,6 +69,8 @@ def locate(
         Columns whose values group the rows into targets; by default all rows are one target.
     method : str
         See `tertia.location.locate`.
+    max_range : float, optional
+        See `tertia.location.locate`.
     pooled : bool
         Whether the sigmas are relative, or one sigma is unknown, for all instants of a target
         together.
@@ -75,6 +82,10 @@ def locate(
         Height of all targets and its standard deviation in metres, in space.
     initial : array_like, optional
         A position near the targets, to select one of several that fit the measurements.
+    probability : float, optional
+        Content of the regions of the positions; adds their columns.
+    risk : float, optional
+        Risk of a protection level; adds its column.
 
     Returns
     -------
@@ -112,6 +123,7 @@ def locate(
         columns=columns,
         by=by,
         method=method,
+        max_range=max_range,
         pooled=pooled,
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
@@ -119,6 +131,8 @@ def locate(
         height=height,
         height_sigma=height_sigma,
         initial=initial,
+        probability=probability,
+        risk=risk,
     )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
 
@@ -130,6 +144,8 @@ def locations_of(
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     initial: npt.ArrayLike | None = None,
+    probability: float | None = None,
+    risk: float | None = None,
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Positions[Location]:
@@ -137,12 +153,17 @@ def locations_of(
     stations = sensors_of(sensors)
     targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
-    located = [_locate(one, stations, start, **options) for one in progress(targets)]
+    told = probability, risk
+    located = [_locate(one, stations, start, told, **options) for one in progress(targets)]
     return Positions(located, stations)
 
 
 def _locate(
-    target: Target, stations: Sensors[Station], start: Any, **how: Any
+    target: Target,
+    stations: Sensors[Station],
+    start: Any,
+    told: tuple[float | None, float | None],
+    **how: Any,
 ) -> Located[Location]:
     if not target.values:
         raise RecordError(f"{target.name}: nothing was measured")
@@ -162,6 +183,7 @@ def _locate(
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
     try:
         found = locate_instants(bare, **options, initial=start, **how)
+        regions = _regions(found, *told)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
     measured = of_measurements(target, stations, found.residual, found.outlier, found)
@@ -171,6 +193,7 @@ def _locate(
         **stations.geodetic(found.position),
         **covariances(found.covariance),
         **_emission(found),
+        **regions,
         **of_instants(target, measured, found),
     }
     return Located(
@@ -189,3 +212,17 @@ def _emission(found: Location) -> dict[str, pl.Series]:
         return {}
     each = found.emission_time, found.emission_time_sigma
     return {name: known(np.asarray(one)) for name, one in zip(EMISSION, each, strict=True)}
+
+
+def _regions(
+    found: Location, probability: float | None, risk: float | None
+) -> dict[str, pl.Series]:
+    """Return the columns of regions and protection levels that are asked for."""
+    columns: dict[str, Any] = {}
+    if probability is not None:
+        region = found.region(probability)
+        axes = region.semi_major, region.semi_minor, np.degrees(region.orientation)
+        columns |= zip(REGION, (region.area, *axes), strict=True)
+    if risk is not None:
+        columns[PROTECTION_LEVEL] = found.protection_level(risk)
+    return {name: known(np.asarray(values)) for name, values in columns.items()}

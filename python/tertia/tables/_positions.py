@@ -35,6 +35,13 @@ _OF_INSTANTS = (
 )
 
 EMISSION = "emission_time_s", "emission_time_sigma_s"
+REGION = (
+    "region_area_m2",
+    "region_semi_major_m",
+    "region_semi_minor_m",
+    "region_orientation_deg",
+)
+PROTECTION_LEVEL = "protection_level_m"
 
 R = TypeVar("R")
 
@@ -90,6 +97,8 @@ def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
         *covariances(space),
         *GEODETIC,
         *EMISSION,
+        *REGION,
+        PROTECTION_LEVEL,
         *_OF_INSTANTS,
         *_SUMMARY,
         *("value", "residual", "outlier", "time_s", "bias"),

@@ -40,7 +40,10 @@ mod core_module {
         smooth_series, steady_state,
     };
     #[pymodule_export]
-    use super::location::{locate, location_accuracy, predicted};
+    use super::location::{
+        locate, locate_posterior, location_accuracy, location_radii, location_regions,
+        posterior_radii, posterior_regions, predicted, protection_levels,
+    };
     #[pymodule_export]
     use super::metrics::{
         chi_square_quantile, indicator_powers, lasting, mean_interval, rank_interval,

@@ -1,5 +1,11 @@
 //! Bindings of `tertia::location`.
 
+mod posterior;
+mod region;
+
+pub use posterior::{locate_posterior, posterior_radii, posterior_regions};
+pub use region::{location_radii, location_regions, protection_levels};
+
 use crate::arrays::{Array, Input, Output, Rows, Threads, choice, columns, release, repeated};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -24,6 +24,9 @@
 //! | `search` | start, robust steps, other minima |
 //! | `summary` | covariance, σ, dilution of precision |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths alone |
+//! | `posterior`, `quadtree`, `concentration` | the density of positions of a few bearings |
+//! | `region`, `contour`, `radial` | regions around positions, their outlines, radii |
+//! | `protection` | protection levels |
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -31,6 +34,8 @@
 mod arrivals;
 mod block;
 mod candidates;
+mod concentration;
+mod contour;
 mod contradiction;
 mod descent;
 mod doubt;
@@ -38,14 +43,24 @@ mod fix;
 mod growth;
 mod lanes;
 mod lenth;
+mod posterior;
 mod profile;
+mod protection;
+mod quadtree;
+mod radial;
 mod record;
+mod region;
 mod search;
 mod solver;
 mod summary;
 
+pub use concentration::{Decay, STEPS, Weights};
+pub use contour::Outline;
 pub use contradiction::Contradiction;
 pub use fix::{Fix, Instant, Method, Output, Status};
+pub use posterior::{Bearings, Density, Posterior, Summary, pooled};
+pub use protection::Protection;
+pub use region::{Located, Spread};
 pub use solver::{Locator, Workspace};
 
 /// Instants that are located side by side.

@@ -36,6 +36,7 @@ EXAMPLES = (
     "tertia locate measurements.csv --sensors stations.toml --output positions.csv",
     "tertia locate bearings.csv --sensors stations.csv --by target --plot positions.png",
     "tertia locate ranges.csv --sensors two.toml --initial 1200,3400 --method least-squares",
+    "tertia locate telemetry.csv --sensors towers.csv --method posterior --max-range 5000 --pooled",
     "tertia locate shots.csv --sensors microphones.toml --propagation-speed 343",
 )
 # what a picture of one instant shows
@@ -49,6 +50,10 @@ def locate(
     column: ColumnNames = None,
     by: By = None,
     method: Annotated[LocationMethod, typer.Option(help="How to locate.")] = "robust",
+    max_range: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Of --method posterior: the farthest a target may be."),
+    ] = None,
     pooled: Annotated[
         bool,
         typer.Option("--pooled", help="Sigmas are relative: one factor for all instants."),
@@ -78,6 +83,14 @@ def locate(
             help="A position in metres near the target, where several explain the measurements.",
         ),
     ] = None,
+    probability: Annotated[
+        float | None,
+        typer.Option(metavar="P", help="Write regions with this probability: area, axes."),
+    ] = None,
+    risk: Annotated[
+        float | None,
+        typer.Option(metavar="P", help="Write protection levels with this risk."),
+    ] = None,
     output: MapOutput = None,
     measurements: MeasurementOutput = None,
     plot_file: PlotFile = None,
@@ -97,6 +110,7 @@ def locate(
         columns=column_names(column),
         by=by or [],
         method=method,
+        max_range=max_range,
         pooled=pooled,
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
@@ -104,6 +118,8 @@ def locate(
         height=height,
         height_sigma=height_sigma,
         initial=_start(initial, stations.dimension),
+        probability=probability,
+        risk=risk,
         progress=progress("Locating"),
     )
     positions.print_all(found, by or [])

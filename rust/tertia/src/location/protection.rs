@@ -1,0 +1,267 @@
+//! The radius that a position with undetected faults exceeds with a stated risk.
+//!
+//! Solution separation (Blanch et al. 2012), in the plane: for every set k of at most so many
+//! measurements there is the position without them, with its covariance `P_k`, and a threshold on
+//! its distance from the position of all. If all sets pass, the error without faults, or under the
+//! faults of k, is outside a radius R about the position with a probability of at most
+//!
+//! ```text
+//! P(|N(0, P_0)| > R) + Σ_k p_k P(|N(0, P_k)| > R − T_k) + P(more faults than guarded),
+//! T_k = √(χ²_m⁻¹(1 − P_fa/N) λ_max(P_k − P_0)),   m = min(faults in k, 2).
+//! ```
+
+use super::contour::principal;
+use super::radial::{Radial, falling_root};
+use super::region::Located;
+use crate::base::distribution::chi_square_upper_quantile;
+use crate::base::small::{Factor, Matrix, Vector, rotated};
+use crate::sensors::Row;
+
+/// What is guarded against, and how surely.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Protection {
+    /// Probability that the error exceeds the level.
+    pub risk: f64,
+    /// Probability that a measurement is faulty.
+    pub fault_probability: f64,
+    /// Number of simultaneous faults that are guarded against.
+    pub faults: usize,
+    /// Probability that the test rejects measurements without a fault.
+    pub false_alarm_probability: f64,
+}
+
+/// A set of measurements that may be faulty together.
+struct Mode {
+    probability: f64,
+    threshold: f64,
+    error: Radial,
+}
+
+impl Protection {
+    /// The level of a position from the measurements that are not marked: a horizontal radius; the
+    /// emission of arrivals is the N-th unknown. Infinite where no radius is enough, because faults
+    /// could not be seen, are likelier than the risk, or were seen and not excluded. Those excluded
+    /// count as faults. O(M^(faults + 1)).
+    pub fn level<const D: usize, const N: usize>(&self, located: &Located<'_>) -> f64 {
+        if located.is_timed() {
+            self.level_with::<D, N>(located)
+        } else {
+            self.level_with::<D, D>(located)
+        }
+    }
+
+    fn level_with<const D: usize, const N: usize>(&self, located: &Located<'_>) -> f64 {
+        let (kept, excluded) = located.kept::<D, N>();
+        let mut state = [0.0; N];
+        state[..D].copy_from_slice(&located.offset::<D>());
+        let rows: Vec<_> = kept.iter().map(|m| m.row_at(&state)).collect();
+        match self.faults.checked_sub(excluded) {
+            Some(faults) => self.level_of(&rows, faults).unwrap_or(f64::INFINITY),
+            None => f64::INFINITY,
+        }
+    }
+
+    /// The same of whitened rows.
+    fn level_of<const D: usize>(&self, rows: &[Row<D>], faults: usize) -> Option<f64> {
+        let all = Sums::of(rows);
+        let (inverse, shift) = all.solve()?;
+        let own = horizontal(&inverse);
+        let error = Radial::try_new(own, f64::INFINITY)?;
+        let count = (1..=faults).map(|size| combinations(rows.len(), size)).sum::<f64>();
+        let mut modes = Vec::new();
+        let mut unguarded = self.more_than(faults, rows.len());
+        let mut set = Vec::new();
+        for size in 1..=faults.min(rows.len()) {
+            let probability = self.probability_of(size, rows.len());
+            let rank = size.min(2);
+            let quantile = chi_square_upper_quantile(self.false_alarm_probability / count, rank);
+            set.clear();
+            set.extend(0..size);
+            loop {
+                let mut rest = all;
+                set.iter().for_each(|&row| rest.remove(&rows[row]));
+                match rest.solve() {
+                    // what cannot be seen is a risk whatever the radius
+                    None => unguarded += probability,
+                    Some((without, moved)) => {
+                        let separation: Vector<D> = std::array::from_fn(|i| moved[i] - shift[i]);
+                        let mode = Separation::new(own, horizontal(&without), separation);
+                        if mode.statistic(rank) > quantile {
+                            return None;
+                        }
+                        modes.push(Mode {
+                            probability,
+                            threshold: (quantile * mode.large).sqrt(),
+                            error: Radial::try_new(horizontal(&without), f64::INFINITY)?,
+                        });
+                    }
+                }
+                if !advance(&mut set, rows.len()) {
+                    break;
+                }
+            }
+        }
+        if unguarded >= self.risk {
+            return None;
+        }
+        let risk = |r: f64| {
+            let of = |mode: &Mode| mode.probability * mode.error.outside(r - mode.threshold);
+            error.outside(r) + modes.iter().map(of).sum::<f64>() + unguarded
+        };
+        let radius = falling_root(|r| (risk(r) / self.risk).ln(), error.longest());
+        // that of least squares, about a position that need not be theirs
+        Some(radius + shift[0].hypot(shift[1]))
+    }
+
+    /// Probability that so many stated measurements are faulty, and no other.
+    fn probability_of(&self, size: usize, count: usize) -> f64 {
+        let p = self.fault_probability;
+        p.powi(size as i32) * (1.0 - p).powi((count - size) as i32)
+    }
+
+    /// Probability of more faults.
+    fn more_than(&self, faults: usize, count: usize) -> f64 {
+        (faults + 1..=count)
+            .map(|size| combinations(count, size) * self.probability_of(size, count))
+            .sum()
+    }
+}
+
+/// `J^T J` and `J^T r`
+#[derive(Clone, Copy)]
+struct Sums<const D: usize> {
+    matrix: Matrix<D>,
+    vector: Vector<D>,
+}
+
+impl<const D: usize> Sums<D> {
+    fn of(rows: &[Row<D>]) -> Self {
+        let mut sums = Self { matrix: [[0.0; D]; D], vector: [0.0; D] };
+        rows.iter().for_each(|row| sums.add(row, 1.0));
+        sums
+    }
+
+    fn remove(&mut self, row: &Row<D>) {
+        self.add(row, -1.0);
+    }
+
+    fn add(&mut self, row: &Row<D>, sign: f64) {
+        for i in 0..D {
+            self.vector[i] += sign * row.gradient[i] * row.residual;
+            for j in 0..D {
+                self.matrix[i][j] += sign * row.gradient[i] * row.gradient[j];
+            }
+        }
+    }
+
+    /// Covariance, and how far from the position the minimum is.
+    fn solve(&self) -> Option<(Matrix<D>, Vector<D>)> {
+        let inverse = Factor::try_new(&self.matrix, 0.0)?.inverse();
+        Some((inverse, rotated(&inverse, &self.vector)))
+    }
+}
+
+/// How far the position without some measurements is from that with them.
+struct Separation {
+    /// Eigenvalues of its covariance `P_k − P_0`.
+    large: f64,
+    small: f64,
+    /// Its components along the axes.
+    along: f64,
+    across: f64,
+}
+
+impl Separation {
+    fn new<const D: usize>(own: [f64; 3], without: [f64; 3], d: Vector<D>) -> Self {
+        let covariance = std::array::from_fn(|i| without[i] - own[i]);
+        let (large, small, angle) = principal(covariance);
+        let (sine, cosine) = angle.sin_cos();
+        let (along, across) = (d[0] * cosine + d[1] * sine, d[1] * cosine - d[0] * sine);
+        Self { large, small, along, across }
+    }
+
+    /// `d^T (P_k − P_0)⁺ d`; zero where the set does not change the position.
+    fn statistic(&self, rank: usize) -> f64 {
+        let share = |d: f64, variance: f64| if variance > 0.0 { d * d / variance } else { 0.0 };
+        let second = if rank > 1 { share(self.across, self.small) } else { 0.0 };
+        share(self.along, self.large) + second
+    }
+}
+
+fn horizontal<const D: usize>(covariance: &Matrix<D>) -> [f64; 3] {
+    [covariance[0][0], covariance[0][1], covariance[1][1]]
+}
+
+fn combinations(count: usize, size: usize) -> f64 {
+    (0..size).map(|i| (count - i.min(count)) as f64 / (i + 1) as f64).product()
+}
+
+/// The next set of the same size in the order of a dictionary.
+fn advance(set: &mut [usize], count: usize) -> bool {
+    let size = set.len();
+    let Some(at) = (0..size).rev().find(|&i| set[i] < count - size + i) else { return false };
+    set[at] += 1;
+    for i in at + 1..size {
+        set[i] = set[i - 1] + 1;
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    const MILD: Protection = Protection {
+        risk: 1e-5,
+        fault_probability: 1e-4,
+        faults: 1,
+        false_alarm_probability: 1e-3,
+    };
+
+    #[test]
+    fn sets() {
+        let mut set = vec![0, 1];
+        let mut all = vec![set.clone()];
+        while advance(&mut set, 4) {
+            all.push(set.clone());
+        }
+        assert_eq!(all.len(), 6);
+        assert_eq!(all.last().unwrap(), &[2, 3]);
+        assert_within(1e-15, combinations(8, 3), 56.0);
+        assert_within(1e-12, MILD.more_than(0, 2), 1e-4 * (2.0 - 1e-4));
+    }
+
+    /// Five arrival times with the emission time as the third unknown, and three of them mirrored;
+    /// values of a computation in double precision.
+    #[test]
+    fn arrival_times() {
+        let stations =
+            [[0.0, 0.0], [4000.0, 0.0], [0.0, 3000.0], [4200.0, 3100.0], [2000.0, -1500.0]];
+        let row = |k: usize, sign: f64| {
+            let [x, y] = [1500.0 - stations[k % 5][0], 1100.0 - stations[k % 5][1]];
+            let range = x.hypot(y);
+            let gradient = [sign * x / range, y / range, 1.0].map(|v| v / 10.0);
+            Row { residual: 0.0, gradient }
+        };
+        let rows: Vec<_> = (0..8).map(|k| row(k, if k < 5 { 1.0 } else { -1.0 })).collect();
+        assert_within(1e-12, MILD.level_of(&rows, 1).unwrap(), 32.480_406_326_899_605);
+        let own = horizontal(&Sums::of(&rows).solve().unwrap().0);
+        let without_faults = Radial::try_new(own, f64::INFINITY).unwrap().quantile(1e-5);
+        assert_within(1e-12, without_faults, 25.100_082_201_583_746);
+    }
+
+    #[test]
+    fn no_radius_is_enough() {
+        let row = |gradient, residual| Row { residual, gradient };
+        let square = [[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]];
+        let rows = square.map(|gradient| row(gradient, 0.0));
+        assert!(MILD.level_of(&rows, 1).unwrap().is_finite());
+        // two measurements more are likelier than the risk, one alone cannot be checked, a fault
+        assert!(MILD.level_of(&rows, 0).is_none());
+        assert!(MILD.level_of(&rows[..2], 1).is_none());
+        let mut wrong = rows;
+        wrong[0].residual = 20.0;
+        assert!(MILD.level_of(&wrong, 1).is_none());
+    }
+}
