@@ -22,7 +22,7 @@ use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
 use crate::base::small::{Factor, Matrix, Vector, dot};
-use crate::sensors::{KINDS, Measurement, Row};
+use crate::sensors::{KINDS, Row};
 
 /// So many instants, evenly spread, tell enough of a batch.
 const SAMPLE: usize = 256;
@@ -37,9 +37,14 @@ const OUTSIDE: f64 = 0.05;
 const ALIKE: f64 = 10.0;
 /// Share of outliers from which on they may be sigmas that are too small.
 const MANY: f64 = 0.03;
-/// Shares of outliers, spread evenly over 100 σ: their density over that of a normal number at 0.
+/// Shares of outliers, spread evenly over 30 σ: their density over that of a normal number at 0.
 const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
-const FLAT: f64 = 2.506_628_274_631_000_5 / 100.0;
+const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
+/// A measurement counts if its residual from the others is of at most so many sigmas, and the
+/// variance of normal numbers of that size. With a wider limit, one fault of five sigmas in each
+/// instant would widen it, and then be kept.
+const KEPT: f64 = 3.0;
+const KEPT_VARIANCE: f64 = 0.973_3;
 
 /// What a batch says of the errors of each kind of measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -272,25 +277,27 @@ impl Sums {
         factor: &[f64; KINDS],
     ) {
         let Record { measurements, rows, places, .. } = record;
-        let all = || measurements.iter().zip(rows).zip(places);
-        let keeps = |m: &Measurement<D>, row: &Row<N>| !loss.of(m.kind).is_fault(row.residual);
-        let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
-        for (_, row) in measurements.iter().zip(rows).filter(|(m, row)| keeps(m, row)) {
-            for i in 0..N {
-                vector[i] += row.residual * row.gradient[i];
-                for j in 0..N {
-                    normal[i][j] += row.gradient[i] * row.gradient[j];
-                }
+        let mut keeps: Vec<bool> = measurements
+            .iter()
+            .zip(rows)
+            .map(|(m, row)| !loss.of(m.kind).is_fault(row.residual))
+            .collect();
+        let Some((lower, _)) = plain(rows, &keeps) else { return };
+        if loss != Loss::Square {
+            // a fault may be part of a compromise: it is told by the others alone
+            for (keep, row) in keeps.iter_mut().zip(rows) {
+                let rest = 1.0 - dot(&lower.solve(&row.gradient), &row.gradient);
+                *keep &= row.residual * row.residual <= KEPT * KEPT * rest.max(0.0);
             }
         }
-        let Some(lower) = Factor::try_new(&normal, 0.0) else { return };
+        let Some((lower, vector)) = plain(rows, &keeps) else { return };
         // the residuals of least squares with what is kept: those of weights depend on the weights
         let step = lower.solve(&vector);
+        let variance = if loss == Loss::Square { 1.0 } else { KEPT_VARIANCE };
         let stations = free.len() / KINDS;
         let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
-        for ((m, row), &place) in all() {
+        for ((row, &place), &kept) in rows.iter().zip(places).zip(&keeps) {
             let is_free = place != NOWHERE && free[place];
-            let kept = keeps(m, row);
             let residual = row.residual - dot(&row.gradient, &step);
             let unit = if is_free { factor[place / stations] } else { 1.0 };
             for (sum, share) in likelihood.iter_mut().zip(SHARES) {
@@ -301,7 +308,7 @@ impl Sums {
             if kept && is_free {
                 let kind = place / stations;
                 let leverage = dot(&lower.solve(&row.gradient), &row.gradient);
-                self.square[kind] += residual * residual;
+                self.square[kind] += residual * residual / variance;
                 self.freedom[kind] += (1.0 - leverage).max(0.0);
                 self.residual[at + place] = residual;
             }
@@ -351,6 +358,20 @@ impl Sums {
         let sum: f64 = (1..count).map(|lag| correlation(lag).powi(2)).sum();
         1.0 / (1.0 + 2.0 * sum)
     }
+}
+
+/// The normal equations of the rows that are kept, factorised, and their right side.
+fn plain<const N: usize>(rows: &[Row<N>], keeps: &[bool]) -> Option<(Factor<N>, Vector<N>)> {
+    let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
+    for (row, _) in rows.iter().zip(keeps).filter(|(_, keep)| **keep) {
+        for i in 0..N {
+            vector[i] += row.residual * row.gradient[i];
+            for j in 0..N {
+                normal[i][j] += row.gradient[i] * row.gradient[j];
+            }
+        }
+    }
+    Some((Factor::try_new(&normal, 0.0)?, vector))
 }
 
 /// What makes an ellipse of 95 % hold as much if its scale has so many degrees of freedom.
