@@ -21,6 +21,7 @@ from studies import (
     bearing,
     flightplan,
     fusion,
+    honest_series,
     instant,
     location,
     location_arrivals,
@@ -70,6 +71,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "conventions": weights.conventions,
         "consistency": weights.consistency,
         "shared azimuth": weights.shared_azimuth,
+        "few": honest_series.few,
         "right treatment": weights.right_treatment,
         "area": weights.area,
     },
@@ -77,6 +79,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "locate": location.coverage,
         "arrivals": location_arrivals.coverage,
         "regions": regions.coverage,
+        "fused and smoothed": honest_series.coverage,
     },
     "location.md": {
         "faults": location.faults,
@@ -117,6 +120,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "several faults": fusion.several_faults,
         "cost": fusion.cost,
         "instant": instant.methods,
+        "effects": honest_series.effects,
     },
     "kalman.md": {
         "misprints": fusion.misprints,
@@ -155,6 +159,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "decoded": trajectory.decoded,
     },
     "smoothing.md": {
+        "noise": honest_series.noise,
         "degree coverage": smoothing.degree_coverage,
         "degrees chosen": smoothing.degrees_chosen,
         "ends": smoothing.ends,

@@ -4,7 +4,8 @@
 acceleration at every instant from all plots, for a target whose acceleration is driven by white
 jerk. Units are the caller's.
 
-Neither rejects outliers: remove them first (`tertia.screening`).
+`smooth` finds outliers, jumps, noise that is larger than stated and noise that lasts;
+`local_polynomial` takes the noise as white and without outliers.
 """
 
 from __future__ import annotations
@@ -17,9 +18,12 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import (
+    BoolArray,
     FloatArray,
     IntArray,
+    Systematic,
     finite,
+    flag,
     integer,
     real,
     samples,
@@ -27,6 +31,8 @@ from tertia._arrays import (
     threads,
 )
 from tertia.kalman._batch import _initial
+
+_MOST_AXES = 3  # of tracks with noise that lasts
 
 __all__ = ["LocalPolynomial", "SmoothedPositions", "local_polynomial", "smooth"]
 
@@ -48,6 +54,8 @@ class LocalPolynomial:
     degrees_of_freedom : float or ndarray of shape (...), or None
         Degrees of freedom of `residual_variance`: for short records, use quantiles of Student's
         distribution with `sigma`.
+    systematic : {"not included"}
+        `sigma` is that of white noise; a systematic error is not part of it.
     """
 
     value: FloatArray
@@ -55,6 +63,7 @@ class LocalPolynomial:
     degree: IntArray
     residual_variance: float | FloatArray | None
     degrees_of_freedom: float | FloatArray | None
+    systematic: Systematic = "not included"
 
     def __repr__(self) -> str:
         """Return the shape and the degrees."""
@@ -63,7 +72,8 @@ class LocalPolynomial:
             f"{count / counts.sum():.0%} of degree {degree}"
             for degree, count in zip(used, counts, strict=True)
         )
-        return f"LocalPolynomial(value of shape {self.value.shape}, {degrees or 'no polynomial'})"
+        shape = f"LocalPolynomial(value of shape {self.value.shape}"
+        return f"{shape}, {degrees or 'no polynomial'}, systematic error not included)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,14 +85,18 @@ class SmoothedPositions:
     mean : ndarray of shape (..., N, 3 D)
         Positions, velocities and accelerations, in this order; nan where unknown.
     covariance : ndarray of shape (..., N, 3 D, 3 D)
-        Covariance of `mean`; where unknown, the variance is inf and its covariances are 0.
+        Covariance of `mean`, for the noise as it was found; where unknown, the variance is inf and
+        its covariances are 0. An error that all plots share is not part of it.
     innovation : ndarray of shape (..., N, D)
         Plots minus their predictions from earlier plots, whitened: uncorrelated and of unit
-        variance if the model holds. Each axis is conditioned on the axes before it. nan where there
-        is no plot, or no prediction yet.
+        variance if the model holds, which is the most likely one of the noise. Each axis is
+        conditioned on the axes before it. nan where there is no plot, an outlier, or no prediction
+        yet.
+    outlier : ndarray of bool, of shape (..., N)
+        Plots that were left out.
     log_likelihood : float or ndarray of shape (...)
-        Log-likelihood of all plots for an unknown first state, up to a constant that depends on
-        units and times.
+        Log-likelihood of all plots for white noise as stated and an unknown first state, up to a
+        constant that depends on units and times.
     count : int or ndarray of shape (...)
         Measured numbers beyond those needed to determine the state.
     jerk : float or ndarray of shape (...)
@@ -90,15 +104,26 @@ class SmoothedPositions:
     jerk_sigma : float or ndarray of shape (...)
         Standard uncertainty of `jerk`, to first order: that of its logarithm multiplied by `jerk`.
         0 if the jerk was given, inf if the plots do not determine it.
+    correlation_time : float or ndarray of shape (...)
+        Time over which the noise is correlated, in the most likely model: `exp(-T / time)` between
+        plots a time T apart. 0 for white noise.
+    noise_factor : float or ndarray of shape (...)
+        What the stated standard deviations are multiplied by, at least 1.
+    systematic : {"not included"}
+        An error common to all plots cannot be seen in one track.
     """
 
     mean: FloatArray
     covariance: FloatArray
     innovation: FloatArray
+    outlier: BoolArray
     log_likelihood: float | FloatArray
     count: int | IntArray
     jerk: float | FloatArray
     jerk_sigma: float | FloatArray
+    correlation_time: float | FloatArray
+    noise_factor: float | FloatArray
+    systematic: Systematic = "not included"
 
     @property
     def position(self) -> FloatArray:
@@ -148,12 +173,18 @@ class SmoothedPositions:
         return slice(derivative * dimension, (derivative + 1) * dimension)
 
     def __repr__(self) -> str:
-        """Return the shape and the jerk."""
-        shape = f"SmoothedPositions(position of shape {self.innovation.shape}"
-        if isinstance(self.jerk, np.ndarray):
-            return f"{shape})"
-        relative = self.jerk_sigma / self.jerk if self.jerk > 0 else np.inf
-        return f"{shape}, jerk {self.jerk:.3g} ± {relative:.0%})"
+        """Return the shape, the jerk, and what is unusual of the noise."""
+        parts = [f"SmoothedPositions(position of shape {self.innovation.shape}"]
+        if not isinstance(self.jerk, np.ndarray):
+            relative = self.jerk_sigma / self.jerk if self.jerk > 0 else np.inf
+            parts.append(f"jerk {self.jerk:.3g} ± {relative:.0%}")
+            if self.noise_factor > 1:
+                parts.append(f"noise factor {self.noise_factor:.2f}")
+            if self.correlation_time > 0:
+                parts.append(f"correlation time {self.correlation_time:.3g}")
+        if count := np.count_nonzero(self.outlier):
+            parts.append(f"{count} outlier{'' if count == 1 else 's'}")
+        return ", ".join([*parts, "systematic error not included)"])
 
 
 def local_polynomial(
@@ -228,8 +259,8 @@ def local_polynomial(
     >>> t = np.arange(40)
     >>> y = t + np.random.default_rng(1).standard_normal(40)
     >>> smooth = local_polynomial(y)
-    >>> smooth
-    LocalPolynomial(value of shape (40,), 95% of degree 1, 5% of degree 2)
+    >>> print(f"{smooth.value[20]:.1f} ± {smooth.sigma[20]:.1f}")
+    19.7 ± 0.3
     >>> rate = local_polynomial(y, derivative=1)
     >>> print(f"{rate.value[20]:.2f} ± {rate.sigma[20]:.2f}")
     0.93 ± 0.07
@@ -263,6 +294,8 @@ def smooth(
     *,
     time: npt.ArrayLike | None = None,
     dt: float | None = None,
+    correlation_time: float | None = None,
+    robust: bool = True,
     jerk: npt.ArrayLike | None = None,
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     n_threads: int | None = None,
@@ -281,6 +314,14 @@ def smooth(
         Times of the instants, in non-decreasing order; equal times are plots of one instant.
     dt : float, optional
         Time between instants, instead of `time`. By default 1.
+    correlation_time : float, optional
+        Time over which the noise is correlated: `exp(-T / correlation_time)` between plots a time T
+        apart. 0 is white noise. By default it is found from the plots, and is 0 where nothing
+        speaks against it.
+    robust : bool
+        Whether noise may be larger than stated, plots may be outliers, and the position may jump.
+        Outliers are left out; over a jump positions are not averaged. False, with a
+        `correlation_time` of 0, takes all noise as stated.
     jerk : array_like of shape () or (...), optional
         Intensity of the white jerk of every axis, in position² / time⁵; 0 is constant acceleration.
         By default its maximum-likelihood estimate for each target.
@@ -298,8 +339,8 @@ def smooth(
     Raises
     ------
     ValueError
-        An infinite plot, a variance that is not positive, decreasing times, a negative jerk, or
-        shapes that do not fit.
+        An infinite plot, a variance that is not positive, decreasing times, a negative jerk or
+        correlation time, a positive one with more than three axes, or shapes that do not fit.
     numpy.linalg.LinAlgError
         An indefinite or singular covariance.
     TypeError
@@ -314,9 +355,18 @@ def smooth(
     each instant. Three instants determine the state of an axis; with fewer, the variance of what
     remains undetermined is inf.
 
+    The noise is white and as stated unless innovations contradict it. Where they do, models are
+    compared by their likelihood, each with its own jerk: white noise that is larger, and a share of
+    .6 or .95 of the noise that is a Gauss-Markov process with one of seven correlation times; their
+    results are averaged, with the spread between them in the covariance. Small or smooth residuals
+    do not lower the stated noise, for noise that lasts looks like that, too. Outliers and jumps are
+    found by how much each would explain (de Jong and Penzer 1998). All this takes up to three axes
+    with three instants each; other tracks are smoothed as stated.
+
     The fitted jerk is treated as known: its uncertainty is not part of `covariance`. Where the
     plots show no jerk, it is 0 with an uncertainty of inf. With about ten plots this is common, and
-    does not mean that there is none. Cost O(N D³), about 30 times as much with the fit.
+    does not mean that there is none. Cost O(N D³), about 30 times as much with the fit, and three
+    times that where the innovations are suspicious.
 
     Examples
     --------
@@ -327,7 +377,7 @@ def smooth(
     >>> y = truth + 20.0 * np.random.default_rng(1).standard_normal((60, 2))
     >>> track = smooth(y, 20.0**2, time=t)
     >>> track
-    SmoothedPositions(position of shape (60, 2), jerk 0.00151 ± 35%)
+    SmoothedPositions(position of shape (60, 2), jerk 0.00151 ± 35%, systematic error not included)
     >>> print(f"{np.std(y - truth):.0f} m, {np.std(track.position - truth):.0f} m")
     17 m, 4 m
     """
@@ -352,9 +402,22 @@ def smooth(
         "each": each,
         "jerk": intensity,
         "initial": None if initial is None else _initial(initial, batch, 3 * dimension),
+        "correlation_time": _correlation_time(correlation_time, dimension),
+        "robust": flag(robust, "robust"),
     }
-    mean, matrix, innovation, *scalars = _core.smooth(tracks, threads(n_threads))
-    return SmoothedPositions(mean, matrix, innovation, *map(scalar_or_array, scalars))
+    arrays, scalars = _core.smooth(tracks, threads(n_threads))
+    return SmoothedPositions(*arrays, *map(scalar_or_array, scalars))
+
+
+def _correlation_time(correlation_time: float | None, dimension: int) -> float | None:
+    if correlation_time is None:
+        return None
+    value = real(correlation_time, "correlation_time")
+    if not 0 <= value < np.inf:
+        raise ValueError(f"correlation_time is {value}; it must be a number that is not negative")
+    if value > 0 and dimension > _MOST_AXES:
+        raise ValueError(f"y has {dimension} axes; with a correlation_time it must have up to 3")
+    return value
 
 
 def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArray:

@@ -134,8 +134,8 @@ def test_a_batch_is_its_series(method):
         one = fuse_series(
             z[place], variance[place], MODEL, method=method, initial=own, time=times[place]
         )
-        for field, values in fields(one).items():
-            np.testing.assert_array_equal(getattr(whole, field)[place], values)
+        for field in fields(one).keys() - {"systematic"}:
+            np.testing.assert_array_equal(getattr(whole, field)[place], getattr(one, field))
 
 
 @EVERY_METHOD
@@ -182,20 +182,23 @@ def test_the_caller_keeps_the_plots():
 @pytest.mark.parametrize(
     ("z", "expected"),
     [
-        (batches(), r"FusedSeries\(2 radars, 40 steps, \d+ outliers\)"),
-        (batches(3, 2), r"FusedSeries\(batch \(3, 2\), 2 radars, 40 steps, \d+ outliers\)"),
-        (np.zeros((1, 1)), r"FusedSeries\(1 radar, 1 step, 0 outliers\)"),
+        (batches(), r"FusedSeries\(2 radars, 40 steps, \d+ outliers"),
+        (batches(3, 2), r"FusedSeries\(batch \(3, 2\), 2 radars, 40 steps, \d+ outliers"),
+        (np.zeros((1, 1)), r"FusedSeries\(1 radar, 1 step, 0 outliers"),
     ],
 )
 def test_repr(z, expected):
-    assert re.fullmatch(expected, repr(fuse_series(z, 0.01, MODEL)))
+    note = r", systematic error not included\)"
+    assert re.fullmatch(expected + note, repr(fuse_series(z, 0.01, MODEL)))
 
 
 def test_repr_of_one_outlier():
     result = fuse_series(batches(), 0.01, MODEL)
     result.outlier[:] = False
     result.outlier[1, 7] = True
-    assert repr(result) == "FusedSeries(2 radars, 40 steps, 1 outlier)"
+    assert (
+        repr(result) == "FusedSeries(2 radars, 40 steps, 1 outlier, systematic error not included)"
+    )
 
 
 @EVERY_METHOD
@@ -526,3 +529,41 @@ def test_intersection_of_equals_is_their_mean():
     record = radars(MODEL, 60, batch=20, rng=5)
     result = fuse_series(record.z, 0.01, MODEL, method="covariance-intersection")
     np.testing.assert_allclose(result.weights[:, :, 2:, 0], 0.5, atol=1e-3)
+
+
+# noise that lasts
+
+
+def lasting_scene(correlation):
+    random = rng(41)
+    truth = 0.05 * np.arange(120) * np.ones((20, 1))
+    errors = random.standard_normal((20, 2, 120))
+    for k in range(1, 120):
+        errors[..., k] *= np.sqrt(1 - correlation**2)
+        errors[..., k] += correlation * errors[..., k - 1]
+    return truth, (truth[:, np.newaxis] + 0.1 * errors) % 360
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+def test_the_covariance_grows_where_noise_lasts(correlation):
+    truth, z = lasting_scene(correlation)
+    model = SingerModel(5.0, 0.05, 0.003)
+    plain = fuse_series(z, 0.01, model, period=360.0)
+    found = fuse_series(z, 0.01, model, period=360.0, correlation_time=None)
+    np.testing.assert_array_equal(found.mean, plain.mean)
+    assert (found.correlation_time > 0).mean() == pytest.approx(float(correlation > 0), abs=0.25)
+    error = (found.mean[..., 0] - truth + 180) % 360 - 180
+    inside = np.mean((np.abs(error) < 1.96 * found.sigma[..., 0])[:, 20:])
+    assert 0.9 < inside < 0.995
+    if correlation == 0.9:
+        assert np.mean((np.abs(error) < 1.96 * plain.sigma[..., 0])[:, 20:]) < 0.88
+    given = fuse_series(z, 0.01, model, period=360.0, correlation_time=[30.0, 0.0])
+    assert np.all(given.covariance[..., 0, 0] >= plain.covariance[..., 0, 0])
+    np.testing.assert_array_equal(given.correlation_time, np.tile([30.0, 0.0], (20, 1)))
+    assert found.systematic == "not included"
+
+
+@pytest.mark.parametrize("wrong", [-1.0, [1.0, 2.0, 3.0], NAN])
+def test_a_correlation_time_must_make_sense(wrong):
+    with pytest.raises(ValueError, match="correlation_time"):
+        fuse_series(np.zeros((2, 5)), 1.0, SingerModel(1.0, 0.1, 1.0), correlation_time=wrong)

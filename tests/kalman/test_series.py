@@ -67,10 +67,12 @@ class TestStore:
     def test_results_are_printed_usefully(self):
         z = plots(10)
         result = filter_series(z, R, PRINTED)
-        told = f"8 innovations, log-likelihood {result.log_likelihood:.6g})"
-        assert repr(result) == f"FilteredSeries(mean of shape (10, 3), {told}"
-        assert repr(filter_series([z, z], R, PRINTED)) == "FilteredSeries(mean of shape (2, 10, 3))"
-        assert repr(smooth_series(z, R, PRINTED)) == "SmoothedSeries(mean of shape (10, 3))"
+        told = f"8 innovations, log-likelihood {result.log_likelihood:.6g}"
+        note = ", systematic error not included)"
+        assert repr(result) == f"FilteredSeries(mean of shape (10, 3), {told}{note}"
+        both = filter_series([z, z], R, PRINTED)
+        assert repr(both) == f"FilteredSeries(mean of shape (2, 10, 3){note}"
+        assert repr(smooth_series(z, R, PRINTED)) == f"SmoothedSeries(mean of shape (10, 3){note}"
 
 
 class TestArrays:

@@ -108,8 +108,10 @@ def _solve(lower, b):
     return b
 
 
-def smooth(y, covariance, times, q, initial=None):
+def smooth(y, covariance, times, q, initial=None, lasting=None):
     """Mean (N, 3D) and covariance (N, 3D, 3D), innovations (N, D) and log L but for a constant.
+
+    `lasting` are the share of the noise that lasts and its correlation time.
 
     All states are normal, and so are all plots: the states given the plots are one formula. What is
     not determined has nan and inf.
@@ -137,6 +139,8 @@ def smooth(y, covariance, times, q, initial=None):
         for i in range(n):
             own = slice(i * d, (i + 1) * d)
             errors[own, own] = exactly(covariance[i])
+        if lasting is not None:
+            errors = _with_lasting(errors, t, d, *lasting)
         v = joint[np.ix_(places, places)] + errors[np.ix_(there, there)]
         lower = _cholesky(v)
         difference = exactly(np.ravel(y)[there]) - prior[places]
@@ -151,6 +155,19 @@ def smooth(y, covariance, times, q, initial=None):
         innovation[there] = np.where(wide, np.nan, white.astype(float))
         likelihood = -sum(mpmath.log(p) for p in pivots) - white.dot(white) / 2
         return (*_determined(mean, posterior), innovation.reshape(n, d), float(likelihood))
+
+
+def _with_lasting(errors, t, d, share, time):
+    """Covariances of plots with whitened noise that is correlated between instants."""
+    errors, n = errors.copy(), len(t)
+    blocks = [slice(i * d, (i + 1) * d) for i in range(n)]
+    roots = [_cholesky(errors[b, b]) for b in blocks]
+    for i in range(n):
+        for j in range(n):
+            if i != j:
+                decay = mpmath.mpf(share) * mpmath.exp(-abs(t[i] - t[j]) / mpmath.mpf(time))
+                errors[blocks[i], blocks[j]] = decay * roots[i].dot(roots[j].T)
+    return errors
 
 
 def _determined(mean, posterior):

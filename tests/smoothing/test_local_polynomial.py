@@ -261,6 +261,6 @@ class TestPolynomial:
 
     def test_it_tells_what_it_did(self):
         assert repr(local_polynomial(np.arange(20.0) + series(20) * 1e-3, 5, 1)) == (
-            "LocalPolynomial(value of shape (20,), 100% of degree 1)"
+            "LocalPolynomial(value of shape (20,), 100% of degree 1, systematic error not included)"
         )
         assert "no polynomial" in repr(local_polynomial([NAN]))

@@ -9,7 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, real, samples, threads
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    Systematic,
+    finite,
+    real,
+    require_each,
+    samples,
+    threads,
+)
+from tertia.fusion._lasting import correlation_times, growth
 from tertia.kalman._batch import _initial, _intervals
 from tertia.kalman._model import SingerModel, _full, _require_model, _sigma
 
@@ -50,6 +60,10 @@ class FusedSeries:
     innovation, innovation_variance : ndarray of shape (..., K, steps)
         Normalised innovations squared of the radars' own filters, with the noise as given; nan
         where there is none.
+    correlation_time : ndarray of shape (..., K)
+        Time over which each radar's noise is correlated: as given, or as found; 0 for white noise.
+    systematic : {"not included"}
+        A systematic error of a radar is not part of the covariance.
     """
 
     mean: FloatArray
@@ -59,6 +73,8 @@ class FusedSeries:
     outlier: BoolArray
     innovation: FloatArray
     innovation_variance: FloatArray
+    correlation_time: FloatArray
+    systematic: Systematic = "not included"
 
     @property
     def covariance(self) -> FloatArray:
@@ -76,7 +92,7 @@ class FusedSeries:
         counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
         parts = [f"batch {tuple(batch)}"] if batch else []
         parts += [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
-        return f"FusedSeries({', '.join(parts)})"
+        return f"FusedSeries({', '.join(parts)}, systematic error not included)"
 
 
 def fuse_series(
@@ -92,6 +108,7 @@ def fuse_series(
     forgetting_factor: float = 0.9,
     threshold: float = 1.6,
     outlier_gate: float = 16.0,
+    correlation_time: npt.ArrayLike | None = 0.0,
     n_threads: int | None = None,
 ) -> FusedSeries:
     """Fuse the plots of several radars into one track.
@@ -140,6 +157,10 @@ def fuse_series(
     outlier_gate : float
         Square of a single normalised innovation, relative to those of the others, above which a
         plot is an outlier.
+    correlation_time : float, array_like of shape (K,), or None
+        Time over which a radar's noise is correlated, `exp(-T / correlation_time)` between plots a
+        time T apart: one for all radars, or one for each. None: found for each radar, as by
+        `tertia.smoothing.smooth`. The covariance grows, the track is the same.
     n_threads : int, optional
         Threads to use; by default one for small tasks and all cores for large ones.
 
@@ -152,7 +173,7 @@ def fuse_series(
     ------
     ValueError
         Shapes that do not fit, a plot that is infinite, a variance that is not positive, times that
-        decrease, an unknown method, or a parameter outside its domain.
+        decrease, a negative correlation time, an unknown method, or a parameter outside its domain.
     numpy.linalg.LinAlgError
         An initial covariance that is indefinite.
     TypeError
@@ -173,6 +194,10 @@ def fuse_series(
 
     A systematic error of a radar is not noise, and is not detected.
 
+    Noise that lasts is treated as if the filter were one of constant gain K: what it leaves of
+    white noise, K / (2 - K), grows by (1 + φ (1 - K)) / (1 - φ (1 - K)), the part of the motion
+    does not, and noise is not believed to be smaller than stated.
+
     Examples
     --------
     >>> import numpy as np
@@ -184,20 +209,22 @@ def fuse_series(
     >>> z[1, 40] += 3.0
     >>> result = fuse_series(z % 360, 0.01, SingerModel(5.0, 0.05, 0.003), period=360.0)
     >>> result
-    FusedSeries(2 radars, 60 steps, 2 outliers)
+    FusedSeries(2 radars, 60 steps, 2 outliers, systematic error not included)
     """
     plots = samples(z, "z")
     if plots.ndim < 2 or plots.shape[-2] < 1 or plots.shape[-1] < 1:
         raise ValueError(f"z has shape {plots.shape}; it must be (..., K, steps)")
     _require_model(model)
     *batch, radars, steps = plots.shape
+    stated = _variances(measurement_variance, tuple(batch), radars, steps)
+    wrap = None if period is None else real(period, "period")
     arguments = {
         "z": plots,
-        "variance": _variances(measurement_variance, tuple(batch), radars, steps),
+        "variance": stated,
         "dt": _intervals(time, model, steps, tuple(batch)),
         "initial": None if initial is None else _states(initial, tuple(batch), radars),
         "model": model,
-        "period": None if period is None else real(period, "period"),
+        "period": wrap,
         "method": str(method),
         "change_probability": real(change_probability, "change_probability"),
         "forgetting_factor": real(forgetting_factor, "forgetting_factor"),
@@ -206,7 +233,45 @@ def fuse_series(
     }
     arrays, outlier = _core.fuse_series(arguments, threads(n_threads))
     mean, upper, weights, noise, innovation, innovation_variance = arrays
-    return FusedSeries(mean, upper, weights, noise, outlier, innovation, innovation_variance)
+    variance = np.broadcast_to(stated, plots.shape)
+    if time is None:
+        instants = np.broadcast_to(model.dt * np.arange(steps), (*batch, steps))
+    else:
+        instants = np.broadcast_to(finite(time, "time"), (*batch, steps))
+    if correlation_time is None:
+        lasting = correlation_times(plots, variance, instants, wrap)
+    else:
+        lasting = _correlation_times(correlation_time, tuple(batch), radars)
+    if np.any(lasting):
+        phi = _correlations(lasting, instants, plots)
+        factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
+        upper = upper * factor[..., np.newaxis]
+    return FusedSeries(
+        mean, upper, weights, noise, outlier, innovation, innovation_variance, lasting
+    )
+
+
+def _correlation_times(
+    correlation_time: npt.ArrayLike, batch: tuple[int, ...], radars: int
+) -> FloatArray:
+    lasting = finite(correlation_time, "correlation_time")
+    if lasting.shape not in {(), (radars,)}:
+        raise ValueError(
+            f"correlation_time has shape {lasting.shape}; it must be () or ({radars},)"
+        )
+    require_each(lasting, lasting >= 0, "correlation_time", "a number that is not negative")
+    each: FloatArray = np.broadcast_to(lasting, (*batch, radars)).copy()
+    return each
+
+
+def _correlations(lasting: FloatArray, instants: FloatArray, plots: FloatArray) -> FloatArray:
+    """Return the correlations (..., K) of a radar's successive plots."""
+    phi = np.zeros(lasting.shape)
+    for place in np.ndindex(*lasting.shape):
+        own = instants[place[:-1]][~np.isnan(plots[place])]
+        if lasting[place] > 0 and own.size > 1:
+            phi[place] = np.exp(-np.median(np.diff(own)) / lasting[place])
+    return phi
 
 
 def _variances(

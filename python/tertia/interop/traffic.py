@@ -8,6 +8,7 @@ ground speed, track and vertical rate by those of the smoothed path. Needs the e
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -179,10 +180,11 @@ def _robust(
     far = _coarse(time, y)
     variance = _variance(time, np.where(far[:, np.newaxis], np.nan, fitted), sigma, name)
     missing = np.isnan(y).any(axis=1)
+    plain: dict[str, Any] = {"correlation_time": 0.0, "robust": False}
     for _ in range(_MOST_PASSES):
         left = (far | missing)[:, np.newaxis]
-        jerk = smoothing.smooth(np.where(left, np.nan, fitted), variance, time=time).jerk
-        found = smoothing.smooth(np.where(left, np.nan, y), variance, time=time, jerk=jerk)
+        jerk = smoothing.smooth(np.where(left, np.nan, fitted), variance, time=time, **plain).jerk
+        found = smoothing.smooth(np.where(left, np.nan, y), variance, time=time, jerk=jerk, **plain)
         again = _far(y, found, variance, far)
         if np.array_equal(again, far):
             break

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, scalar_or_array, threads
+from tertia._arrays import FloatArray, IntArray, Systematic, scalar_or_array, threads
 from tertia.kalman._batch import _batch
 from tertia.kalman._model import SingerModel, _full, _sigma
 
@@ -38,6 +38,8 @@ class FilteredSeries:
         shape (..., 6) with `store="final"`.
     measurement_variance : ndarray of shape (..., steps)
         Variance of the plots as given; read-only.
+    systematic : {"not included"}
+        The covariance is that of white noise as given; a systematic error is not part of it.
     """
 
     mean: FloatArray
@@ -47,6 +49,7 @@ class FilteredSeries:
     count: int | IntArray
     upper: FloatArray
     measurement_variance: FloatArray
+    systematic: Systematic = "not included"
 
     @property
     def covariance(self) -> FloatArray:
@@ -69,9 +72,10 @@ class FilteredSeries:
     def __repr__(self) -> str:
         """Return the shape and the likelihood."""
         shape = f"FilteredSeries(mean of shape {self.mean.shape}"
-        if isinstance(self.count, np.ndarray):
-            return f"{shape})"
-        return f"{shape}, {self.count} innovations, log-likelihood {self.log_likelihood:.6g})"
+        if not isinstance(self.count, np.ndarray):
+            likelihood = f"log-likelihood {self.log_likelihood:.6g}"
+            shape = f"{shape}, {self.count} innovations, {likelihood}"
+        return f"{shape}, systematic error not included)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +88,13 @@ class SmoothedSeries:
         Angle, rate and acceleration, given all plots.
     upper : ndarray of shape (..., steps, 6)
         Upper triangles of the covariances, row by row.
+    systematic : {"not included"}
+        The covariance is that of white noise as given; a systematic error is not part of it.
     """
 
     mean: FloatArray
     upper: FloatArray
+    systematic: Systematic = "not included"
 
     @property
     def covariance(self) -> FloatArray:
@@ -101,7 +108,7 @@ class SmoothedSeries:
 
     def __repr__(self) -> str:
         """Return the shape."""
-        return f"SmoothedSeries(mean of shape {self.mean.shape})"
+        return f"SmoothedSeries(mean of shape {self.mean.shape}, systematic error not included)"
 
 
 def filter_series(

@@ -25,6 +25,8 @@ def smooth(
     values: str | Sequence[str] = ("east_m", "north_m"),
     sigma: float | str | Sequence[float | str],
     by: str | Sequence[str] = (),
+    correlation_time: float | None = None,
+    robust: bool = True,
     jerk: float | None = None,
 ) -> Table:
     """Smooth positions, or any series, with `tertia.smoothing.smooth`.
@@ -42,6 +44,10 @@ def smooth(
         Standard deviation of the plots, or the column that contains it: for all axes, or for each.
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
+    correlation_time : float, optional
+        Time over which the noise is correlated; by default it is found for each track.
+    robust : bool
+        Whether noise may be larger than stated, plots may be outliers, and the position may jump.
     jerk : float, optional
         Intensity of the white jerk; by default the most likely one for each track.
 
@@ -96,7 +102,12 @@ def smooth(
 
     def track(elements: IntArray) -> tuple[IntArray, Any]:
         one = smoothing.smooth(
-            y[elements], variance[elements], time=moments[elements], jerk=intensity
+            y[elements],
+            variance[elements],
+            time=moments[elements],
+            correlation_time=correlation_time,
+            robust=robust,
+            jerk=intensity,
         )
         return rows[elements], one
 

@@ -5,8 +5,8 @@ use crate::arrays::{
 };
 use pyo3::prelude::*;
 use tertia::smoothing::{
-    self, Degree, Fit, JerkFit, Noise, Polynomial, Prior, Record, Smoothed, Summary, Track,
-    Workspace,
+    self, Degree, Fit, JerkFit, Noise, NoiseFit, Options, Polynomial, Prior, Record, Smoothed,
+    Summary, Track, Workspace,
 };
 
 /// Cost of an instant and tap of the polynomial, for the choice of threads.
@@ -17,8 +17,10 @@ const SMOOTH_NS: f64 = 500.0;
 const FIT: f64 = 20.0;
 
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
+type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
+/// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
 type Smooth<'py> =
-    (Output<'py>, Output<'py>, Output<'py>, Array<'py>, Integers<'py>, Array<'py>, Array<'py>);
+    (States<'py>, (Array<'py>, Integers<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>));
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -73,9 +75,11 @@ pub struct Tracks<'py> {
     each: bool,
     jerk: Option<Input<'py>>,
     initial: Option<Input<'py>>,
+    correlation_time: Option<f64>,
+    robust: bool,
 }
 
-/// Means, covariances, innovations, likelihood, count, jerk and its standard uncertainty.
+/// Means, covariances, innovations and outliers; likelihood, count, jerk and what is found of noise.
 #[pyfunction]
 pub fn smooth<'py>(
     py: Python<'py>,
@@ -91,16 +95,19 @@ pub fn smooth<'py>(
     let new = |tail: &[usize]| Output::new(py, y.batch(), tail);
     let (mut mean, mut matrices) = (new(&[n, states])?, new(&[n, states, states])?);
     let mut innovation = new(&[n, d])?;
+    let mut outlier = Output::new(py, y.batch(), &[n])?;
+    let unknown = JerkFit { jerk: 0.0, relative_error: f64::NAN };
     let unsmoothed = (
         Summary { log_likelihood: 0.0, count: 0 },
-        JerkFit { jerk: 0.0, relative_error: f64::NAN },
+        NoiseFit { jerk: unknown, correlation_time: 0.0, noise_factor: 1.0 },
     );
     let mut summaries = repeated(unsmoothed, y.count())?;
     let passes = if jerk.is_some() { 1.0 } else { 1.0 + FIT };
     let cost = SMOOTH_NS * passes * y.size() * d as f64;
-    let outputs = mean.rows()?.zip(matrices.rows()?).zip(innovation.rows()?).zip(&mut summaries);
+    let outputs = mean.rows()?.zip(matrices.rows()?).zip(innovation.rows()?.zip(outlier.rows()?));
+    let outputs = outputs.zip(&mut summaries);
     y.each(py, cost, n_threads, outputs, Workspace::default, |workspace, (row, y), out| {
-        let (((mean, covariance_out), innovation), summary) = out;
+        let (((mean, covariance_out), (innovation, outlier)), summary) = out;
         let matrices = covariance.shared(row);
         let noise = if each { Noise::Each(matrices) } else { Noise::Same(matrices) };
         let prior = initial.as_ref().map(|initial| {
@@ -108,20 +115,23 @@ pub fn smooth<'py>(
             Prior { mean, covariance }
         });
         let track = Track::try_new(d, time.shared(row), y, noise, prior)?;
-        let fit = match &jerk {
-            Some(jerk) => JerkFit { jerk: jerk.shared(row)[0], relative_error: 0.0 },
-            None => smoothing::fit_jerk(&track, workspace),
+        let options = Options {
+            jerk: jerk.as_ref().map(|jerk| jerk.shared(row)[0]),
+            correlation_time: tracks.correlation_time,
+            robust: tracks.robust,
         };
         let mut results = Smoothed { mean, covariance: covariance_out, innovation };
-        *summary = (smoothing::smooth(&track, fit.jerk, workspace, &mut results), fit);
+        *summary = smoothing::smooth_with_noise(&track, &options, workspace, &mut results, outlier);
         Ok(())
     })?;
-    let [likelihood, jerk, sigma] = columns(
-        py,
-        y.batch(),
-        &summaries,
-        [|(summary, _)| summary.log_likelihood, |(_, fit)| fit.jerk, |(_, fit)| fit.sigma()],
-    )?;
+    let of: [fn(&(Summary, NoiseFit)) -> f64; 5] = [
+        |(summary, _)| summary.log_likelihood,
+        |(_, noise)| noise.jerk.jerk,
+        |(_, noise)| noise.jerk.sigma(),
+        |(_, noise)| noise.correlation_time,
+        |(_, noise)| noise.noise_factor,
+    ];
+    let [likelihood, jerk, sigma, lasting, factor] = columns(py, y.batch(), &summaries, of)?;
     let count = array(py, y.batch(), summaries.iter().map(|(summary, _)| summary.count as i64))?;
-    Ok((mean, matrices, innovation, likelihood, count, jerk, sigma))
+    Ok(((mean, matrices, innovation, outlier), (likelihood, count, jerk, sigma, lasting, factor)))
 }

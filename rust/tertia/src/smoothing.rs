@@ -5,17 +5,22 @@
 
 pub(crate) mod adjoint;
 mod basis;
+mod faults;
 mod information;
 mod jerk;
+mod lasting;
+mod noise;
 mod polynomial;
 mod record;
 mod rows;
+mod search;
 mod smoother;
 mod stencil;
 mod track;
 
 pub use jerk::{JerkFit, fit_jerk};
 pub(crate) use jerk::{relative_error, search};
+pub use noise::{NoiseFit, Options, smooth_with_noise};
 pub use polynomial::{Degree, Fit, Output, Polynomial};
 pub use record::Record;
 pub(crate) use smoother::likelihood;

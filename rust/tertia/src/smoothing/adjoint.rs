@@ -29,9 +29,9 @@ const OPENING: [usize; 2] = [12, 48];
 
 /// State and covariance after an instant's plot, and how the plot came in, number by number.
 #[derive(Clone, Debug)]
-struct Step<const D: usize, const N: usize> {
-    x: [f64; N],
-    p: Square<N>,
+pub(super) struct Step<const D: usize, const N: usize> {
+    pub(super) x: [f64; N],
+    pub(super) p: Square<N>,
     /// `P h` before each number, the variance `1 + h' P h` of its innovation, 0 where there is no
     /// number, and the innovation.
     ph: [[f64; N]; D],
@@ -45,7 +45,7 @@ pub(crate) struct Adjoint<const D: usize, const N: usize> {
     information: Information,
     triangle: Vec<f64>,
     /// The first instant that is filtered by covariances.
-    start: usize,
+    pub(super) start: usize,
     /// Rows of information of the instants before it.
     opening: Vec<Vec<f64>>,
     steps: Vec<Step<D, N>>,
@@ -101,7 +101,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     }
 
     /// The state at the first instant that is filtered by covariances.
-    fn open(
+    pub(super) fn open(
         &mut self,
         track: &Track<'_>,
         jerk: f64,
@@ -251,13 +251,13 @@ impl<const D: usize, const N: usize> WithSimd for Filter<'_, D, N> {
 }
 
 impl<const D: usize, const N: usize> Step<D, N> {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { x: [0.0; N], p: [[0.0; N]; N], ph: [[0.0; N]; D], s: [0.0; D], innovation: [0.0; D] }
     }
 
     /// `x = F x`, `P = F P F' + Q`
     #[inline(always)]
-    fn predict(&mut self, t: f64, jerk: f64) {
+    pub(super) fn predict(&mut self, t: f64, jerk: f64) {
         if t == 0.0 {
             return;
         }

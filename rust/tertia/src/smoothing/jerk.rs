@@ -126,7 +126,7 @@ fn climb(low: f64, near: f64, value: &mut impl FnMut(f64) -> f64) -> Option<(f64
 }
 
 /// Logarithms of intensities that show within the track but hardly, and within the shortest step.
-fn range(track: &Track<'_>) -> Option<(f64, f64)> {
+pub(super) fn range(track: &Track<'_>) -> Option<(f64, f64)> {
     if track.measured <= track.rank() {
         return None;
     }

@@ -1,0 +1,229 @@
+"""Whether the error bars of fused and smoothed estimates hold."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from studies.honesty import BoolArray, Draw, FloatArray, coverage_table
+from studies.montecarlo import generator
+from studies.pages import markdown, repetitions
+from tertia.fusion import fuse, fuse_scalar, fuse_series
+from tertia.kalman import SingerModel, filter_series, smooth_series
+from tertia.smoothing import SmoothedPositions, local_polynomial, smooth
+
+RUNS, STEPS, SENSORS = 40, 100, 4
+# chi-square of one and two degrees of freedom, 95 %
+ONE, TWO = 3.841458820694124, 5.991464547107979
+MODEL = SingerModel(5.0, 1 / 20, 0.03, exact=True)
+WHITE_JERK = 0.01
+
+
+def within(error: FloatArray, sigma: FloatArray) -> BoolArray:
+    """Return whether the truth is in the 95 % interval."""
+    return np.asarray(np.abs(error) < np.sqrt(ONE) * sigma)
+
+
+def manoeuvre(runs: int, rng: np.random.Generator) -> FloatArray:
+    """Return angles (runs, steps) of a target with the model's accelerations."""
+    steps, dt = 10, MODEL.dt / 10
+    keep = np.exp(-MODEL.alpha * dt)
+    x, v = np.zeros(runs), 0.5 * rng.standard_normal(runs)
+    a = MODEL.acceleration_sigma * rng.standard_normal(runs)
+    angles = []
+    for _ in range(STEPS):
+        angles.append(x)
+        for _ in range(steps):
+            x = x + v * dt + a * dt**2 / 2
+            v = v + a * dt
+            new = MODEL.acceleration_sigma * rng.standard_normal(runs)
+            a = keep * a + np.sqrt(1 - keep**2) * new
+    return np.stack(angles, axis=-1)
+
+
+def path(runs: int, rng: np.random.Generator) -> FloatArray:
+    """Return positions (runs, steps, 2) of a target with white jerk, in units of the noise."""
+    root = np.linalg.cholesky([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]])
+    f = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1]])
+    x = rng.standard_normal((runs, 3, 2))
+    positions = []
+    for _ in range(STEPS):
+        positions.append(x[:, 0])
+        x = f @ x + np.sqrt(WHITE_JERK) * root @ rng.standard_normal(x.shape)
+    return np.stack(positions, axis=1)
+
+
+def of_means(**options: object) -> Callable[[Draw], BoolArray]:
+    """Return the coverage of the fused means of 50 measurements by each of four sensors."""
+
+    def inside(draw: Draw) -> BoolArray:
+        errors = draw((repetitions(10 * RUNS), SENSORS, 50)).mean(axis=-1)
+        covariances = np.full((SENSORS, 1, 1), 1 / 50)
+        found = fuse(errors[..., np.newaxis], covariances, **options)  # type: ignore[arg-type]
+        return within(found.mean, found.sigma)
+
+    return inside
+
+
+def of_scatter(count: int) -> Callable[[Draw], BoolArray]:
+    """Return the coverage of two sensors' fused means where sigmas are from their scatter."""
+
+    def inside(draw: Draw) -> BoolArray:
+        x = draw((repetitions(4 * RUNS), 2, count))
+        variance = x.var(axis=-1, ddof=1)[..., np.newaxis, np.newaxis] / count
+        found = fuse(x.mean(axis=-1)[..., np.newaxis], variance, n=count)
+        return np.asarray(np.abs(found.mean) < 1.96 * found.sigma)
+
+    return inside
+
+
+def of_scalar(draw: Draw) -> BoolArray:
+    """Return the coverage of an estimate with a scalar added, both means of 50."""
+    errors = draw((repetitions(10 * RUNS), 2, 50)).mean(axis=-1)
+    found = fuse_scalar(errors[:, :1], [[1 / 50]], [1.0], errors[:, 1], np.sqrt(1 / 50))
+    return within(found.mean, found.sigma)
+
+
+def of_series(**options: object) -> Callable[[Draw], BoolArray]:
+    """Return the coverage of a track fused of two radars."""
+
+    def inside(draw: Draw) -> BoolArray:
+        truth = manoeuvre(repetitions(RUNS), draw.rng)
+        z = truth[:, np.newaxis] + draw((len(truth), 2, STEPS))
+        found = fuse_series(z, 1.0, MODEL, **options)  # type: ignore[arg-type]
+        return within(found.mean[..., 0] - truth, found.sigma[..., 0])[:, 5:]
+
+    return inside
+
+
+def of_filter(draw: Draw) -> BoolArray:
+    """Return the coverage of the filter of one radar."""
+    truth = manoeuvre(repetitions(RUNS), draw.rng)
+    found = filter_series(truth + draw((len(truth), 1, STEPS))[:, 0], 1.0, MODEL)
+    return within(found.mean[..., 0] - truth, found.sigma[..., 0])[:, 5:]
+
+
+def of_smoother(draw: Draw) -> BoolArray:
+    """Return the coverage of the smoother of one radar."""
+    truth = manoeuvre(repetitions(RUNS), draw.rng)
+    found = smooth_series(truth + draw((len(truth), 1, STEPS))[:, 0], 1.0, MODEL)
+    return within(found.mean[..., 0] - truth, found.sigma[..., 0])
+
+
+def of_path(**options: object) -> Callable[[Draw], BoolArray]:
+    """Return the coverage of smoothed positions."""
+
+    def inside(draw: Draw) -> BoolArray:
+        truth = path(repetitions(RUNS), draw.rng)
+        y = truth + np.swapaxes(draw((len(truth), 2, STEPS)), -1, -2)
+        return held(smooth(y, 1.0, **options), truth)  # type: ignore[arg-type]
+
+    return inside
+
+
+def held(found: SmoothedPositions, truth: FloatArray) -> BoolArray:
+    """Return whether the 95 % ellipses hold the truth."""
+    return np.asarray(squares(found, truth) < TWO)
+
+
+def squares(found: SmoothedPositions, truth: FloatArray) -> FloatArray:
+    """Return the normalised squared errors of the positions."""
+    error = (found.position - truth)[..., np.newaxis]
+    solved = np.linalg.solve(found.position_covariance, error)
+    return np.asarray((np.swapaxes(error, -1, -2) @ solved)[..., 0, 0])
+
+
+def of_polynomial(draw: Draw) -> BoolArray:
+    """Return the coverage of polynomials of degree 2, the variance estimated."""
+    truth = path(repetitions(RUNS), draw.rng)[..., 0]
+    found = local_polynomial(truth + draw((len(truth), 1, STEPS))[:, 0], 13, 2)
+    return within(found.value - truth, found.sigma)
+
+
+def coverage() -> str:
+    """Return the coverage of fused and smoothed estimates."""
+    return coverage_table(
+        {
+            "`fuse`, means of 50 by 4 sensors": of_means(),
+            "the same, `bias_sigma=None`": of_means(bias_sigma=None),
+            "`fuse_scalar`, means of 50": of_scalar,
+            "`fuse(n=5)`, `tertia weights`": of_scatter(5),
+            "`fuse_series`, 2 radars": of_series(),
+            "the same, `correlation_time=None`": of_series(correlation_time=None),
+            "`filter_series`": of_filter,
+            "`smooth_series`": of_smoother,
+            "`smooth`": of_path(),
+            "the same, noise as stated": of_path(correlation_time=0.0, robust=False),
+            "`local_polynomial`, degree 2": of_polynomial,
+        },
+        91,
+    )
+
+
+def effects() -> str:
+    """Return the coverage of two sigmas where K sensors have systematic errors."""
+    rows = []
+    for sensors in (2, 3, 5, 10):
+        for name, options in {"as stated": {}, "`bias_sigma=None`": {"bias_sigma": None}}.items():
+            cells = []
+            for size in (0.0, 1.0, 3.0, 9.0):
+                rng = generator(92, sensors, int(size))
+                shape = (repetitions(2000), sensors, 2)
+                x = rng.standard_normal(shape) + size * rng.standard_normal(shape)
+                s = np.broadcast_to(np.eye(2), (sensors, 2, 2))
+                found = fuse(x, s, **options)  # type: ignore[arg-type]
+                inside = np.abs(found.mean) < 2 * found.sigma
+                width = np.median(found.sigma) * np.sqrt(sensors)
+                cells.append(f"{np.mean(inside):.0%}; {width:.2f}")
+            rows.append([str(sensors), name, *cells])
+    head = ["K", "inside two sigma; sigma √K", "τ/σ = 0", "1", "3", "9"]
+    return markdown(head, rows)
+
+
+def few() -> str:
+    """Return the coverage of two sigmas where covariances are from n measurements."""
+    rows = []
+    cases = {
+        "1 sensor": (1, 1, 1.0),
+        "2 sensors": (2, 1, 1.0),
+        "2, one 5 times as good": (2, 1, 5.0),
+    }
+    cases |= {"4, up to 3 times as good": (4, 1, 3.0), "2, in two dimensions": (2, 2, 2.0)}
+    for name, (sensors, m, ratio) in cases.items():
+        cells = []
+        for n in (3, 5, 10, 30):
+            rng = generator(93, sensors, m, int(ratio), n)
+            sigma = np.geomspace(1, ratio, sensors)[:, np.newaxis, np.newaxis]
+            x = sigma * rng.standard_normal((repetitions(200), sensors, n, m))
+            away = x - x.mean(axis=-2, keepdims=True)
+            s = np.swapaxes(away, -1, -2) @ away / (n * (n - 1))
+            shares = []
+            for options in ({}, {"n": n}):
+                found = fuse(x.mean(axis=-2), s, **options)  # type: ignore[arg-type]
+                shares.append(np.mean(np.abs(found.mean) < 2 * found.sigma))
+            cells.append(f"{shares[0]:.0%}, **{shares[1]:.1%}**")
+        rows.append([name, *cells])
+    return markdown(["covariances for known, with `n=`", "n = 3", "5", "10", "30"], rows)
+
+
+def noise() -> str:
+    """Return RMSE, NEES and coverage of smoothed positions by how the noise is."""
+    rows = []
+    cases = ("white", "AR(.5)", "AR(.9)", "sigma × ½", "sigma × 2", "10 % outliers")
+    for case in (*cases, "30 % outliers", "run of 6 by 30 σ", "jump by 30 σ"):
+        rng = generator(94, sum(case.encode()))
+        truth = path(repetitions(RUNS), rng)
+        is_jump, is_run = case.startswith("jump"), case.startswith("run")
+        draw = Draw("white" if is_jump or is_run else case, rng)
+        if is_jump:
+            truth[:, STEPS // 2 :] += 30
+        y = truth + np.swapaxes(draw((len(truth), 2, STEPS)), -1, -2)
+        if is_run:
+            y[:, STEPS // 2 : STEPS // 2 + 6] += 30
+        cells = []
+        for options in ({"correlation_time": 0.0, "robust": False}, {}):
+            found = smooth(y, 1.0, **options)  # type: ignore[arg-type]
+            rmse = np.sqrt(np.mean((found.position - truth) ** 2))
+            nees = np.mean(squares(found, truth)) / 2
+            cells.append(f"{rmse:.2f}; {nees:.2f}; {np.mean(held(found, truth)):.0%}")
+        rows.append([case, *cells])
+    return markdown(["RMSE over σ; NEES; inside 95 %", "noise as stated", "`smooth`"], rows)

@@ -1,0 +1,53 @@
+"""Covariances of fused series whose noise lasts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tertia._arrays import FloatArray
+from tertia.smoothing import smooth
+
+
+def correlation_times(
+    z: FloatArray, variance: FloatArray, time: FloatArray, period: float | None
+) -> FloatArray:
+    """Return the correlation time of each radar's noise (..., K), as `smooth` finds it."""
+    batch = z.shape[:-1]
+    found = np.zeros(batch)
+    variances = np.broadcast_to(variance, z.shape)
+    times = np.broadcast_to(time[..., np.newaxis, :], z.shape)
+    for place in np.ndindex(*batch):
+        there = ~np.isnan(z[place])
+        y = z[place][there]
+        if period is not None:
+            y = np.unwrap(y, period=period)
+        one = smooth(
+            y[:, np.newaxis], variances[place][there][:, np.newaxis], time=times[place][there]
+        )
+        found[place] = one.correlation_time
+    return found
+
+
+def growth(
+    variance: FloatArray, stated: FloatArray, used: FloatArray, there: FloatArray, phi: FloatArray
+) -> FloatArray:
+    """Return what the covariances (..., steps) grow by if the noise is correlated.
+
+    `variance` is that of the fused angle, `stated` and `used` (..., K, steps) are those of the
+    plots, `there` their presence, `phi` (..., K) the correlations of a radar's successive plots.
+
+    A filter of gain K averages plots with weights K (1 - K)^j. Their white noise leaves a variance
+    of K / (2 - K), the motion (1 - K) K / (2 - K); noise that lasts multiplies the first part by
+    (1 + φ (1 - K)) / (1 - φ (1 - K)).
+    """
+    information = there / used
+    total = np.maximum(np.sum(information, axis=-2).mean(axis=-1), np.finfo(float).tiny)
+    gain = np.clip(variance * total[..., np.newaxis], 0.0, 1.0)
+    shares = information.sum(axis=-1)
+    shares /= np.maximum(shares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
+    lasting = (1 - gain) * np.sum(shares * phi, axis=-1)[..., np.newaxis]
+    factor: FloatArray = ((1 + lasting) / (1 - lasting) + 1 - gain) / (2 - gain)
+    # where noise lasts, small differences are no evidence that it is small
+    believed = np.sum(there / np.maximum(used, stated), axis=-2).mean(axis=-1)
+    less = total / np.maximum(believed, np.finfo(float).tiny)
+    return factor * np.where(np.any(phi > 0, axis=-1), less, 1.0)[..., np.newaxis]

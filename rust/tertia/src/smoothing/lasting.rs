@@ -1,0 +1,438 @@
+//! The smoother for noise that lasts: a share of it is a Gauss–Markov process, one for every whitened
+//! axis, which is part of the state. Plots may be left out, and the position may jump.
+//!
+//! A Kalman filter goes forwards from a vague state, the adjoint variables go back (Bryson, Frazier
+//! 1963), as in [`adjoint`](super::adjoint); nothing is inverted.
+
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
+use super::adjoint::{self, Adjoint};
+use super::rows::invert;
+use super::track::{ENOUGH, Track};
+use crate::base::small::{Matrix as Square, dot};
+
+/// Variance of the first state over that of the plots that determine it.
+const VAGUE: f64 = 1e3;
+/// Variance of a jump over that of a plot, and over the square of what the plot shows of it: the
+/// larger, the more digits are lost.
+const JUMP: [f64; 2] = [1e4, 10.0];
+/// What is left of a variance must be more than rounding.
+const LEAST_SHARE: f64 = 1e-11;
+/// What rounding leaves of a variance, at least.
+const FLOOR: f64 = 1e-13;
+
+/// Jerk and noise, of which the white part has the variance `1 − share` of what is stated, and the
+/// lasting part `share`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Model {
+    pub jerk: f64,
+    pub share: f64,
+    /// Correlation time of the lasting part.
+    pub time: f64,
+}
+
+/// What does not belong to the path.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Faults {
+    /// Plots that are left out.
+    pub gross: Vec<bool>,
+    /// Instants before which the position jumps.
+    pub jumps: Vec<bool>,
+}
+
+/// The fit of a model: the sum of squared innovations and that of the logarithms of their variances.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Fit {
+    pub squares: f64,
+    pub logarithms: f64,
+    /// Numbers that came in.
+    pub count: usize,
+}
+
+/// State and covariance before an instant's plot, and how the plot came in.
+#[derive(Clone, Debug)]
+struct Step<const D: usize, const N: usize> {
+    x: [f64; N],
+    p: Square<N>,
+    ph: [[f64; N]; D],
+    h: [[f64; N]; D],
+    /// 0 where there is no number.
+    s: [f64; D],
+    innovation: [f64; D],
+}
+
+/// Where the results go: states (N, 3D) with covariances, whitened innovations (N, D) of unit
+/// variance, and of every instant how much a jump before it would explain, as a chi-square variable.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    pub mean: Vec<f64>,
+    pub covariance: Vec<f64>,
+    pub innovation: Vec<f64>,
+    pub jump: Vec<f64>,
+}
+
+/// A track with D axes, N = 4 D.
+pub(super) struct Lasting<const D: usize, const N: usize> {
+    start: ([f64; N], Square<N>),
+    steps: Vec<Step<D, N>>,
+}
+
+impl<const D: usize, const N: usize> Lasting<D, N> {
+    /// None where the plots do not determine the state of each axis.
+    pub fn new<const S: usize>(track: &Track<'_>, jerk: f64) -> Option<Self> {
+        assert!(track.dimension == D && S == 3 * D && N == 4 * D);
+        let (x, p) =
+            if track.prior.is_empty() { vague::<D, S>(track, jerk)? } else { prior(track) };
+        let mut start = ([0.0; N], [[0.0; N]; N]);
+        start.0[..S].copy_from_slice(&x);
+        for i in 0..S {
+            start.1[i][..S].copy_from_slice(&p[i]);
+        }
+        for i in S..N {
+            start.1[i][i] = 1.0;
+        }
+        Some(Self { start, steps: Vec::new() })
+    }
+
+    /// Filters without keeping anything. Cost O(N D³).
+    pub fn fit(&self, track: &Track<'_>, model: &Model, faults: &Faults) -> Fit {
+        let mut fit = Fit::default();
+        let mut step = self.first();
+        for k in 0..track.len() {
+            step.arrive(track, k, model, faults);
+            step.update(track, k, model, faults, &mut fit);
+        }
+        fit
+    }
+
+    /// Smooths; none where rounding leaves too little of a variance. Cost O(N D³).
+    pub fn smooth(
+        &mut self,
+        track: &Track<'_>,
+        model: &Model,
+        faults: &Faults,
+        out: &mut Found,
+    ) -> Option<()> {
+        if self.pass(track, model, faults, out) {
+            return Some(());
+        }
+        // the plots say far more of the first state than the start does: one that is less vague
+        // costs fewer digits
+        let (vague, states) = (self.start, 3 * D);
+        for i in 0..states {
+            self.start.0[i] = out.mean[i];
+            let known = out.covariance[i * (states + 1)].max(FLOOR * vague.1[i][i]);
+            self.start.1[i] = [0.0; N];
+            self.start.1[i][i] = VAGUE * known;
+        }
+        let mut trend = vec![0.0; states];
+        track.add_trend(0, &mut trend);
+        self.start.0.iter_mut().zip(&trend).for_each(|(x, trend)| *x -= trend);
+        let is_well = track.prior.is_empty() && self.pass(track, model, faults, out);
+        self.start = vague;
+        is_well.then_some(())
+    }
+
+    /// Whether no variance is lost to rounding.
+    fn pass(&mut self, track: &Track<'_>, model: &Model, faults: &Faults, out: &mut Found) -> bool {
+        let (n, states) = (track.len(), 3 * D);
+        out.mean.resize(n * states, 0.0);
+        out.covariance.resize(n * states * states, 0.0);
+        out.innovation.resize(n * D, 0.0);
+        out.jump.resize(n, 0.0);
+        let mut step = self.first();
+        self.steps.clear();
+        for k in 0..n {
+            step.arrive(track, k, model, faults);
+            let mut after = step.clone();
+            after.update(track, k, model, faults, &mut Fit::default());
+            (step.ph, step.h, step.s, step.innovation) =
+                (after.ph, after.h, after.s, after.innovation);
+            self.steps.push(std::mem::replace(&mut step, after));
+        }
+        let mut is_well = true;
+        let (mut l, mut big) = ([0.0; N], [[0.0; N]; N]);
+        for k in (0..n).rev() {
+            let step = &self.steps[k];
+            for i in (0..D).rev() {
+                step.back(i, &mut l, &mut big);
+                let s = step.s[i];
+                out.innovation[k * D + i] =
+                    if s > 0.0 { step.innovation[i] / s.sqrt() } else { f64::NAN };
+            }
+            out.jump[k] = explained::<D, N>(&l, &big);
+            let mean = &mut out.mean[k * states..][..states];
+            for i in 0..states {
+                mean[i] = step.x[i] + dot(&step.p[i], &l);
+            }
+            track.add_trend(k, mean);
+            let covariance = &mut out.covariance[k * states * states..];
+            is_well &= step.smoothed_covariance(&big, states, covariance);
+            if k > 0 {
+                let t = track.times[k] - track.times[k - 1];
+                back::<D, N>(t, decay(t, model), &mut l, &mut big);
+            }
+        }
+        is_well
+    }
+
+    fn first(&self) -> Step<D, N> {
+        let (x, p) = self.start;
+        Step { x, p, ph: [[0.0; N]; D], h: [[0.0; N]; D], s: [0.0; D], innovation: [0.0; D] }
+    }
+}
+
+fn decay(t: f64, model: &Model) -> f64 {
+    if model.share == 0.0 { 0.0 } else { (-t / model.time).exp() }
+}
+
+/// A state at the first instant that agrees with the first plots, but has far too large a covariance.
+fn vague<const D: usize, const S: usize>(
+    track: &Track<'_>,
+    jerk: f64,
+) -> Option<([f64; S], Square<S>)> {
+    if track.seen.iter().any(|seen| seen.count < ENOUGH) {
+        return None;
+    }
+    let mut adjoint = Adjoint::<D, S>::default();
+    let (mut step, ..) = adjoint.open(track, jerk, None)?;
+    let t = track.times[adjoint.start] - track.times[0];
+    let mut noise = adjoint::Step::<D, S>::new();
+    noise.predict(t, jerk);
+    for part in [&mut step, &mut noise] {
+        part.predict(-t, 0.0);
+    }
+    for i in 0..S {
+        for j in 0..S {
+            step.p[i][j] = VAGUE * (step.p[i][j] + noise.p[i][j]);
+        }
+    }
+    Some((step.x, step.p))
+}
+
+/// The prior at the first instant, which is given by rows of information.
+fn prior<const S: usize>(track: &Track<'_>) -> ([f64; S], Square<S>) {
+    // the rows are those of N = L^-1, where L is the factor of the covariance
+    let width = S + 1;
+    let mut lower = vec![0.0; S * S];
+    let mut upper = vec![0.0; S * width];
+    for i in 0..S {
+        for j in 0..S {
+            upper[j * width + i] = track.prior[i * width + j];
+        }
+    }
+    invert(&upper, width, S, &mut lower);
+    // inverse of the transpose: rows of `lower` are columns of L
+    let l = |i: usize, j: usize| lower[j * S + i];
+    let mut x = [0.0; S];
+    let mut p = [[0.0; S]; S];
+    for i in 0..S {
+        x[i] = (0..S).map(|k| l(i, k) * track.prior[k * width + S]).sum();
+        for j in 0..S {
+            p[i][j] = (0..S).map(|k| l(i, k) * l(j, k)).sum();
+        }
+    }
+    for (x, reference) in x.iter_mut().zip(track.reference(0)) {
+        *x += reference;
+    }
+    (x, p)
+}
+
+impl<const D: usize, const N: usize> Step<D, N> {
+    /// `x = F x`, `P = F P F' + Q`, and a jump if there is one.
+    #[inline(always)]
+    fn arrive(&mut self, track: &Track<'_>, k: usize, model: &Model, faults: &Faults) {
+        if k == 0 {
+            return;
+        }
+        let t = track.times[k] - track.times[k - 1];
+        if t > 0.0 {
+            let phi = decay(t, model);
+            self.predict(t, phi, model.jerk);
+        }
+        if faults.jumps[k] {
+            for (i, plot) in track.plot(k).iter().enumerate() {
+                let shown = if plot.is_nan() { 0.0 } else { plot - self.x[i] };
+                self.p[i][i] += JUMP[0] / track.scale[i].powi(2) + JUMP[1] * shown * shown;
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn predict(&mut self, t: f64, phi: f64, jerk: f64) {
+        let half = 0.5 * t * t;
+        advance::<D, N>(&mut self.x, t, half, phi);
+        for row in &mut self.p {
+            advance::<D, N>(row, t, half, phi);
+        }
+        for i in 0..D {
+            for c in 0..N {
+                let (v, a) = (self.p[D + i][c], self.p[2 * D + i][c]);
+                self.p[i][c] += t * v + half * a;
+                self.p[D + i][c] += t * a;
+                self.p[3 * D + i][c] *= phi;
+            }
+        }
+        for r in 0..N {
+            for c in 0..r {
+                self.p[r][c] = self.p[c][r];
+            }
+        }
+        let q = jerk * t;
+        let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
+        let (vv, va) = (q * t * t / 3.0, q * t / 2.0);
+        for i in 0..D {
+            self.p[i][i] += pp;
+            self.p[i][D + i] += pv;
+            self.p[D + i][i] += pv;
+            self.p[i][2 * D + i] += pa;
+            self.p[2 * D + i][i] += pa;
+            self.p[D + i][D + i] += vv;
+            self.p[D + i][2 * D + i] += va;
+            self.p[2 * D + i][D + i] += va;
+            self.p[2 * D + i][2 * D + i] += q;
+            self.p[3 * D + i][3 * D + i] += 1.0 - phi * phi;
+        }
+    }
+
+    /// Takes in the plot of an instant, number by number: they are whitened.
+    #[inline(always)]
+    fn update(
+        &mut self,
+        track: &Track<'_>,
+        k: usize,
+        model: &Model,
+        faults: &Faults,
+        fit: &mut Fit,
+    ) {
+        let (plot, whitener) = (track.plot(k), track.whitener(k));
+        let lasting = model.share.sqrt();
+        for i in 0..D {
+            self.s[i] = 0.0;
+            if plot[i].is_nan() || faults.gross[k] {
+                continue;
+            }
+            let mut h = [0.0; N];
+            h[..=i].copy_from_slice(&whitener[i * D..][..=i]);
+            h[3 * D + i] = lasting;
+            // a missing component has no row, and no column in the rows of the others
+            let there = (0..=i).filter(|&j| !plot[j].is_nan());
+            let measured: f64 = there.map(|j| h[j] * plot[j]).sum();
+            let innovation = measured - dot(&h, &self.x);
+            let ph: [f64; N] = std::array::from_fn(|r| dot(&self.p[r], &h));
+            let s = 1.0 - model.share + dot(&ph, &h);
+            let reciprocal = 1.0 / s;
+            let gain = innovation * reciprocal;
+            for r in 0..N {
+                self.x[r] += ph[r] * gain;
+                for c in 0..N {
+                    self.p[r][c] -= ph[r] * ph[c] * reciprocal;
+                }
+            }
+            fit.squares += innovation * gain;
+            fit.logarithms += s.ln();
+            fit.count += 1;
+            (self.h[i], self.ph[i], self.s[i], self.innovation[i]) = (h, ph, s, innovation);
+        }
+    }
+
+    /// The adjoint variables before the i-th number, from those after it.
+    #[inline(always)]
+    fn back(&self, i: usize, l: &mut [f64; N], big: &mut Square<N>) {
+        if self.s[i] == 0.0 {
+            return;
+        }
+        let (h, reciprocal) = (&self.h[i], 1.0 / self.s[i]);
+        let gain: [f64; N] = std::array::from_fn(|c| self.ph[i][c] * reciprocal);
+        let along = self.innovation[i] * reciprocal - dot(&gain, l);
+        for r in 0..N {
+            l[r] += h[r] * along;
+        }
+        let moved: [f64; N] = std::array::from_fn(|r| dot(&big[r], &gain));
+        let square = dot(&moved, &gain) + reciprocal;
+        for r in 0..N {
+            for c in 0..N {
+                big[r][c] += h[r] * h[c] * square - h[r] * moved[c] - moved[r] * h[c];
+            }
+        }
+    }
+
+    /// `P − P Λ P` of the first components; whether rounding leaves enough of the variances.
+    fn smoothed_covariance(&self, big: &Square<N>, components: usize, out: &mut [f64]) -> bool {
+        let mut is_well = true;
+        for i in 0..components {
+            let row: [f64; N] =
+                std::array::from_fn(|c| (0..N).map(|k| self.p[i][k] * big[k][c]).sum());
+            for j in 0..=i {
+                let value = self.p[i][j] - dot(&row, &self.p[j]);
+                out[i * components + j] = value;
+                out[j * components + i] = value;
+            }
+            is_well &= out[i * (components + 1)] > LEAST_SHARE * self.p[i][i];
+        }
+        is_well
+    }
+}
+
+/// `F x`, where x is any row of positions, velocities, accelerations and lasting noise.
+#[inline(always)]
+fn advance<const D: usize, const N: usize>(row: &mut [f64; N], t: f64, half: f64, phi: f64) {
+    for i in 0..D {
+        let (v, a) = (row[D + i], row[2 * D + i]);
+        row[i] += t * v + half * a;
+        row[D + i] += t * a;
+        row[3 * D + i] *= phi;
+    }
+}
+
+/// `F' λ` and `F' Λ F`
+fn back<const D: usize, const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>) {
+    if t == 0.0 {
+        return;
+    }
+    let half = 0.5 * t * t;
+    let turn = |row: &mut [f64; N]| {
+        for i in 0..D {
+            let (p, v) = (row[i], row[D + i]);
+            row[2 * D + i] += t * v + half * p;
+            row[D + i] += t * p;
+            row[3 * D + i] *= phi;
+        }
+    };
+    turn(l);
+    big.iter_mut().for_each(turn);
+    for i in 0..D {
+        for c in 0..N {
+            let (p, v) = (big[i][c], big[D + i][c]);
+            big[2 * D + i][c] += t * v + half * p;
+            big[D + i][c] += t * p;
+            big[3 * D + i][c] *= phi;
+        }
+    }
+}
+
+/// `λ' Λ^-1 λ` of the positions: how much a jump before this instant would explain (de Jong, Penzer
+/// 1998).
+fn explained<const D: usize, const N: usize>(l: &[f64; N], big: &Square<N>) -> f64 {
+    let mut factor = [[0.0; D]; D];
+    let (mut white, mut sum) = ([0.0; D], 0.0);
+    for i in 0..D {
+        for j in 0..=i {
+            let inner: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
+            let value = big[i][j] - inner;
+            if i == j {
+                if value.is_nan() || value <= 1e-12 * big[i][i] {
+                    return 0.0;
+                }
+                factor[i][i] = value.sqrt();
+            } else {
+                factor[i][j] = value / factor[j][j];
+            }
+        }
+        let inner: f64 = (0..i).map(|k| factor[i][k] * white[k]).sum();
+        white[i] = (l[i] - inner) / factor[i][i];
+        sum += white[i] * white[i];
+    }
+    sum
+}

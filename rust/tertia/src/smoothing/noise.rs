@@ -1,0 +1,236 @@
+//! How the noise of a track differs from what is stated: larger, lasting, with outliers and jumps.
+//!
+//! Where innovations look as they should, nothing is changed. Otherwise models of the noise are
+//! compared by their likelihood, each with its own jerk, and their estimates are averaged.
+
+use super::faults::find_faults;
+use super::jerk::{JerkFit, fit_jerk};
+use super::lasting::{Faults, Found};
+use super::search::{Candidate, Scale, Search};
+use super::smoother::{Smoothed, Summary, Workspace, smooth};
+use super::track::Track;
+use crate::base::distribution::chi_square_upper;
+
+/// Correlations of successive plots that are tried, and shares of the noise that lasts.
+const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
+const SHARES: [f64; 2] = [0.95, 0.6];
+/// Prior probability that the noise is white.
+const WHITE: f64 = 0.5;
+/// A model of less weight does not count.
+const LEAST_WEIGHT: f64 = 0.02;
+/// So many of their standard deviations are innovations allowed to be off.
+const SUSPICIOUS: f64 = 1.5;
+/// Chance that the largest innovation of a healthy track is looked into.
+const OUTLIER: f64 = 0.05;
+
+/// What is known of the noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// The intensity of the jerk; none: to be found.
+    pub jerk: Option<f64>,
+    /// The time over which the noise is correlated, 0 for white noise; none: to be found.
+    pub correlation_time: Option<f64>,
+    /// Whether noise may be larger than stated, plots outliers, and the position may jump.
+    pub robust: bool,
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseFit {
+    /// The jerk of the most likely model, with its uncertainty for noise as stated.
+    pub jerk: JerkFit,
+    /// Correlation time of the most likely model; 0 for white noise.
+    pub correlation_time: f64,
+    /// What the stated standard deviations are multiplied by, at least 1.
+    pub noise_factor: f64,
+}
+
+/// Smooths a track; `outlier` (N) says which plots are left out. Where the noise is as stated the
+/// result is that of [`smooth`]. Cost O(N D³), about 15 filters, or where the innovations are
+/// suspicious up to 250. The summary is that of the noise as stated.
+pub fn smooth_with_noise(
+    track: &Track<'_>,
+    options: &Options,
+    workspace: &mut Workspace,
+    out: &mut Smoothed<'_>,
+    outlier: &mut [bool],
+) -> (Summary, NoiseFit) {
+    outlier.fill(false);
+    let fit = match options.jerk {
+        Some(jerk) => JerkFit { jerk, relative_error: 0.0 },
+        None => fit_jerk(track, workspace),
+    };
+    let summary = smooth(track, fit.jerk, workspace, out);
+    let mut noise = NoiseFit { jerk: fit, correlation_time: 0.0, noise_factor: 1.0 };
+    if options.correlation_time.is_some_and(|time| time > 0.0)
+        || is_suspicious(out.innovation, track.dimension, options)
+    {
+        let found = match track.dimension {
+            1 => improve::<1, 3, 4>(track, &fit, options, out, outlier),
+            2 => improve::<2, 6, 8>(track, &fit, options, out, outlier),
+            3 => improve::<3, 9, 12>(track, &fit, options, out, outlier),
+            _ => None,
+        };
+        noise = found.unwrap_or(noise);
+    }
+    (summary, noise)
+}
+
+/// Whether innovations are too large, too small, or correlated.
+fn is_suspicious(innovation: &[f64], d: usize, options: &Options) -> bool {
+    let (mut squares, mut count, mut products, mut pairs) = (0.0, 0.0, 0.0, 0.0);
+    let (mut largest, mut instants) = (0.0_f64, 0.0);
+    for (k, now) in innovation.chunks_exact(d).enumerate() {
+        let own: f64 = now.iter().filter(|x| !x.is_nan()).map(|x| x * x).sum();
+        let there = now.iter().filter(|x| !x.is_nan()).count();
+        squares += own;
+        count += there as f64;
+        largest = largest.max(own);
+        instants += f64::from(u8::from(there > 0));
+        if k > 0 {
+            let before = &innovation[(k - 1) * d..][..d];
+            for (a, b) in now.iter().zip(before).filter(|(a, b)| !a.is_nan() && !b.is_nan()) {
+                products += a * b;
+                pairs += 1.0;
+            }
+        }
+    }
+    if count < 1.0 {
+        return false;
+    }
+    let excess = (squares / count - 1.0) * (0.5 * count).sqrt();
+    let lasting = options.correlation_time.is_none()
+        && (excess.abs() > SUSPICIOUS
+            || (products * count / (squares * f64::sqrt(pairs))).abs() > SUSPICIOUS);
+    let outlying = excess > SUSPICIOUS || chi_square_upper(largest, d) < OUTLIER / instants;
+    lasting || (options.robust && outlying)
+}
+
+/// Replaces the results by those of the models that the plots ask for.
+fn improve<const D: usize, const S: usize, const N: usize>(
+    track: &Track<'_>,
+    fit: &JerkFit,
+    options: &Options,
+    out: &mut Smoothed<'_>,
+    outlier: &mut [bool],
+) -> Option<NoiseFit> {
+    let mut search = Search::<D, N>::new::<S>(track, fit, options.jerk)?;
+    let mut near = if fit.jerk > 0.0 { fit.jerk.ln() } else { search.low };
+    let none = || vec![false; track.len()];
+    let mut faults = Faults { gross: none(), jumps: none() };
+    if let Some(found) = options.robust.then(|| find_faults::<D, S, N>(&mut search)).flatten() {
+        (faults, near) = found;
+    }
+    let (candidates, weights) = candidates(&search, options, &faults, near);
+    let most = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
+    let best = &candidates[most];
+    average::<D, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
+    outlier.copy_from_slice(&faults.gross);
+    let jerk = options.jerk.unwrap_or(best.model.jerk * best.factor.powi(2));
+    Some(NoiseFit {
+        jerk: JerkFit { jerk, ..*fit },
+        correlation_time: if best.model.share > 0.0 { best.model.time } else { 0.0 },
+        noise_factor: best.factor.max(1.0),
+    })
+}
+
+/// Models with their posterior probabilities.
+fn candidates<const D: usize, const N: usize>(
+    search: &Search<'_, D, N>,
+    options: &Options,
+    faults: &Faults,
+    near: f64,
+) -> (Vec<Candidate>, Vec<f64>) {
+    let of = |scale| if options.robust { scale } else { Scale::Stated };
+    let (prior, larger) = (of(Scale::Prior), of(Scale::Larger));
+    let white = search.best(0.0, 0.0, prior, faults, near);
+    let mut found = vec![white];
+    let mut log_prior = vec![WHITE.ln()];
+    match options.correlation_time {
+        Some(0.0) => {}
+        Some(time) => {
+            found = vec![search.best(SHARES[0], time, larger, faults, near)];
+        }
+        None => {
+            let step = median_step(search.track);
+            let count = CORRELATIONS.len() * SHARES.len();
+            for share in SHARES {
+                let mut near = white.model.jerk.max(f64::MIN_POSITIVE).ln();
+                for correlation in CORRELATIONS {
+                    let time = -step / f64::ln(correlation);
+                    let one = search.best(share, time, larger, faults, near);
+                    near = one.model.jerk.max(f64::MIN_POSITIVE).ln();
+                    found.push(one);
+                    log_prior.push(((1.0 - WHITE) / count as f64).ln());
+                }
+            }
+        }
+    }
+    let logs: Vec<f64> =
+        found.iter().zip(&log_prior).map(|(one, prior)| one.value + prior).collect();
+    let highest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mut weights: Vec<f64> = logs.iter().map(|log| (log - highest).exp()).collect();
+    for _ in 0..2 {
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w = if *w < LEAST_WEIGHT * sum { 0.0 } else { *w / sum });
+    }
+    (found, weights)
+}
+
+fn median_step(track: &Track<'_>) -> f64 {
+    let steps = track.times.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut steps: Vec<f64> = steps.filter(|&t| t > 0.0).collect();
+    if steps.is_empty() { 1.0 } else { crate::base::angle::median(&mut steps) }
+}
+
+/// The mean over the models; the covariance has the spread between them. None, and nothing is written,
+/// where too many digits are lost.
+fn average<const D: usize, const S: usize, const N: usize>(
+    search: &mut Search<'_, D, N>,
+    candidates: &[Candidate],
+    weights: &[f64],
+    most: usize,
+    faults: &Faults,
+    out: &mut Smoothed<'_>,
+) -> Option<()> {
+    let track = search.track;
+    let best = &candidates[most];
+    let mut first = Found::default();
+    search.engine.smooth(track, &best.model, faults, &mut first)?;
+    let variance = best.factor.max(1.0).powi(2);
+    first.covariance.iter_mut().for_each(|c| *c *= weights[most] * variance);
+    let (mut found, mut shift) = (Found::default(), vec![0.0; first.mean.len()]);
+    for (i, one) in candidates.iter().enumerate() {
+        let weight = weights[i];
+        if weight == 0.0 || i == most {
+            continue;
+        }
+        search.engine.smooth(track, &one.model, faults, &mut found)?;
+        let variance = one.factor.max(1.0).powi(2);
+        for k in 0..track.len() {
+            let away: [f64; S] =
+                std::array::from_fn(|i| found.mean[k * S + i] - first.mean[k * S + i]);
+            for i in 0..S {
+                shift[k * S + i] += weight * away[i];
+                for j in 0..S {
+                    let at = (k * S + i) * S + j;
+                    let own = variance * found.covariance[at] + away[i] * away[j];
+                    first.covariance[at] += weight * own;
+                }
+            }
+        }
+    }
+    for (k, shift) in shift.chunks_exact(S).enumerate() {
+        for i in 0..S {
+            for j in 0..S {
+                let at = (k * S + i) * S + j;
+                out.covariance[at] = first.covariance[at] - shift[i] * shift[j];
+            }
+            out.mean[k * S + i] = first.mean[k * S + i] + shift[i];
+        }
+    }
+    for (to, from) in out.innovation.iter_mut().zip(&first.innovation) {
+        *to = from / best.factor;
+    }
+    Some(())
+}

@@ -1,0 +1,149 @@
+//! The most likely jerk of a model of the noise, and the noise factor that goes with it.
+
+use super::jerk::{JerkFit, range};
+use super::lasting::{Faults, Fit, Lasting, Model};
+use super::track::Track;
+
+/// Standard deviation of the logarithm of the noise factor, before anything is known.
+const FACTOR_SIGMA: f64 = 0.5;
+/// The logarithm of the likelihood must gain this much for a noise factor other than 1.
+const FACTOR_GAIN: f64 = 2.0;
+/// Steps of the logarithm of the jerk, which are halved `HALVINGS` times; most of them.
+const STEP: f64 = 2.0;
+const HALVINGS: usize = 4;
+const MOST_STEPS: usize = 60;
+
+/// A model at its most likely jerk.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    pub model: Model,
+    pub factor: f64,
+    pub value: f64,
+}
+
+/// How the noise factor of a model is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Scale {
+    /// It is 1.
+    Stated,
+    /// By the likelihood alone.
+    Free,
+    /// With a prior about 1.
+    Prior,
+    /// The same, and not below 1: where noise lasts, small residuals are no evidence that it is small.
+    Larger,
+}
+
+/// A search for the most likely jerk of models of noise.
+pub(super) struct Search<'a, const D: usize, const N: usize> {
+    pub track: &'a Track<'a>,
+    pub engine: Lasting<D, N>,
+    pub jerk: Option<f64>,
+    /// Numbers that the first state takes.
+    used: usize,
+    /// The logarithm of a jerk that hardly shows within the track.
+    pub low: f64,
+}
+
+impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
+    pub fn new<const S: usize>(
+        track: &'a Track<'a>,
+        fit: &JerkFit,
+        jerk: Option<f64>,
+    ) -> Option<Self> {
+        let engine = Lasting::new::<S>(track, fit.jerk)?;
+        let used = if track.prior.is_empty() { S } else { 0 };
+        Some(Self { track, engine, jerk, used, low: range(track)?.0 })
+    }
+
+    /// Begins with a state as vague as such a jerk makes it.
+    pub fn restart<const S: usize>(&mut self, jerk: f64) {
+        if let Some(engine) = Lasting::new::<S>(self.track, jerk) {
+            self.engine = engine;
+        }
+    }
+
+    /// The most likely jerk near the logarithm of one, and the noise factor. With that factor the
+    /// covariances and the jerk are both multiplied.
+    pub fn best(
+        &self,
+        share: f64,
+        time: f64,
+        scale: Scale,
+        faults: &Faults,
+        near: f64,
+    ) -> Candidate {
+        if let Some(jerk) = self.jerk {
+            // the jerk is given, not its ratio to the noise
+            let mut found = self.candidate(share, time, jerk, scale, faults);
+            for _ in 0..4 {
+                let ratio = jerk / found.factor.powi(2);
+                found = self.candidate(share, time, ratio, scale, faults);
+            }
+            return found;
+        }
+        let of = |log: f64| self.candidate(share, time, log.exp(), scale, faults);
+        let mut log = near.max(self.low);
+        let (mut best, mut step, mut steps) = (of(log), STEP, 0);
+        for _ in 0..=HALVINGS {
+            for direction in [step, -step] {
+                while steps < MOST_STEPS && log + direction >= self.low {
+                    let other = of(log + direction);
+                    steps += 1;
+                    if other.value.is_nan() || other.value <= best.value {
+                        break;
+                    }
+                    (log, best) = (log + direction, other);
+                }
+            }
+            step *= 0.5;
+        }
+        best
+    }
+
+    fn candidate(
+        &self,
+        share: f64,
+        time: f64,
+        jerk: f64,
+        scale: Scale,
+        faults: &Faults,
+    ) -> Candidate {
+        let model = Model { jerk, share, time };
+        let fit = self.engine.fit(self.track, &model, faults);
+        let n = fit.count.saturating_sub(self.used) as f64;
+        let (log_factor, value) = scaled(&fit, n, scale);
+        Candidate { model, factor: log_factor.exp(), value }
+    }
+}
+
+/// The logarithm of the noise factor, and that of the likelihood with its prior.
+fn scaled(fit: &Fit, n: f64, scale: Scale) -> (f64, f64) {
+    let value = |log: f64, precision: f64| {
+        let misfit = fit.squares * (-2.0 * log).exp();
+        -0.5 * (misfit + fit.logarithms + 2.0 * n * log + precision * log * log)
+    };
+    if n < 1.0 || scale == Scale::Stated {
+        return (0.0, value(0.0, 0.0));
+    }
+    let free = 0.5 * (fit.squares / n).max(f64::MIN_POSITIVE).ln();
+    if scale == Scale::Free {
+        return (free, value(free, 0.0));
+    }
+    // Newton's method; the posterior is between the likelihood's maximum and 0, and is concave
+    let precision = FACTOR_SIGMA.powi(-2);
+    let mut log = free.clamp(-5.0, 5.0);
+    for _ in 0..50 {
+        let misfit = fit.squares * (-2.0 * log).exp();
+        let step = (misfit - n - precision * log) / (2.0 * misfit + precision);
+        log += step.clamp(-1.0, 1.0);
+        if step.abs() < 1e-12 {
+            break;
+        }
+    }
+    if scale == Scale::Larger {
+        log = log.max(0.0);
+    }
+    let (stated, other) = (value(0.0, precision), value(log, precision) - FACTOR_GAIN);
+    if other > stated { (log, other) } else { (0.0, stated) }
+}

@@ -1,0 +1,184 @@
+"""Noise that is not as stated: lasting, larger, with outliers and jumps."""
+
+import numpy as np
+import pytest
+from checks import NAN, assert_same, rng
+from reference import smoothing as reference
+
+from tertia.smoothing import smooth
+
+SHARE = 0.95  # of noise with a given correlation time
+STATED = {"correlation_time": 0.0, "robust": False}
+STEPS = np.arange(80)
+
+
+def path(runs, axes=2, q=0.01, seed=0):
+    """Positions with white jerk, in units of the noise."""
+    random, f = rng(seed), reference.transition(1.0).astype(float)
+    root = np.linalg.cholesky(reference.noise(1.0, q).astype(float))
+    x = np.zeros((runs, 3, axes))
+    positions = []
+    for _ in STEPS:
+        positions.append(x[:, 0])
+        x = f @ x + root @ random.standard_normal(x.shape)
+    return np.stack(positions, axis=1)
+
+
+def lasting(shape, correlation, seed):
+    errors = rng(seed).standard_normal(shape)
+    for k in range(1, shape[1]):
+        errors[:, k] *= np.sqrt(1 - correlation**2)
+        errors[:, k] += correlation * errors[:, k - 1]
+    return errors
+
+
+def judged(found, truth):
+    """RMSE of the positions, and the share of 95 % ellipses that hold the truth."""
+    error = found.position - truth
+    nees = np.einsum(
+        "...i,...ij,...j", error, np.linalg.inv(found.position_covariance), error, optimize=True
+    )
+    return np.sqrt(np.mean(error**2)), np.mean(nees < 5.991)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize("time", [0.3, 20.0])
+def test_parity(d, time):
+    times = np.sort(rng(d).uniform(0, 20, 12))
+    times[5] = times[4]
+    y = rng(d + 1).normal(size=(12, d))
+    y[3] = NAN
+    a = rng(d + 2).normal(size=(12, d, d))
+    covariance = a @ np.swapaxes(a, 1, 2) + 0.3 * np.eye(d)
+    initial = np.linspace(1, 2, 3 * d), np.diag(np.linspace(20, 40, 3 * d))
+    found = smooth(
+        y, covariance, time=times, jerk=0.02, initial=initial, correlation_time=time, robust=False
+    )
+    mean, matrix, innovation, _ = reference.smooth(
+        y, covariance, times, 0.02, initial, (SHARE, time)
+    )
+    sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
+    np.testing.assert_allclose((found.mean - mean) / sigma, 0, atol=1e-9)
+    unit = sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :]
+    np.testing.assert_allclose(found.covariance / unit, matrix / unit, atol=1e-7)
+    np.testing.assert_allclose(found.innovation, innovation, atol=1e-9)
+    assert found.correlation_time == time
+
+
+def test_healthy_tracks_do_not_pay():
+    truth = path(40)
+    y = truth + rng(1).standard_normal(truth.shape)
+    plain, found = smooth(y, 1.0, **STATED), smooth(y, 1.0)
+    assert judged(found, truth)[0] < 1.02 * judged(plain, truth)[0]
+    assert judged(found, truth)[1] == pytest.approx(judged(plain, truth)[1], abs=0.02)
+    assert np.mean(found.outlier) < 2e-3
+    unchanged = np.all(found.mean == plain.mean, axis=(1, 2))
+    assert np.mean(unchanged) > 0.5
+
+
+@pytest.mark.parametrize("correlation", [0.5, 0.9])
+def test_noise_that_lasts(correlation):
+    truth = path(30, seed=2)
+    y = truth + lasting(truth.shape, correlation, 3)
+    (plain, before), (rmse, inside) = (
+        judged(smooth(y, 1.0, **options), truth) for options in (STATED, {})
+    )
+    assert rmse < 1.02 * plain
+    assert before < 0.8
+    assert 0.9 < inside < 0.99
+
+
+def test_sigmas_that_are_wrong():
+    truth = path(30, seed=4)
+    noise = rng(5).standard_normal(truth.shape)
+    small = smooth(truth + 2 * noise, 1.0)
+    assert np.median(small.noise_factor) == pytest.approx(2, rel=0.1)
+    rmse, inside = judged(small, truth)
+    assert 0.9 < inside < 0.99
+    assert rmse < judged(smooth(truth + 2 * noise, 1.0, **STATED), truth)[0]
+    # a sigma that is stated too large is believed
+    large = smooth(truth + noise / 2, 1.0)
+    assert (large.noise_factor == 1).all()
+    assert judged(large, truth)[1] > 0.97
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
+def test_outliers(share):
+    truth, random = path(30, seed=6), rng(7)
+    hit = random.uniform(size=truth.shape[:2]) < share
+    wrong = random.uniform(8, 15, truth.shape) * random.choice([-1, 1], truth.shape)
+    y = truth + random.standard_normal(truth.shape) + hit[..., np.newaxis] * wrong
+    found = smooth(y, 1.0)
+    rmse, inside = judged(found, truth)
+    assert rmse < 0.4 * judged(smooth(y, 1.0, **STATED), truth)[0]
+    assert inside > 0.86
+    assert np.mean(found.outlier[hit]) > 0.85
+    assert np.mean(found.outlier[~hit]) < 0.03
+
+
+@pytest.mark.parametrize("length", [1, 6])
+def test_a_run_of_outliers(length):
+    truth = path(20, seed=8)
+    y = truth + rng(9).standard_normal(truth.shape)
+    y[:, 40 : 40 + length] += 30.0
+    found = smooth(y, 1.0)
+    assert np.mean(found.outlier[:, 40 : 40 + length]) > 0.99
+    assert judged(found, truth)[0] < 0.7
+    assert judged(found, truth)[1] > 0.9
+
+
+def test_a_jump():
+    truth = path(20, seed=10)
+    truth[:, 40:] += 50.0
+    y = truth + rng(11).standard_normal(truth.shape)
+    found = smooth(y, 1.0)
+    rmse, inside = judged(found, truth)
+    assert rmse < 0.6
+    assert inside > 0.9
+    assert np.mean(found.outlier) < 0.01
+
+
+def test_threads_and_axes():
+    y = path(6, seed=12) + lasting((6, 80, 2), 0.8, 13)
+    found = smooth(y, 1.0, n_threads=1)
+    assert_same(found, smooth(y, 1.0, n_threads=2))
+    one = smooth(y[3], 1.0)
+    np.testing.assert_array_equal(one.mean, found.mean[3])
+    turned = smooth(y[3] @ np.array([[0.6, -0.8], [0.8, 0.6]]).T, 1.0)
+    np.testing.assert_allclose(
+        turned.position, one.position @ np.array([[0.6, -0.8], [0.8, 0.6]]).T, atol=1e-5
+    )
+    four = smooth(np.concatenate([y[3], y[4]], axis=-1), 1.0)
+    assert four.correlation_time == 0
+
+
+def test_what_is_too_short_stays_as_stated():
+    y = np.array([[0.0], [3.0], [-4.0]])
+    assert_same(smooth(y, 1.0), smooth(y, 1.0, **STATED))
+    empty = smooth(np.full((5, 2), NAN), 1.0)
+    assert np.isnan(empty.mean).all()
+
+
+def test_representation():
+    y = path(1, seed=14)[0] + 3 * rng(15).standard_normal((80, 2))
+    y[50] += 100.0
+    text = repr(smooth(y, 1.0))
+    assert "noise factor" in text
+    assert "1 outlier" in text
+    assert text.endswith("systematic error not included)")
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"correlation_time": -1.0}, ValueError, "correlation_time is -1.0; it must be"),
+        ({"correlation_time": NAN}, ValueError, "correlation_time is nan"),
+        ({"correlation_time": "x"}, TypeError, "correlation_time is 'x'"),
+        ({"robust": 1}, TypeError, "robust is 1; it must be True or False"),
+    ],
+)
+def test_mistakes(options, error, message):
+    with pytest.raises(error, match=message):
+        smooth(np.zeros((5, 2)), 1.0, **options)
+    with pytest.raises(ValueError, match="up to 3"):
+        smooth(np.zeros((5, 4)), 1.0, correlation_time=1.0)
