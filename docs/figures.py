@@ -16,6 +16,7 @@ os.environ["TERTIA_STUDY_SHARE"] = "0.01" if "--small" in sys.argv else "1"
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 from studies import (
+    arrivals,
     association,
     audit,
     bearing,
@@ -80,6 +81,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "arrivals": location_arrivals.coverage,
         "regions": regions.coverage,
         "fused and smoothed": honest_series.coverage,
+        "unsynchronised": arrivals.honesty,
     },
     "location.md": {
         "faults": location.faults,
@@ -147,6 +149,9 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "priors": tracker.priors,
         "wind": tracker.wind,
         "extrapolation": tracker.extrapolation,
+    },
+    "arrivals.md": {
+        "nets": arrivals.nets,
     },
     "trajectory.md": {
         "faults": trajectory.faults,

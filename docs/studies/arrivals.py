@@ -12,8 +12,8 @@ from studies.pages import markdown, repetitions
 from tertia.sensors import Station
 from tertia.trajectory import Arrivals, ArrivalTrajectory, reconstruct_arrivals
 
-RUNS = repetitions(30)
-HONEST_RUNS = repetitions(30)
+RUNS = repetitions(20)
+HONEST_RUNS = repetitions(8)
 # 95 % of a chi-square of two degrees of freedom
 LIMIT = 5.991
 BoolArray = npt.NDArray[np.bool_]

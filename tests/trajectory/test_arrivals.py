@@ -129,6 +129,8 @@ def test_clocks_and_positions_of_one_tag() -> None:
     track = solved(scene)
     check_result(track, len(scene.arrivals))
     assert track.systematic == "estimated"
+    assert abs(track.correlation) < 0.2
+    assert "correlated" not in repr(track)
     assert np.median(np.linalg.norm(track.position - truth_of(scene, track), axis=1)) < 1.5
     # the clocks, beyond the travel time that an error of the survey may hide
     value, sigma = track.bias.at(scene.time)
@@ -297,6 +299,17 @@ def test_scale_and_systematic_errors_are_told() -> None:
     assert track.systematic == "not included"
     assert "systematic error not included" in repr(track)
     assert solved(scene, propagation_speed_sigma=0.0, path_sigma=0.0).systematic == "given"
+
+
+def test_errors_that_last_are_told() -> None:
+    scene = net(1, noise=1e-5)
+    heard = scene.arrivals
+    # of the tag, by the receiver and slowly in time
+    lasting = 3e-4 * np.sin(heard.time / 150 + heard.sensor) * (heard.identity == TAG)
+    scene.arrivals = Arrivals(heard.time + lasting, heard.sensor, heard.identity)
+    track = solved(scene)
+    assert track.correlation > 0.3
+    assert "residuals correlated" in repr(track)
 
 
 def test_clocks_that_share_no_emission_are_named() -> None:

@@ -14,6 +14,8 @@ from tertia.trajectory._clocks import ClockBias
 
 # deviation of the speed from what was given, in sigmas, above which it is not believed
 ALARM = 3.0
+# correlation of successive residuals above which regions are too small
+CORRELATED = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -178,6 +180,26 @@ class ArrivalTrajectory:
         d = self.position.shape[-1]
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)[:, :d])
 
+    @property
+    def correlation(self) -> float:
+        """Correlation of residuals of successive emissions of a moving identity at a receiver.
+
+        Errors that last, as those that depend on the direction, are not in the covariance. Where
+        the correlation is .2 and more, regions of smooth paths are too small.
+        """
+        rows = np.flatnonzero(
+            np.isin(self.arrivals.identity, self.target) & ~np.isnan(self.residual)
+        )
+        _, identity = np.unique(self.arrivals.identity[rows], return_inverse=True)
+        sensor, residual = self.arrivals.sensor[rows], self.residual[rows]
+        order = np.lexsort((self.arrivals.time[rows], sensor, identity))
+        residual = np.clip(residual[order], -ALARM, ALARM)
+        same = (np.diff(identity[order]) == 0) & (np.diff(sensor[order]) == 0)
+        if not np.any(same):
+            return np.nan
+        products = residual[1:] * residual[:-1]
+        return float(np.mean(products[same]) / np.mean(residual**2))
+
     def __repr__(self) -> str:
         """Return the number of positions, the median sigma, and what is wrong."""
         n, d = self.position.shape
@@ -189,6 +211,8 @@ class ArrivalTrajectory:
         )
         if abs(self.propagation_speed_deviation) > ALARM:
             text += f", speed {self.propagation_speed_deviation:+.1f} sigmas from the given one"
+        if self.correlation > CORRELATED:
+            text += f", residuals correlated {self.correlation:.2f}"
         if self.systematic == "not included":
             text += ", systematic error not included"
         return text + ("" if self.success else ", not converged") + ")"

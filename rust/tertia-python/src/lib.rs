@@ -1,7 +1,6 @@
 //! Python bindings of Tertia: arrays in, GIL released, kernel, arrays out. No arithmetic here.
 
 mod arrays;
-mod arrivals;
 mod association;
 mod bearing;
 mod flightplan;
@@ -22,8 +21,6 @@ use pyo3::prelude::*;
 /// The compiled core of the `tertia` package.
 #[pymodule(name = "_core", gil_used = false)]
 mod core_module {
-    #[pymodule_export]
-    use super::arrivals::{group_arrivals, reconstruct_arrivals};
     #[pymodule_export]
     use super::association::{
         assign_pairs, gate_pairs, gate_sectors, gate_threshold, likelihood_score, paper_score,
@@ -65,6 +62,8 @@ mod core_module {
     use super::tracker::{
         Motion, PlotTracker, Radar, TrackerSettings, plots_to_cartesian, track_columns,
     };
+    #[pymodule_export]
+    use super::trajectory::arrivals::{group_arrivals, reconstruct_arrivals};
     #[pymodule_export]
     use super::trajectory::reconstruct;
     #[pymodule_export]

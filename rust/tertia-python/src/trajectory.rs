@@ -1,5 +1,7 @@
 //! Bindings of `tertia::trajectory`.
 
+pub mod arrivals;
+
 use crate::arrays::{Array, Input, Marks, Threads, array, value_error};
 use crate::location::fix_columns;
 use pyo3::exceptions::PyValueError;

@@ -4,6 +4,8 @@
 //! (1973). The factor and the wanted part of the inverse fill the same envelope as the matrix. Costs
 //! the sum of the squares of the column heights.
 
+use pulp::Arch;
+
 /// The lower triangle, row after row.
 #[derive(Clone, Debug)]
 pub(crate) struct Skyline {
@@ -68,6 +70,11 @@ impl Skyline {
 
     /// Replaces A by the factor L of A = L L'; otherwise the row at which A is not positive.
     pub fn factorise(&mut self) -> Result<(), usize> {
+        Arch::new().dispatch(|| self.factorise_here())
+    }
+
+    #[inline(always)]
+    fn factorise_here(&mut self) -> Result<(), usize> {
         for i in 0..self.order() {
             let (before, rest) = self.values.split_at_mut(self.start[i]);
             let row = &mut rest[..i + 1 - self.first[i]];
@@ -108,6 +115,11 @@ impl Skyline {
 
     /// Of the factor L: the elements of (L L')^-1 within the envelope.
     pub fn inverse(&self) -> Self {
+        Arch::new().dispatch(|| self.inverse_here())
+    }
+
+    #[inline(always)]
+    fn inverse_here(&self) -> Self {
         let n = self.order();
         let mut inverse = Self {
             first: self.first.clone(),
@@ -181,6 +193,7 @@ impl Skyline {
 }
 
 /// Sum of products, in eight parts that a processor adds at once.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();
     let (b8, b_rest) = b.as_chunks::<8>();

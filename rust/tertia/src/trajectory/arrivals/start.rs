@@ -10,6 +10,8 @@ use crate::base::small::Factor;
 const STEPS: usize = 25;
 const SHRINK: f64 = 0.5;
 const SCALE: f64 = 0.33;
+/// Relative change of the scale at which it has settled.
+const SETTLED: f64 = 1e-2;
 /// Smallest scale when single emissions are located, over the extent.
 const FINEST: f64 = 1e-3;
 /// Longest step over the extent.
@@ -125,7 +127,11 @@ impl<const D: usize> Problem<'_, D> {
             let (step, emission, _) = normal.step()?;
             state = self.moved(&state, &step, &emission, 1.0);
             envelope = Some(normal.matrix);
-            model.scale = self.spread(&self.rows(&state)).max(SHRINK * model.scale);
+            let before = model.scale;
+            model.scale = self.spread(&self.rows(&state)).max(SHRINK * before);
+            if (model.scale / before - 1.0).abs() < SETTLED {
+                break;
+            }
         }
         Ok((state, model.scale * finest))
     }
