@@ -1,5 +1,6 @@
 """The tables and the picture of the page on smoothing."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ WINDOW = 13
 # of the picture, so that a band can be seen
 NOISY = 100.0
 TRIALS = repetitions(4000)
+STATED: dict[str, Any] = {"correlation_time": 0.0, "robust": False}
 # a turn in 3-D: radius, climb, seconds from plot to plot
 RADIUS, CLIMB, STEP, PERIOD = 1500.0, 10.0, 1.0, 60.0
 SIGMA = 4.5
@@ -184,7 +186,7 @@ def gated(y: FloatArray, jerk: float, gate: float = 16.27) -> FloatArray:
         ]
     )
     for run in kept:
-        start = smooth(run[:5], SIGMA**2, jerk=jerk)
+        start = smooth(run[:5], SIGMA**2, jerk=jerk, **STATED)
         x = start.mean[-1].reshape(3, 3)
         p = start.covariance[-1][::3, ::3]
         for k in range(5, len(run)):
@@ -196,7 +198,7 @@ def gated(y: FloatArray, jerk: float, gate: float = 16.27) -> FloatArray:
                 continue
             gain = p[:, :1] / s
             x, p = x + gain * innovation, p - gain * gain.T * s
-    return np.asarray(smooth(kept, SIGMA**2, jerk=jerk).position)
+    return np.asarray(smooth(kept, SIGMA**2, jerk=jerk, **STATED).position)
 
 
 def faults() -> str:
@@ -223,6 +225,7 @@ def faults() -> str:
             "local polynomial, degree 2": polynomials(y, 2),
             "the same with bisquare weights": bisquare(y),
             "`smooth`": smooth(y, SIGMA**2).position,
+            "the same, noise as stated": smooth(y, SIGMA**2, **STATED).position,
             "the same after a gate": gated(y[:GATED], TURN_JERK),
             "the same, jerk of the gate a hundredth": gated(y[:GATED], TURN_JERK / 100),
         }
@@ -268,7 +271,7 @@ def jerk_fit() -> str:
         for steps in (10, 20, 50, 200, 600):
             runs = repetitions(max(100, min(400, 20_000 // steps)))
             truth, y = tracks(runs, steps, jerk, steps, int(100 * jerk))
-            fitted, known = smooth(y, 1.0), smooth(y, 1.0, jerk=jerk)
+            fitted, known = smooth(y, 1.0, **STATED), smooth(y, 1.0, jerk=jerk, **STATED)
             found = np.asarray(fitted.jerk)
             error = np.asarray(fitted.jerk_sigma) / np.asarray(fitted.jerk)
             known_jerk = (found > 0) & np.isfinite(error)
@@ -292,17 +295,15 @@ def jerk_fit() -> str:
 def consistency() -> str:
     """NEES with the true jerk at the ends and in the middle."""
     truth, y = tracks(repetitions(3000), 40, 0.1, 7)
-    track = smooth(y, 1.0, jerk=0.1)
+    track = smooth(y, 1.0, jerk=0.1, **STATED)
     rows = []
-    for name, at in {"first": 0, "second": 1, "middle": 20, "last": 39}.items():
+    for label, at in {"first": 0, "second": 1, "middle": 20, "last": 39}.items():
         one = slice(at, at + 1)
-        part = SmoothedPositions(
-            track.mean[:, one],
-            track.covariance[:, one],
-            track.innovation[:, one],
-            *(track.log_likelihood, track.count, track.jerk, track.jerk_sigma),
-        )
-        rows.append([name, *nees(part, truth[:, one])])
+        parts = {
+            name: getattr(track, name)[:, one] for name in ("mean", "covariance", "innovation")
+        }
+        part = replace(track, **parts)
+        rows.append([label, *nees(part, truth[:, one])])
     return markdown(["instant", "position", "velocity", "acceleration"], rows)
 
 
