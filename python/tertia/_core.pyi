@@ -20,6 +20,7 @@ __all__ = [
     "beam_meetings",
     "bursts",
     "chi_square_quantile",
+    "calibrate",
     "cochran",
     "common_states",
     "conformance",
@@ -480,6 +481,9 @@ def register_noise(
 def common_states(
     joint: dict[str, Any], single: list[dict[str, Any]], scan_periods: list[float]
 ) -> tuple[FloatArray, IntArray, list[FloatArray]]: ...
+def calibrate(
+    time: FloatArray, residual: FloatArray, azimuth: FloatArray, sigma: float, order: int
+) -> tuple[FloatArray, FloatArray, float, float, float]: ...
 def register_biases(
     states: dict[str, Any], positions: FloatArray, sigmas: FloatArray
 ) -> list[FloatArray]: ...

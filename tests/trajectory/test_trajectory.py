@@ -46,7 +46,8 @@ BOTH_SPATIAL = pytest.mark.parametrize("spatial", ["robust", "least-squares"])
 
 
 def estimated(*kinds):
-    return Bias(**{f"{kind}_sigma": None for kind in kinds})
+    """Return constant biases of which nothing is known."""
+    return Bias(**{f"{kind}_sigma": np.inf for kind in kinds})
 
 
 ALL = estimated(*KINDS)
@@ -198,9 +199,10 @@ def test_biases_that_are_not_removed_are_seen():
     rng = np.random.default_rng(3)
     truth = restless(rng)
     measured = measure(truth[0], rng, biases=BIASES)
-    plain = reconstruct(network(), INSTANTS, **measured)
+    plain = reconstruct(network(), INSTANTS, **measured, bias=Bias())
     better = reconstruct(network(), INSTANTS, **measured, bias=ALL)
-    assert plain.bias is None
+    assert plain.systematic == better.systematic == "given"
+    np.testing.assert_array_equal(plain.bias.range_sigma, 0.0)
     assert nees(plain, truth)[0] > 3
     assert rmse(better, truth) < rmse(plain, truth)
     assert np.ptp(plain.statistics["range"][:, 1]) > 5 * np.ptp(better.statistics["range"][:, 1])
@@ -213,7 +215,7 @@ def test_faults_do_not_hide_biases():
     truth = restless(rng)
     measured = measure(truth[0], rng, biases=BIASES)
     measured["range"][20:26, 1] += 200
-    track = reconstruct(network(), INSTANTS, **measured, bias=Bias(range_sigma=None))
+    track = reconstruct(network(), INSTANTS, **measured, bias=Bias(range_sigma=np.inf))
     assert track.outlier.range[20:26, 1].all()
     assert not np.any(track.bias.azimuth_sigma)
 
@@ -234,7 +236,7 @@ def test_a_target_that_stands_still_does_not_tell_all_biases(n):
     still = np.broadcast_to([600.0, 1000.0, 300.0], (n, 3))
     with pytest.raises(ValueError, match="are not observable"):
         reconstruct(network(), np.arange(n), **measure(still, rng), bias=ALL)
-    one = reconstruct(network(), np.arange(n), **measure(still, rng), bias=Bias(range_sigma=None))
+    one = reconstruct(network(), np.arange(n), **measure(still, rng), bias=Bias(range_sigma=np.inf))
     assert np.all(np.abs(one.bias.range) < 4 * one.bias.range_sigma)
 
 
@@ -243,7 +245,7 @@ def test_biases_of_stations_that_measured_nothing_are_unknown():
     truth = turn(INSTANTS)
     measured = measure(truth[0], rng)
     measured["elevation"][:, 2] = np.nan
-    track = reconstruct(network(), INSTANTS, **measured, bias=Bias(elevation_sigma=None))
+    track = reconstruct(network(), INSTANTS, **measured, bias=Bias(elevation_sigma=np.inf))
     np.testing.assert_array_equal(track.bias.elevation == 0, [False, False, True])
     np.testing.assert_array_equal(np.isinf(track.bias.elevation_sigma), [False, False, True])
     check(track, truth, measured)
@@ -518,7 +520,7 @@ def test_one_instant_alone(order, smoother):
 
 def test_one_instant_with_biases():
     measured = measure(turn(INSTANTS[:1])[0], np.random.default_rng(13))
-    track = reconstruct(network(), [0.0], **measured, bias=Bias(range_sigma=None))
+    track = reconstruct(network(), [0.0], **measured, bias=Bias(range_sigma=np.inf))
     assert np.all(np.isfinite(track.bias.range_sigma))
     assert np.all(track.sigma > track.fixes.sigma)
 
@@ -570,7 +572,7 @@ def test_azimuths_in_the_plane_with_moving_stations():
     stations = [Station(drift[:, k], azimuth_sigma=np.deg2rad(1.0)) for k in np.arange(4)]
     # whole turns do not matter
     azimuth[::3] += 2 * np.pi
-    track = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=None))
+    track = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=np.inf))
     assert np.all(np.abs(track.bias.azimuth - bias) < 3.5 * track.bias.azimuth_sigma)
     assert np.all(track.bias.azimuth_sigma < 0.1)
 
@@ -600,7 +602,7 @@ def test_biases_of_bearings_are_as_close_as_they_say_with_gross_errors(gross):
     runs, errors, told = 20, [], []
     for run in np.arange(runs):
         times, truth, stations, bias, azimuth = bearings(np.random.default_rng([23, run]), gross)
-        track = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=None))
+        track = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=np.inf))
         errors.append((track.bias.azimuth - bias) / track.bias.azimuth_sigma)
         error = track.position - truth
         solved = np.linalg.solve(track.covariance[:, :2, :2], error[..., np.newaxis])[..., 0]
@@ -616,9 +618,9 @@ def test_biases_of_bearings_are_as_close_as_they_say_with_gross_errors(gross):
 def test_errors_that_stay_for_a_while_make_biases_uncertain():
     rng = np.random.default_rng(24)
     times, _, stations, _, azimuth = bearings(rng, 0.0)
-    white = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=None))
+    white = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=np.inf))
     slow = np.repeat(np.deg2rad(8.0) * rng.standard_normal((10, 4)), 20, axis=0)
-    track = reconstruct(stations, times, azimuth=azimuth + slow, bias=Bias(azimuth_sigma=None))
+    track = reconstruct(stations, times, azimuth=azimuth + slow, bias=Bias(azimuth_sigma=np.inf))
     assert np.all(track.bias.azimuth_sigma > 1.5 * white.bias.azimuth_sigma)
 
 
@@ -627,7 +629,7 @@ def test_a_boat_among_drifting_direction_finders():
     """Recorded bearings: biases make the track better than its instants."""
     times, places, azimuth, truth = difar()
     stations = [Station(places[:, k], azimuth_sigma=np.deg2rad(5.0)) for k in np.arange(4)]
-    track = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=None))
+    track = reconstruct(stations, times, azimuth=azimuth, bias=Bias(azimuth_sigma=np.inf))
     enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
     error = np.linalg.norm(track.position - truth, axis=-1)[enough]
     assert np.all(np.percentile(error, [50, 90, 99]) < [240, 400, 500])
@@ -694,9 +696,12 @@ def arguments(**changes):
         ({"order": "both"}, "order is 'both'; it must be 'spatial-first' or 'temporal-first'"),
         ({"smoother": "none"}, "smoother is 'none'"),
         ({"spatial": "mean"}, "spatial is 'mean'"),
-        ({"bias": Bias(range=3.0)}, r"bias.range is 3.0; it must be 0"),
-        ({"bias": Bias(range_sigma=3.0)}, r"bias.range_sigma is 3.0; it must be 0, or None"),
-        ({"bias": ALL, "elevation": None}, "bias.elevation_sigma is None, but elevation was not"),
+        ({"bias": Bias(range_sigma=[3.0, np.inf, 3.0])}, "bias.range_sigma is inf for some"),
+        ({"bias": Bias(range_sigma=3.0, azimuth_sigma=np.inf)}, "bias has a sigma of inf"),
+        ({"bias": ALL, "elevation": None}, "bias.elevation_sigma is inf, but elevation was not"),
+        ({"bias": Bias(elevation_sigma=None), "elevation": None},
+         "bias.elevation_sigma is None, but elevation was not"),
+        ({"bias": Bias(range_sigma=np.ones(2))}, "bias is that of 2 sensors; there are 3"),
         ({"bias": ALL, "order": "temporal-first"}, "bias needs order 'spatial-first'"),
         ({"bias": ALL, "smoother": "local-polynomial"}, "bias needs order"),
         ({"range": -np.ones((60, 3))}, "range[0, 0] is -1.0"),

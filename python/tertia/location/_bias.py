@@ -88,6 +88,10 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
     for j, one in enumerate(own):
         if one is None:
             continue
+        if one.deviation_order > 0:
+            raise ValueError(
+                f"the bias of station {j} deviates with the azimuth; it must be constant"
+            )
         for at, kind in enumerate(STATION_KINDS):
             value[at, j] = getattr(one, kind)
             known = getattr(one, f"{kind}_sigma")

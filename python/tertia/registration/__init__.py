@@ -1,5 +1,7 @@
 """Registration: the noise and the biases of radars, estimated from their plots.
 
+`calibrate` estimates the bias of one sensor from targets whose positions are known.
+
 `register` estimates the noise from the scatter of plots about short straight lines in each radar's
 own tracks, and the biases from the differences between tracks of different radars.
 
@@ -8,7 +10,8 @@ during operation can use them. This module stands to the right of `tertia.tracke
 recordings and makes the tracks that the kernels need.
 """
 
+from tertia.registration._calibrate import calibrate
 from tertia.registration._register import register
 from tertia.registration._registration import NoiseHistory, Registration
 
-__all__ = ["NoiseHistory", "Registration", "register"]
+__all__ = ["NoiseHistory", "Registration", "calibrate", "register"]

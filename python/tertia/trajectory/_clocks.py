@@ -62,7 +62,7 @@ class ClockBias(Bias):
             self.node, self.reading[sensor], self.variance[sensor], self.covariance[sensor]
         )
 
-    def at(self, time: npt.ArrayLike) -> tuple[Any, Any]:
+    def at(self, time: npt.ArrayLike) -> tuple[Any, Any]:  # type: ignore[override]
         """Return the errors of the clocks at a time of the time base, and their sigmas.
 
         Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import FloatArray, finite, positive, radians, real, samples, threads
 from tertia.location import LocationStatus
+from tertia.location._bias import Given, given_biases, said
 from tertia.location._readers import checked, correlation_of
 from tertia.location._result import location_of
 from tertia.sensors import (
@@ -29,6 +31,14 @@ from tertia.trajectory._result import Trajectory
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
 Smoother: TypeAlias = Literal["rts", "local-polynomial"]
+
+# fields of a bias that do not depend on the direction
+_CONSTANT = (
+    *STATION_KINDS,
+    *(f"{kind}_sigma" for kind in STATION_KINDS),
+    "drift_share",
+    "drift_time",
+)
 
 
 def reconstruct(
@@ -84,9 +94,11 @@ def reconstruct(
         Intensity of the white jerk for "rts"; by default the most likely one. With "temporal-first"
         it is always fitted.
     bias : Bias, optional
-        Constant biases of the stations. A sigma of None, as in `Bias(azimuth_sigma=None)`, means
-        that the bias of each station is estimated and removed, which needs "spatial-first" and
-        "rts"; a sigma of 0 means that there is no bias.
+        Systematic errors of the stations, in place of their own; `Bias()` trusts all stations.
+        Without, they are found from contradictions between the stations, as with sigmas of None.
+        Sigmas that are not 0 need "spatial-first" and "rts", and a finite one stands for all
+        instants. inf, of all stations or none: nothing is known of the bias, which is constant;
+        this fails where the measurements do not determine it.
     degrees : bool
         Whether the angles given here are in degrees.
     n_threads : int, optional
@@ -113,14 +125,20 @@ def reconstruct(
     about the track. The covariance includes the uncertainty of the fitted jerk: it is the mean over
     the intensities q, weighted by likelihood and a prior on log q proportional to q^(1/4).
 
-    Biases: to first order, biases b add A_t b to the position at an instant, with A_t the matrix of
-    its least-squares solution, and (I - H_t) b to its residuals, with H_t = J_t A_t. b is estimated
-    from the residuals alone, with Tukey's weights about the track and no assumption about the
-    positions. Smoothness would add information about the biases, but a curve of the path could then
-    be mistaken for a bias. Their covariance is A^-1 B A^-1, with A the derivative of the scores,
-    and B their variance from the standard deviations or the residuals, whichever is larger. B is
-    increased by the autocorrelations of the scores if these are significant (Geyer 1992). Errors of
-    positions at different instants are assumed to be independent.
+    Systematic errors: what a station measures of a kind has an error c + g(t), with c constant and
+    g Gauss-Markov. To first order it adds A_t (c + g) to the position, with A_t the matrix of the
+    least-squares solution, and (I - H_t)(c + g) to the residuals, with H_t = J_t A_t. Its variance,
+    the share that drifts, and the correlation time follow from the residuals alone, with nothing
+    assumed about the positions, because a bias can look like a curve of the path: a Kalman filter of
+    c and g gives their likelihood on a grid, over which the results are averaged. Only c is removed
+    from the measurements; what may be left of it, and the variance of g, are propagated into the
+    covariance. What is stated of a variance, but neither scatters nor contradicts, is taken to be
+    common to all stations. Where nothing lasts, nothing is added.
+
+    With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
+    A^-1 B A^-1, with A the derivative of the scores, and B their variance from the standard
+    deviations or the residuals, whichever is larger, times one plus twice the sum of the
+    autocorrelations of the scores if these are significant (Geyer 1992).
 
     With "temporal-first", velocities are A_t times the rates of the smoothed series.
 
@@ -159,10 +177,10 @@ def reconstruct(
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
         sigmas["range_difference"] = np.broadcast_to(sigma, max(k - 1, sigma.size))
-    given = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
+    told = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
-        for kind, values in given
+        for kind, values in told
         if values is not None
     }
     if not measured:
@@ -171,14 +189,25 @@ def reconstruct(
         raise ValueError("elevation needs stations with three coordinates")
     if order == "temporal-first" and axes is not None and axes.ndim > 3:
         raise ValueError("axes of stations change along time; order must be 'spatial-first'")
-    estimated = _estimated(bias, measured)
+    curves, sources, bias = _deviations(stations, bias, measured.get("azimuth"))
+    given = given_biases(bias, sources, k)
+    prior = _prior(given, bias, sources, measured, (order, smoother))
+    if curves is not None:
+        if (order, smoother) != ("spatial-first", "rts"):
+            raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
+        prior["deviation"] = curves[1].ravel().tolist()
     values, deviations = (
         np.full((len(instants), len(KINDS), k), np.nan),
         np.full((len(KINDS), k), np.nan),
     )
     for kind, array in measured.items():
         at, first = KINDS.index(kind), int(kind == "range_difference")
-        values[:, at, first:], deviations[at, first:] = array, sigmas[kind]
+        known = array - given.value[at] if kind in STATION_KINDS else array
+        if kind == "azimuth" and curves is not None:
+            known = known - curves[0]
+        if kind == "range":
+            known = np.where(known > 0, known, np.nan)
+        values[:, at, first:], deviations[at, first:] = known, sigmas[kind]
     record = {
         "stations": places,
         "axes": axes,
@@ -196,7 +225,7 @@ def reconstruct(
             else None
         ),
         "jerk": jerk,
-        "biased": [KINDS.index(kind) for kind in estimated],
+        **prior,
     }
     found = _core.reconstruct(record, steps, threads(n_threads))
     if found["failure"] is not None:
@@ -212,17 +241,26 @@ def reconstruct(
         fixes=location_of(found["fixes"], kinds, estimated=False),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
-        bias=None if found["bias"] is None else _bias(*found["bias"]),
+        systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
+        bias=_bias(given, found["bias"]),
         smoothed=None if smoothed is None else SmoothedPositions(mean, *smoothed),
     )
 
 
-def _bias(values: list[float], sigmas: list[float]) -> Bias:
-    rows = dict(
-        zip(KINDS, np.reshape([values, sigmas], (2, len(KINDS), -1)).swapaxes(0, 1), strict=True)
-    )
-    fields: dict[str, Any] = {str(kind): rows[kind][0] for kind in STATION_KINDS}
-    return Bias(**fields | {f"{kind}_sigma": rows[kind][1] for kind in STATION_KINDS})
+def _bias(
+    given: Given, found: tuple[list[float], list[float], float, float, bool] | None
+) -> Bias | None:
+    """Return what was given and found; None where neither was."""
+    fields: dict[str, Any] = {}
+    for at, kind in enumerate(STATION_KINDS):
+        fields |= {kind: given.value[at], f"{kind}_sigma": given.sigma[at]}
+    if found is None:
+        return None if np.isnan(given.sigma).any() else Bias(**fields)
+    values, sigmas, share, time, _ = found
+    own = np.reshape([values, sigmas], (2, len(KINDS), -1))
+    for at, kind in enumerate(STATION_KINDS):
+        fields |= {kind: given.value[at] + own[0, at], f"{kind}_sigma": own[1, at]}
+    return Bias(**fields, drift_share=share, drift_time=time)
 
 
 def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoReturn:
@@ -319,26 +357,76 @@ def require_options(
         raise ValueError(f"jerk is {jerk}; it must not be negative")
     if bias is not None and not isinstance(bias, Bias):
         raise TypeError(f"bias is {bias!r}; it must be a Bias")
-    estimated = bias is not None and any(
-        getattr(bias, f"{kind}_sigma") is None for kind in STATION_KINDS
-    )
-    if estimated and (order, smoother) != ("spatial-first", "rts"):
-        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
 
 
-def _estimated(bias: Bias | None, measured: dict[Kind, FloatArray]) -> tuple[Kind, ...]:
-    """Return the kinds of which biases are to be estimated."""
-    if bias is None:
-        return ()
-    kinds = []
-    for kind in STATION_KINDS:
-        sigma = getattr(bias, f"{kind}_sigma")
-        if np.any(getattr(bias, kind)):
-            raise ValueError(f"bias.{kind} is {getattr(bias, kind)}; it must be 0")
-        if sigma is None:
-            kinds.append(kind)
-        elif np.any(sigma):
-            raise ValueError(f"bias.{kind}_sigma is {sigma}; it must be 0, or None: estimated")
-        if sigma is None and kind not in measured:
+def _deviations(
+    stations: Sequence[Station], bias: Bias | None, azimuth: FloatArray | None
+) -> tuple[tuple[FloatArray, FloatArray] | None, Sequence[Station], Bias | None]:
+    """Return deviations and their sigmas, (N, K), and stations and bias without them."""
+    own = [bias] * len(stations) if bias is not None else [station.bias for station in stations]
+    if not any(one is not None and one.deviation_order > 0 for one in own):
+        return None, stations, bias
+    if azimuth is None:
+        raise ValueError("bias has a deviation with the azimuth, but azimuth was not measured")
+    curve, sigma, sources = np.zeros(azimuth.shape), np.zeros(azimuth.shape), []
+    for k, (station, one) in enumerate(zip(stations, own, strict=True)):
+        rest = one
+        if one is not None and one.deviation_order > 0:
+            value, total = one.at(np.nan_to_num(azimuth[:, k]))
+            # what is constant stays with the others, what drifts is not in the covariance
+            constant = one.azimuth_sigma**2
+            drift = (
+                constant if one.deviation_covariance is None else max(constant - one.deviation_covariance[0, 0], 0.0)
+            )
+            curve[:, k], sigma[:, k] = value - one.azimuth, np.sqrt(np.maximum(total**2 - drift, 0))
+            fields = {name: getattr(one, name) for name in _CONSTANT}
+            if one.deviation_covariance is not None:
+                fields |= {"azimuth_sigma": np.sqrt(drift), "drift_share": 1.0}
+            rest = Bias(**fields)
+        sources.append(replace(station, bias=rest))
+    return (curve, sigma), sources, None if bias is None else sources[0].bias
+
+
+def _prior(
+    given: Given,
+    bias: Bias | None,
+    stations: Sequence[Station],
+    measured: dict[Kind, FloatArray],
+    way: tuple[Order, Smoother],
+) -> dict[str, Any]:
+    """Return what the core is to assume of systematic errors."""
+    k = given.sigma.shape[1]
+    flat = np.isinf(given.sigma).any(axis=1)
+    for at, kind in enumerate(STATION_KINDS):
+        if bias is not None and getattr(bias, f"{kind}_sigma") is None and kind not in measured:
             raise ValueError(f"bias.{kind}_sigma is None, but {kind} was not measured")
-    return tuple(kinds)
+        if flat[at] and not np.isinf(given.sigma[at]).all():
+            raise ValueError(
+                f"bias.{kind}_sigma is inf for some stations; it must be for all or none"
+            )
+        if flat[at] and kind not in measured:
+            raise ValueError(f"bias.{kind}_sigma is inf, but {kind} was not measured")
+    if np.any(flat) and np.any(given.sigma[~flat] != 0):
+        raise ValueError("bias has a sigma of inf; those of the other kinds must be 0 or inf")
+    asked = np.any(given.sigma > 0) or (bias is not None and np.any(np.isnan(given.sigma)))
+    if asked and way != ("spatial-first", "rts"):
+        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
+    sigma = np.zeros((len(KINDS), k))
+    sigma[: len(STATION_KINDS)] = given.sigma
+    if bias is None and np.isnan(given.sigma).any():
+        sigma[len(STATION_KINDS) :] = np.nan
+    drifts = {
+        (one.drift_share, one.drift_time)
+        for one in ([bias] if bias is not None else [s.bias for s in stations])
+        if one is not None
+    }
+    if len(drifts) > 1:
+        raise ValueError("the biases of the stations drift differently; they must drift alike")
+    share, time = drifts.pop() if drifts else (None, None)
+    return {
+        "flat": np.flatnonzero(flat).tolist() if np.any(flat) else None,
+        "bias_sigma": sigma.ravel().tolist(),
+        "drift_share": share,
+        "drift_time": time,
+        "deviation": None,
+    }

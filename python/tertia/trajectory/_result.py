@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import BoolArray, FloatArray, Systematic
 from tertia.location import Location
 from tertia.sensors import KINDS, Bias, ByKind, Kind
 from tertia.smoothing import SmoothedPositions
@@ -35,9 +35,13 @@ class Trajectory:
         Measurements that were left out because other stations or the track contradict them.
     residual : ByKind
         Measured minus predicted values, divided by their standard deviations.
+    systematic : {"given", "estimated", "not included"}
+        Whether the covariance has the systematic errors: as given, as found from contradictions
+        between the stations, or not, because nothing can tell.
     bias : Bias or None
-        Estimated biases of the stations and their standard deviations, of shape (K,); None if none
-        were estimated. A station that did not measure the kind has bias 0 with sigma inf.
+        Systematic errors of the K stations, given or found: what was removed, and the standard
+        deviations of what is left, with the share that drifts. A sigma of 0 means that none were
+        found. None with "temporal-first" and local polynomials.
     smoothed : SmoothedPositions or None
         Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
         and for "temporal-first".
@@ -51,6 +55,7 @@ class Trajectory:
     fixes: Location
     outlier: ByKind
     residual: ByKind
+    systematic: Systematic
     bias: Bias | None
     smoothed: SmoothedPositions | None
 
@@ -78,9 +83,11 @@ class Trajectory:
         known = np.count_nonzero(~np.isnan(self.position).any(axis=-1))
         left = int(np.sum(self.outlier.count))
         sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1))))
+        missing = self.systematic == "not included"
+        note = ", systematic error not included" if missing else ""
         return (
             f"Trajectory({known} of {n} instants in {d} axes, {left} measurements left out, "
-            f"median sigma {sigma:.3g})"
+            f"median sigma {sigma:.3g}{note})"
         )
 
 

@@ -187,6 +187,42 @@ pub fn register_biases<'py>(
     ])
 }
 
+/// Constant and coefficients of a sensor's error, their covariance, the variance of its drift, its
+/// correlation time, and the growth of the noise: from differences at these times in these
+/// directions.
+#[pyfunction]
+pub fn calibrate<'py>(
+    py: Python<'py>,
+    time: Input<'py>,
+    residual: Input<'py>,
+    azimuth: Input<'py>,
+    sigma: f64,
+    order: usize,
+) -> PyResult<(Array<'py>, Array<'py>, f64, f64, f64)> {
+    let (time, residual) = (time.rows("time", 0)?, residual.rows("residual", 0)?);
+    let azimuth = azimuth.rows("azimuth", 0)?;
+    same_length(time.values.len(), &[residual.values.len(), azimuth.values.len()])?;
+    if time.values.is_empty() {
+        return Err(PyValueError::new_err("there is no measurement"));
+    }
+    let run = core::Run {
+        time: &time.values,
+        residual: &residual.values,
+        azimuth: &azimuth.values,
+        sigma,
+    };
+    let found = py.detach(|| core::calibrate(&run, order));
+    let size = found.mean.len();
+    let covariance = found.covariance.as_slice().to_vec();
+    Ok((
+        array(py, &[size], found.mean.as_slice().to_vec())?,
+        array(py, &[size, size], covariance)?,
+        found.drift,
+        found.time,
+        found.growth,
+    ))
+}
+
 /// States (M, K, 4) and covariances with biases (K, 2) removed and standard deviations scaled by
 /// factors (M, K, 2) along the range and across it.
 #[pyfunction]

@@ -7,7 +7,7 @@ use crate::location::fix_columns;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::sensors::KINDS;
-use tertia::trajectory::{self, Failure, Polynomials, Record, Trajectory};
+use tertia::trajectory::{self, Failure, Polynomials, Prior, Record, Systematic, Trajectory};
 
 /// Position, covariance, residuals, marks; problems, degrees of freedom, chi-square, p-values,
 /// dilutions and standard deviations, as of `locate`.
@@ -15,6 +15,10 @@ type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>
 
 /// Covariance, innovation, likelihood, count, jerk and its standard uncertainty.
 type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, f64, f64);
+
+/// Biases and their standard deviations (5 K), share and correlation time of what drifts, and whether
+/// anything could contradict.
+type Lasting = (Vec<f64>, Vec<f64>, f64, f64, bool);
 
 /// What came out, or why nothing did: which numbers of an instant, or which problems.
 #[derive(Default, IntoPyObject)]
@@ -26,7 +30,7 @@ pub struct Reconstructed<'py> {
     fixes: Option<Located<'py>>,
     outlier: Option<Marks<'py>>,
     residual: Option<Array<'py>>,
-    bias: Option<(Vec<f64>, Vec<f64>)>,
+    bias: Option<Lasting>,
 }
 
 /// What stations measured: positions (K, D) or (N, K, D), axes, times, values (N, 5, K) and
@@ -52,8 +56,15 @@ pub struct Steps {
     polynomials: Option<(usize, Option<usize>)>,
     /// For positions.
     jerk: Option<f64>,
-    /// Numbers of the kinds of which biases are estimated.
-    biased: Vec<usize>,
+    /// Numbers of the kinds of whose biases nothing is known; none: the next three count.
+    flat: Option<Vec<usize>>,
+    /// Standard deviations of lasting errors (5 K): 0 of what is trusted, nan of what is found.
+    bias_sigma: Vec<f64>,
+    /// Share of their variance that drifts, and its correlation time; none: found.
+    drift_share: Option<f64>,
+    drift_time: Option<f64>,
+    /// Standard deviations of azimuths that depend on the direction (N K).
+    deviation: Option<Vec<f64>>,
 }
 
 /// A trajectory from what was measured.
@@ -87,7 +98,9 @@ pub fn reconstruct<'py>(
     let shapes = record.values.len() == n * KINDS * k
         && fits(record.stations.len(), k * d)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
-        && steps.biased.iter().all(|kind| *kind < KINDS);
+        && steps.flat.iter().flatten().all(|kind| *kind < KINDS)
+        && steps.bias_sigma.len() == KINDS * k
+        && steps.deviation.as_ref().is_none_or(|sigma| sigma.len() == n * k);
     if !shapes {
         return Err(PyValueError::new_err("the shapes do not fit together"));
     }
@@ -116,7 +129,21 @@ impl Steps {
         match polynomials {
             _ if self.temporal_first => trajectory::temporal_first::<D, N>(record, polynomials),
             Some(polynomials) => trajectory::by_polynomials::<D, N>(record, polynomials),
-            None => trajectory::reconstruct::<D, N>(record, self.jerk, &self.biased),
+            None => trajectory::reconstruct::<D, N>(record, self.jerk, &self.systematic()),
+        }
+    }
+}
+
+impl Steps {
+    fn systematic(&self) -> Systematic {
+        match &self.flat {
+            Some(kinds) => Systematic::Flat(kinds.clone()),
+            None => Systematic::Lasting(Prior {
+                sigma: self.bias_sigma.clone(),
+                share: self.drift_share,
+                time: self.drift_time,
+                deviation: self.deviation.clone(),
+            }),
         }
     }
 }
@@ -156,7 +183,7 @@ impl<'py> Reconstructed<'py> {
             fixes: Some(located),
             outlier: Some(array(py, &[n, KINDS, k], found.outlier)?),
             residual: Some(array(py, &[n, KINDS, k], found.residual)?),
-            bias: found.bias,
+            bias: found.bias.map(|own| (own.value, own.sigma, own.share, own.time, own.is_told)),
         })
     }
 }

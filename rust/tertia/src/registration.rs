@@ -10,6 +10,7 @@
 //! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
 
 mod bias;
+mod calibration;
 mod common;
 mod correction;
 mod lines;
@@ -17,6 +18,7 @@ mod noise;
 mod row;
 
 pub use bias::{Biases, Site, biases};
+pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
 pub use lines::{Line, PolarPlot, lines};

@@ -1,8 +1,8 @@
 //! Trajectory: positions along time from what several stations measured, some of it wrong.
 //!
 //! By [`reconstruct`] every instant is located, and the positions are smoothed; what the smooth path
-//! contradicts is left out, positions are linearised about the path, and constant biases of the
-//! stations are estimated from contradictions between them. [`by_polynomials`] smooths positions
+//! contradicts is left out, positions are linearised about the path, and errors of the stations that
+//! last are estimated from contradictions between them. [`by_polynomials`] smooths positions
 //! without a model of motion, [`temporal_first`] what each station measured. Cost O(N K).
 
 // indices are those of the formulas
@@ -10,10 +10,13 @@
 
 pub mod arrivals;
 mod bias;
+mod contradictions;
 mod failure;
 mod fixes;
 mod found;
+mod grid;
 mod jerk;
+mod lasting;
 mod measured;
 mod path;
 mod result;
@@ -25,6 +28,7 @@ mod weight;
 
 pub use failure::Failure;
 pub use fixes::Fixes;
+pub use lasting::{LastingErrors, Prior};
 pub use measured::Record;
 pub use result::{Smoothed, Trajectory};
 pub use series::Polynomials;
@@ -34,6 +38,7 @@ pub use temporal::temporal_first;
 use crate::sensors::KINDS;
 use bias::Biases;
 use found::{Found, Setting};
+use lasting::Lasting;
 use measured::{Measured, seen};
 use result::residuals;
 use std::rc::Rc;
@@ -41,22 +46,41 @@ use std::rc::Rc;
 /// Rounds of estimating biases.
 const ROUNDS: usize = 10;
 
-/// Locates every instant, then smooths the positions. Of the `biased` kinds, in the order of an
-/// instant's rows, each station's bias is estimated. N is 3 D.
+/// What is assumed of the systematic errors.
+#[derive(Clone, Debug)]
+pub enum Systematic {
+    /// Nothing is known of constant biases of these kinds, in the order of an instant's rows; of the
+    /// others there are none.
+    Flat(Vec<usize>),
+    /// Errors that last, of which something is known, or can be found.
+    Lasting(Prior),
+}
+
+/// Locates every instant, then smooths the positions, without systematic errors as far as they can
+/// be found. N is 3 D.
 ///
 /// # Errors
 /// No instant that can be located, or biases that the measurements do not determine.
 pub fn reconstruct<const D: usize, const N: usize>(
     record: &Record<'_>,
     jerk: Option<f64>,
-    biased: &[usize],
+    systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
     let mut setting = Setting { record, jerk, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let found = Found::<D, N>::first(&mut setting, &measured)?;
     let found = found.without_outliers(&mut setting, &measured)?;
-    let columns = seen(record, biased);
-    let (mut found, biases) = bias::rounds(&mut setting, found, &columns, ROUNDS)?;
+    let (mut found, effect) = match systematic {
+        Systematic::Flat(kinds) => {
+            let columns = seen(record, kinds);
+            let (found, biases) = bias::rounds(&mut setting, found, &columns, ROUNDS)?;
+            (found, biases.map(|biases| Effect::Biases(biases, kinds)))
+        }
+        Systematic::Lasting(prior) => {
+            let (found, lasting) = lasting::rounds(&mut setting, found, prior)?;
+            (found, lasting.map(|lasting| Effect::Lasting(lasting, prior)))
+        }
+    };
     found.relinearise(&mut setting, jerk, 0)?;
     let track = found.plots.track(record.time, D)?;
     let fit = setting.smoother.with_error(&track, found.path.fit);
@@ -65,11 +89,14 @@ pub fn reconstruct<const D: usize, const N: usize>(
         Some(_) => best.covariance.clone(),
         None => jerk::mixed(&mut setting, &found, &best)?,
     };
-    if let Some(biases) = &biases {
-        biases.add_effect(&mut setting, best.fit.jerk, &mut covariance)?;
+    if let Some(effect) = &effect {
+        effect.add(&mut setting, &found, best.fit.jerk, &mut covariance)?;
+    }
+    if let Systematic::Lasting(Prior { deviation: Some(sigma), .. }) = systematic {
+        lasting::add_deviation(&mut setting, &found, sigma, best.fit.jerk, &mut covariance)?;
     }
     let outlier = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
-    let residual = residuals::<D, N>(record, biases.as_ref(), &best.mean);
+    let residual = residuals::<D, N>(record, found.measured.values.clone(), &best.mean);
     Ok(Trajectory {
         covariance,
         smoothed: Some(Smoothed {
@@ -81,19 +108,47 @@ pub fn reconstruct<const D: usize, const N: usize>(
         mean: best.mean,
         outlier,
         residual,
-        bias: biases.map(|biases| by_station(record, &biases, biased)),
+        bias: effect.map(|effect| effect.by_station(record)),
         fixes: found.fixes,
     })
 }
 
-fn by_station(record: &Record<'_>, biases: &Biases, biased: &[usize]) -> (Vec<f64>, Vec<f64>) {
+/// What was found of the systematic errors.
+enum Effect<'a> {
+    Biases(Biases, &'a [usize]),
+    Lasting(Lasting, &'a Prior),
+}
+
+impl Effect<'_> {
+    fn add<const D: usize, const N: usize>(
+        &self,
+        setting: &mut Setting<'_, D, N>,
+        found: &Found<D, N>,
+        jerk: f64,
+        covariance: &mut [f64],
+    ) -> Result<(), Failure> {
+        match self {
+            Self::Biases(biases, _) => biases.add_effect(setting, jerk, covariance),
+            Self::Lasting(lasting, _) => lasting.add_effect(setting, found, jerk, covariance),
+        }
+    }
+
+    fn by_station(&self, record: &Record<'_>) -> LastingErrors {
+        match self {
+            Self::Biases(biases, kinds) => by_station(record, biases, kinds),
+            Self::Lasting(lasting, prior) => lasting.by_station(prior),
+        }
+    }
+}
+
+fn by_station(record: &Record<'_>, biases: &Biases, biased: &[usize]) -> LastingErrors {
     let (width, k) = (record.width(), record.width() / KINDS);
-    let (mut values, mut sigmas) = (vec![0.0; width], vec![0.0; width]);
+    let (mut value, mut sigma) = (vec![0.0; width], vec![0.0; width]);
     for kind in biased {
-        sigmas[kind * k..(kind + 1) * k].fill(f64::INFINITY);
+        sigma[kind * k..(kind + 1) * k].fill(f64::INFINITY);
     }
     for (i, &column) in biases.columns.iter().enumerate() {
-        (values[column], sigmas[column]) = (biases.values[i], biases.sigma(i));
+        (value[column], sigma[column]) = (biases.values[i], biases.sigma(i));
     }
-    (values, sigmas)
+    LastingErrors { value, sigma, share: 0.0, time: f64::INFINITY, is_told: true }
 }

@@ -59,7 +59,7 @@ def reconstruct(
         str | None,
         typer.Option(
             metavar="KIND[,KIND]",
-            help="Estimate constant biases of the sensors: range, azimuth, elevation.",
+            help="Constant biases of which nothing is known: range, azimuth, elevation.",
         ),
     ] = None,
     n_threads: Threads = None,
@@ -113,8 +113,8 @@ def _bias(text: str | None) -> Bias | None:
     for kind in kinds:
         if kind not in _BIASED:
             fail(f"--bias has {kind!r}; it must be of {', '.join(_BIASED)}", WRONG_USAGE)
-    estimated: dict[str, Any] = {f"{kind}_sigma": None for kind in kinds}
-    return Bias(**estimated) if kinds else None
+    unknown: dict[str, Any] = {f"{kind}_sigma": np.inf for kind in kinds}
+    return Bias(**unknown) if kinds else None
 
 
 def _degree(text: str) -> int | Literal["adaptive"]:

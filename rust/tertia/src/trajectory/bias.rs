@@ -37,20 +37,20 @@ pub(super) struct Biases {
 }
 
 /// An instant with what biases do to it.
-struct Instant<const D: usize> {
+pub(super) struct Instant<const D: usize> {
     /// Number of the measurement, weight over σ², residual and derivatives.
-    rows: Vec<(usize, f64, f64, Vector<D>)>,
+    pub rows: Vec<(usize, f64, f64, Vector<D>)>,
     /// `(J' W J)^-1`
     inverse: Option<Matrix<D>>,
     /// `A` of each bias.
     solution: Vec<Vector<D>>,
     /// `I − H`, a row for each measurement.
-    kept: Vec<f64>,
+    pub kept: Vec<f64>,
 }
 
 impl<const D: usize> Instant<D> {
     /// About a position, with a weight over σ² for each measurement of the record.
-    fn new(
+    pub fn new(
         measured: &Measured<D>,
         t: usize,
         position: &[f64],
@@ -90,7 +90,7 @@ impl<const D: usize> Instant<D> {
     }
 
     /// Adds `(I − H)' diag(v) (I − H)`.
-    fn add_information(&self, v: impl Fn(usize) -> f64, sum: &mut DMatrix<f64>) {
+    pub fn add_information(&self, v: impl Fn(usize) -> f64, sum: &mut DMatrix<f64>) {
         let p = self.solution.len();
         for (i, kept) in self.kept.chunks_exact(p.max(1)).enumerate() {
             let v = v(i);
@@ -103,7 +103,7 @@ impl<const D: usize> Instant<D> {
     }
 
     /// Residuals less what the position and the biases take of them.
-    fn left(&self, values: &DVector<f64>) -> Vec<f64> {
+    pub fn left(&self, values: &DVector<f64>) -> Vec<f64> {
         let mut moved = [0.0; D];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
         for (_, w, r, gradient) in &self.rows {
@@ -118,7 +118,7 @@ impl<const D: usize> Instant<D> {
     }
 
     /// Share of the error of each measurement that its residual has: `1 − H`.
-    fn share(&self, i: usize) -> f64 {
+    pub fn share(&self, i: usize) -> f64 {
         let (_, w, _, gradient) = &self.rows[i];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
         1.0 - (0..D).map(|k| w * gradient[k] * dot(&inverse[k], gradient)).sum::<f64>()
@@ -158,17 +158,7 @@ impl Biases {
         let inverse = inverted(&information, &spurious, &size, columns)? / slope;
         let values = &inverse * scores;
         let covariance = covariance(record, &found.measured, &instants, &inverse, &values);
-        let mut responses = vec![vec![f64::NAN; record.len() * D]; p];
-        let mut spread = vec![f64::NAN; record.len() * D * D];
-        for (t, instant) in instants.iter().enumerate() {
-            let Some(inverse) = instant.inverse else { continue };
-            for (response, solution) in responses.iter_mut().zip(&instant.solution) {
-                response[t * D..][..D].copy_from_slice(solution);
-            }
-            for (i, row) in inverse.iter().enumerate() {
-                spread[(t * D + i) * D..][..D].copy_from_slice(row);
-            }
-        }
+        let (responses, spread) = responses(&instants, p);
         Ok(Self { columns: columns.to_vec(), values, covariance, responses, spread })
     }
 
@@ -207,31 +197,71 @@ impl Biases {
         jerk: f64,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
-        let mut means = Vec::new();
-        for response in &self.responses {
-            let plots = Plots { position: response.clone(), covariance: self.spread.clone() };
-            let track = plots.track(setting.record.time, D)?;
-            let mut mean = setting.smoother.smooth(&track, known(jerk), 0).mean;
-            mean.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
-            means.push(mean);
+        let means = smoothed(setting, &self.responses, &self.spread, jerk)?;
+        add_covariance::<N>(&means, &self.covariance, covariance);
+        Ok(())
+    }
+}
+
+/// What biases of 1 add to the positions of the instants, (P, N, D), nan where there is none, and the
+/// covariances of the positions (N, D, D).
+pub(super) fn responses<const D: usize>(
+    instants: &[Instant<D>],
+    p: usize,
+) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let mut responses = vec![vec![f64::NAN; instants.len() * D]; p];
+    let mut spread = vec![f64::NAN; instants.len() * D * D];
+    for (t, instant) in instants.iter().enumerate() {
+        let Some(inverse) = instant.inverse else { continue };
+        for (response, solution) in responses.iter_mut().zip(&instant.solution) {
+            response[t * D..][..D].copy_from_slice(solution);
         }
-        let p = means.len();
-        for (t, own) in covariance.chunks_exact_mut(N * N).enumerate() {
-            let response = DMatrix::from_fn(N, p, |i, a| means[a][t * N + i]);
-            let added = &response * &self.covariance * response.transpose();
-            for i in 0..N {
-                for j in 0..N {
-                    own[i * N + j] += 0.5 * (added[(i, j)] + added[(j, i)]);
-                }
+        for (i, row) in inverse.iter().enumerate() {
+            spread[(t * D + i) * D..][..D].copy_from_slice(row);
+        }
+    }
+    (responses, spread)
+}
+
+/// What biases of 1 add to the states, (P, N, 3D).
+pub(super) fn smoothed<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    responses: &[Vec<f64>],
+    spread: &[f64],
+    jerk: f64,
+) -> Result<Vec<Vec<f64>>, Failure> {
+    let mut means = Vec::new();
+    for response in responses {
+        let plots = Plots { position: response.clone(), covariance: spread.to_vec() };
+        let track = plots.track(setting.record.time, D)?;
+        let mut mean = setting.smoother.smooth(&track, known(jerk), 0).mean;
+        mean.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
+        means.push(mean);
+    }
+    Ok(means)
+}
+
+/// Adds what biases of this covariance add to the covariances of the states (N, 3D, 3D).
+pub(super) fn add_covariance<const N: usize>(
+    means: &[Vec<f64>],
+    of_biases: &DMatrix<f64>,
+    covariance: &mut [f64],
+) {
+    let p = means.len();
+    for (t, own) in covariance.chunks_exact_mut(N * N).enumerate() {
+        let response = DMatrix::from_fn(N, p, |i, a| means[a][t * N + i]);
+        let added = &response * of_biases * response.transpose();
+        for i in 0..N {
+            for j in 0..N {
+                own[i * N + j] += 0.5 * (added[(i, j)] + added[(j, i)]);
             }
         }
-        Ok(())
     }
 }
 
 /// Weights over σ², 0 for what is not used, and the mean slope of Tukey's scores over their mean
 /// weight.
-fn weights<const D: usize, const N: usize>(
+pub(super) fn weights<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
 ) -> (Vec<f64>, f64) {

@@ -1,7 +1,7 @@
 //! A trajectory and what was found on the way.
 
-use super::bias::Biases;
 use super::fixes::Fixes;
+use super::lasting::LastingErrors;
 use super::measured::{Measured, Record};
 use crate::smoothing::{JerkFit, Summary};
 
@@ -20,9 +20,8 @@ pub struct Trajectory {
     pub outlier: Vec<bool>,
     /// Whitened residuals about the trajectory (N, 5, K), without biases.
     pub residual: Vec<f64>,
-    /// Biases and their standard deviations (5, K): 0 and ∞ where nothing was measured, 0 and 0 of
-    /// kinds that were not asked for. None if none was.
-    pub bias: Option<(Vec<f64>, Vec<f64>)>,
+    /// Lasting errors; none where nothing was asked.
+    pub bias: Option<LastingErrors>,
 }
 
 /// What a smoother with white jerk found.
@@ -46,7 +45,7 @@ impl Trajectory {
         mean: Vec<f64>,
         covariance: Vec<f64>,
     ) -> Self {
-        let residual = residuals::<D, N>(record, None, &mean);
+        let residual = residuals::<D, N>(record, record.values.to_vec(), &mean);
         let outlier = fixes.outlier.clone();
         Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None }
     }
@@ -61,17 +60,13 @@ pub(super) fn without_correlations(variance: &[f64], size: usize) -> Vec<f64> {
     matrices
 }
 
-/// Whitened residuals about states, of measurements without their biases.
+/// Whitened residuals about states, of measurements (N, 5, K).
 pub(super) fn residuals<const D: usize, const N: usize>(
     record: &Record<'_>,
-    biases: Option<&Biases>,
+    values: Vec<f64>,
     mean: &[f64],
 ) -> Vec<f64> {
     let width = record.width();
-    let values = match biases {
-        None => record.values.to_vec(),
-        Some(biases) => biases.removed_from(record.values, width),
-    };
     let measured = Measured::<D>::new(record, values);
     let mut residual = vec![f64::NAN; record.values.len()];
     for (t, state) in mean.chunks_exact(N).enumerate() {

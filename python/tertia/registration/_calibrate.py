@@ -1,0 +1,153 @@
+"""The bias of one sensor from targets whose positions are known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, finite, instance, integer, points, radians, samples
+from tertia.sensors import ANGLES, STATION_KINDS, Bias, Station, to_station_axes
+
+
+def calibrate(
+    station: Station,
+    time: npt.ArrayLike,
+    position: npt.ArrayLike,
+    *,
+    range: npt.ArrayLike | None = None,  # noqa: A002  # that is what it is
+    azimuth: npt.ArrayLike | None = None,
+    elevation: npt.ArrayLike | None = None,
+    deviation_order: int = 2,
+    degrees: bool = False,
+) -> Bias:
+    """Estimate the bias of a sensor from a calibration run: targets whose positions are known.
+
+    Parameters
+    ----------
+    station : Station
+        The sensor, with the standard deviation of each kind that was measured.
+    time : array_like of shape (N,)
+        Times in seconds, not decreasing.
+    position : array_like of shape (N, D)
+        Known positions of the target in metres.
+    range, azimuth, elevation : array_like of shape (N,), optional
+        What the sensor measured, in metres and radians; nan where nothing was.
+    deviation_order : int
+        Order of the Fourier series by which the bias of the azimuth follows the azimuth. Where the
+        target was seen over less than 120 degrees, at most 1.
+    degrees : bool
+        Whether the angles given here are in degrees.
+
+    Returns
+    -------
+    Bias
+        What the sensor measures too much, with its uncertainty, as `Station(bias=...)` takes it. In
+        directions that the run has not covered, the sigma of `Bias.at` grows.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, nothing measured, or a missing standard deviation.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    The model is y = c + Σ (a_k sin k α + b_k cos k α) + g(t) + e: c constant with a wide prior,
+    coefficients N(0, (s/k)²), g Gauss-Markov, e of the stated standard deviation or larger. The
+    variances and the correlation time are integrated out over a grid by their likelihood, with a
+    Kalman filter. Measurements have Tukey's weights. Cost O(N).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.registration import calibrate
+    >>> from tertia.sensors import Station
+    >>> finder = Station([0.0, 0.0], azimuth_sigma=0.02)
+    >>> direction = np.linspace(0, 2 * np.pi, 200)
+    >>> way = 1000 * np.column_stack([np.sin(direction), np.cos(direction)])
+    >>> seen = direction + 0.1 * np.sin(direction) + 0.02 * np.random.default_rng(1).normal(size=200)
+    >>> bias = calibrate(finder, np.arange(200.0), way, azimuth=seen, deviation_order=1)
+    >>> [round(float(v), 2) for v in bias.at(np.pi / 2)]
+    [0.1, 0.0]
+    """
+    instance(station, "station", Station)
+    instants = finite(time, "time")
+    if instants.ndim != 1 or instants.size == 0:
+        raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
+    back = np.flatnonzero(np.diff(instants) < 0)
+    if back.size:
+        raise ValueError(
+            f"time[{back[0] + 1}] is before the time before it; time must not decrease"
+        )
+    place = points(position, "position")
+    if place.shape != (instants.size, station.position.shape[-1]):
+        raise ValueError(
+            f"position has shape {place.shape}; it must be "
+            f"({instants.size}, {station.position.shape[-1]})"
+        )
+    order = integer(deviation_order, "deviation_order", 0)
+    expected = _expected(station, place)
+    fields: dict[str, Any] = {}
+    drifts = []
+    for kind, values in zip(STATION_KINDS, (range, azimuth, elevation), strict=True):
+        if values is None:
+            continue
+        if kind not in expected:
+            raise ValueError(f"{kind} needs a station with three coordinates")
+        known = radians(values, kind, degrees=degrees) if kind in ANGLES else samples(values, kind)
+        if known.shape != instants.shape:
+            raise ValueError(f"{kind} has shape {known.shape}; it must be {instants.shape}")
+        sigma = getattr(station, f"{kind}_sigma")
+        if sigma is None:
+            raise ValueError(f"{kind}_sigma of the station is missing")
+        there = ~np.isnan(known)
+        if not there.any():
+            raise ValueError(f"{kind} has no measurement")
+        off = (known - expected[kind])[there]
+        if kind in ANGLES:
+            off = (off + np.pi) % (2 * np.pi) - np.pi
+        direction = expected["azimuth"][there]
+        own = min(order, 1 if _arc(direction) < np.radians(120) else order)
+        own = own if kind == "azimuth" else 0
+        mean, covariance, drift, lasts, _ = _core.calibrate(
+            instants[there], off, direction, sigma, own
+        )
+        fields[kind] = mean[0]
+        fields[f"{kind}_sigma"] = float(np.sqrt(covariance[0, 0] + drift))
+        drifts.append((drift, drift + covariance[0, 0], lasts))
+        if own > 0:
+            scale = float(np.sqrt(np.mean(mean[1:] ** 2 + np.diag(covariance)[1:])))
+            fields |= {
+                "deviation_order": own,
+                "deviation_sigma": scale,
+                "deviation": mean[1:],
+                "deviation_covariance": covariance,
+            }
+    if not drifts:
+        raise ValueError("nothing was measured; give range, azimuth or elevation")
+    # one share and one time for all kinds: those of the kind that drifts most
+    drift, whole, lasts = max(drifts, key=lambda one: one[0] / one[1])
+    return Bias(**fields, drift_share=drift / whole, drift_time=lasts)
+
+
+def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
+    offset = to_station_axes(place - station.position, station.axes)
+    level = np.hypot(offset[:, 0], offset[:, 1])
+    told = {
+        "range": np.linalg.norm(offset, axis=-1),
+        "azimuth": np.arctan2(offset[:, 0], offset[:, 1]),
+    }
+    if offset.shape[-1] == 3:
+        told["elevation"] = np.arctan2(offset[:, 2], level)
+    return told
+
+
+def _arc(direction: FloatArray) -> float:
+    """Return the arc that directions cover: the circle less the largest gap."""
+    ordered = np.sort(direction % (2 * np.pi))
+    gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
+    return float(2 * np.pi - np.max(gaps))

@@ -1,0 +1,211 @@
+//! The systematic error of one sensor from targets whose positions are known.
+//!
+//! What is measured less what is expected is `y = c + Σ (a_k sin kα + b_k cos kα) + g(t) + e`: c
+//! constant with a wide prior, the coefficients N(0, (σ_d/k)²), g Gauss–Markov of variance σ_g² and
+//! correlation time τ, e of the stated standard deviation, or larger. A Kalman filter gives the
+//! likelihood of σ_d, σ_g and τ on a grid, over which the results are averaged. Cost O(N) for each
+//! point of the grid, times the square of the number of unknowns.
+
+use crate::base::angle::median;
+use nalgebra::{DMatrix, DVector};
+
+/// Standard deviations of the coefficients and of the drift, in those of the measurements.
+const SCALES: [f64; 7] = [0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+/// Correlation times, in those of the record.
+const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
+/// Standard deviation of the constant, in the largest residual and standard deviation.
+const WIDE: f64 = 10.0;
+/// Odds of none over those of one scale.
+const NOTHING: f64 = 2.0;
+const UNLIKELY: f64 = 0.01;
+/// Of Tukey's weights, and rounds of them.
+const TUKEY: f64 = 4.685;
+const ROUNDS: usize = 3;
+/// Median size of a normal variable.
+const MEDIAN_SIZE: f64 = 0.674_489_750_196_081_7;
+
+/// What was measured less what was expected, at which time and in which direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// Times, not decreasing, in seconds.
+    pub time: &'a [f64],
+    /// Differences.
+    pub residual: &'a [f64],
+    /// Directions in radians.
+    pub azimuth: &'a [f64],
+    /// Standard deviation of a measurement.
+    pub sigma: f64,
+}
+
+/// Constant and coefficients with their covariance, and the drift.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// c, a_1, b_1, a_2, …
+    pub mean: DVector<f64>,
+    /// Its covariance.
+    pub covariance: DMatrix<f64>,
+    /// Variance of the drift.
+    pub drift: f64,
+    /// Its correlation time; ∞ where there is none.
+    pub time: f64,
+    /// Variance of a measurement over what was stated, at least 1.
+    pub growth: f64,
+}
+
+struct Filtered {
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+    value: f64,
+    growth: f64,
+}
+
+/// The error as a Fourier series of this order.
+pub fn calibrate(run: &Run<'_>, order: usize) -> Calibration {
+    let n = run.residual.len();
+    let mut weight = vec![1.0; n];
+    let mut found = averaged(run, order, &weight);
+    for _ in 1..ROUNDS {
+        let off: Vec<f64> = (0..n)
+            .map(|i| run.residual[i] - terms(run.azimuth[i], order).dot(&found.mean))
+            .map(f64::abs)
+            .collect();
+        let scale = (median(&mut off.clone()) / MEDIAN_SIZE).max(run.sigma);
+        for (weight, off) in weight.iter_mut().zip(&off) {
+            let share = (off / scale / TUKEY).min(1.0);
+            *weight = (1.0 - share * share).powi(2);
+        }
+        found = averaged(run, order, &weight);
+    }
+    found
+}
+
+/// `1, sin α, cos α, sin 2α, …`
+fn terms(azimuth: f64, order: usize) -> DVector<f64> {
+    let harmonics = (1..=order).flat_map(|k| {
+        let (sine, cosine) = (k as f64 * azimuth).sin_cos();
+        [sine, cosine]
+    });
+    DVector::from_iterator(1 + 2 * order, std::iter::once(1.0).chain(harmonics))
+}
+
+fn averaged(run: &Run<'_>, order: usize, weight: &[f64]) -> Calibration {
+    let rows: Vec<DVector<f64>> = run.azimuth.iter().map(|a| terms(*a, order)).collect();
+    let span = run.time[run.time.len() - 1] - run.time[0];
+    let with_none = || std::iter::once(0.0).chain(SCALES);
+    let (mut points, mut filtered) = (Vec::new(), Vec::new());
+    let coefficients: Vec<f64> = if order > 0 { with_none().collect() } else { vec![0.0] };
+    for own in coefficients {
+        let of_own = if own == 0.0 { NOTHING.ln() } else { 0.0 };
+        for drift in with_none() {
+            let times = if drift == 0.0 || span == 0.0 { &TIMES[..1] } else { &TIMES[..] };
+            let prior = if drift == 0.0 { NOTHING.ln() } else { -(times.len() as f64).ln() };
+            if drift > 0.0 && span == 0.0 {
+                continue;
+            }
+            for time in times.iter().map(|part| part * span) {
+                let point = [own * run.sigma, drift * run.sigma, time];
+                let mut own = filter(run, &rows, weight, point);
+                own.value += prior + of_own;
+                points.push(point);
+                filtered.push(own);
+            }
+        }
+    }
+    let top = filtered.iter().map(|own| own.value).fold(f64::NEG_INFINITY, f64::max);
+    let share: Vec<f64> = filtered.iter().map(|own| (own.value - top).exp()).collect();
+    let total: f64 = share.iter().filter(|w| **w > UNLIKELY).sum();
+    let size = 1 + 2 * order;
+    let mut sum = Calibration {
+        mean: DVector::zeros(size),
+        covariance: DMatrix::zeros(size, size),
+        drift: 0.0,
+        time: 0.0,
+        growth: 0.0,
+    };
+    let likely: Vec<usize> = (0..share.len()).filter(|i| share[*i] > UNLIKELY).collect();
+    for &i in &likely {
+        let w = share[i] / total;
+        let own = &filtered[i];
+        sum.mean += &own.mean * w;
+        let drift = w * own.growth * points[i][1].powi(2);
+        sum.drift += drift;
+        sum.time += drift * points[i][2];
+        sum.growth += w * own.growth;
+    }
+    for &i in &likely {
+        let own = &filtered[i];
+        let off = &own.mean - &sum.mean;
+        sum.covariance +=
+            (&own.covariance * own.growth + &off * off.transpose()) * (share[i] / total);
+    }
+    sum.time = if sum.drift > 0.0 { sum.time / sum.drift } else { f64::INFINITY };
+    sum
+}
+
+/// Constant and coefficients, for standard deviations of coefficients and drift and a correlation
+/// time, with the likelihood and the growth of the noise.
+fn filter(
+    run: &Run<'_>,
+    rows: &[DVector<f64>],
+    weight: &[f64],
+    [coefficient, drift, time]: [f64; 3],
+) -> Filtered {
+    let size = rows[0].len();
+    let n = size + 1;
+    let largest = run.residual.iter().fold(run.sigma, |most, r| most.max(r.abs()));
+    let mut mean = DVector::zeros(n);
+    let mut covariance = DMatrix::zeros(n, n);
+    covariance[(0, 0)] = (WIDE * largest).powi(2);
+    for k in 1..size {
+        covariance[(k, k)] = (coefficient / k.div_ceil(2) as f64).powi(2);
+    }
+    covariance[(size, size)] = drift * drift;
+    let (mut squares, mut logarithms, mut count) = (0.0, 0.0, 0.0);
+    let (mut h, mut last) = (DVector::zeros(n), run.time[0]);
+    h[size] = 1.0;
+    for (i, row) in rows.iter().enumerate().filter(|(i, _)| weight[*i] > 0.0) {
+        if drift > 0.0 {
+            let rest = (-(run.time[i] - last) / time).exp();
+            last = run.time[i];
+            mean[size] *= rest;
+            covariance.row_mut(size).scale_mut(rest);
+            covariance.column_mut(size).scale_mut(rest);
+            covariance[(size, size)] += (1.0 - rest * rest) * drift * drift;
+        }
+        h.rows_mut(0, size).copy_from(row);
+        let gain = &covariance * &h;
+        let variance = run.sigma * run.sigma / weight[i];
+        let s = variance + h.dot(&gain);
+        let innovation = run.residual[i] - h.dot(&mean);
+        mean += &gain * (innovation / s);
+        covariance -= &gain * gain.transpose() / s;
+        squares += innovation * innovation / s;
+        logarithms += (s / variance).ln();
+        count += 1.0;
+    }
+    let growth: f64 = (squares / f64::max(count - 1.0, 1.0)).max(1.0);
+    let value = -0.5 * (logarithms + count * growth.ln() + squares / growth);
+    Filtered {
+        mean: mean.rows(0, size).into_owned(),
+        covariance: covariance.view((0, 0), (size, size)).into_owned(),
+        value,
+        growth,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A constant without noise comes back, and its error is that of a mean.
+    #[test]
+    fn a_constant() {
+        let time: Vec<f64> = (0..400).map(f64::from).collect();
+        let noise = |i: usize| if i % 2 == 0 { 0.5 } else { -0.5 };
+        let residual: Vec<f64> = (0..400).map(|i| 3.0 + noise(i)).collect();
+        let run = Run { time: &time, residual: &residual, azimuth: &vec![0.3; 400], sigma: 0.5 };
+        let found = calibrate(&run, 0);
+        assert!((found.mean[0] - 3.0).abs() < 1e-3);
+        assert!((found.covariance[(0, 0)].sqrt() / 0.025 - 1.0).abs() < 0.1);
+    }
+}

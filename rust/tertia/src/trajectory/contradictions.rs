@@ -1,0 +1,148 @@
+//! Contradictions between the stations, in blocks of instants, and the filter of lasting errors.
+
+use super::bias::Instant;
+use super::measured::Record;
+use nalgebra::{DMatrix, DVector};
+
+/// Share of its information from which a direction is determined.
+const DETERMINED: f64 = 1e-9;
+
+/// Contradictions of blocks of instants: rows of `y = h (c + g) + e` with e of variance 1.
+pub(super) struct Blocks {
+    size: usize,
+    pub time: Vec<f64>,
+    rows: Vec<Vec<f64>>,
+    /// Numbers that contradict.
+    pub count: usize,
+}
+
+/// Variances of constants and drifts, and a correlation time.
+pub(super) struct Point {
+    pub constant: Vec<f64>,
+    pub drift: Vec<f64>,
+    pub time: f64,
+}
+
+/// What is known of the constants.
+pub(super) struct Filtered {
+    squares: f64,
+    log_determinant: f64,
+    pub mean: Vec<f64>,
+    pub covariance: DMatrix<f64>,
+}
+
+impl Blocks {
+    /// `before` was removed from the measurements; `taper` is what weights make of the slope and
+    /// the standard deviation of the scores.
+    pub fn new<const D: usize>(
+        record: &Record<'_>,
+        instants: &[Instant<D>],
+        before: &DVector<f64>,
+        length: usize,
+        taper: (f64, f64),
+    ) -> Self {
+        let size = before.len();
+        let mut blocks = Self { size, time: Vec::new(), rows: Vec::new(), count: 0 };
+        for (own, times) in instants.chunks(length).zip(record.time.chunks(length)) {
+            let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
+            for instant in own {
+                instant.add_information(|i| instant.rows[i].1, &mut information);
+                for (kept, (_, w, r, _)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
+                    for a in 0..size {
+                        scores[a] += kept[a] * w * r;
+                    }
+                }
+            }
+            scores += &information * before * taper.0;
+            let rows = factored(information, scores, taper);
+            blocks.count += rows.len() / (size + 1);
+            blocks.rows.push(rows);
+            blocks.time.push(times.iter().sum::<f64>() / times.len() as f64);
+        }
+        blocks
+    }
+
+    /// The filter of constants and drifts. Cost: of a block O(P²) for each of its rows.
+    pub fn filter(&self, point: &Point) -> Filtered {
+        let c = self.size;
+        let drifts = point.drift.iter().any(|v| *v > 0.0);
+        let n = if drifts { 2 * c } else { c };
+        let (mut x, mut p) = (vec![0.0; n], vec![0.0; n * n]);
+        for i in 0..c {
+            p[i * n + i] = point.constant[i];
+            if drifts {
+                p[(c + i) * n + c + i] = point.drift[i];
+            }
+        }
+        let (mut squares, mut log_determinant) = (0.0, 0.0);
+        let mut g = vec![0.0; n];
+        for (k, rows) in self.rows.iter().enumerate() {
+            if k > 0 && drifts {
+                let rest = (-(self.time[k] - self.time[k - 1]) / point.time).exp();
+                for i in c..n {
+                    x[i] *= rest;
+                    p[i * n..(i + 1) * n].iter_mut().for_each(|v| *v *= rest);
+                    p.iter_mut().skip(i).step_by(n).for_each(|v| *v *= rest);
+                    p[i * n + i] += (1.0 - rest * rest) * point.drift[i - c];
+                }
+            }
+            for row in rows.chunks_exact(c + 1) {
+                let (h, y) = (&row[..c], row[c]);
+                let along = |v: &[f64]| v.chunks_exact(c).map(|part| dot(h, part)).sum::<f64>();
+                for (g, row) in g.iter_mut().zip(p.chunks_exact(n)) {
+                    *g = along(row);
+                }
+                let s = 1.0 + along(&g);
+                let innovation = y - along(&x);
+                for i in 0..n {
+                    let gain = g[i] / s;
+                    x[i] += gain * innovation;
+                    for j in 0..n {
+                        p[i * n + j] -= gain * g[j];
+                    }
+                }
+                squares += innovation * innovation / s;
+                log_determinant += s.ln();
+            }
+        }
+        let covariance = DMatrix::from_fn(c, c, |i, j| 0.5 * (p[i * n + j] + p[j * n + i]));
+        x.truncate(c);
+        Filtered { squares, log_determinant, mean: x, covariance }
+    }
+
+    /// ln of the likelihood with the growth of the noise that is likeliest, at least 1; and that.
+    pub fn likelihood(&self, filtered: &Filtered) -> (f64, f64) {
+        let count = self.count as f64;
+        let growth = (filtered.squares / count.max(1.0)).max(1.0);
+        let sum = filtered.log_determinant + count * growth.ln() + filtered.squares / growth;
+        (-0.5 * sum, growth)
+    }
+}
+
+/// `y = h u + e` of information and scores, by a Cholesky factor with pivots.
+fn factored(information: DMatrix<f64>, scores: DVector<f64>, taper: (f64, f64)) -> Vec<f64> {
+    let size = scores.len();
+    let (mut matrix, mut right) = (information, scores);
+    let largest = matrix.diagonal().max();
+    let (slope, root) = taper;
+    let mut rows = Vec::new();
+    for _ in 0..size {
+        let pivot = matrix.diagonal().imax();
+        let value = matrix[(pivot, pivot)];
+        if value.is_nan() || value <= DETERMINED * largest {
+            break;
+        }
+        let h = matrix.column(pivot) / value.sqrt();
+        let y = right[pivot] / value.sqrt();
+        rows.extend(h.iter().map(|v| v * slope / root));
+        rows.push(y / root);
+        matrix -= &h * h.transpose();
+        right -= h * y;
+        matrix[(pivot, pivot)] = 0.0;
+    }
+    rows
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,152 @@
+//! The grid of scales, shares and correlation times of lasting errors.
+
+use super::contradictions::{Blocks, Point};
+use super::lasting::Prior;
+use super::measured::Record;
+use crate::sensors::KINDS;
+
+/// Standard deviations of lasting errors, in those of the measurements.
+const SCALES: [f64; 7] = [0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+/// Shares of the variance that drift. None is no error that is exactly the same everywhere: such a
+/// one would be told from another by differences that no station has.
+const SHARES: [f64; 4] = [0.12, 0.35, 0.7, 1.0];
+/// Correlation times, in those of the record.
+const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
+/// Correlation times are longer than so many blocks.
+const RESOLVED: f64 = 1.5;
+/// Odds of no lasting errors of a kind over those of one scale.
+const NOTHING: f64 = 6.0;
+/// Scales of one kind or all with which nothing must be gained where nothing lasts.
+const PROBES: [f64; 2] = [0.25, 1.0];
+/// Scales where there are several kinds.
+const LEVELS: [f64; 4] = [0.25, 0.7, 2.0, 6.0];
+/// ln of the likelihood ratio below which a point does not count.
+const FALL: f64 = 4.0;
+
+/// Points at which the likelihood is asked for.
+pub(super) struct Grid<'a> {
+    blocks: &'a Blocks,
+    /// Standard deviation of each column, and its number among the kinds that are found; none where
+    /// the standard deviation is that of the lasting error.
+    sigma: Vec<f64>,
+    kind: Vec<Option<usize>>,
+    kinds: usize,
+    shares: Vec<f64>,
+    times: Vec<f64>,
+}
+
+impl<'a> Grid<'a> {
+    pub fn new(record: &Record<'_>, blocks: &'a Blocks, prior: &Prior, columns: &[usize]) -> Self {
+        let k = record.width() / KINDS;
+        let mut found: Vec<usize> =
+            columns.iter().filter(|c| prior.sigma[**c].is_nan()).map(|c| c / k).collect();
+        found.dedup();
+        let kind = |c: &usize| {
+            prior.sigma[*c].is_nan().then(|| found.iter().position(|own| *own == c / k)).flatten()
+        };
+        let sigma = |c: &usize| {
+            let given = prior.sigma[*c];
+            if given.is_nan() { record.sigmas[*c] } else { given }
+        };
+        let span = record.time[record.len() - 1] - record.time[0];
+        let step = span / blocks.time.len() as f64;
+        let mut times: Vec<f64> =
+            TIMES.iter().map(|part| part * span).filter(|t| *t > RESOLVED * step).collect();
+        if times.is_empty() {
+            times.push(span.max(f64::MIN_POSITIVE));
+        }
+        let share = prior.share.or((found.is_empty()).then_some(0.0));
+        Self {
+            blocks,
+            sigma: columns.iter().map(sigma).collect(),
+            kind: columns.iter().map(kind).collect(),
+            kinds: found.len(),
+            shares: share.map_or(SHARES.to_vec(), |share| vec![share]),
+            times: prior.time.map_or(times, |time| vec![time]),
+        }
+    }
+
+    fn point(&self, scales: &[f64], share: f64, time: f64) -> Point {
+        let variance = |part: f64| {
+            let pairs = self.sigma.iter().zip(&self.kind);
+            pairs
+                .map(|(s, kind)| part * (kind.map_or(1.0, |kind| scales[kind]) * s).powi(2))
+                .collect()
+        };
+        // what drifts for ever does not
+        let share = if time.is_finite() { share } else { 0.0 };
+        Point { constant: variance(1.0 - share), drift: variance(share), time }
+    }
+
+    /// Points that may count, with ln of their probabilities and the growth of the noise.
+    pub fn searched(&self) -> Vec<(Point, f64, f64)> {
+        let own: Vec<(f64, f64)> =
+            self.shares.iter().flat_map(|s| self.times.iter().map(move |t| (*s, *t))).collect();
+        let each = (own.len() as f64).ln();
+        match self.kinds {
+            0 => own.iter().map(|own| self.judged(&[], *own, 0.0)).collect(),
+            1 => {
+                let none = self.judged(&[0.0], own[0], NOTHING.ln());
+                let some = SCALES.iter().flat_map(|scale| own.iter().map(move |own| (scale, own)));
+                let some = some.map(|(scale, own)| self.judged(&[*scale], *own, -each));
+                std::iter::once(none).chain(some).collect()
+            }
+            _ => self.several(&own),
+        }
+    }
+
+    fn judged(&self, scales: &[f64], (share, time): (f64, f64), prior: f64) -> (Point, f64, f64) {
+        let point = self.point(scales, share, time);
+        let (value, growth) = self.blocks.likelihood(&self.blocks.filter(&point));
+        (point, value + prior, growth)
+    }
+
+    /// Of several kinds: the scales with a likely share and time, and shares and times with the
+    /// likeliest scales, as if these were independent.
+    fn several(&self, own: &[(f64, f64)]) -> Vec<(Point, f64, f64)> {
+        let levels: Vec<f64> = [0.0].into_iter().chain(LEVELS).collect();
+        let odds = (NOTHING * LEVELS.len() as f64 / SCALES.len() as f64).ln();
+        let middle = own[own.len() / 3];
+        let value = |scales: &[f64]| {
+            let zeros = scales.iter().filter(|scale| **scale == 0.0).count() as f64;
+            let (_, value, growth) = self.judged(scales, middle, zeros * odds);
+            (value, growth)
+        };
+        let none = vec![0.0; self.kinds];
+        let least = value(&none);
+        let probes = PROBES.iter().flat_map(|&scale| {
+            let one = move |kind| (0..self.kinds).map(|k| f64::from(k == kind) * scale).collect();
+            (0..self.kinds).map(one).chain(std::iter::once(vec![scale; self.kinds]))
+        });
+        if !probes.map(|scales: Vec<f64>| value(&scales).0).any(|value| value > least.0) {
+            return vec![(self.point(&none, 0.0, middle.1), least.0, least.1)];
+        }
+        let mut found = Vec::new();
+        for number in 0..levels.len().pow(self.kinds as u32) {
+            let level = |kind: usize| levels[number / levels.len().pow(kind as u32) % levels.len()];
+            let scales: Vec<f64> = (0..self.kinds).map(level).collect();
+            let (value, growth) = value(&scales);
+            found.push((scales, value, growth));
+        }
+        let top = found.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
+        let likely = found[1..].iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|one| one.0.clone());
+        let likely = likely.unwrap_or(none);
+        let values: Vec<f64> = own.iter().map(|own| self.judged(&likely, *own, 0.0).1).collect();
+        let best = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let total = values.iter().map(|value| (value - best).exp()).sum::<f64>().ln() + best;
+        let mut points = Vec::new();
+        for (scales, value, growth) in found.into_iter().filter(|one| one.1 > top - FALL) {
+            if scales.iter().all(|scale| *scale == 0.0) {
+                points.push((self.point(&scales, 0.0, middle.1), value, growth));
+                continue;
+            }
+            for ((share, time), part) in own.iter().zip(&values) {
+                let value = value + part - total;
+                if value > top - FALL {
+                    points.push((self.point(&scales, *share, *time), value, growth));
+                }
+            }
+        }
+        points
+    }
+}

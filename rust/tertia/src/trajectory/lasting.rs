@@ -1,0 +1,391 @@
+//! Errors that last: how large they are, and how long they last, from contradictions between
+//! stations.
+//!
+//! What a station measures of a kind has an error `c + g(t) + e(t)`: c constant, g Gauss–Markov of a
+//! correlation time, e new each time. Of the residuals r of an instant about the path, with weights
+//! W and derivatives J, `Λ r` with `Λ = W − W J (J'WJ)^-1 J'W` does not depend on the position: it
+//! is `Λ (c + g + e)`. A Kalman filter of c and g over blocks of instants gives its likelihood. The
+//! variance of c and g, a share of it that drifts, and a correlation time are averaged over a grid.
+//! Only c is removed from the measurements. What may be left of it, and g as large as it is before
+//! anything is known of it, go through the smoother into the covariance of the path.
+
+use super::bias::{Instant, add_covariance, responses, smoothed, weights};
+use super::contradictions::Blocks;
+use super::failure::Failure;
+use super::found::{Found, Setting};
+use super::grid::Grid;
+use super::measured::{Measured, Record, in_domain};
+use super::weight::chance;
+use crate::sensors::KINDS;
+use nalgebra::{DMatrix, DVector};
+use std::rc::Rc;
+
+/// Probability of no lasting errors from which there are none.
+const CERTAIN: f64 = 0.9;
+/// Likelihood ratio below which a point of the grid does not count.
+const UNLIKELY: f64 = 0.01;
+/// Blocks of instants in the memory of the smoother, at least in the record, and at most times the
+/// columns.
+const IN_MEMORY: f64 = 4.0;
+const LEAST_BLOCKS: usize = 10;
+const MOST_NUMBERS: usize = 600;
+/// Rounds of removing what was found, and the change, in standard errors, that ends them.
+const ROUNDS: usize = 3;
+const SETTLED: f64 = 0.1;
+/// Falls of two moments of Tukey's weights per fall of their mean slope, with normal errors.
+const FALL_OF_SQUARES: f64 = 2.0;
+const FALL_OF_VARIANCES: f64 = 1.4;
+const LEAST_FALL: f64 = 0.4;
+/// One-sided 99 % of a normal variable.
+const SURELY: f64 = 2.326;
+
+/// What is assumed of the lasting errors.
+#[derive(Clone, Debug)]
+pub struct Prior {
+    /// Standard deviations, 5 K numbers: 0 of what is trusted, nan of what is to be found.
+    pub sigma: Vec<f64>,
+    /// Share of their variance that drifts, and its correlation time; none: to be found.
+    pub share: Option<f64>,
+    /// See `share`.
+    pub time: Option<f64>,
+    /// Standard deviations of the azimuths that depend on the direction (N, K); none: 0.
+    pub deviation: Option<Vec<f64>>,
+}
+
+impl Prior {
+    /// Numbers of an instant that may have lasting errors, of what was measured.
+    fn columns(&self, record: &Record<'_>) -> Vec<usize> {
+        let width = record.width();
+        let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
+        (0..width).filter(|at| self.sigma[*at] != 0.0).filter(seen).collect()
+    }
+}
+
+/// Lasting errors as far as they are known.
+#[derive(Clone, Debug)]
+pub(super) struct Lasting {
+    /// Where they stand in an instant.
+    columns: Vec<usize>,
+    /// What was removed.
+    values: DVector<f64>,
+    /// Covariance of the constants.
+    constant: DMatrix<f64>,
+    /// Variances of what drifts, and of what the smoother leaves of it.
+    drift: Vec<f64>,
+    smooth: Vec<f64>,
+    /// Standard deviations of what all stations of a kind have in common.
+    common: Vec<f64>,
+    /// Variance of the other errors, averaged over a block, over what is expected.
+    growth: f64,
+    /// Probability that nothing lasts.
+    nothing: f64,
+    /// Numbers that contradict.
+    count: usize,
+    share: f64,
+    time: f64,
+}
+
+/// What came out, for each number of an instant.
+#[derive(Clone, Debug)]
+pub struct LastingErrors {
+    /// What was removed, and the standard deviations of what is left (5 K).
+    pub value: Vec<f64>,
+    /// See `value`.
+    pub sigma: Vec<f64>,
+    /// Share of the variance that drifts, and its correlation time.
+    pub share: f64,
+    /// See `share`.
+    pub time: f64,
+    /// Whether anything could contradict.
+    pub is_told: bool,
+}
+
+impl Lasting {
+    /// From the residuals about the path, of measurements from which `before` was removed.
+    fn estimate<const D: usize, const N: usize>(
+        record: &Record<'_>,
+        found: &Found<D, N>,
+        prior: &Prior,
+        columns: &[usize],
+        before: &DVector<f64>,
+    ) -> Self {
+        let (weight, slope) = weights(record, found);
+        let of =
+            |t| Instant::new(&found.measured, t, found.path.position::<D>(t), &weight, columns);
+        let instants: Vec<Instant<D>> = (0..record.len()).map(of).collect();
+        let squares = (1.0 - FALL_OF_SQUARES * (1.0 - slope)).max(LEAST_FALL);
+        let taper = (slope, squares.sqrt());
+        let memory = memory(record, found);
+        let length = length(record, memory, columns.len());
+        let blocks = Blocks::new(record, &instants, before, length, taper);
+        let mut lasting = Self::of(record, &blocks, prior, columns, memory * step(record));
+        let variances = (1.0 - FALL_OF_VARIANCES * (1.0 - slope)).max(LEAST_FALL);
+        lasting.share_declared(record, found, &instants, before, variances, prior);
+        lasting
+    }
+
+    /// The mean over the grid.
+    fn of(
+        record: &Record<'_>,
+        blocks: &Blocks,
+        prior: &Prior,
+        columns: &[usize],
+        memory: f64,
+    ) -> Self {
+        let c = columns.len();
+        let grid = Grid::new(record, blocks, prior, columns);
+        let points = grid.searched();
+        let top = points.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
+        let share: Vec<f64> = points.iter().map(|one| (one.1 - top).exp()).collect();
+        let total: f64 = share.iter().filter(|v| **v > UNLIKELY).sum();
+        let mut lasting = Self {
+            columns: columns.to_vec(),
+            values: DVector::zeros(c),
+            constant: DMatrix::zeros(c, c),
+            drift: vec![0.0; c],
+            smooth: vec![0.0; c],
+            common: vec![0.0; c],
+            growth: 0.0,
+            nothing: 0.0,
+            count: blocks.count,
+            share: 0.0,
+            time: f64::INFINITY,
+        };
+        let mut parts = Vec::new();
+        let (mut whole, mut drifting, mut times) = (0.0, 0.0, 0.0);
+        for ((point, _, growth), share) in points.iter().zip(share).filter(|(_, w)| *w > UNLIKELY) {
+            let w = share / total;
+            let filtered = blocks.filter(point);
+            lasting.growth += w * growth;
+            if point.constant.iter().chain(&point.drift).all(|v| *v == 0.0) {
+                lasting.nothing += w;
+            }
+            let (constant, drift): (f64, f64) =
+                (point.constant.iter().sum(), point.drift.iter().sum());
+            whole += w * (constant + drift);
+            drifting += w * drift;
+            times += w * drift * point.time;
+            let mean = DVector::from_vec(filtered.mean);
+            lasting.values += &mean * w;
+            lasting.constant += filtered.covariance * (w * growth);
+            let left = averaged(memory / point.time);
+            for (at, own) in point.drift.iter().enumerate() {
+                lasting.drift[at] += w * growth * own;
+                lasting.smooth[at] += w * growth * own * left;
+            }
+            parts.push((w, mean));
+        }
+        for (w, mean) in parts {
+            let off = mean - &lasting.values;
+            lasting.constant += &off * off.transpose() * w;
+        }
+        if whole > 0.0 {
+            lasting.share = drifting / whole;
+            lasting.time = if drifting > 0.0 { times / drifting } else { f64::INFINITY };
+        }
+        let margin = chance() * (2.0 / blocks.count.max(1) as f64).sqrt();
+        if lasting.growth <= 1.0 + margin {
+            lasting.growth = 1.0;
+        }
+        lasting
+    }
+
+    /// What is stated of the variance but neither scatters nor contradicts must be common to all
+    /// stations of the kind.
+    fn share_declared<const D: usize, const N: usize>(
+        &mut self,
+        record: &Record<'_>,
+        found: &Found<D, N>,
+        instants: &[Instant<D>],
+        before: &DVector<f64>,
+        expected: f64,
+        prior: &Prior,
+    ) {
+        let (c, k) = (self.columns.len(), record.width() / KINDS);
+        let change = &self.values - before;
+        let (mut squares, mut shares) = ([0.0; KINDS], [0.0; KINDS]);
+        for instant in instants {
+            let left = instant.left(&change);
+            for (i, ((m, w, ..), left)) in instant.rows.iter().zip(left).enumerate() {
+                let kind = found.measured.column[*m] / k;
+                squares[kind] += w * left * left;
+                shares[kind] += instant.share(i);
+            }
+        }
+        for kind in 0..KINDS {
+            let own: Vec<usize> = (0..c)
+                .filter(|i| self.columns[*i] / k == kind && prior.sigma[self.columns[*i]].is_nan())
+                .collect();
+            if own.is_empty() || shares[kind] <= 0.0 || self.is_nothing() {
+                continue;
+            }
+            let scatter = squares[kind] / shares[kind] / expected;
+            let scatter = scatter * (1.0 + SURELY * (2.0 / shares[kind]).sqrt());
+            let variance = |i: &usize| record.sigmas[self.columns[*i]].powi(2);
+            let contradicted = |i: &usize| (self.values[*i].powi(2) + self.drift[*i]) / variance(i);
+            let contradicts = own.iter().map(contradicted).sum::<f64>() / own.len() as f64;
+            let rest = 1.0 - scatter - contradicts;
+            for i in own.iter().filter(|_| rest > 0.0) {
+                self.common[*i] = (rest * variance(i)).sqrt();
+            }
+        }
+    }
+
+    /// Whether nothing lasts.
+    pub fn is_nothing(&self) -> bool {
+        self.nothing >= CERTAIN
+    }
+
+    fn sigma(&self, i: usize) -> f64 {
+        (self.constant[(i, i)] + self.drift[i] + self.common[i].powi(2)).sqrt()
+    }
+
+    /// Measurements without what was found, within their domain.
+    pub fn removed_from(&self, values: &[f64], width: usize) -> Vec<f64> {
+        let mut removed = values.to_vec();
+        for (column, value) in self.columns.iter().zip(&self.values) {
+            for row in removed.chunks_exact_mut(width) {
+                row[*column] = in_domain(*column, width, row[*column] - value);
+            }
+        }
+        removed
+    }
+
+    /// Adds what they add to the covariance of the states (N, 3D, 3D).
+    pub fn add_effect<const D: usize, const N: usize>(
+        &self,
+        setting: &mut Setting<'_, D, N>,
+        found: &Found<D, N>,
+        jerk: f64,
+        covariance: &mut [f64],
+    ) -> Result<(), Failure> {
+        if self.growth > 1.0 {
+            covariance.iter_mut().for_each(|v| *v *= self.growth);
+        }
+        if self.is_nothing() {
+            return Ok(());
+        }
+        let (responses, spread) = answers(setting.record, found, &self.columns);
+        let means = smoothed(setting, &responses, &spread, jerk)?;
+        let k = setting.record.width() / KINDS;
+        let c = self.columns.len();
+        let mut whole = self.constant.clone();
+        for i in 0..c {
+            whole[(i, i)] += self.smooth[i];
+            for j in (0..c).filter(|j| self.columns[i] / k == self.columns[*j] / k) {
+                whole[(i, j)] += self.common[i] * self.common[j];
+            }
+        }
+        add_covariance::<N>(&means, &whole, covariance);
+        Ok(())
+    }
+
+    /// For each number of an instant.
+    pub fn by_station(&self, prior: &Prior) -> LastingErrors {
+        let mut value = vec![0.0; prior.sigma.len()];
+        // of stations that measured nothing, as before
+        let mut sigma: Vec<f64> =
+            prior.sigma.iter().map(|s| if s.is_nan() { 0.0 } else { *s }).collect();
+        for (i, column) in self.columns.iter().enumerate() {
+            let nothing = self.is_nothing();
+            value[*column] = if nothing { 0.0 } else { self.values[i] };
+            sigma[*column] = if nothing { 0.0 } else { self.sigma(i) };
+        }
+        let is_told = self.count > 0;
+        LastingErrors { value, sigma, share: self.share, time: self.time, is_told }
+    }
+}
+
+/// Adds what errors that depend on the direction add to the covariance of the states (N, 3D, 3D).
+pub(super) fn add_deviation<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    found: &Found<D, N>,
+    sigma: &[f64],
+    jerk: f64,
+    covariance: &mut [f64],
+) -> Result<(), Failure> {
+    let k = setting.record.width() / KINDS;
+    let azimuths: Vec<usize> = (k..2 * k).collect();
+    let (mut responses, spread) = answers(setting.record, found, &azimuths);
+    for (station, response) in responses.iter_mut().enumerate() {
+        let own = sigma.iter().skip(station).step_by(k);
+        for (part, s) in response.chunks_exact_mut(D).zip(own) {
+            part.iter_mut().for_each(|v| *v *= s);
+        }
+    }
+    let means = smoothed(setting, &responses, &spread, jerk)?;
+    add_covariance::<N>(&means, &DMatrix::identity(k, k), covariance);
+    Ok(())
+}
+
+/// What errors of 1 in these columns add to the positions of the instants.
+fn answers<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    columns: &[usize],
+) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let (weight, _) = weights(record, found);
+    let of = |t| Instant::new(&found.measured, t, found.path.position::<D>(t), &weight, columns);
+    let instants: Vec<Instant<D>> = (0..record.len()).map(of).collect();
+    responses(&instants, columns.len())
+}
+
+/// Instants over which the smoother averages: the ratio of the variances before and after it.
+fn memory<const D: usize, const N: usize>(record: &Record<'_>, found: &Found<D, N>) -> f64 {
+    let trace = |matrix: &[f64]| matrix.iter().step_by(D + 1).sum::<f64>();
+    let ratio = |t: usize| {
+        let at = t * D * D..(t + 1) * D * D;
+        trace(&found.plots.covariance[at.clone()]) / trace(&found.path.covariance[at])
+    };
+    let mut ratios: Vec<f64> = (0..record.len()).map(ratio).filter(|r| r.is_finite()).collect();
+    ratios.sort_unstable_by(f64::total_cmp);
+    ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// Instants in a block: a part of the memory of the smoother.
+fn length(record: &Record<'_>, memory: f64, columns: usize) -> usize {
+    let n = record.len();
+    let wished = (memory / IN_MEMORY) as usize;
+    wished.min(n / LEAST_BLOCKS).max(n.div_ceil(MOST_NUMBERS / columns)).max(1)
+}
+
+/// Mean time between two instants.
+fn step(record: &Record<'_>) -> f64 {
+    let n = record.len();
+    (record.time[n - 1] - record.time[0]) / (n - 1).max(1) as f64
+}
+
+/// Variance of the mean of an error with a correlation time over `a` times of it, over its own.
+fn averaged(a: f64) -> f64 {
+    if a > 1e-4 { 2.0 / a * (1.0 + (-a).exp_m1() / a) } else { 1.0 }
+}
+
+/// Finds lasting errors, and removes the constant part until it hardly changes.
+pub(super) fn rounds<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    mut found: Found<D, N>,
+    prior: &Prior,
+) -> Result<(Found<D, N>, Option<Lasting>), Failure> {
+    let columns = prior.columns(setting.record);
+    if columns.is_empty() || found.plots.count(D) < 2 {
+        return Ok((found, None));
+    }
+    let none = DVector::zeros(columns.len());
+    let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &none);
+    for round in 1..=if lasting.is_nothing() { 0 } else { ROUNDS } {
+        let values = lasting.removed_from(setting.record.values, setting.record.width());
+        let measured = Rc::new(Measured::new(setting.record, values));
+        found = found.without_outliers(setting, &measured)?;
+        let removed = lasting.values;
+        lasting = Lasting::estimate(setting.record, &found, prior, &columns, &removed);
+        let change = &lasting.values - &removed;
+        let small = (0..columns.len()).all(|i| change[i].abs() <= SETTLED * lasting.sigma(i));
+        lasting.nothing = 0.0;
+        if small || round == ROUNDS {
+            // the last word is what was removed
+            lasting.values = removed;
+            break;
+        }
+    }
+    Ok((found, Some(lasting)))
+}
