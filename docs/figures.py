@@ -82,6 +82,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "regions": regions.coverage,
         "fused and smoothed": honest_series.coverage,
         "unsynchronised": arrivals.honesty,
+        "reconstruct": trajectory.coverage,
     },
     "location.md": {
         "faults": location.faults,
@@ -158,6 +159,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "consistency": trajectory.consistency,
         "biases": trajectory.biases,
         "finders": trajectory.finders,
+        "lasting": trajectory.lasting,
         "claims": trajectory.claims,
         "windows": trajectory.windows,
         "groups": trajectory.groups,

@@ -1,6 +1,7 @@
 """The tables and the picture of the page on trajectories."""
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import make_stations
@@ -8,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from studies import honesty
+from studies.honesty import BoolArray
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import plot
@@ -56,10 +59,57 @@ FINDER_SIGMA, FINDER_RUNS = np.deg2rad(5.0), repetitions(12)
 FINDER_BIASES = np.deg2rad([-1.0, -7.0, -4.0, -6.0])
 FINDER_FIXES = "least squares, no smoothing"
 FINDER_METHODS: dict[str, dict[str, Any]] = {
-    FINDER_FIXES: {"spatial": "least-squares"},
-    "robust, RTS": {},
-    "robust, RTS, biases estimated": {"bias": Bias(azimuth_sigma=None)},
+    FINDER_FIXES: {"spatial": "least-squares", "bias": Bias()},
+    "stations trusted, `bias=Bias()`": {"bias": Bias()},
+    "**default**": {},
+    "constant, `Bias(azimuth_sigma=inf)`": {"bias": Bias(azimuth_sigma=np.inf)},
 }
+# four drifting finders whose errors depend on direction and time: standard deviations in degrees of
+# noise, constant, coefficients of the first order, and drift, with its correlation time in seconds
+LASTING_RUNS, LASTING_TIME = repetitions(60), 200.0
+LASTING_SIGMAS = np.deg2rad([2.0, 4.0, 6.0, 3.0])
+LASTING_METHODS: dict[str, dict[str, Any]] = {
+    "stations trusted, `bias=Bias()`": {"bias": Bias()},
+    "constant, `Bias(azimuth_sigma=inf)`": {"bias": Bias(azimuth_sigma=np.inf)},
+    "constant, `Bias(azimuth_sigma=None, drift_share=0)`": {
+        "bias": Bias(azimuth_sigma=None, drift_share=0.0)
+    },
+    "given: 8°, half of it drifts, 600 s": {
+        "bias": Bias(azimuth_sigma=np.deg2rad(8.0), drift_share=0.5, drift_time=600.0)
+    },
+    "**default**": {},
+}
+# networks about the origin for the table of coverages: standard deviations, and size of the way
+HONEST_RUNS = repetitions(20)
+HONEST: dict[str, tuple[FloatArray, dict[Kind, float], float]] = {
+    "4 bearings": (
+        np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]]),
+        {"azimuth": np.deg2rad(3.0)},
+        900.0,
+    ),
+    "3 bearings": (
+        np.array([[-1500.0, 1000.0], [1500.0, 900.0], [0.0, -1800.0]]),
+        {"azimuth": np.deg2rad(2.0)},
+        900.0,
+    ),
+    "5 ranges": (
+        np.array([[-1000.0, 1000], [1200, 700], [-900, -1000], [300, 1300], [900, -700]]),
+        {"range": 10.0},
+        900.0,
+    ),
+    "2 radars": (
+        np.array([[-3000.0, 0.0], [3000.0, 500.0]]),
+        {"range": 20.0, "azimuth": np.deg2rad(0.3)},
+        2000.0,
+    ),
+    "3 radars in space": (
+        np.array([[-1000.0, -300, 2], [1000, -1000, 5], [-600, 1300, 0]]),
+        {"range": 10.0, "azimuth": np.deg2rad(0.3), "elevation": np.deg2rad(0.3)},
+        700.0,
+    ),
+}
+# squares that 95 % of a chi-square variable do not exceed
+LEVELS = {2: 5.991464547107979, 3: 7.814727903251178}
 SINGLE = "least squares, no smoothing"
 EXPECTED_SINGLE = (7.88, 8.43, 8.77, 8.68, 9.12, 9.06, 9.39)
 BIASES: dict[Kind, FloatArray] = {
@@ -67,7 +117,7 @@ BIASES: dict[Kind, FloatArray] = {
     "azimuth": np.deg2rad([0.3, -0.5, 0.1]),
     "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
 }
-ESTIMATED = Bias(range_sigma=None, azimuth_sigma=None, elevation_sigma=None)
+FLAT = Bias(range_sigma=np.inf, azimuth_sigma=np.inf, elevation_sigma=np.inf)
 # the paper's claims: fixed degree, radii of circles round the first station
 CLAIM_RUNS, ONE_DEGREE, RADII = repetitions(40), 3, (500.0, 1000.0)
 # turns in radians a second and noise in units of what the stations have
@@ -293,7 +343,7 @@ def finders() -> str:
     for gross in (0.0, 0.05):
         errors: dict[str, list[FloatArray]] = {}
         inside: dict[str, list[float]] = {}
-        squares = []
+        squares: dict[str, list[FloatArray]] = {}
         for run in range(FINDER_RUNS):
             times, truth, drift, azimuth = bearings(generator(93, run), gross)
             stations = [Station(drift[:, k], azimuth_sigma=FINDER_SIGMA) for k in range(4)]
@@ -310,12 +360,13 @@ def finders() -> str:
                 covered = np.sum(error * solved, axis=-1) < -2 * np.log(0.05)
                 errors.setdefault(name, []).append(np.linalg.norm(error, axis=-1))
                 inside.setdefault(name, []).append(float(np.mean(covered)))
-                if found.bias is not None:
+                if found.bias is not None and np.all(np.asarray(found.bias.azimuth_sigma) > 0):
                     off = np.asarray(found.bias.azimuth) - FINDER_BIASES
-                    squares.append((off / np.asarray(found.bias.azimuth_sigma)) ** 2)
+                    told = (off / np.asarray(found.bias.azimuth_sigma)) ** 2
+                    squares.setdefault(name, []).append(told)
         for name, sizes in errors.items():
             levels = np.percentile(np.concatenate(sizes), [50, 90, 99])
-            bias = f"{np.mean(squares):.2f}" if name.endswith("estimated") else ""
+            bias = f"{np.mean(squares[name]):.2f}" if name in squares else ""
             rows.append(
                 [
                     f"{gross:.0%}",
@@ -340,25 +391,143 @@ def finders() -> str:
 
 
 def biases() -> str:
-    """Tabulate errors with and without estimated biases."""
+    """Tabulate errors where stations have biases or none, and are trusted or not."""
     truth = track()
     rows = []
-    for name, options in {
-        "no biases": {},
-        "biases, not estimated": {},
-        "biases, estimated": {"bias": ESTIMATED},
-        "no biases, but estimated": {"bias": ESTIMATED},
-    }.items():
-        squares, normalised = [], []
-        for run in range(RUNS):
-            measured = measure(truth, generator(91, run))
-            if name.startswith("biases"):
-                measured = {kind: values + BIASES[kind] for kind, values in measured.items()}
-            found = reconstructed(measured, **options)
-            squares.append(_mean_square(found.position, truth, slice(None)))
-            normalised.append(_normalised(found, 0, truth))
-        rows.append([name, f"{np.sqrt(np.mean(squares)):.2f}", _told(np.array(normalised))])
-    return markdown(["", "RMSE, m", "NEES per axis"], rows)
+    assumed = {
+        "stations trusted, `bias=Bias()`": {"bias": Bias()},
+        "**default**": {},
+        "all kinds unknown, sigmas of `inf`": {"bias": FLAT},
+    }
+    for name, options in assumed.items():
+        cells = [name]
+        for scale in (0.0, 1.0):
+            squares, normalised = [], []
+            for run in range(RUNS):
+                measured = {
+                    kind: values + scale * BIASES[kind]
+                    for kind, values in measure(truth, generator(91, run)).items()
+                }
+                found = reconstructed(measured, **options)
+                squares.append(_mean_square(found.position, truth, slice(None)))
+                normalised.append(_normalised(found, 0, truth))
+            cells += [f"{np.sqrt(np.mean(squares)):.2f}", _told(np.array(normalised))]
+        rows.append(cells)
+    return markdown(
+        ["", "no biases: RMSE, m", "NEES per axis", "biases: RMSE, m", "NEES per axis"], rows
+    )
+
+
+def lasting_bearings(rng: np.random.Generator) -> tuple[FloatArray, ...]:
+    """Return times, a boat, four drifting finders, and azimuths whose errors last."""
+    times: FloatArray = 15.0 * np.arange(60.0)
+    phase = rng.uniform(0.0, 2 * np.pi, 2)
+    truth: FloatArray = np.column_stack(
+        [
+            700 * np.sin(times / 180 + phase[0]) + 0.3 * times - 130,
+            700 * np.cos(times / 210 + phase[1]),
+        ]
+    )
+    places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
+    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.2, -0.15])
+    offset = truth[:, np.newaxis] - drift
+    azimuth: FloatArray = np.arctan2(offset[..., 0], offset[..., 1])
+    noise, constant, coefficient, slow = LASTING_SIGMAS
+    error = noise * rng.standard_normal(azimuth.shape) + constant * rng.standard_normal(4)
+    for order in (1, 2):
+        sine, cosine = coefficient / order * rng.standard_normal((2, 4))
+        error += sine * np.sin(order * azimuth) + cosine * np.cos(order * azimuth)
+    rest = np.exp(-15.0 / LASTING_TIME)
+    walk = slow * rng.standard_normal(4)
+    for step in range(len(times)):
+        error[step] += walk
+        walk = rest * walk + np.sqrt(1 - rest**2) * slow * rng.standard_normal(4)
+    return times, truth, drift, azimuth + error
+
+
+def lasting() -> str:
+    """Tabulate errors of tracks from bearings whose errors last."""
+    rows = []
+    for name, options in LASTING_METHODS.items():
+        squares, normalised, inside = [], [], []
+        for run in range(LASTING_RUNS):
+            times, truth, drift, azimuth = lasting_bearings(generator(99, run))
+            stations = [Station(drift[:, k], azimuth_sigma=LASTING_SIGMAS[0]) for k in range(4)]
+            found = reconstruct(stations, times, azimuth=azimuth, **options)
+            error, covariance = found.position - truth, found.covariance[:, :2, :2]
+            solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
+            distance = np.sum(error * solved, axis=-1)
+            squares.append(np.mean(error**2))
+            normalised.append(np.mean(distance) / 2)
+            # 95 % of a chi-square variable with two degrees of freedom
+            inside.append(np.mean(distance < -2 * np.log(0.05)))
+        rows.append(
+            [
+                name,
+                f"{np.sqrt(np.mean(squares)):.0f}",
+                _told(np.array(normalised)),
+                f"{np.mean(inside):.0%}",
+            ]
+        )
+    return markdown(["", "RMS per axis, m", "NEES per axis", "in 95 % ellipse"], rows)
+
+
+def coverage() -> str:
+    """Tabulate how often the regions of tracks hold the truth, with errors as they are."""
+    rows = {}
+    for name, (places, sigmas, size) in HONEST.items():
+        for count in (60, 300):
+            rows[f"{name}, {count} instants"] = _tracks(places, sigmas, size, count)
+    return honesty.coverage_table(rows, study=98)
+
+
+def _tracks(
+    places: FloatArray, sigmas: dict[Kind, float], size: float, count: int
+) -> Callable[[honesty.Draw], BoolArray]:
+    """Return what reconstructs tracks among these stations."""
+
+    def run(draw: honesty.Draw) -> BoolArray:
+        found = []
+        stations = [
+            Station(place, **{f"{kind}_sigma": sigma for kind, sigma in sigmas.items()})
+            for place in places
+        ]
+        for _ in range(HONEST_RUNS):
+            truth = _wandering(draw.rng, count, size, places.shape[1])
+            offset = np.moveaxis(truth[:, np.newaxis] - places, -1, 0)
+            level = np.hypot(offset[0], offset[1])
+            ideal = {
+                "range": np.sqrt(np.sum(offset**2, axis=0)),
+                "azimuth": np.arctan2(offset[0], offset[1]),
+                "elevation": np.arctan2(offset[-1], level),
+            }
+            measured: dict[str, Any] = {}
+            for kind, sigma in sigmas.items():
+                error = draw((len(places), count), ideal["azimuth"].T).T
+                measured[str(kind)] = ideal[kind] + sigma * error
+            if "range" in measured:
+                measured["range"] = np.where(measured["range"] > 0, measured["range"], np.nan)
+            track = reconstruct(stations, 5.0 * np.arange(count), **measured)
+            d = places.shape[1]
+            error, covariance = track.position - truth, track.covariance[:, :d, :d]
+            solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
+            found.append(np.sum(error * solved, axis=-1) < LEVELS[d])
+        return np.concatenate(found)
+
+    return run
+
+
+def _wandering(rng: np.random.Generator, count: int, size: float, d: int) -> FloatArray:
+    """Return a smooth way about the origin."""
+    part = np.arange(count) / count
+    way = np.zeros((count, d))
+    for axis in range(d):
+        for k in (1, 2, 3):
+            height = 0.35 * size / k * rng.standard_normal()
+            way[:, axis] += height * np.sin(2 * np.pi * (0.7 * k * part + rng.random()))
+    if d == 3:
+        way[:, 2] = 0.2 * way[:, 2] + 400.0
+    return way
 
 
 def turning(rate: float) -> FloatArray:

@@ -245,8 +245,8 @@ class Bias:
     range_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of shape (K,), or None
         Their standard deviations.
     drift_share : float or None
-        Share of the variance that changes slowly, between 0 and 1; the rest is constant. None: to be
-        estimated where the sigma is, else 0.
+        Share of the variance that changes slowly, between 0 and 1; the rest is constant. None: to
+        be estimated where the sigma is, else 0.
     drift_time : float or None
         Correlation time of this change in seconds: the correlation falls to 1/e; inf is no change.
         None: to be estimated.
@@ -257,7 +257,7 @@ class Bias:
         Standard deviation of its first harmonics; those of the k-th are 1/k of it.
     deviation : ndarray of shape (2 * deviation_order,)
         Its coefficients: of sin a, cos a, sin 2a, ...
-    deviation_covariance : ndarray of shape (2 * deviation_order + 1, 2 * deviation_order + 1) or None
+    deviation_covariance : ndarray of shape (1 + 2 * order, 1 + 2 * order) or None
         Covariance of the constant part and the coefficients, as `calibrate` finds it; None: they
         are independent, with the standard deviations above.
 

@@ -1,11 +1,10 @@
 """Trajectories against truth, the source's table, and what the measurements cannot tell."""
 
-import csv
 import re
 
 import numpy as np
 import pytest
-from places import DATA
+from places import DATA, difar
 from reference import trajectory as reference
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -633,29 +632,6 @@ def test_a_boat_among_drifting_direction_finders():
     enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
     error = np.linalg.norm(track.position - truth, axis=-1)[enough]
     assert np.all(np.percentile(error, [50, 90, 99]) < [240, 400, 500])
-
-
-def difar():
-    """Times, positions of the direction finders, (N, 4, 2), azimuths and the boat."""
-    with (DATA / "difar" / "bearings.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    calls = {key: i for i, key in enumerate(dict.fromkeys(row["call_id"] for row in rows))}
-    n, buoys = len(calls), ["NW", "NE", "SW", "SE"]
-    places = np.full((n, 4, 2), np.nan)
-    times, azimuth, truth = np.full(n, np.inf), np.full((n, 4), np.nan), np.full((n, 2), np.nan)
-    scale = np.array([93_570.0, 110_920.0])  # metres a degree at 32.8 degrees north
-    origin = np.array([-117.588, 32.818])
-    for row in rows:
-        at, buoy = calls[row["call_id"]], buoys.index(row["buoy"])
-        here = np.array([float(row["buoy_lon"]), float(row["buoy_lat"])])
-        boat = np.array([float(row["boat_lon"]), float(row["boat_lat"])])
-        places[at, buoy], truth[at] = scale * (here - origin), scale * (boat - origin)
-        azimuth[at, buoy] = np.radians(float(row["bearing_deg"] or "nan"))
-        times[at] = min(times[at], float(row["t_s"] or "inf"))
-    for column in np.moveaxis(places, 0, -1).reshape(8, n):
-        known = ~np.isnan(column)
-        column[:] = np.interp(times, times[known], column[known])
-    return times, places, azimuth, truth
 
 
 def test_range_differences_alone():

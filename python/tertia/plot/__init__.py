@@ -8,6 +8,7 @@ colour-blind readers can distinguish.
 
 from tertia.plot._audit import audit
 from tertia.plot._axes import rounded as rounded
+from tertia.plot._bias import bias
 from tertia.plot._fused import fused
 from tertia.plot._fused_series import fused_series
 from tertia.plot._location import accuracy_map, location
@@ -20,6 +21,7 @@ __all__ = [
     "accuracy_map",
     "audit",
     "bearing",
+    "bias",
     "consistency",
     "fused",
     "fused_series",

@@ -69,7 +69,8 @@ def calibrate(
     >>> finder = Station([0.0, 0.0], azimuth_sigma=0.02)
     >>> direction = np.linspace(0, 2 * np.pi, 200)
     >>> way = 1000 * np.column_stack([np.sin(direction), np.cos(direction)])
-    >>> seen = direction + 0.1 * np.sin(direction) + 0.02 * np.random.default_rng(1).normal(size=200)
+    >>> noise = 0.02 * np.random.default_rng(1).standard_normal(200)
+    >>> seen = direction + 0.1 * np.sin(direction) + noise
     >>> bias = calibrate(finder, np.arange(200.0), way, azimuth=seen, deviation_order=1)
     >>> [round(float(v), 2) for v in bias.at(np.pi / 2)]
     [0.1, 0.0]

@@ -129,11 +129,11 @@ def reconstruct(
     g Gauss-Markov. To first order it adds A_t (c + g) to the position, with A_t the matrix of the
     least-squares solution, and (I - H_t)(c + g) to the residuals, with H_t = J_t A_t. Its variance,
     the share that drifts, and the correlation time follow from the residuals alone, with nothing
-    assumed about the positions, because a bias can look like a curve of the path: a Kalman filter of
-    c and g gives their likelihood on a grid, over which the results are averaged. Only c is removed
-    from the measurements; what may be left of it, and the variance of g, are propagated into the
-    covariance. What is stated of a variance, but neither scatters nor contradicts, is taken to be
-    common to all stations. Where nothing lasts, nothing is added.
+    assumed about the positions, because a bias can look like a curve of the path: a Kalman filter
+    of c and g gives their likelihood on a grid, over which the results are averaged. Only c is
+    removed from the measurements; what may be left of it, and the variance of g, are propagated
+    into the covariance. What is stated of a variance, but neither scatters nor contradicts, is then
+    taken to be common to all stations. Where nothing lasts, nothing is added.
 
     With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
     A^-1 B A^-1, with A the derivative of the scores, and B their variance from the standard
@@ -376,7 +376,9 @@ def _deviations(
             # what is constant stays with the others, what drifts is not in the covariance
             constant = one.azimuth_sigma**2
             drift = (
-                constant if one.deviation_covariance is None else max(constant - one.deviation_covariance[0, 0], 0.0)
+                constant
+                if one.deviation_covariance is None
+                else max(constant - one.deviation_covariance[0, 0], 0.0)
             )
             curve[:, k], sigma[:, k] = value - one.azimuth, np.sqrt(np.maximum(total**2 - drift, 0))
             fields = {name: getattr(one, name) for name in _CONSTANT}

@@ -146,3 +146,50 @@ fn factored(information: DMatrix<f64>, scores: DVector<f64>, taper: (f64, f64)) 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The filter against the normal density of all numbers at once.
+    #[test]
+    fn the_filter_is_the_joint_density() {
+        let rows = vec![vec![1.0, -0.5, 0.3], vec![0.4, 2.0, -1.2], vec![-1.5, 0.7, 2.1]];
+        let blocks = Blocks { size: 2, time: vec![0.0, 1.0, 3.5], rows: rows.clone(), count: 3 };
+        let point = Point { constant: vec![0.8, 1.3], drift: vec![0.5, 2.0], time: 2.0 };
+        let covariance = DMatrix::from_fn(3, 3, |a, b| {
+            let rest = (-(blocks.time[a] - blocks.time[b]).abs() / point.time).exp();
+            let own =
+                |i: usize| rows[a][i] * rows[b][i] * (point.constant[i] + point.drift[i] * rest);
+            own(0) + own(1) + f64::from(u8::from(a == b))
+        });
+        let y = DVector::from_fn(3, |a, _| rows[a][2]);
+        let cross = DMatrix::from_fn(2, 3, |i, a| point.constant[i] * rows[a][i]);
+        let inverse = covariance.clone().try_inverse().unwrap();
+        let filtered = blocks.filter(&point);
+        assert!((filtered.squares - (y.transpose() * &inverse * &y)[0]).abs() < 1e-12);
+        assert!((filtered.log_determinant - covariance.determinant().ln()).abs() < 1e-12);
+        let mean = &cross * &inverse * y;
+        let prior = DMatrix::from_diagonal(&DVector::from_vec(point.constant.clone()));
+        let rest = prior - &cross * inverse * cross.transpose();
+        for i in 0..2 {
+            assert!((filtered.mean[i] - mean[i]).abs() < 1e-12);
+            assert!((filtered.covariance[(i, i)] - rest[(i, i)]).abs() < 1e-12);
+        }
+    }
+
+    /// Rows of a singular information have its information and its scores.
+    #[test]
+    fn factors_of_singular_information() {
+        let design = DMatrix::from_row_slice(2, 3, &[1.0, -1.0, 0.5, 0.0, 2.0, -2.0]);
+        let y = DVector::from_vec(vec![0.7, -0.4]);
+        let information = design.transpose() * &design;
+        let scores = design.transpose() * y;
+        let rows = factored(information.clone(), scores.clone(), (1.0, 1.0));
+        assert_eq!(rows.len(), 8);
+        let h = DMatrix::from_fn(2, 3, |i, j| rows[i * 4 + j]);
+        let right = DVector::from_fn(2, |i, _| rows[i * 4 + 3]);
+        assert!((h.transpose() * &h - information).amax() < 1e-12);
+        assert!((h.transpose() * right - scores).amax() < 1e-12);
+    }
+}

@@ -15,11 +15,13 @@ const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
 /// Correlation times are longer than so many blocks.
 const RESOLVED: f64 = 1.5;
 /// Odds of no lasting errors of a kind over those of one scale.
-const NOTHING: f64 = 6.0;
+const NOTHING: f64 = 15.0;
 /// Scales of one kind or all with which nothing must be gained where nothing lasts.
 const PROBES: [f64; 2] = [0.25, 1.0];
 /// Scales where there are several kinds.
-const LEVELS: [f64; 4] = [0.25, 0.7, 2.0, 6.0];
+const LEVELS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];
+/// Standard deviation of the logarithms of scales of different kinds.
+const ALIKE: f64 = 0.6;
 /// ln of the likelihood ratio below which a point does not count.
 const FALL: f64 = 4.0;
 
@@ -102,30 +104,33 @@ impl<'a> Grid<'a> {
     }
 
     /// Of several kinds: the scales with a likely share and time, and shares and times with the
-    /// likeliest scales, as if these were independent.
+    /// likeliest scales, as if these were independent. Scales of kinds are alike, or one kind would
+    /// explain what others do as well.
     fn several(&self, own: &[(f64, f64)]) -> Vec<(Point, f64, f64)> {
-        let levels: Vec<f64> = [0.0].into_iter().chain(LEVELS).collect();
-        let odds = (NOTHING * LEVELS.len() as f64 / SCALES.len() as f64).ln();
         let middle = own[own.len() / 3];
-        let value = |scales: &[f64]| {
-            let zeros = scales.iter().filter(|scale| **scale == 0.0).count() as f64;
-            let (_, value, growth) = self.judged(scales, middle, zeros * odds);
+        let value = |scales: &[f64], prior: f64| {
+            let (_, value, growth) = self.judged(scales, middle, prior);
             (value, growth)
         };
         let none = vec![0.0; self.kinds];
-        let least = value(&none);
+        let least = value(&none, 0.0);
         let probes = PROBES.iter().flat_map(|&scale| {
             let one = move |kind| (0..self.kinds).map(|k| f64::from(k == kind) * scale).collect();
             (0..self.kinds).map(one).chain(std::iter::once(vec![scale; self.kinds]))
         });
-        if !probes.map(|scales: Vec<f64>| value(&scales).0).any(|value| value > least.0) {
+        if !probes.map(|scales: Vec<f64>| value(&scales, 0.0).0).any(|value| value > least.0) {
             return vec![(self.point(&none, 0.0, middle.1), least.0, least.1)];
         }
-        let mut found = Vec::new();
-        for number in 0..levels.len().pow(self.kinds as u32) {
-            let level = |kind: usize| levels[number / levels.len().pow(kind as u32) % levels.len()];
-            let scales: Vec<f64> = (0..self.kinds).map(level).collect();
-            let (value, growth) = value(&scales);
+        let count = LEVELS.len().pow(self.kinds as u32);
+        let scales = |number: usize| -> Vec<f64> {
+            let place = |kind| number / LEVELS.len().pow(kind) % LEVELS.len();
+            (0..self.kinds as u32).map(|kind| LEVELS[place(kind)]).collect()
+        };
+        let total: f64 = (0..count).map(|number| unlike(&scales(number)).exp()).sum();
+        let each = (SCALES.len() as f64 / total).ln();
+        let mut found = vec![(none.clone(), least.0 + NOTHING.ln(), least.1)];
+        for scales in (0..count).map(scales) {
+            let (value, growth) = value(&scales, unlike(&scales) + each);
             found.push((scales, value, growth));
         }
         let top = found.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
@@ -149,4 +154,10 @@ impl<'a> Grid<'a> {
         }
         points
     }
+}
+
+/// ln of how likely it is that scales differ as much.
+fn unlike(scales: &[f64]) -> f64 {
+    let mean = scales.iter().map(|scale| scale.ln()).sum::<f64>() / scales.len() as f64;
+    scales.iter().map(|scale| -0.5 * ((scale.ln() - mean) / ALIKE).powi(2)).sum()
 }

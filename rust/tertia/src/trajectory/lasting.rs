@@ -15,13 +15,12 @@ use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::grid::Grid;
 use super::measured::{Measured, Record, in_domain};
-use super::weight::chance;
 use crate::sensors::KINDS;
 use nalgebra::{DMatrix, DVector};
 use std::rc::Rc;
 
 /// Probability of no lasting errors from which there are none.
-const CERTAIN: f64 = 0.9;
+const CERTAIN: f64 = 0.8;
 /// Likelihood ratio below which a point of the grid does not count.
 const UNLIKELY: f64 = 0.01;
 /// Blocks of instants in the memory of the smoother, at least in the record, and at most times the
@@ -183,7 +182,7 @@ impl Lasting {
             lasting.share = drifting / whole;
             lasting.time = if drifting > 0.0 { times / drifting } else { f64::INFINITY };
         }
-        let margin = chance() * (2.0 / blocks.count.max(1) as f64).sqrt();
+        let margin = SURELY * (2.0 / blocks.count.max(1) as f64).sqrt();
         if lasting.growth <= 1.0 + margin {
             lasting.growth = 1.0;
         }

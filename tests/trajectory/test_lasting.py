@@ -1,0 +1,247 @@
+"""Errors that last: found from contradictions, given, or calibrated."""
+
+import re
+
+import numpy as np
+import pytest
+from places import DATA, difar
+
+from tertia.registration import calibrate
+from tertia.sensors import Bias, Station
+from tertia.trajectory import reconstruct
+
+PLACES = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
+SIGMA = np.deg2rad(3.0)
+TIMES = 5.0 * np.arange(120.0)
+LEVEL = -2 * np.log(0.05)
+
+
+def way(rng):
+    phase = rng.uniform(0, 2 * np.pi, 2)
+    return np.column_stack(
+        [700 * np.sin(TIMES / 90 + phase[0]), 600 * np.cos(TIMES / 110 + phase[1])]
+    )
+
+
+def directions(truth, places=PLACES):
+    offset = truth[:, np.newaxis] - places
+    return np.arctan2(offset[..., 0], offset[..., 1])
+
+
+def finders(places=PLACES, **options):
+    return [Station(place, azimuth_sigma=SIGMA, **options) for place in places]
+
+
+def errors(kind, rng, azimuth):
+    """Errors in standard deviations, (N, K)."""
+    white = rng.standard_normal(azimuth.shape)
+    n, k = azimuth.shape
+    match kind:
+        case "constant":
+            return white + 1.5 * rng.standard_normal(k)
+        case "per stop":
+            return white + np.repeat(rng.standard_normal((6, k)), n // 6, axis=0)
+        case "correlated":
+            for i in range(1, n):
+                white[i] = 0.9 * white[i - 1] + np.sqrt(0.19) * white[i]
+            return white
+        case "direction":
+            sine, cosine = rng.standard_normal((2, k))
+            return white + sine * np.sin(azimuth) + cosine * np.cos(azimuth)
+        case "half":
+            return 2.0 * white
+        case _:
+            return white
+
+
+def inside(track, truth):
+    error = track.position - truth
+    solved = np.linalg.solve(track.covariance[:, :2, :2], error[..., np.newaxis])[..., 0]
+    return np.mean(np.sum(error * solved, axis=-1) < LEVEL)
+
+
+@pytest.mark.parametrize("kind", ["constant", "per stop", "correlated", "direction", "half"])
+def test_regions_hold_where_errors_are_not_as_stated(kind):
+    trusted, default = [], []
+    for run in range(12):
+        rng = np.random.default_rng([40, run])
+        truth = way(rng)
+        azimuth = directions(truth)
+        measured = azimuth + SIGMA * errors(kind, rng, azimuth)
+        trusted.append(inside(reconstruct(finders(), TIMES, azimuth=measured, bias=Bias()), truth))
+        track = reconstruct(finders(), TIMES, azimuth=measured)
+        default.append(inside(track, truth))
+        assert track.systematic == "estimated"
+    assert np.mean(default) > 0.85
+    assert np.mean(default) > np.mean(trusted) + 0.1
+
+
+def test_healthy_scenes_do_not_pay():
+    squares, sizes = [], []
+    for run in range(12):
+        rng = np.random.default_rng([41, run])
+        truth = way(rng)
+        measured = directions(truth) + SIGMA * rng.standard_normal((120, 4))
+        trusted, track = (
+            reconstruct(finders(), TIMES, azimuth=measured, bias=bias) for bias in (Bias(), None)
+        )
+        squares.append([np.mean(np.square(one.position - truth)) for one in (trusted, track)])
+        sizes.append([np.mean(one.sigma**2) for one in (trusted, track)])
+    before, after = np.mean(squares, axis=0)
+    assert after < 1.03**2 * before
+    before, after = np.mean(sizes, axis=0)
+    assert after < 1.1 * before
+
+
+def test_what_nothing_contradicts_is_not_included():
+    rng = np.random.default_rng(42)
+    measured = directions(way(rng))[:, :2] + SIGMA * rng.standard_normal((120, 2))
+    track = reconstruct(finders(PLACES[:2]), TIMES, azimuth=measured)
+    assert track.systematic == "not included"
+    assert "systematic error not included" in repr(track)
+    trusted = reconstruct(finders(PLACES[:2]), TIMES, azimuth=measured, bias=Bias())
+    assert trusted.systematic == "given"
+    assert "not included" not in repr(trusted)
+    np.testing.assert_array_equal(track.position, trusted.position)
+
+
+@pytest.mark.parametrize("stated", ["call", "stations"])
+def test_given_biases_are_removed_and_widen_the_covariance(stated):
+    rng = np.random.default_rng(43)
+    truth = way(rng)
+    measured = directions(truth) + SIGMA * rng.standard_normal((120, 4)) + np.deg2rad(4.0)
+    known = Bias(azimuth=4.0, azimuth_sigma=1.0, drift_share=0.5, drift_time=100.0, degrees=True)
+    if stated == "call":
+        track = reconstruct(finders(), TIMES, azimuth=measured, bias=known)
+    else:
+        track = reconstruct(finders(bias=known), TIMES, azimuth=measured)
+    exact = reconstruct(finders(), TIMES, azimuth=measured - np.deg2rad(4.0), bias=Bias())
+    assert track.systematic == "given"
+    assert np.all(track.sigma > exact.sigma)
+    assert np.linalg.norm(track.position - exact.position, axis=1).max() < 60
+    np.testing.assert_allclose(track.bias.azimuth, np.deg2rad(4.0), atol=np.deg2rad(1.5))
+
+
+def test_two_given_bearings_have_the_covariance_of_the_formula():
+    """Constant errors add R diag(s^2) R' to an average of one place."""
+    truth = np.tile([100.0, 50.0], (50, 1))
+    places = np.array([[-1000.0, 0.0], [0.0, -1200.0]])
+    measured = directions(truth, places)
+    times = np.arange(50.0)
+    s = np.deg2rad([1.0, 2.0])
+    without, track = (
+        reconstruct(finders(places), times, azimuth=measured, bias=bias, jerk=0.0)
+        for bias in (Bias(), Bias(azimuth_sigma=s, drift_share=0.0))
+    )
+    offset = truth[0] - places
+    square = np.sum(offset**2, axis=1)
+    jacobian = np.column_stack([offset[:, 1] / square, -offset[:, 0] / square])
+    response = np.linalg.inv(jacobian)
+    expected = without.covariance[:, :2, :2] + response @ np.diag(s**2) @ response.T
+    np.testing.assert_allclose(track.covariance[:, :2, :2], expected, rtol=1e-6)
+
+
+def test_a_calibrated_deviation_is_used():
+    rng = np.random.default_rng(44)
+    runs = np.linspace(0, 4 * np.pi, 240)
+    amplitude = np.deg2rad(8.0) * rng.standard_normal((2, 4))
+
+    def deviation(azimuth):
+        return amplitude[0] * np.sin(azimuth) + amplitude[1] * np.cos(azimuth)
+
+    stations = []
+    for k, place in enumerate(PLACES):
+        known = place + 900 * np.column_stack([np.sin(runs), np.cos(runs)])
+        seen = runs + deviation(runs[:, np.newaxis])[:, k] + SIGMA * rng.standard_normal(240)
+        bias = calibrate(
+            Station(place, azimuth_sigma=SIGMA), np.arange(240.0), known, azimuth=seen % (2 * np.pi)
+        )
+        value, sigma = bias.at(runs)
+        assert np.max(np.abs(value - deviation(runs[:, np.newaxis])[:, k]) / sigma) < 4.5
+        stations.append(Station(place, azimuth_sigma=SIGMA, bias=bias))
+    truth = way(rng)
+    azimuth = directions(truth)
+    measured = azimuth + deviation(azimuth) + SIGMA * rng.standard_normal(azimuth.shape)
+    track = reconstruct(stations, TIMES, azimuth=measured)
+    plain = reconstruct(finders(), TIMES, azimuth=measured, bias=Bias())
+    assert track.systematic == "given"
+    error, worse = (np.sqrt(np.mean((one.position - truth) ** 2)) for one in (track, plain))
+    assert error < 0.6 * worse
+    assert inside(track, truth) > 0.8
+
+
+def test_a_calibration_is_uncertain_where_it_has_not_been():
+    rng = np.random.default_rng(45)
+    direction = np.linspace(0.0, np.deg2rad(150.0), 150)
+    known = 900 * np.column_stack([np.sin(direction), np.cos(direction)])
+    seen = direction + 0.1 * np.sin(2 * direction) + SIGMA * rng.standard_normal(150)
+    station = Station([0.0, 0.0], azimuth_sigma=SIGMA)
+    bias = calibrate(station, np.arange(150.0), known, azimuth=seen)
+    assert bias.deviation_order == 2
+    within, outside = (bias.at(np.deg2rad(angle))[1] for angle in (75.0, 270.0))
+    assert outside > 3 * within
+    narrow = calibrate(station, np.arange(90.0), known[:90], azimuth=seen[:90])
+    assert narrow.deviation_order == 1
+
+
+def test_a_calibration_of_all_kinds_survives_a_file(tmp_path):
+    rng = np.random.default_rng(46)
+    known = rng.uniform(-1000, 1000, (200, 3)) + np.array([0.0, 0.0, 1500.0])
+    east, north, up = known.T
+    bias = calibrate(
+        Station([0.0, 0.0, 0.0], range_sigma=5.0, azimuth_sigma=0.01, elevation_sigma=0.01),
+        np.arange(200.0),
+        known,
+        range=np.linalg.norm(known, axis=1) + 40 + 5 * rng.standard_normal(200),
+        azimuth=np.arctan2(east, north) + 0.02 + 0.01 * rng.standard_normal(200),
+        elevation=np.arctan2(up, np.hypot(east, north)) - 0.03 + 0.01 * rng.standard_normal(200),
+        deviation_order=0,
+    )
+    for kind, true in (("range", 40.0), ("azimuth", 0.02), ("elevation", -0.03)):
+        assert abs(getattr(bias, kind) - true) < 4 * getattr(bias, f"{kind}_sigma")
+    bias.save(tmp_path / "bias.json")
+    assert repr(Bias.load(tmp_path / "bias.json")) == repr(bias)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"time": np.arange(5.0)[::-1]}, "time[1] is before the time before it"),
+        ({"position": np.ones((4, 2))}, "position has shape (4, 2); it must be (5, 2)"),
+        ({"azimuth": None}, "nothing was measured"),
+        ({"azimuth": np.full(5, np.nan)}, "azimuth has no measurement"),
+        ({"azimuth": np.ones(4)}, "azimuth has shape (4,); it must be (5,)"),
+        ({"range": np.ones(5)}, "range_sigma of the station is missing"),
+        ({"elevation": np.ones(5)}, "elevation needs a station with three coordinates"),
+    ],
+)
+def test_what_cannot_be_calibrated(changes, message):
+    call = {"time": np.arange(5.0), "position": np.ones((5, 2)), "azimuth": np.ones(5)} | changes
+    with pytest.raises(ValueError, match=re.escape(message)):
+        calibrate(
+            Station([0.0, 0.0], azimuth_sigma=0.1), call.pop("time"), call.pop("position"), **call
+        )
+
+
+def test_fields_of_a_bias_that_cannot_be():
+    for fields, message in (
+        ({"drift_share": 1.5}, "drift_share is 1.5; it must be between 0 and 1"),
+        ({"drift_time": 0.0}, "drift_time is 0.0; it must be positive"),
+        ({"azimuth": [0.0, 1.0], "deviation_order": 1}, "deviation_order is that of one sensor"),
+        ({"deviation_order": 1, "deviation": [1.0]}, "deviation has shape (1,)"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            Bias(**fields)
+
+
+@pytest.mark.skipif(not (DATA / "difar").is_dir(), reason="the recording is not there")
+def test_drifting_direction_finders_as_recorded():
+    """The default was chosen with a look at this recording."""
+    times, places, azimuth, truth = difar()
+    stations = [Station(places[:, k], azimuth_sigma=np.deg2rad(5.0)) for k in range(4)]
+    track = reconstruct(stations, times, azimuth=azimuth)
+    assert track.systematic == "estimated"
+    assert inside(track, truth) > 0.75
+    enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
+    error = np.linalg.norm(track.position - truth, axis=-1)[enough]
+    assert np.all(np.percentile(error, [50, 90, 99]) < [219, 400, 500])
