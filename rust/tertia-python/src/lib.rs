@@ -42,18 +42,14 @@ mod core_module {
         posterior_radii, posterior_regions, predicted, protection_levels,
     };
     #[pymodule_export]
-<<<<<<< HEAD
     use super::metrics::{
         chi_square_quantile, indicator_powers, lasting, mean_interval, rank_interval,
         share_interval,
     };
     #[pymodule_export]
-    use super::registration::{common_states, correct_states, register_biases, register_noise};
-=======
     use super::registration::{
         calibrate, common_states, correct_states, register_biases, register_noise,
     };
->>>>>>> 42cad12 (reconstruct: systematic errors found from contradictions between stations, given, or flat; calibrate)
     #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, leave_one_out,
