@@ -164,7 +164,7 @@ def test_bias(write: Write, stations: Path, tmp_path: Path) -> None:
     z["range"][:, 2] += 40.0
     z["azimuth"][:, 0] += 0.7
     arguments = (write(lines(z)), "--sensors", stations, "--bias", "range, azimuth")
-    result = rebuilt(z, bias=Bias(range_sigma=None, azimuth_sigma=None))
+    result = rebuilt(z, bias=Bias(range_sigma=np.inf, azimuth_sigma=np.inf))
     check(track(*arguments, folder=tmp_path), result)
     head, *rows = table(run(*arguments).out)
     assert head[-2:] == ["bias", "bias_sigma"]

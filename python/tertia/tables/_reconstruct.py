@@ -187,7 +187,7 @@ def _rows(
 
 
 def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> pl.DataFrame:
-    """Return the sensors with the estimated biases, in the units of the columns."""
+    """Return the sensors with their biases, if there are any, in the units of the columns."""
     if found.bias is None:
         return table
     cells: dict[tuple[str, str], tuple[float, float]] = {}
@@ -198,6 +198,8 @@ def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> 
             for name, value, sigma in zip(names, values / factor, sigmas / factor, strict=True):
                 if np.isfinite(sigma):
                     cells[name, kind] = float(value), float(sigma)
+    if not cells:
+        return table
     pairs = [cells.get(key, (None, None)) for key in table.select("sensor", "kind").iter_rows()]
     return table.with_columns(
         pl.Series("bias", [one for one, _ in pairs], dtype=pl.Float64),
