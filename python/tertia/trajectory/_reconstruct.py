@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, positive, radians, real, samples, threads
+from tertia._arrays import FloatArray, finite, instance, positive, radians, real, samples, threads
 from tertia.location import LocationStatus
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._readers import checked, correlation_of
@@ -355,8 +355,12 @@ def require_options(
         local_polynomial(np.empty(0), window, degree, max_degree=0)
     if jerk is not None and not 0 <= real(jerk, "jerk") < np.inf:
         raise ValueError(f"jerk is {jerk}; it must not be negative")
-    if bias is not None and not isinstance(bias, Bias):
-        raise TypeError(f"bias is {bias!r}; it must be a Bias")
+    if bias is not None:
+        instance(bias, "bias", Bias)
+        sigmas = [getattr(bias, f"{kind}_sigma") for kind in STATION_KINDS]
+        asked = any(sigma is None or np.any(sigma) for sigma in sigmas)
+        if asked and (order, smoother) != ("spatial-first", "rts"):
+            raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
 
 
 def _deviations(
@@ -410,25 +414,24 @@ def _prior(
             raise ValueError(f"bias.{kind}_sigma is inf, but {kind} was not measured")
     if np.any(flat) and np.any(given.sigma[~flat] != 0):
         raise ValueError("bias has a sigma of inf; those of the other kinds must be 0 or inf")
-    asked = np.any(given.sigma > 0) or (bias is not None and np.any(np.isnan(given.sigma)))
-    if asked and way != ("spatial-first", "rts"):
+    if np.any(given.sigma > 0) and way != ("spatial-first", "rts"):
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     sigma = np.zeros((len(KINDS), k))
     sigma[: len(STATION_KINDS)] = given.sigma
     if bias is None and np.isnan(given.sigma).any():
         sigma[len(STATION_KINDS) :] = np.nan
-    drifts = {
-        (one.drift_share, one.drift_time)
-        for one in ([bias] if bias is not None else [s.bias for s in stations])
-        if one is not None
-    }
-    if len(drifts) > 1:
-        raise ValueError("the biases of the stations drift differently; they must drift alike")
-    share, time = drifts.pop() if drifts else (None, None)
+    own = [bias] * k if bias is not None else [station.bias for station in stations]
+    drift = np.array(
+        [
+            [np.nan if one is None or (v := getattr(one, name)) is None else v for one in own]
+            for name in ("drift_share", "drift_time")
+        ]
+    )
+    shares, times = np.tile(drift, (1, len(KINDS))).reshape(2, -1)
     return {
         "flat": np.flatnonzero(flat).tolist() if np.any(flat) else None,
         "bias_sigma": sigma.ravel().tolist(),
-        "drift_share": share,
-        "drift_time": time,
+        "drift_share": shares.tolist(),
+        "drift_time": times.tolist(),
         "deviation": None,
     }

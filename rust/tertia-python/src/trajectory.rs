@@ -60,9 +60,9 @@ pub struct Steps {
     flat: Option<Vec<usize>>,
     /// Standard deviations of lasting errors (5 K): 0 of what is trusted, nan of what is found.
     bias_sigma: Vec<f64>,
-    /// Share of their variance that drifts, and its correlation time; none: found.
-    drift_share: Option<f64>,
-    drift_time: Option<f64>,
+    /// Shares of their variance that drift, and the correlation times (5 K); nan: found.
+    drift_share: Vec<f64>,
+    drift_time: Vec<f64>,
     /// Standard deviations of azimuths that depend on the direction (N K).
     deviation: Option<Vec<f64>>,
 }
@@ -99,7 +99,9 @@ pub fn reconstruct<'py>(
         && fits(record.stations.len(), k * d)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
         && steps.flat.iter().flatten().all(|kind| *kind < KINDS)
-        && steps.bias_sigma.len() == KINDS * k
+        && [&steps.bias_sigma, &steps.drift_share, &steps.drift_time]
+            .iter()
+            .all(|own| own.len() == KINDS * k)
         && steps.deviation.as_ref().is_none_or(|sigma| sigma.len() == n * k);
     if !shapes {
         return Err(PyValueError::new_err("the shapes do not fit together"));
@@ -140,8 +142,8 @@ impl Steps {
             Some(kinds) => Systematic::Flat(kinds.clone()),
             None => Systematic::Lasting(Prior {
                 sigma: self.bias_sigma.clone(),
-                share: self.drift_share,
-                time: self.drift_time,
+                share: self.drift_share.clone(),
+                time: self.drift_time.clone(),
                 deviation: self.deviation.clone(),
             }),
         }

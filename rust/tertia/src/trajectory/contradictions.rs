@@ -16,11 +16,11 @@ pub(super) struct Blocks {
     pub count: usize,
 }
 
-/// Variances of constants and drifts, and a correlation time.
+/// Variances of constants and drifts, and correlation times.
 pub(super) struct Point {
     pub constant: Vec<f64>,
     pub drift: Vec<f64>,
-    pub time: f64,
+    pub time: Vec<f64>,
 }
 
 /// What is known of the constants.
@@ -45,16 +45,18 @@ impl Blocks {
         let mut blocks = Self { size, time: Vec::new(), rows: Vec::new(), count: 0 };
         for (own, times) in instants.chunks(length).zip(record.time.chunks(length)) {
             let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
+            let mut weight = 0.0;
             for instant in own {
                 instant.add_information(|i| instant.rows[i].1, &mut information);
                 for (kept, (_, w, r, _)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
+                    weight += w;
                     for a in 0..size {
                         scores[a] += kept[a] * w * r;
                     }
                 }
             }
             scores += &information * before * taper.0;
-            let rows = factored(information, scores, taper);
+            let rows = factored(information, scores, weight / size as f64, taper);
             blocks.count += rows.len() / (size + 1);
             blocks.rows.push(rows);
             blocks.time.push(times.iter().sum::<f64>() / times.len() as f64);
@@ -78,8 +80,8 @@ impl Blocks {
         let mut g = vec![0.0; n];
         for (k, rows) in self.rows.iter().enumerate() {
             if k > 0 && drifts {
-                let rest = (-(self.time[k] - self.time[k - 1]) / point.time).exp();
                 for i in c..n {
+                    let rest = (-(self.time[k] - self.time[k - 1]) / point.time[i - c]).exp();
                     x[i] *= rest;
                     p[i * n..(i + 1) * n].iter_mut().for_each(|v| *v *= rest);
                     p.iter_mut().skip(i).step_by(n).for_each(|v| *v *= rest);
@@ -119,11 +121,16 @@ impl Blocks {
     }
 }
 
-/// `y = h u + e` of information and scores, by a Cholesky factor with pivots.
-fn factored(information: DMatrix<f64>, scores: DVector<f64>, taper: (f64, f64)) -> Vec<f64> {
+/// `y = h u + e` of information and scores, by a Cholesky factor with pivots. What is far below the
+/// largest information that there could be is rounding.
+fn factored(
+    information: DMatrix<f64>,
+    scores: DVector<f64>,
+    largest: f64,
+    taper: (f64, f64),
+) -> Vec<f64> {
     let size = scores.len();
     let (mut matrix, mut right) = (information, scores);
-    let largest = matrix.diagonal().max();
     let (slope, root) = taper;
     let mut rows = Vec::new();
     for _ in 0..size {
@@ -156,11 +163,12 @@ mod tests {
     fn the_filter_is_the_joint_density() {
         let rows = vec![vec![1.0, -0.5, 0.3], vec![0.4, 2.0, -1.2], vec![-1.5, 0.7, 2.1]];
         let blocks = Blocks { size: 2, time: vec![0.0, 1.0, 3.5], rows: rows.clone(), count: 3 };
-        let point = Point { constant: vec![0.8, 1.3], drift: vec![0.5, 2.0], time: 2.0 };
+        let point = Point { constant: vec![0.8, 1.3], drift: vec![0.5, 2.0], time: vec![2.0, 7.0] };
         let covariance = DMatrix::from_fn(3, 3, |a, b| {
-            let rest = (-(blocks.time[a] - blocks.time[b]).abs() / point.time).exp();
-            let own =
-                |i: usize| rows[a][i] * rows[b][i] * (point.constant[i] + point.drift[i] * rest);
+            let own = |i: usize| {
+                let rest = (-(blocks.time[a] - blocks.time[b]).abs() / point.time[i]).exp();
+                rows[a][i] * rows[b][i] * (point.constant[i] + point.drift[i] * rest)
+            };
             own(0) + own(1) + f64::from(u8::from(a == b))
         });
         let y = DVector::from_fn(3, |a, _| rows[a][2]);
@@ -185,7 +193,7 @@ mod tests {
         let y = DVector::from_vec(vec![0.7, -0.4]);
         let information = design.transpose() * &design;
         let scores = design.transpose() * y;
-        let rows = factored(information.clone(), scores.clone(), (1.0, 1.0));
+        let rows = factored(information.clone(), scores.clone(), 1.0, (1.0, 1.0));
         assert_eq!(rows.len(), 8);
         let h = DMatrix::from_fn(2, 3, |i, j| rows[i * 4 + j]);
         let right = DVector::from_fn(2, |i, _| rows[i * 4 + 3]);

@@ -33,6 +33,8 @@ pub(super) struct Grid<'a> {
     sigma: Vec<f64>,
     kind: Vec<Option<usize>>,
     kinds: usize,
+    /// Share and time of each column; none where they are found.
+    own: Vec<(Option<f64>, Option<f64>)>,
     shares: Vec<f64>,
     times: Vec<f64>,
 }
@@ -57,27 +59,37 @@ impl<'a> Grid<'a> {
         if times.is_empty() {
             times.push(span.max(f64::MIN_POSITIVE));
         }
-        let share = prior.share.or((found.is_empty()).then_some(0.0));
-        Self {
-            blocks,
-            sigma: columns.iter().map(sigma).collect(),
-            kind: columns.iter().map(kind).collect(),
-            kinds: found.len(),
-            shares: share.map_or(SHARES.to_vec(), |share| vec![share]),
-            times: prior.time.map_or(times, |time| vec![time]),
-        }
+        // what is given without a share is constant
+        let own: Vec<(Option<f64>, Option<f64>)> = columns
+            .iter()
+            .map(|c| {
+                let known = |v: f64| (!v.is_nan()).then_some(v);
+                let share = if prior.sigma[*c].is_nan() { None } else { Some(0.0) };
+                (known(prior.share[*c]).or(share), known(prior.time[*c]))
+            })
+            .collect();
+        let free = |is: &dyn Fn(&(Option<f64>, Option<f64>)) -> bool| own.iter().any(is);
+        let (shares, times) = (
+            if free(&|own| own.0.is_none()) { SHARES.to_vec() } else { vec![0.0] },
+            if free(&|own| own.1.is_none() && own.0 != Some(0.0)) { times } else { vec![span] },
+        );
+        let (sigma, kind) =
+            (columns.iter().map(sigma).collect(), columns.iter().map(kind).collect());
+        Self { blocks, sigma, kind, kinds: found.len(), own, shares, times }
     }
 
     fn point(&self, scales: &[f64], share: f64, time: f64) -> Point {
-        let variance = |part: f64| {
-            let pairs = self.sigma.iter().zip(&self.kind);
-            pairs
-                .map(|(s, kind)| part * (kind.map_or(1.0, |kind| scales[kind]) * s).powi(2))
-                .collect()
-        };
-        // what drifts for ever does not
-        let share = if time.is_finite() { share } else { 0.0 };
-        Point { constant: variance(1.0 - share), drift: variance(share), time }
+        let mut point = Point { constant: Vec::new(), drift: Vec::new(), time: Vec::new() };
+        for ((sigma, kind), own) in self.sigma.iter().zip(&self.kind).zip(&self.own) {
+            let variance = (kind.map_or(1.0, |kind| scales[kind]) * sigma).powi(2);
+            let time = own.1.unwrap_or(time);
+            // what drifts for ever does not
+            let share = if time.is_finite() { own.0.unwrap_or(share) } else { 0.0 };
+            point.constant.push((1.0 - share) * variance);
+            point.drift.push(share * variance);
+            point.time.push(time);
+        }
+        point
     }
 
     /// Points that may count, with ln of their probabilities and the growth of the noise.

@@ -31,9 +31,10 @@ const MOST_NUMBERS: usize = 600;
 /// Rounds of removing what was found, and the change, in standard errors, that ends them.
 const ROUNDS: usize = 3;
 const SETTLED: f64 = 0.1;
-/// Falls of two moments of Tukey's weights per fall of their mean slope, with normal errors.
-const FALL_OF_SQUARES: f64 = 2.0;
-const FALL_OF_VARIANCES: f64 = 1.4;
+/// Falls of the squares of scores and of residuals by Tukey's weights, per fall of their mean slope
+/// with normal errors: the constant, and the part per share of the residuals that contradicts.
+const FALL_OF_SQUARES: [f64; 2] = [0.2, 1.8];
+const FALL_OF_VARIANCES: [f64; 2] = [0.5, 0.9];
 const LEAST_FALL: f64 = 0.4;
 /// One-sided 99 % of a normal variable.
 const SURELY: f64 = 2.326;
@@ -43,10 +44,10 @@ const SURELY: f64 = 2.326;
 pub struct Prior {
     /// Standard deviations, 5 K numbers: 0 of what is trusted, nan of what is to be found.
     pub sigma: Vec<f64>,
-    /// Share of their variance that drifts, and its correlation time; none: to be found.
-    pub share: Option<f64>,
+    /// Shares of their variance that drift, and the correlation times (5 K); nan: to be found.
+    pub share: Vec<f64>,
     /// See `share`.
-    pub time: Option<f64>,
+    pub time: Vec<f64>,
     /// Standard deviations of the azimuths that depend on the direction (N, K); none: 0.
     pub deviation: Option<Vec<f64>>,
 }
@@ -112,13 +113,17 @@ impl Lasting {
         let of =
             |t| Instant::new(&found.measured, t, found.path.position::<D>(t), &weight, columns);
         let instants: Vec<Instant<D>> = (0..record.len()).map(of).collect();
-        let squares = (1.0 - FALL_OF_SQUARES * (1.0 - slope)).max(LEAST_FALL);
-        let taper = (slope, squares.sqrt());
+        let rows = instants.iter().flat_map(|own| (0..own.rows.len()).map(|i| own.share(i)));
+        let (sum, count) = rows.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+        let share = sum / f64::max(count, 1.0);
+        let left =
+            |[own, part]: [f64; 2]| (1.0 - (own + part * share) * (1.0 - slope)).max(LEAST_FALL);
+        let taper = (1.0 - share * (1.0 - slope), left(FALL_OF_SQUARES).sqrt());
         let memory = memory(record, found);
         let length = length(record, memory, columns.len());
         let blocks = Blocks::new(record, &instants, before, length, taper);
         let mut lasting = Self::of(record, &blocks, prior, columns, memory * step(record));
-        let variances = (1.0 - FALL_OF_VARIANCES * (1.0 - slope)).max(LEAST_FALL);
+        let variances = left(FALL_OF_VARIANCES);
         lasting.share_declared(record, found, &instants, before, variances, prior);
         lasting
     }
@@ -163,13 +168,14 @@ impl Lasting {
                 (point.constant.iter().sum(), point.drift.iter().sum());
             whole += w * (constant + drift);
             drifting += w * drift;
-            times += w * drift * point.time;
+            let weighted = point.drift.iter().zip(&point.time).filter(|(v, _)| **v > 0.0);
+            times += w * weighted.map(|(v, time)| v * time).sum::<f64>();
             let mean = DVector::from_vec(filtered.mean);
             lasting.values += &mean * w;
             lasting.constant += filtered.covariance * (w * growth);
-            let left = averaged(memory / point.time);
             for (at, own) in point.drift.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
+                let left = averaged(memory / point.time[at]);
                 lasting.smooth[at] += w * growth * own * left;
             }
             parts.push((w, mean));
