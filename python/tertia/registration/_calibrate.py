@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, finite, instance, integer, points, radians, samples
-from tertia.sensors import ANGLES, STATION_KINDS, Bias, Station, to_station_axes
+from tertia.sensors import ANGLES, STATION_KINDS, Bias, Station
 
 
 def calibrate(
@@ -136,7 +136,9 @@ def calibrate(
 
 
 def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
-    offset = to_station_axes(place - station.position, station.axes)
+    offset = place - station.position
+    if station.axes is not None:
+        offset = (station.axes @ offset[..., np.newaxis])[..., 0]
     level = np.hypot(offset[:, 0], offset[:, 1])
     told = {
         "range": np.linalg.norm(offset, axis=-1),

@@ -418,8 +418,6 @@ def _prior(
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     sigma = np.zeros((len(KINDS), k))
     sigma[: len(STATION_KINDS)] = given.sigma
-    if bias is None and np.isnan(given.sigma).any():
-        sigma[len(STATION_KINDS) :] = np.nan
     own = [bias] * k if bias is not None else [station.bias for station in stations]
     drift = np.array(
         [
