@@ -92,8 +92,6 @@ class SmoothedPositions:
         variance if the model holds, which is the most likely one of the noise. Each axis is
         conditioned on the axes before it. nan where there is no plot, an outlier, or no prediction
         yet.
-    outlier : ndarray of bool, of shape (..., N)
-        Plots that were left out.
     log_likelihood : float or ndarray of shape (...)
         Log-likelihood of all plots for white noise as stated and an unknown first state, up to a
         constant that depends on units and times.
@@ -104,6 +102,8 @@ class SmoothedPositions:
     jerk_sigma : float or ndarray of shape (...)
         Standard uncertainty of `jerk`, to first order: that of its logarithm multiplied by `jerk`.
         0 if the jerk was given, inf if the plots do not determine it.
+    outlier : ndarray of bool, of shape (..., N)
+        Plots that were left out.
     correlation_time : float or ndarray of shape (...)
         Time over which the noise is correlated, in the most likely model: `exp(-T / time)` between
         plots a time T apart. 0 for white noise.
@@ -116,11 +116,11 @@ class SmoothedPositions:
     mean: FloatArray
     covariance: FloatArray
     innovation: FloatArray
-    outlier: BoolArray
     log_likelihood: float | FloatArray
     count: int | IntArray
     jerk: float | FloatArray
     jerk_sigma: float | FloatArray
+    outlier: BoolArray
     correlation_time: float | FloatArray
     noise_factor: float | FloatArray
     systematic: Systematic = "not included"
@@ -405,8 +405,9 @@ def smooth(
         "correlation_time": _correlation_time(correlation_time, dimension),
         "robust": flag(robust, "robust"),
     }
-    arrays, scalars = _core.smooth(tracks, threads(n_threads))
-    return SmoothedPositions(*arrays, *map(scalar_or_array, scalars))
+    (*arrays, outlier), scalars = _core.smooth(tracks, threads(n_threads))
+    *of_path, lasting, factor = map(scalar_or_array, scalars)
+    return SmoothedPositions(*arrays, *of_path, outlier, lasting, factor)
 
 
 def _correlation_time(correlation_time: float | None, dimension: int) -> float | None:

@@ -243,8 +243,14 @@ def reconstruct(
         residual=by_kind(found["residual"], kinds),
         systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
         bias=_bias(given, found["bias"]),
-        smoothed=None if smoothed is None else SmoothedPositions(mean, *smoothed),
+        smoothed=None if smoothed is None else _smoothed(mean, smoothed),
     )
+
+
+def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
+    """Return the path as smoothed positions; outliers are those of the measurements."""
+    none = np.zeros(len(mean), dtype=np.bool_)
+    return SmoothedPositions(mean, *found, outlier=none, correlation_time=0.0, noise_factor=1.0)
 
 
 def _bias(

@@ -3,6 +3,9 @@
 //! A plot is an outlier by its difference from what all others say of it; a jump, by how much it would
 //! explain (de Jong, Penzer 1998). The largest are taken out, and the rest is looked at again.
 
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
 use super::lasting::{Faults, Found};
 use super::search::{Scale, Search};
 use super::track::Track;
@@ -69,12 +72,11 @@ fn changed(track: &Track<'_>, faults: &Faults, misfit: &[f64], jump: &[f64], lim
         |k: usize| !(k.saturating_sub(APART)..(k + APART + 1).min(n)).any(|j| faults.jumps[j]);
     let strongest = (1..n).filter(|&k| is_free(k)).max_by(|&a, &b| jump[a].total_cmp(&jump[b]));
     let largest = (0..n).map(at).fold(0.0, f64::max);
-    if let Some(k) = strongest {
-        if jump[k] > (JUMP_LIMIT * limit).max(OVER_OUTLIER * largest) {
-            next.jumps[k] = true;
-            close_runs(track, &mut next);
-            return next;
-        }
+    let least = (JUMP_LIMIT * limit).max(OVER_OUTLIER * largest);
+    if let Some(k) = strongest.filter(|&k| jump[k] > least) {
+        next.jumps[k] = true;
+        close_runs(track, &mut next);
+        return next;
     }
     for k in 0..n {
         next.gross[k] =
