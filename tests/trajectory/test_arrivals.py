@@ -3,6 +3,7 @@
 import pickle
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from tertia.sensors import Bias, Station
 from tertia.trajectory import (
     Arrivals,
     ArrivalTrajectory,
+    ClockBias,
     group_arrivals,
     reconstruct_arrivals,
 )
@@ -133,7 +135,7 @@ def test_clocks_and_positions_of_one_tag() -> None:
     assert "correlated" not in repr(track)
     assert np.median(np.linalg.norm(track.position - truth_of(scene, track), axis=1)) < 1.5
     # the clocks, beyond the travel time that an error of the survey may hide
-    value, sigma = track.bias.at(scene.time)
+    value, sigma = track.bias.at(time=scene.time)
     inside = (scene.time > track.bias.node[0]) & (scene.time < track.bias.node[-1])
     off = (value - scene.clock.T)[1:, inside] / sigma[1:, inside]
     assert np.sqrt(np.mean(off**2)) < 2.0
@@ -258,18 +260,21 @@ def test_an_echo_is_not_used_and_an_outlier_is_marked() -> None:
     assert np.count_nonzero(track.outlier) < 8
 
 
-def test_corrected_times_and_saved_clocks() -> None:
+def test_corrected_times_and_saved_clocks(tmp_path: Path) -> None:
     scene = net(5)
     track = solved(scene)
     corrected = track.bias.correct(scene.arrivals)
-    value, _ = track.bias.at(corrected)
+    value, _ = track.bias.at(time=corrected)
     again = corrected + value[scene.arrivals.sensor, np.arange(len(corrected))]
     assert again == pytest.approx(scene.arrivals.time, abs=1e-9)
     one = track.bias[2]
-    assert one.at(100.0)[0] == pytest.approx(track.bias.at(100.0)[0][2])
-    assert one.at(track.bias.node[-1] + 1e3)[1] == np.inf
-    kept = pickle.loads(pickle.dumps(track.bias))
-    assert np.array_equal(kept.reading, track.bias.reading)
+    assert one.at(time=100.0)[0] == pytest.approx(track.bias.at(time=100.0)[0][2])
+    assert one.at(time=track.bias.node[-1] + 1e3)[1] == np.inf
+    track.bias.save(tmp_path / "clocks.json")
+    loaded = ClockBias.load(tmp_path / "clocks.json")
+    for kept in (pickle.loads(pickle.dumps(track.bias)), loaded):
+        assert np.array_equal(kept.reading, track.bias.reading)
+        assert np.array_equal(kept.time_sigma, track.bias.time_sigma)
 
 
 def test_a_receiver_that_never_hears_a_beacon() -> None:
@@ -286,7 +291,7 @@ def test_a_receiver_that_hears_nothing() -> None:
     scene = net(7)
     scene.stations.append(Station([0.0, 0.0], position_sigma=1.0))
     track = solved(scene)
-    assert track.bias.at(100.0)[1][7] > 1e-3
+    assert track.bias.at(time=100.0)[1][7] > 1e-3
 
 
 def test_scale_and_systematic_errors_are_told() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,8 +50,8 @@ class ClockBias(Bias):
             ("covariance", covariance),
         ):
             object.__setattr__(self, name, value)
-        middle, sigma = self.at(0.5 * (node[0] + node[-1]))
-        super().__init__(time=middle, time_sigma=sigma)
+        value, sigma = self.at()
+        super().__init__(time=value, time_sigma=sigma)
 
     def __reduce__(self) -> tuple[type[ClockBias], tuple[FloatArray, ...]]:
         """Pickle what the rest follows from."""
@@ -62,20 +64,38 @@ class ClockBias(Bias):
             self.node, self.reading[sensor], self.variance[sensor], self.covariance[sensor]
         )
 
-    def at(self, time: npt.ArrayLike) -> tuple[Any, Any]:  # type: ignore[override]
+    def save(self, path: str | Path) -> None:
+        """Write the clocks to a file, as JSON."""
+        told = {name: getattr(self, name).tolist() for name in ClockBias.__slots__}
+        Path(path).write_text(json.dumps(told), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> ClockBias:
+        """Return the clocks that `save` has written."""
+        told = json.loads(Path(path).read_text(encoding="utf-8"))
+        return cls(**{name: np.array(values, dtype=np.float64) for name, values in told.items()})
+
+    def at(
+        self, azimuth: npt.ArrayLike | None = None, time: npt.ArrayLike | None = None
+    ) -> tuple[Any, Any]:
         """Return the errors of the clocks at a time of the time base, and their sigmas.
 
         Parameters
         ----------
-        time : array_like
-            Seconds; before and after the nodes the last line goes on, with a sigma of inf.
+        azimuth : array_like, optional
+            Clocks do not depend on it.
+        time : array_like, optional
+            Seconds; by default the middle of the record. Before and after the nodes the last line
+            goes on, with a sigma of inf.
 
         Returns
         -------
         value, sigma : float or ndarray
             Seconds, in the shape of `time` after that of the receivers.
         """
-        instants = finite(time, "time")
+        del azimuth
+        middle = 0.5 * (self.node[0] + self.node[-1])
+        instants = finite(middle if time is None else time, "time")
         at, share = self._place(instants)
         value, variance = self.reading[..., at], self.variance[..., at]
         if self.node.size > 1:
