@@ -4,6 +4,9 @@
 /// directions differ by 1e-6 or more.
 pub(crate) const REGULAR: f64 = 1e-12;
 
+/// Steps to the longest axis.
+const TURNS: usize = 50;
+
 /// Smallest pivot of rows of length 1 that are not parallel.
 const PARALLEL: f64 = 1e-9;
 
@@ -178,6 +181,24 @@ pub(crate) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     }
     let q = -(b + discriminant.sqrt().copysign(b));
     [q / a, c / q]
+}
+
+/// The axis of the largest variance, by powers of the matrix.
+pub(crate) fn longest<const D: usize>(covariance: &Matrix<D>) -> (Vector<D>, f64) {
+    let mut largest = 0;
+    for i in 1..D {
+        if covariance[i][i] > covariance[largest][largest] {
+            largest = i;
+        }
+    }
+    let mut axis = covariance[largest];
+    for _ in 0..TURNS {
+        let length = norm(&axis);
+        axis = axis.map(|v| v / length);
+        axis = std::array::from_fn(|i| dot(&covariance[i], &axis));
+    }
+    let variance = norm(&axis);
+    (axis.map(|v| v / variance), variance)
 }
 
 /// Infinite variances; what is between them is not a number.

@@ -1,7 +1,6 @@
 //! Starts from times of arrival, in metres: `z = b + |p − s|`, b that of the emission.
 
-use super::profile::longest;
-use crate::base::small::{Factor, Matrix, Vector, dot, norm};
+use crate::base::small::{Factor, Matrix, Vector, dot, longest, norm};
 use crate::sensors::{Kind, Measurement};
 
 /// Rank of the arrival that is taken for undisturbed, as a share: more are late than early.
@@ -11,8 +10,8 @@ const EARLY: f64 = 0.3;
 const SPARE: usize = 3;
 
 /// With so many measurements beyond the unknowns faults are trusted, one in so many.
-const ROBUST: usize = 5;
-const FAULTS_ONE_IN: usize = 8;
+const ROBUST: usize = 9;
+const FAULTS_ONE_IN: usize = 12;
 /// What the likelihood of arrivals makes of a fault at least.
 const COST_OF_FAULT: f64 = 8.3;
 
@@ -75,9 +74,9 @@ pub(super) fn emission<const D: usize>(
 }
 
 /// The cost up to which a minimum of so many measurements needs no other starts: noise, and a fault
-/// in eight of them. If another minimum explained as many, most of both would be the same ones.
+/// in twelve of them. If another minimum explained as many, most of both would be the same ones.
 pub(super) fn trusted_cost(count: usize, unknowns: usize) -> f64 {
-    let noise = 0.5 * count as f64 + 2.0 * (0.5 * count as f64).sqrt();
+    let noise = 0.5 * (count - unknowns) as f64 + 2.0 * (0.5 * count as f64).sqrt();
     let spare = if count < unknowns + ROBUST { 0 } else { count / FAULTS_ONE_IN };
     noise + COST_OF_FAULT * spare as f64
 }

@@ -9,7 +9,7 @@
 use super::descent::Loss;
 use super::growth::LIMIT;
 use super::search::{Minimum, Search, position};
-use crate::base::small::{Factor, Matrix, Vector, add, dot, norm};
+use crate::base::small::{Factor, Matrix, Vector, add, dot, longest, norm};
 
 /// A standard deviation of this share of the distance to the nearest station is not small: the
 /// linear covariance is 3 % too small at .14, and right at .06.
@@ -19,8 +19,6 @@ const INFINITY: f64 = 1e3;
 /// Steps back to the ridge, and halvings of the distance.
 const RELAXATIONS: usize = 3;
 const HALVINGS: usize = 12;
-/// Steps to the longest axis.
-const TURNS: usize = 50;
 /// Weight of the axis in steps that must not follow it.
 const STIFF: f64 = 1e4;
 
@@ -124,21 +122,3 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 /// The measurements do not bound the position in some direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Unbounded;
-
-/// The axis of the largest variance, by powers of the matrix.
-pub(super) fn longest<const D: usize>(covariance: &Matrix<D>) -> (Vector<D>, f64) {
-    let mut largest = 0;
-    for i in 1..D {
-        if covariance[i][i] > covariance[largest][largest] {
-            largest = i;
-        }
-    }
-    let mut axis = covariance[largest];
-    for _ in 0..TURNS {
-        let length = norm(&axis);
-        axis = axis.map(|v| v / length);
-        axis = std::array::from_fn(|i| dot(&covariance[i], &axis));
-    }
-    let variance = norm(&axis);
-    (axis.map(|v| v / variance), variance)
-}
