@@ -105,7 +105,7 @@ def curved() -> str:
         stations, truth = np.array(places, dtype=float), np.array(target, dtype=float)
         d = truth - stations
         rng = generator(47, len(places), int(stations[-1, 0]), target[1])
-        noise = 0.02 * rng.standard_normal((repetitions(2000, 20), len(places)))
+        noise = 0.02 * rng.standard_normal((repetitions(400, 20), len(places)))
         azimuth = np.arctan2(d[:, 0], d[:, 1]) + noise
         fixes = locate(
             stations, azimuth=azimuth, azimuth_sigma=0.02, method="least-squares", bias=Bias()
@@ -157,7 +157,7 @@ def protection() -> str:
         rng, sizes = generator(48, n, len(kind)), np.arange(2.0, 14.0)
         total = 0.0
         for faulty in range(n):
-            errors = rng.standard_normal((sizes.size, repetitions(2000, 50), n))
+            errors = rng.standard_normal((sizes.size, repetitions(500, 50), n))
             errors[..., faulty] += sizes[:, np.newaxis]
             fixes = locate(places, **measured(kind, places, sigma * errors), **options)
             far = np.linalg.norm(fixes.position - TARGET, axis=-1)

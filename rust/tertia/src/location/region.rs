@@ -99,20 +99,18 @@ impl Spread<'_> {
         let level = self.level(probability);
         let (sine, cosine) = angle.sin_cos();
         let half = [large, small].map(|v| (level * v).sqrt());
-        if located.position.len() == 2 && level.is_finite() {
-            if let Some(bent) = Likelihood::new(located, self.sigma, [[a, b], [b, c]]).filter(|l| {
-                !l.is_straight(|t| {
-                    let (s, c) = t.sin_cos();
-                    let [x, y] = [half[0] * c, half[1] * s];
-                    [x * cosine - y * sine, x * sine + y * cosine]
-                })
-            }) {
-                return bent.outline(
-                    level,
-                    Frame { centre: [0.0; 2], cosine, sine, half },
-                    located,
-                );
-            }
+        let on_ellipse = |t: f64| {
+            let (s, c) = t.sin_cos();
+            let [x, y] = [half[0] * c, half[1] * s];
+            [x * cosine - y * sine, x * sine + y * cosine]
+        };
+        if located.position.len() == 2
+            && level.is_finite()
+            && let Some(likelihood) = Likelihood::new(located, self.sigma, [[a, b], [b, c]])
+            && !likelihood.is_straight(on_ellipse)
+        {
+            let frame = Frame { centre: [0.0; 2], cosine, sine, half };
+            return likelihood.outline(level, frame, located);
         }
         // as much area as the ellipse
         let corner = TAU / CORNERS as f64;
