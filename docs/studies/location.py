@@ -166,7 +166,7 @@ def coverage() -> str:
     """Tell how often 95 % ellipses hold the target, with errors as they are in the field."""
     sights: tuple[Kind, ...] = ("azimuth",)
     polar: tuple[Kind, ...] = ("range", "azimuth", "elevation")
-    batch, finders, radars = repetitions(200, 40), np.array(FINDERS, float), np.array(RADARS, float)
+    batch, finders, radars = repetitions(100, 40), np.array(FINDERS, float), np.array(RADARS, float)
     few, more = finders[:4], finders[[0, 2, 4, 5, 7]]
     pooled = {"pooled": True}
     free = {"azimuth_sigma": None, **pooled}
@@ -199,7 +199,7 @@ def inside(
 
     def run(draw: honesty.Draw) -> BoolArray:
         found = []
-        for _ in range(repetitions(4000 // max(batch, 40), 1)):
+        for _ in range(repetitions(600 // max(batch, 40), 1)):
             truth = path(max(batch, 40), places.shape[1])
             measured: dict[str, Any] = {}
             true = directions(truth, places)
