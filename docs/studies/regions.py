@@ -177,7 +177,7 @@ def inside(*, pooled: bool, posterior: bool) -> Callable[[honesty.Draw], BoolArr
         d = target[:, np.newaxis] - places
         true = np.arctan2(d[..., 0], d[..., 1])
         found = []
-        for _ in range(repetitions(5, 1)):
+        for _ in range(repetitions(1, 1)):
             errors = draw((len(places), RECORD), true.T)
             azimuth = true + STATED * errors.T
             options: dict[str, Any] = {
