@@ -489,7 +489,12 @@ def _tracks(
     def run(draw: honesty.Draw) -> BoolArray:
         found = []
         stations = [
-            Station(place, **{f"{kind}_sigma": sigma for kind, sigma in sigmas.items()})
+            Station(
+                place,
+                range_sigma=sigmas.get("range"),
+                azimuth_sigma=sigmas.get("azimuth"),
+                elevation_sigma=sigmas.get("elevation"),
+            )
             for place in places
         ]
         for _ in range(HONEST_RUNS):

@@ -10,7 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, instance, positive, radians, real, samples, threads
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    finite,
+    instance,
+    positive,
+    radians,
+    real,
+    samples,
+    threads,
+)
 from tertia.location import LocationStatus
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._readers import checked, correlation_of
@@ -384,7 +394,7 @@ def _deviations(
         if one is not None and one.deviation_order > 0:
             value, total = one.at(np.nan_to_num(azimuth[:, k]))
             # what is constant stays with the others, what drifts is not in the covariance
-            constant = one.azimuth_sigma**2
+            constant = float(one.at()[1]) ** 2
             drift = (
                 constant
                 if one.deviation_covariance is None
@@ -408,7 +418,7 @@ def _prior(
 ) -> dict[str, Any]:
     """Return what the core is to assume of systematic errors."""
     k = given.sigma.shape[1]
-    flat = np.isinf(given.sigma).any(axis=1)
+    flat: BoolArray = np.array([np.isinf(row).any() for row in given.sigma])
     for at, kind in enumerate(STATION_KINDS):
         if bias is not None and getattr(bias, f"{kind}_sigma") is None and kind not in measured:
             raise ValueError(f"bias.{kind}_sigma is None, but {kind} was not measured")
