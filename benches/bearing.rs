@@ -3,9 +3,8 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::bearing::{
-    BlockOutput, Estimator, Method, PaperRule, RobustRule, VarianceTest, Workspace,
+    BlockOutput, Estimator, Method, PaperRule, RobustRule, Shared, VarianceTest, Workspace,
 };
-use tertia::screening::BurstRule;
 
 /// Bearings about north with a burst and two single anomalies.
 fn record() -> Vec<f64> {
@@ -21,7 +20,6 @@ fn record() -> Vec<f64> {
 fn benches(c: &mut Criterion) {
     let variance_test = VarianceTest::Cochran(0.05);
     let rule = PaperRule { k: 2.5, block_size: 10, variance_test };
-    let bursts = BurstRule::try_new(2.5, 3.0, (2, 20), 0.0, 0.0).unwrap();
     let theta = record();
     let mut group = c.benchmark_group("bearing of 100");
     for (name, method) in [
@@ -29,9 +27,9 @@ fn benches(c: &mut Criterion) {
         ("k-sigma", Method::KSigma(2.5)),
         ("paper", Method::Paper(rule)),
         ("corrected", Method::Corrected(rule, 0.05)),
-        ("robust", Method::Robust(RobustRule { bursts, block_size: 10 })),
+        ("robust", Method::Robust(RobustRule { block_size: 10, rounding: 0.0 })),
     ] {
-        let estimator = Estimator::try_new(method, Some(360.0), 0.0).unwrap();
+        let estimator = Estimator::try_new(method, Some(360.0), None).unwrap();
         let mut outlier = [false; 100];
         let [mut mean, mut variance, mut weight] =
             [(); 3].map(|()| vec![0.0; estimator.blocks(theta.len())]);
@@ -41,7 +39,9 @@ fn benches(c: &mut Criterion) {
                 let mut output =
                     BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
                 let theta = black_box(&theta);
-                estimator.estimate(theta, &mut outlier, &mut output, &mut workspace).unwrap()
+                estimator
+                    .estimate(theta, Shared::default(), &mut outlier, &mut output, &mut workspace)
+                    .unwrap()
             });
         });
     }

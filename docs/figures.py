@@ -20,6 +20,7 @@ from studies import (
     association,
     audit,
     bearing,
+    contamination,
     flightplan,
     fusion,
     honest_series,
@@ -53,6 +54,10 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "variance tests": bearing.variance_tests,
         "north": bearing.north,
         "scenarios": bearing.scenarios,
+        "contamination": contamination.contamination,
+        "correlation": contamination.correlation,
+        "groups": contamination.groups,
+        "grid": contamination.grid,
         "claims": paper.claims,
     },
     "weights.md": {

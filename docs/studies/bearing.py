@@ -11,7 +11,6 @@ from studies.montecarlo import (
     CLEAN,
     K1,
     METHODS,
-    SENSITIVE,
     SINGLES,
     WITH_SIGMA,
     Errors,
@@ -126,7 +125,6 @@ def scenario_errors(
     methods["corrected, n_g=10"] = library(method="corrected")
     for name in ("mean", "median", "default"):
         methods[name] = METHODS[name]
-    methods["sensitive"] = library(**SENSITIVE)
     result: dict[str, list[float]] = {name: [] for name in [*methods, "oracle", "share"]}
     rng = generator(4)
     for _ in range(count):
@@ -162,13 +160,12 @@ def clean_cost() -> str:
     """RMSE in clean data over that of the mean."""
     data = [records(n, COUNT, generator(5, n), **CLEAN) for n in SIZES]
     ideal = [METHODS["mean"](theta).rmse for theta in data]
-    methods = METHODS | {"sensitive": library(**SENSITIVE)}
     rows = (
         [
             name,
-            *(f"{methods[name](y).rmse / mean:.2f}" for y, mean in zip(data, ideal, strict=True)),
+            *(f"{METHODS[name](y).rmse / mean:.2f}" for y, mean in zip(data, ideal, strict=True)),
         ]
-        for name in methods
+        for name in METHODS
     )
     return markdown(["RMSE over that of the mean", *(f"N = {n}" for n in SIZES)], rows)
 

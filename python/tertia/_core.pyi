@@ -131,14 +131,12 @@ def false_alarm_probability(
     k: float, n: int, test: str, degrees_of_freedom: float | None
 ) -> float: ...
 def estimate_bearing(
-    theta: FloatArray, options: dict[str, Any], omit: bool, n_threads: int | None
-) -> tuple[
-    FloatArray,
-    FloatArray,
-    BoolArray,
-    FloatArray,
-    tuple[FloatArray, FloatArray, FloatArray] | None,
-]: ...
+    theta: FloatArray,
+    groups: FloatArray | None,
+    options: dict[str, Any],
+    omit: bool,
+    n_threads: int | None,
+) -> tuple[list[FloatArray], BoolArray, tuple[FloatArray, FloatArray, FloatArray] | None]: ...
 def wishart_law(
     n: float | list[float], convention: str, sensors: int
 ) -> list[tuple[float, float]]: ...

@@ -1,7 +1,7 @@
 """The bearing estimators in plain NumPy: one record of unwrapped angles."""
 
 import numpy as np
-from scipy import optimize, special, stats
+from scipy import optimize, stats
 
 from reference import screening
 
@@ -90,57 +90,247 @@ def corrected(y, k, size, significance, k2="significance"):
     return (p * m).sum(), np.sqrt(pooled * (p**2 / r_used).sum()), outlier, weight
 
 
-def robust(y, size, **options):
-    outlier, _, _ = screening.bursts(y, **options)
-    kept = y[~outlier]
-    step = options.get("rounding", 0.0)
-    if np.median(np.abs(y - np.median(y))) == 0:
-        step = screening.step_of_ties(y, np.median(y), step)
-    if np.ptp(kept) == 0:
-        count = np.array([np.count_nonzero(~outlier[g]) for g in blocks_of(len(y), size)])
-        step = max(step, screening.step_of_ties(y, kept[0], 0.0))
-        return kept[0], step / np.sqrt(12), outlier, count / count.sum()
-    every = [y[g][~outlier[g]] for g in blocks_of(len(y), size)]
-    blocks = [v for v in every if len(v)]
-    r = np.array([len(v) for v in blocks])
-    m = np.array([v.mean() for v in blocks])
-    d = np.array([v.var(ddof=1) if len(v) > 1 else np.nan for v in blocks])
-    floor = step**2 / 12
-    overall = max(kept.var(ddof=1), floor)
-    coarse = step**2 > kept.var(ddof=1)
-    w = r / (overall if coarse else np.maximum(moderated(d, r - 1, overall), floor))
-    value = (w * m).sum() / w.sum()
-    q = (w * (m - value) ** 2).sum()
-    ratio = q / (len(blocks) - 1) if len(blocks) > 1 else 0.0
-    rho = options.get("correlation", 0.0)
-    sigma = max(1.0, np.sqrt(ratio)) / np.sqrt(w.sum()) * np.sqrt((1 + rho) / (1 - rho))
-    weight = np.zeros(len(every))
-    weight[[len(v) > 0 for v in every]] = w / w.sum()
-    return value, sigma, outlier, weight
+def effects(x, s, scale, common):
+    """Random effects: mean, sigma and tau by quadrature over tau."""
+    x, s = np.asarray(x, dtype=float), np.asarray(s, dtype=float)
+    top = max(300.0, 10 * np.ptp(x) / scale)
+    tau = np.r_[0.0, scale * np.geomspace(0.01, top, 160)]
+    v = s[:, None] ** 2 + tau**2
+    total = (1 / v).sum(axis=0)
+    mu = (x[:, None] / v).sum(axis=0) / total
+    log = -0.5 * (np.log(v).sum(axis=0) + np.log(total) + ((x[:, None] - mu) ** 2 / v).sum(axis=0))
+    log += np.log(np.gradient(tau)) - np.log1p((tau / scale) ** 2)
+    w = np.exp(log - log.max())
+    w /= w.sum()
+    mean, sd = w @ mu, np.sqrt(1 / total + common * tau**2)
+
+    def outside(h):
+        return w @ (stats.norm.sf((h - mu + mean) / sd) + stats.norm.sf((h + mu - mean) / sd))
+
+    h = optimize.brentq(lambda h: outside(h) - 0.0455, 0, 100 * top * scale, xtol=1e-13 * scale)
+    return mean, h / 2, w @ tau
 
 
-def moderated(d, nu, overall):
-    """Variances shrunk towards their common value; `overall` if each block is constant."""
-    measured = nu > 0
-    pooled = (nu[measured] * d[measured]).sum() / nu[measured].sum()
-    known = measured & (d > 0)  # equal readings have no logarithm
-    if not known.any():
-        return np.full(len(d), overall)
-    if np.count_nonzero(known) < 2:
-        return np.full(len(d), pooled)
-    half = nu[known] / 2
-    e = np.log(d[known]) - special.digamma(half) + np.log(half)
-    v = e.var(ddof=1) - special.polygamma(1, half).mean()
-    if v <= 0:
-        return np.full(len(d), pooled)
-    ln_half = optimize.brentq(
-        lambda s: np.log(special.polygamma(1, np.exp(s))) - np.log(v), -40, 40, xtol=1e-15
-    )
-    half0 = np.exp(ln_half)
-    s02 = np.exp(e.mean() + special.digamma(half0) - np.log(half0))
-    nu0 = 2 * half0
-    d = np.where(measured, d, 0.0)
-    return np.where(measured, (nu0 * s02 + nu * d) / (nu0 + nu), s02)
+def correlated(y, place, phi=None):
+    """Gain in log evidence over white noise, variance over that with white noise, and phi."""
+    if len(y) < 3 or np.ptp(y) == 0:
+        return 0.0, 1.0, 0.0
+    gap, y = np.diff(place), y - y[0]
+    phis = np.tanh(np.linspace(-0.55, 2.65, 48))
+    prior = (1 - phis**2) / (1 - phis**2).sum() / 2
+    prior[np.abs(phis).argmin()] += 0.5
+    if phi is not None:
+        phis, prior = np.array([phi]), np.ones(1)
+
+    def given(phi):
+        f = float(phi) ** gap
+        v = 1 - f**2
+        a, e = 1 + ((1 - f) ** 2 / v).sum(), y[1:] - f * y[:-1]
+        m = (y[0] + ((1 - f) * e / v).sum()) / a
+        rss = (y[0] - m) ** 2 + ((e - (1 - f) * m) ** 2 / v).sum()
+        evidence = -0.5 * (np.log(v).sum() + np.log(a) + (len(y) - 1) * np.log(rss))
+        return m, rss / ((len(y) - 1) * a), evidence
+
+    m, v, evidence = np.transpose([given(phi) for phi in phis])
+    _, white, base = given(0.0)
+    log = np.log(prior) + evidence - base
+    w = np.exp(log - log.max())
+    gain, w = log.max() + np.log(w.sum()), w / w.sum()
+    return gain, w @ (v + (m - w @ m) ** 2) / white, w @ phis
+
+
+class Modes:
+    """A mixture of good and bad measurements, whose modes may persist."""
+
+    def __init__(self, shape, d, t, share, kappa=0.0):
+        self.shape, self.mu, self.s, self.kappa = shape, 0.0, 1.0, kappa
+        self.d, self.t, self.share = (np.array(v, dtype=float) for v in (d, t, share))
+
+    def copy(self, kappa):
+        other = Modes(self.shape, self.d, self.t, self.share, kappa)
+        other.mu, other.s = self.mu, self.s
+        return other
+
+    def posterior(self, y):
+        """Probabilities of all modes, log-likelihood, counts drawn by the shares, persisted."""
+        centre = self.mu + np.r_[0.0, self.d]
+        log = stats.norm.logpdf(y[:, None], centre, np.r_[self.s, self.t])
+        share = np.r_[1 - self.share.sum(), self.share]
+        top = log.max(axis=1, keepdims=True)
+        density = np.exp(log - top)
+        if not self.kappa:
+            joint = share * density
+            g = joint / joint.sum(axis=1, keepdims=True)
+            return g, (np.log(joint.sum(axis=1)) + top[:, 0]).sum(), g.sum(axis=0), 0.0
+        n = len(y)
+        forward, scale, predicted = np.empty_like(density), np.empty(n), share
+        for i in range(n):
+            joint = predicted * density[i]
+            scale[i] = joint.sum()
+            forward[i] = joint / scale[i]
+            predicted = self.kappa * forward[i] + (1 - self.kappa) * share
+        g, backward = np.empty_like(density), np.ones(len(share))
+        drawn, persisted = np.zeros(len(share)), 0.0
+        for i in reversed(range(n)):
+            g[i] = forward[i] * backward
+            if i == 0:
+                drawn += g[0]
+                break
+            ahead = density[i] * backward / scale[i]
+            persisted += self.kappa * forward[i - 1] @ ahead
+            drawn += (1 - self.kappa) * share * ahead
+            backward = self.kappa * ahead + (1 - self.kappa) * share @ ahead
+        return g, (np.log(scale) + top[:, 0]).sum(), drawn, persisted
+
+    def step(self, y, floor, least):
+        """One step of EM; returns the largest change in standard errors."""
+        before = (self.mu, np.log(self.s), self.share.sum(), self.kappa)
+        g, _, drawn, persisted = self.posterior(y)
+        n = np.maximum(g.sum(axis=0), 1e-9)
+        first = g.T @ y
+        if self.shape == "wide":
+            w = np.r_[self.s, self.t] ** -2.0
+            self.mu = (w @ first) / (w @ n)
+        else:
+            self.mu = first[0] / n[0]
+        self.s = max(np.sqrt(g[:, 0] @ (y - self.mu) ** 2 / n[0]), floor)
+        for j in range(len(self.d)):
+            wide = 2.5
+            if self.shape != "wide":
+                side = np.sign(self.d[j])
+                far = max((first[j + 1] / n[j + 1] - self.mu) * side, 2 * self.s)
+                self.d[j], wide = side * far, 0.5
+            square = g[:, j + 1] @ (y - self.mu - self.d[j]) ** 2 / n[j + 1]
+            self.t[j] = max(np.sqrt(square), wide * self.s, least)
+        self.share = np.maximum(drawn[1:] / drawn.sum(), 0.25 / len(y))
+        self.share *= min(1.0, 0.5 / self.share.sum())
+        if self.kappa:
+            self.kappa = np.clip(persisted / (persisted + drawn.sum() - 1), 1e-4, 0.98)
+        after = (self.mu, np.log(self.s), self.share.sum(), self.kappa)
+        change = np.abs(np.subtract(after, before)) / (self.s, 1, 1, 1)
+        return change.max() * np.sqrt(len(y))
+
+    def run(self, y, floor, least):
+        for _ in range(80):
+            if self.step(y, floor, least) < 0.01:
+                break
+        return self
+
+    def variance(self, y, g):
+        """Of the centre, from the outer products of all scores."""
+        good, bad = g[:, 0], g[:, 1:]
+        z = (y - self.mu) / self.s
+        scores = [good * z / self.s, good * (z**2 - 1) / self.s]
+        for j, (d, t, share) in enumerate(zip(self.d, self.t, self.share, strict=True)):
+            u = (y - self.mu - d) / t
+            of_centre = bad[:, j] * u / t
+            if self.shape == "wide":
+                scores[0] = scores[0] + of_centre
+            else:
+                scores.append(of_centre)
+            scores.append(bad[:, j] * (u**2 - 1) / t)
+            scores.append(bad[:, j] / share - good / (1 - self.share.sum()))
+        scores = np.array(scores)
+        products = scores @ scores.T
+        scale = np.sqrt(np.diag(products)) + 1e-12
+        inverse = np.linalg.inv(products / np.outer(scale, scale) + 1e-6 * np.eye(len(scale)))
+        return np.clip(inverse[0, 0], 1, 25) / scale[0] ** 2
+
+
+def started(y, shape, side=1.0):
+    """The mixture from which the search begins, for scores."""
+    n, far = len(y), 2.2 if shape == "two" else 2.5
+    sides = {"one": [side], "wide": [0.0], "two": [1.0, -1.0]}[shape]
+    d, t, share = [], [], []
+    for side in sides:
+        hit = y[np.abs(y) > far] if shape == "wide" else y[y * side > far]
+        d.append(0.0 if shape == "wide" else hit.mean() if len(hit) else 4.0 * side)
+        wide = max(np.sqrt((hit**2).sum() / max(len(hit), 1)), 4.0)
+        t.append({"one": 1.5, "wide": wide, "two": 1.2}[shape])
+        low, high = (0.5, 0.4) if shape == "two" else (1.0, 0.45)
+        share.append(np.clip(len(hit) / n, low / n, high))
+    return Modes(shape, d, t, share)
+
+
+def hypotheses(y, step, rho):
+    """Weight, value, variance, width, good, probability of good and influence of each."""
+    n, floor = len(y), max(0.3, 0.5 * step)
+    v = max(y.var(), floor**2)
+    log = -0.5 * n * (np.log(2 * np.pi * v) + y.var() / v) - 0.4 * 2 * np.log(n)
+    rows = [(log, None, np.ones((n, 1)), np.sqrt(v))]
+    for shape, size in (("one", 5), ("wide", 4), ("two", 8)):
+        if shape == "one":
+            sides = [started(y, "one", side) for side in (1.0, -1.0)]
+            for modes in sides:
+                for _ in range(6):
+                    modes.step(y, floor, 0.5 * step)
+            likelihood = [modes.posterior(y)[1] for modes in sides]
+            modes = sides[1] if likelihood[1] > likelihood[0] else sides[0]
+        else:
+            modes = started(y, shape)
+        found = [(modes.run(y, floor, 0.5 * step), size)]
+        good = found[0][0].posterior(y)[0][:, 0]
+        off = good - good.mean()
+        if off @ off > 0 and off[1:] @ off[:-1] / (off @ off) * np.sqrt(n) >= 1.5:
+            found.append((found[0][0].copy(0.5).run(y, floor, 0.5 * step), size + 1))
+        for modes, size in found:
+            g, likelihood, _, _ = modes.posterior(y)
+            rows.append((likelihood - 0.4 * size * np.log(n), modes, g, modes.s))
+    result = []
+    for log, modes, g, width in rows:
+        gain, inflation, phi = 0.0, 1.0, 0.0
+        if rho != 0.0:
+            kept = np.flatnonzero(g[:, 0] > 0.5)
+            gain, inflation, phi = correlated(y[kept], kept, rho)
+        influence = np.ones(n) if modes is None else g[:, 0].copy()
+        if modes is not None and modes.shape == "wide":
+            influence += g[:, 1] * (modes.s / modes.t[0]) ** 2
+        influence /= influence.sum()
+        count = max(g[:, 0].sum(), 2.5)
+        white = width**2 / count if modes is None else modes.variance(y, g)
+        variance = white * count / (count - 1) * inflation
+        result.append([log + gain, influence @ y, variance, width, count, g[:, 0], influence, phi])
+    log = np.array([row[0] for row in result])
+    w = np.exp(log - log.max()) * (log - log.max() > np.log(1e-5))
+    return w / w.sum(), [row[1:] for row in result]
+
+
+def robust(y, size, rounding=0.0, correlation=None):
+    """The default: value, sigma, outliers and weights of blocks."""
+    z = np.sort(y)
+    gaps = np.diff(z)
+    same = gaps <= 1e-9 * np.ptp(y)
+    step = rounding or (gaps[~same].min() if same.any() else 0.0)
+    half = len(y) // 2 + 1
+    lengths = z[half - 1 :] - z[: len(y) - half + 1]
+    first = np.flatnonzero(lengths <= lengths.min() * (1 + 1e-9))[0]
+    centre = z[first : first + half].mean()
+    mad = 1.4826 * np.median(np.abs(y - np.median(y)))
+    scale = min(max(lengths[first] / 1.349, 0.3 * mad), mad)
+    scale = np.hypot(scale, step / np.sqrt(12)) or 0.1 * np.ptp(y) / len(y)
+    z = np.clip((y - centre) / scale, -1e3, 1e3)
+    w, found = hypotheses(z, step / scale, correlation)
+    values, variances, _, counts = (w * [row[i] for row in found] for i in range(4))
+    value = values.sum()
+    student = stats.t.isf(0.0455 / 2, counts.sum() - 1) / 2
+    within = scale**2 * student**2 * variances.sum()
+    between = scale**2 * (w * [(row[0] - value) ** 2 for row in found]).sum()
+    good, influence = (sum(a * row[i] for a, row in zip(w, found, strict=True)) for i in (4, 5))
+    width = scale * np.sqrt(good @ (z - value) ** 2 / counts.sum())
+    value, variance = centre + scale * value, within + between
+    y = np.where(np.abs(z) < 1e3, y, centre + scale * z)
+    blocks = blocks_of(len(y), size)
+    weight = np.array([influence[g].sum() for g in blocks])
+    mean = np.array([influence[g] @ y[g] for g in blocks]) / weight
+    used = weight > 0.1 / len(weight)
+    if (nu := used.sum() - 1) > 0:
+        f = (weight * (mean - value) ** 2)[used].sum() / within / nu
+        limit = stats.f.isf(0.05, nu, counts.sum() - 1)
+        variance *= max(1.0, f / limit)
+    if step:
+        excess = max((width / step) ** 2 - 1 / 12, 0.0)
+        variance += step**2 / 12 * np.exp(-4 * np.pi**2 * excess)
+    return value, np.sqrt(variance), good < 0.5, weight
 
 
 def on_the_circle(estimate, theta, period):

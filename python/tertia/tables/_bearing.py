@@ -26,6 +26,7 @@ class Bearings:
     rows: pl.DataFrame
     groups: Layout
     theta: FloatArray
+    labels: IntArray | None
     options: Mapping[str, Any]
 
     def estimates(self, most: int) -> Iterator[tuple[str, FloatArray, BearingEstimate]]:
@@ -33,7 +34,9 @@ class Bearings:
         ends = np.cumsum(self.groups.lengths)
         for k in self.rows["note"].is_null().arg_true()[:most]:
             sample = self.theta[ends[k] - self.groups.lengths[k] : ends[k]]
-            estimate = estimate_bearing(sample, nan_policy="omit", **self.options)
+            labels = self.labels[ends[k] - self.groups.lengths[k] : ends[k]] if self.labels is not None else None
+            options = {"groups": labels, "nan_policy": "omit", **self.options}
+            estimate = estimate_bearing(sample, **options)
             yield group_name(self.groups.keys[k : k + 1]), sample, estimate
 
 
@@ -43,6 +46,7 @@ def bearing(
     columns: Mapping[str, str] | None = None,
     values: str = "azimuth_deg",
     by: str | Sequence[str] = (),
+    groups: str | None = None,
     **options: Any,
 ) -> Table:
     """Estimate a bearing and its sigma per group, as the command `tertia bearing` does.
@@ -57,6 +61,8 @@ def bearing(
         Column of the measurements; missing ones (null, nan) are left out and counted.
     by : str or sequence of str
         Columns by whose values the rows are grouped; by default all rows are one group.
+    groups : str, optional
+        Column of labels of what shares a systematic error: a stop, an hour, a sector.
     **options
         Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`.
 
@@ -65,8 +71,9 @@ def bearing(
     table of the same kind
         One row per group, in the order of their first measurements: `by`, the numbers of
         measurements (`count`) and of missing ones (`missing`), the estimate and its sigma
-        (`azimuth_deg`, `azimuth_sigma_deg`), `outlier_count`, `polarity`, and a `note` if there is
-        no estimate. An empty table gives an empty result.
+        (`azimuth_deg`, `azimuth_sigma_deg`), with `groups` or `bias_sigma` the size of the
+        systematic errors that the sigma includes (`azimuth_bias_sigma_deg`), `outlier_count`,
+        `polarity`, and a `note` if there is no estimate. An empty table gives an empty result.
 
     Raises
     ------
@@ -92,7 +99,9 @@ def bearing(
     >>> found.select("sensor", "count", "outlier_count", "note").rows()
     [('A', 60, 4, None), ('B', 60, 4, None)]
     """
-    found = bearings_of(source_of(table), columns=columns, values=values, by=by, **options)
+    found = bearings_of(
+        source_of(table), columns=columns, values=values, by=by, groups=groups, **options
+    )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
 
 
@@ -102,38 +111,52 @@ def bearings_of(
     columns: Mapping[str, str] | None = None,
     values: str = "azimuth_deg",
     by: str | Sequence[str] = (),
+    groups: str | None = None,
     **options: Any,
 ) -> Bearings:
     """Return the estimates of all groups with their measurements; see `bearing`."""
     estimate_bearing(_NONE, **options)
-    keys, sigma = as_names(by), column_name(values, "sigma")
-    names = ("count", "missing", values, sigma, "outlier_count", "polarity", "note")
+    keys = as_names(by)
+    fields = {values: "value", column_name(values, "sigma"): "sigma"}
+    if groups is not None or options.get("bias_sigma") is not None:
+        fields[column_name(values, "bias_sigma")] = "bias_sigma"
+    names = ("count", "missing", *fields, "outlier_count", "polarity", "note")
+    fields["polarity"] = "polarity"
     # the measurements may be in any unit, which their name does not tell
     schema = {"theta": Field("number", {values: 1.0}, required=True)}
-    records = read(source, schema, columns=columns, by=keys, results=names)
-    groups = layout(records.by, records.rows.height)
-    theta = records.rows["theta"].to_numpy()[groups.order]
+    shared = [groups] if groups is not None and groups not in keys else []
+    records = read(source, schema, columns=columns, by=[*keys, *shared], results=names)
+    rows = layout(records.by.select(keys), records.rows.height)
+    theta = records.rows["theta"].to_numpy()[rows.order]
     present = ~np.isnan(theta)
-    count = np.bincount(groups.group[present], minlength=len(groups.lengths))
-    estimates, sigmas, polarities = np.full((3, len(count)), np.nan)
+    count = np.bincount(rows.group[present], minlength=len(rows.lengths))
+    labels: IntArray | None = None
+    if groups is not None:
+        codes = records.by.get_column(groups).rank("dense").fill_null(0).to_numpy()
+        labels = codes.astype(np.int64)[rows.order]
+    found = {name: np.full(len(count), np.nan) for name in fields}
     outliers = np.zeros(len(count), dtype=np.int64)
     notes: list[str | None] = [None] * len(count)
     there = theta[present]
+    label = None if labels is None else labels[present]
 
     def estimate(elements: IntArray) -> BearingEstimate:
-        sample = there[elements]
-        return estimate_bearing(sample, **options)
+        shared = None if label is None else label[elements]
+        return estimate_bearing(there[elements], groups=shared, **options)
 
-    for which, found in by_length(count, estimate):
-        if isinstance(found, ValueError):
-            notes[which[0]] = str(found)
+    for which, result_of in by_length(count, estimate):
+        if isinstance(result_of, ValueError):
+            notes[which[0]] = str(result_of)
             continue
-        estimates[which], sigmas[which] = found.value, found.sigma
-        polarities[which] = found.polarity
-        outliers[which] = np.count_nonzero(found.outlier, axis=-1)
+        for name, field in fields.items():
+            found[name][which] = getattr(result_of, field)
+        outliers[which] = np.count_nonzero(result_of.outlier, axis=-1)
     note = pl.Series(notes, dtype=pl.String)
-    cells = (count, groups.lengths - count, estimates, sigmas, outliers, polarities, note)
-    rows = pl.DataFrame(dict(zip(names, cells, strict=True))).with_columns(
+    columns_of = {"count": count, "missing": rows.lengths - count, **found, "note": note}
+    table = pl.DataFrame(columns_of | {"outlier_count": outliers}).select(names)
+    table = table.with_columns(pl.col(list(fields)).fill_nan(None))
+    table = table.with_columns(
         pl.when(pl.col("note").is_null()).then(name).alias(name) for name in names[2:-1]
     )
-    return Bearings(pl.concat([groups.keys, rows], how="horizontal"), groups, theta, options)
+    every = pl.concat([rows.keys, table], how="horizontal")
+    return Bearings(every, rows, theta, labels, options)

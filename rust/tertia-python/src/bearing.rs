@@ -3,15 +3,15 @@
 use crate::arrays::{Array, Gaps, Input, Output, Threads, columns, repeated, unknown, value_error};
 use pyo3::prelude::*;
 use tertia::bearing::{
-    BlockOutput, Estimate, Estimator, Method, PaperRule, RobustRule, VarianceTest, Workspace,
+    BlockOutput, Estimate, Estimator, Method, PaperRule, RobustRule, Shared, VarianceTest,
+    Workspace,
 };
-use tertia::screening::BurstRule;
 
 /// Cost per measurement of the slowest method, for the choice of threads.
-const ESTIMATE_NS: f64 = 100.0;
+const ESTIMATE_NS: f64 = 1000.0;
 
 type Blocks<'py> = (Output<'py>, Output<'py>, Output<'py>);
-type Estimated<'py> = (Array<'py>, Array<'py>, Output<'py, bool>, Array<'py>, Option<Blocks<'py>>);
+type Estimated<'py> = ([Array<'py>; 7], Output<'py, bool>, Option<Blocks<'py>>);
 
 /// The options of the Python function, as they come.
 #[derive(FromPyObject)]
@@ -23,12 +23,9 @@ pub struct Options {
     k: f64,
     variance_test: Option<VarianceTestArgument>,
     significance: f64,
-    point_penalty: f64,
-    burst_penalty: f64,
-    min_burst: usize,
-    max_burst: usize,
-    correlation: f64,
+    correlation: Option<f64>,
     rounding: f64,
+    bias_sigma: Option<f64>,
 }
 
 #[derive(FromPyObject)]
@@ -62,7 +59,9 @@ impl Options {
             "k-sigma" => Method::KSigma(self.k),
             "paper" => Method::Paper(rule),
             "corrected" => Method::Corrected(rule, self.significance),
-            "robust" => Method::Robust(self.robust()?),
+            "robust" => {
+                Method::Robust(RobustRule { block_size: self.block_size, rounding: self.rounding })
+            }
             other => {
                 let choices = "'robust', 'corrected', 'paper', 'k-sigma' or 'mean'";
                 return Err(unknown("method", other, choices));
@@ -70,57 +69,76 @@ impl Options {
         };
         Estimator::try_new(method, self.period, self.correlation).map_err(value_error)
     }
-
-    fn robust(&self) -> PyResult<RobustRule> {
-        let bursts = BurstRule::try_new(
-            self.point_penalty,
-            self.burst_penalty,
-            (self.min_burst, self.max_burst),
-            self.correlation,
-            self.rounding,
-        );
-        Ok(RobustRule { bursts: bursts.map_err(value_error)?, block_size: self.block_size })
-    }
 }
 
-/// Bearing, sigma, mask, polarity and blocks of every row.
+/// Numbers, mask and blocks of every row: value, sigma, polarity, p-value, correlation, effective
+/// number and sigma of the systematic errors. `groups` are numbered from 0 in each row.
 #[pyfunction]
 pub fn estimate_bearing<'py>(
     py: Python<'py>,
     theta: Input<'py>,
+    groups: Option<Input<'py>>,
     options: Options,
     omit: bool,
     n_threads: Threads,
 ) -> PyResult<Estimated<'py>> {
+    let bias_sigma = options.bias_sigma;
     let estimator = options.estimator()?;
     let rows = theta.rows("theta", if omit { 0 } else { estimator.min_count() })?;
+    let labels = groups.as_ref().map(|g| g.rows("groups", 0)).transpose()?;
     let blocks = estimator.blocks(rows.len());
     let mut outlier = rows.output(py)?;
-    let none = Estimate { value: 0.0, sigma: 0.0, polarity: 0.0 };
-    let mut estimates = repeated(none, rows.count())?;
+    let mut estimates = repeated(Estimate::default(), rows.count())?;
     let of_blocks = || Output::new(py, rows.batch(), &[blocks]);
     let (mut mean, mut variance, mut weight) = (of_blocks()?, of_blocks()?, of_blocks()?);
     let block_outputs = mean.rows()?.zip(variance.rows()?).zip(weight.rows()?);
     let outputs = outlier.rows()?.zip(block_outputs).zip(&mut estimates);
-    let new = || (Workspace::default(), Gaps::default());
+    let new = || (Workspace::default(), Gaps::default(), Vec::new());
     let cost = ESTIMATE_NS * rows.size();
-    rows.each(py, cost, n_threads, outputs, new, |(workspace, gaps), (_, theta), out| {
+    rows.each(py, cost, n_threads, outputs, new, |state, (row, theta), out| {
+        let (workspace, gaps, kept) = state;
         let ((flags, ((mean, variance), weight)), out) = out;
         let mut blocks = BlockOutput { mean, variance, weight };
+        let groups = labels.as_ref().map(|labels| labels.shared(row));
         if omit {
             gaps.collect(theta);
             let Gaps { present, outlier, .. } = gaps;
+            let groups = groups.map(|groups| numbered(groups, theta, kept));
+            let shared = Shared { groups, bias_sigma };
             *out = estimator
-                .estimate(present.values(), outlier, &mut blocks, workspace)
+                .estimate(present.values(), shared, outlier, &mut blocks, workspace)
                 .map_err(|error| present.locate(error))?;
             present.scatter(outlier, false, flags);
         } else {
-            *out = estimator.estimate(theta, flags, &mut blocks, workspace)?;
+            let shared = Shared { groups, bias_sigma };
+            *out = estimator.estimate(theta, shared, flags, &mut blocks, workspace)?;
         }
         Ok(())
     })?;
-    let of: [fn(&Estimate) -> f64; 3] = [|e| e.value, |e| e.sigma, |e| e.polarity];
-    let [value, sigma, polarity] = columns(py, rows.batch(), &estimates, of)?;
+    let of: [fn(&Estimate) -> f64; 7] = [
+        |e| e.value,
+        |e| e.sigma,
+        |e| e.polarity,
+        |e| e.pvalue,
+        |e| e.correlation,
+        |e| e.effective_number,
+        |e| e.bias_sigma,
+    ];
+    let numbers = columns(py, rows.batch(), &estimates, of)?;
     let blocks = (blocks > 0).then_some((mean, variance, weight));
-    Ok((value, sigma, outlier, polarity, blocks))
+    Ok((numbers, outlier, blocks))
+}
+
+/// Numbers from 0 on of the groups of the measurements that are there.
+fn numbered<'a>(groups: &[f64], theta: &[f64], numbers: &'a mut Vec<f64>) -> &'a [f64] {
+    let mut known: Vec<f64> = Vec::new();
+    numbers.clear();
+    for (group, _) in groups.iter().zip(theta).filter(|(_, theta)| !theta.is_nan()) {
+        let place = known.iter().position(|g| g == group).unwrap_or_else(|| {
+            known.push(*group);
+            known.len() - 1
+        });
+        numbers.push(place as f64);
+    }
+    numbers
 }

@@ -2,7 +2,7 @@
 //! bearing with its standard deviation. `cargo run --release --example bearing`
 
 use tertia::Result;
-use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Workspace};
+use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Shared, Workspace};
 use tertia::screening::{BurstRule, BurstWorkspace, unwrap_about_median};
 
 /// A hundred bearings of an emitter in the north, 3.4 degrees of noise or so.
@@ -28,13 +28,19 @@ fn main() -> Result<()> {
     let wrong: Vec<_> = (0..theta.len()).filter(|&i| outlier[i]).collect();
     println!("anomalous: {wrong:?}, mean of the others {:.2}", summary.mean);
 
-    // and the bearing, which does all that
-    let method = Method::Robust(RobustRule { bursts: rule, block_size: 10 });
-    let estimator = Estimator::try_new(method, Some(360.0), 0.0)?;
+    // and the bearing, by a method that finds them as well
+    let method = Method::Robust(RobustRule { block_size: 10, rounding: 0.0 });
+    let estimator = Estimator::try_new(method, Some(360.0), None)?;
     let [mut mean, mut variance, mut weight] =
         [(); 3].map(|()| vec![0.0; estimator.blocks(theta.len())]);
     let mut blocks = BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
-    let found = estimator.estimate(&theta, &mut outlier, &mut blocks, &mut Workspace::default())?;
+    let found = estimator.estimate(
+        &theta,
+        Shared::default(),
+        &mut outlier,
+        &mut blocks,
+        &mut Workspace::default(),
+    )?;
     println!("bearing: {:.2} ± {:.2} degrees", found.value, found.sigma);
     Ok(())
 }

@@ -1,19 +1,21 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
-//! random effects, rows on threads.
+//! random effects, correlated noise, rows on threads.
 //!
-//! `error <- matrix, moments, distribution, angle, vector, plane, missing, batch <- effects`
+//! `error <- matrix, moments, distribution, angle, vector, exponential, plane, missing,
+//! batch <- effects, autoregression`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 pub(crate) mod angle;
+pub(crate) mod autoregression;
 pub mod batch;
 #[cfg(test)]
 pub(crate) mod checks;
 pub(crate) mod distribution;
-#[allow(dead_code)]
 pub(crate) mod effects;
 pub(crate) mod error;
+pub(crate) mod exponential;
 pub(crate) mod matrix;
 pub mod missing;
 pub(crate) mod moments;

@@ -4,16 +4,24 @@
 //! ([`Method::Paper`]) and corrected ([`Method::Corrected`]); [`Method::Robust`] is the default of
 //! the Python API.
 //!
-//! `rules, blocks <- workspace <- paper, robust <- estimator`
+//! `modes <- independent, sticky, information <- hypotheses`
+//! `rules, blocks, start, hypotheses <- workspace <- paper, robust <- groups <- estimator`
 
 mod blocks;
 mod estimator;
+mod groups;
+mod hypotheses;
+mod independent;
+mod information;
+mod modes;
 mod paper;
 mod robust;
 mod rules;
+mod start;
+mod sticky;
 mod workspace;
 
 pub use blocks::BlockOutput;
-pub use estimator::{Estimate, Estimator};
+pub use estimator::{Estimate, Estimator, Shared};
 pub use rules::{Method, PaperRule, RobustRule, VarianceTest};
 pub use workspace::Workspace;

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "tertia bearing recording.csv",
     "tertia bearing recording.csv --column azimuth_deg=az --by sensor --by target",
+    "tertia bearing recording.csv --by sensor --groups stop",
     "tertia bearing recording.csv --by target --output out.parquet --plot out.png",
     "tertia bearing ranges.csv --value range_m --period 0 --method corrected",
 )
@@ -43,6 +44,13 @@ def bearing(
     value: Value = "azimuth_deg",
     column: ColumnNames = None,
     by: By = None,
+    groups: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMN", help="Column of what shares a systematic error: stop, hour."),
+    ] = None,
+    bias_sigma: Annotated[
+        float | None, typer.Option(help="Size of that error; by default from differences of groups.")
+    ] = None,
     method: Annotated[Method, typer.Option(help="How to estimate.")] = "robust",
     period: Period = 360.0,
     block_size: Annotated[int, typer.Option(help="Measurements per block.")] = 10,
@@ -65,6 +73,8 @@ def bearing(
             columns=column_names(column),
             values=value,
             by=by or [],
+            groups=groups,
+            bias_sigma=bias_sigma,
             period=period or None,
             method=method,
             block_size=block_size,
@@ -77,6 +87,8 @@ def bearing(
         shown = rows if failed else rows.drop("note")
         limited = "groups are shown: --output writes all"
         print_table(shown, _cells(value), text=[*(by or []), "note"], limited=limited)
+        if failed < rows.height and bias_sigma is None and groups is None:
+            typer.echo("  systematic errors are not included: see --groups and --bias-sigma")
     else:
         write.write(rows, output)
     if plot_file is not None and failed < rows.height:
@@ -88,8 +100,8 @@ def bearing(
     if missing:
         note(f"{missing} of {counted(missing + present, 'measurement')} missing")
     if failed:
-        groups = counted(rows.height, "group")
-        note(f"{failed} of {groups} could not be estimated: see the column note")
+        all_groups = counted(rows.height, "group")
+        note(f"{failed} of {all_groups} could not be estimated: see the column note")
     if failed == rows.height:
         raise typer.Exit(FAILED)
     return {"groups": rows.to_dicts()}
@@ -97,7 +109,7 @@ def bearing(
 
 def _cells(value: str) -> Any:
     """Return the function that formats a row, with as many digits as are known."""
-    sigma = column_name(value, "sigma")
+    sigma, bias_sigma = (column_name(value, what) for what in ("sigma", "bias_sigma"))
 
     def cells(row: dict[str, object]) -> dict[str, str]:
         found = {name: as_text(cell) for name, cell in row.items()}
@@ -105,6 +117,9 @@ def _cells(value: str) -> Any:
         if isinstance(estimate, float) and isinstance(error, float):
             found[value], found[sigma] = plot.rounded(estimate, error)
             found["polarity"] = f"{row['polarity']:+.3f}"
+            bias = row.get(bias_sigma)
+            if isinstance(bias, float):
+                found[bias_sigma] = plot.rounded(bias, bias / 10)[0] if bias > 0 else "0"
         return found
 
     return cells

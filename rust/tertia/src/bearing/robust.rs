@@ -1,87 +1,165 @@
-//! The default estimator: the mean of good measurements in blocks weighted by moderated variances.
+//! The default estimator: the mean over all hypotheses of what the record may be.
 
-use super::blocks::BlockTable;
+use super::blocks::{BlockTable, block_range};
+use super::estimator::Estimate;
+use super::hypotheses::MAX_SCORE;
 use super::rules::RobustRule;
+use super::start::{rounding_sigma, start};
 use super::workspace::Workspace;
-use crate::base::distribution::{digamma, trigamma, trigamma_inverse};
+use crate::base::distribution::{fisher_upper, fisher_upper_quantile, student_two_sided_quantile};
 use crate::base::error::Result;
+use crate::base::moments::Moments;
+use std::f64::consts::PI;
 
 /// Fewest measurements.
 pub(super) const MIN_COUNT: usize = 5;
+/// Outside two sigmas of a normal variable.
+pub(super) const OUTSIDE: f64 = 0.0455;
+/// Blocks that disagree at this significance widen sigma.
+pub(super) const SIGNIFICANCE: f64 = 0.05;
+/// A block counts in that test from this share of the mean weight.
+const LEAST_BLOCK: f64 = 0.1;
 
-/// Detection, then `θ = Σ w m / Σ w` with `w = r/d~` over blocks: (value, sigma).
-///
-/// `σ = max(1, √(Q/(L'−1))) / √Σw` with `Q = Σ w (m − θ)²`: if the blocks differ by more than their
-/// noise, sigma grows accordingly.
+/// `Σ w_m μ_m` over the hypotheses, with the variance `Σ w_m (σ_m² + (μ_m − θ)²)`; polarity is left to
+/// the caller.
 pub(super) fn estimate(
     rule: &RobustRule,
+    correlation: Option<f64>,
     workspace: &mut Workspace,
     outlier: &mut [bool],
-) -> Result<(f64, f64)> {
-    let Workspace { angle, cleaned, scratch, blocks, bursts } = workspace;
-    let summary = rule.bursts.screen(angle, outlier, cleaned, bursts)?;
-    blocks.fill(cleaned, rule.block_size, scratch)?;
-    let floor = bursts.rounding_sigma();
-    if summary.variance == 0.0 {
-        let count = blocks.count.clone();
-        blocks.set_weights(|j| count[j]);
-        let step = nearest_difference(angle, summary.mean);
-        return Ok((summary.mean, floor.max(step / 12_f64.sqrt())));
+) -> Result<Estimate> {
+    let Workspace { angle, cleaned, scratch, blocks, hypotheses } = workspace;
+    Moments::of("theta", angle)?;
+    let Some(start) = start(angle, rule.rounding, scratch) else {
+        return Ok(stuck(rule, angle, outlier, blocks));
+    };
+    hypotheses.read(angle, &start);
+    hypotheses.fit(start.step / start.scale, correlation);
+    let value = hypotheses.mean(|h| h.value);
+    let good = hypotheses.mean(|h| h.good);
+    let student = 0.5 * student_two_sided_quantile(OUTSIDE, good - 1.0);
+    let within = student * student * hypotheses.mean(|h| h.variance * h.inflation);
+    let between = hypotheses.mean(|h| (h.value - value).powi(2));
+    let width = start.scale * hypotheses.mean(|h| h.width);
+    let mut variance = start.scale * start.scale * (within + between);
+    // weight of each measurement: value = Σ influence y
+    let influence = scratch;
+    influence.clear();
+    influence.resize(angle.len(), 0.0);
+    for h in &hypotheses.list {
+        let total: f64 = (0..angle.len()).map(|i| h.information(i)).sum();
+        for (i, sum) in influence.iter_mut().enumerate() {
+            *sum += h.weight * h.information(i) / total;
+        }
     }
-    let overall = summary.variance.max(floor * floor);
-    // rounding that is coarse relative to the noise: a block's variance depends on its mean
-    let coarse = bursts.step().powi(2) > summary.variance;
-    let variance =
-        if coarse { vec![overall; blocks.len()] } else { moderated(blocks, floor, overall) };
-    let information: Vec<f64> = blocks.count.iter().zip(variance).map(|(r, d)| r / d).collect();
-    blocks.set_weights(|j| information[j]);
-    let value = blocks.weighted_mean();
-    let filled: Vec<usize> = (0..blocks.len()).filter(|&j| blocks.count[j] > 0.0).collect();
-    let term = |&j: &usize| information[j] * (blocks.mean[j] - value).powi(2);
-    let q = filled.iter().map(term).sum::<f64>() / (filled.len() as f64 - 1.0).max(1.0);
-    let total: f64 = information.iter().sum();
-    Ok((value, q.max(1.0).sqrt() / total.sqrt()))
+    for (i, flag) in outlier.iter_mut().enumerate() {
+        *flag = hypotheses.mean(|h| h.is_good(i)) < 0.5;
+    }
+    // as they entered the estimate: the farthest ones cut
+    for ((c, &y), &z) in cleaned.iter_mut().zip(&*angle).zip(&hypotheses.score) {
+        *c = if z.abs() < MAX_SCORE { y } else { start.centre + start.scale * z };
+    }
+    blocks.fill_weighted(cleaned, influence, outlier, rule.block_size);
+    let square =
+        |i: usize| hypotheses.mean(|h| h.is_good(i)) * (hypotheses.score[i] - value).powi(2);
+    let squares: f64 = (0..angle.len()).map(square).sum();
+    let spread = start.scale * (squares / good).sqrt();
+    let value = start.centre + start.scale * value;
+    let pvalue = agreement(blocks, value, start.scale * start.scale * within, good, &mut variance);
+    let rest = rounding_sigma(start.step) * rest_of_rounding(spread, start.step);
+    variance += rest * rest;
+    Ok(Estimate {
+        value,
+        sigma: variance.sqrt(),
+        polarity: 0.0,
+        pvalue,
+        correlation: correlation.unwrap_or_else(|| hypotheses.mean(|h| h.correlation)),
+        effective_number: width * width / variance,
+        bias_sigma: f64::NAN,
+    })
 }
 
-/// Distance of the nearest measurement that differs from the only value kept, zero if there is none:
-/// an upper bound of the rounding step.
-fn nearest_difference(angle: &[f64], kept: f64) -> f64 {
-    let distances = angle.iter().map(|v| (v - kept).abs()).filter(|&d| d > 0.0);
-    let nearest = distances.fold(f64::INFINITY, f64::min);
-    if nearest.is_finite() { nearest } else { 0.0 }
+/// Share of the error of rounding that remains in the mean of readings of this standard deviation: the
+/// first harmonic, `exp(−2 π² (s²/q² − 1/12))` with the step q.
+pub(super) fn rest_of_rounding(spread: f64, step: f64) -> f64 {
+    if step > 0.0 {
+        (-2.0 * PI * PI * ((spread / step).powi(2) - 1.0 / 12.0).max(0.0)).exp()
+    } else {
+        0.0
+    }
 }
 
-/// Variances shrunk towards their common value (Smyth 2004): the spread of `ln d_j` in excess of that
-/// of chi-square noise is their true spread.
-///
-/// `e_j = ln d_j − ψ(ν_j/2) + ln(ν_j/2)`, `ψ'(ν0/2) = var(e) − mean ψ'(ν_j/2)`,
-/// `s0² = exp(mean e + ψ(ν0/2) − ln(ν0/2))`, `d~ = (ν0 s0² + ν d)/(ν0 + ν)`; pooled where the
-/// right-hand side is not positive. Nowhere below `floor²`; `overall` where every block is constant.
-fn moderated(blocks: &BlockTable, floor: f64, overall: f64) -> Vec<f64> {
-    let degrees = |j: usize| blocks.degrees(j);
-    let estimated: Vec<usize> =
-        (0..blocks.len()).filter(|&j| degrees(j) > 0.0 && blocks.variance[j] > 0.0).collect();
-    let within = blocks.pooled_variance(|_| true);
-    let least = floor * floor;
-    let pooled = if within > 0.0 { within.max(least) } else { overall };
-    let count = estimated.len() as f64;
-    let log_variance = |j: usize| {
-        let half = 0.5 * degrees(j);
-        blocks.variance[j].ln() - digamma(half) + half.ln()
-    };
-    let mean = |f: &dyn Fn(usize) -> f64| estimated.iter().map(|&j| f(j)).sum::<f64>() / count;
-    let centre = mean(&log_variance);
-    let spread = mean(&|j| (log_variance(j) - centre).powi(2)) * count / (count - 1.0);
-    let excess = spread - mean(&|j| trigamma(0.5 * degrees(j)));
-    if count < 2.0 || excess <= 0.0 {
-        return vec![pooled; blocks.len()];
+/// All readings are equal: nothing but the rounding step tells how far they may be off.
+fn stuck(
+    rule: &RobustRule,
+    angle: &[f64],
+    outlier: &mut [bool],
+    blocks: &mut BlockTable,
+) -> Estimate {
+    outlier.fill(false);
+    let n = angle.len();
+    blocks.fill_weighted(angle, &vec![1.0 / n as f64; n], outlier, rule.block_size);
+    let known = rule.rounding > 0.0;
+    Estimate {
+        value: angle[0],
+        sigma: if known { rounding_sigma(rule.rounding) } else { f64::INFINITY },
+        polarity: 0.0,
+        pvalue: f64::NAN,
+        correlation: f64::NAN,
+        effective_number: if known { 1.0 } else { 0.0 },
+        bias_sigma: f64::NAN,
     }
-    let half = trigamma_inverse(excess);
-    let prior = (centre + digamma(half) - half.ln()).exp();
-    let nu0 = 2.0 * half;
-    let posterior = |j: usize| match degrees(j) {
-        0.0 => prior,
-        nu => (nu0 * prior + nu * blocks.variance[j]) / (nu0 + nu),
-    };
-    (0..blocks.len()).map(|j| posterior(j).max(least)).collect()
+}
+
+/// p-value of the agreement of the blocks' means, `F = Q/(L−1)`, `Q = Σ W_j (m_j − θ)²/σ²`, with weights
+/// W_j that sum to one and the variance σ² of θ; beyond the 5 % point F₀ the variance grows by F/F₀. nan
+/// for fewer than two blocks.
+fn agreement(blocks: &BlockTable, value: f64, within: f64, good: f64, variance: &mut f64) -> f64 {
+    let least = LEAST_BLOCK / blocks.len() as f64;
+    let counting = || (0..blocks.len()).filter(|&j| blocks.weight[j] > least);
+    let degrees = counting().count() as f64 - 1.0;
+    if degrees < 1.0 {
+        return f64::NAN;
+    }
+    let term = |j: usize| blocks.weight[j] * (blocks.mean[j] - value).powi(2);
+    let f = counting().map(term).sum::<f64>() / within / degrees;
+    let pvalue = fisher_upper(f, degrees, good - 1.0);
+    if pvalue < SIGNIFICANCE {
+        *variance *= f / fisher_upper_quantile(SIGNIFICANCE, degrees, good - 1.0);
+    }
+    pvalue
+}
+
+impl BlockTable {
+    /// Blocks of measurements with weights that sum to one; counts and variances are those of the
+    /// measurements that are not outliers.
+    pub(super) fn fill_weighted(
+        &mut self,
+        y: &[f64],
+        weight: &[f64],
+        outlier: &[bool],
+        block_size: usize,
+    ) {
+        let blocks = (y.len() / block_size).max(1);
+        for column in [&mut self.mean, &mut self.variance, &mut self.count, &mut self.weight] {
+            column.clear();
+        }
+        for j in 0..blocks {
+            let members = block_range(j, blocks, block_size, y.len());
+            let total: f64 = weight[members.clone()].iter().sum();
+            let origin = y[members.start];
+            let term = |i: usize| weight[i] * (y[i] - origin);
+            let mean = origin + members.clone().map(term).sum::<f64>() / total;
+            let kept = || members.clone().filter(|&i| !outlier[i]);
+            let count = kept().count() as f64;
+            let centre = kept().map(|i| y[i] - origin).sum::<f64>() / count;
+            let squares: f64 = kept().map(|i| (y[i] - origin - centre).powi(2)).sum();
+            self.mean.push(if total > 0.0 { mean } else { f64::NAN });
+            self.variance.push(if count > 1.0 { squares / (count - 1.0) } else { f64::NAN });
+            self.count.push(count);
+            self.weight.push(total);
+        }
+        let total: f64 = self.weight.iter().sum();
+        self.weight.iter_mut().for_each(|w| *w /= total);
+    }
 }

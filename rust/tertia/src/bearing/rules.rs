@@ -1,7 +1,7 @@
 //! How a bearing is estimated.
 
 use crate::base::error::{Result, require, require_significance};
-use crate::screening::{BurstRule, Direction, LeaveOneOutRule, Statistics};
+use crate::screening::{Direction, LeaveOneOutRule, Statistics};
 
 /// When the variance d_j of a block is too large (M5).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +30,8 @@ pub enum Method {
     /// The same with exclusion instead of copying, exact tests and the right sigma; the means of
     /// blocks are tested at the given significance.
     Corrected(PaperRule, f64),
-    /// Detection of points and bursts, then blocks weighted by moderated variances.
+    /// Mean over the hypotheses clean, one-sided, two-sided, with outliers that are isolated or in
+    /// bursts.
     Robust(RobustRule),
 }
 
@@ -46,12 +47,12 @@ pub struct PaperRule {
 }
 
 /// Parameters of the robust method.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobustRule {
-    /// Detection of outliers.
-    pub bursts: BurstRule,
     /// Measurements per block.
     pub block_size: usize,
+    /// Step to which measurements were rounded; 0: unknown.
+    pub rounding: f64,
 }
 
 impl PaperRule {

@@ -1,9 +1,9 @@
 //! Buffers of an estimate.
 
 use super::blocks::BlockTable;
+use super::hypotheses::Hypotheses;
 use crate::base::angle::unwrap_about_median;
 use crate::base::error::Result;
-use crate::screening::BurstWorkspace;
 
 /// Buffers that are reused from row to row.
 #[derive(Clone, Debug, Default)]
@@ -12,7 +12,7 @@ pub struct Workspace {
     pub(super) cleaned: Vec<f64>,
     pub(super) scratch: Vec<f64>,
     pub(super) blocks: BlockTable,
-    pub(super) bursts: BurstWorkspace,
+    pub(super) hypotheses: Hypotheses,
 }
 
 impl Workspace {

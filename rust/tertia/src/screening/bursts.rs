@@ -313,13 +313,8 @@ fn inverse_lengths(correlation: f64, longest: usize) -> Vec<f64> {
 }
 
 impl BurstWorkspace {
-    /// Step of the readings of the last sample as far as it is known, else zero.
-    pub(crate) fn step(&self) -> f64 {
-        self.step
-    }
-
     /// Standard deviation of the rounding of the readings.
-    pub(crate) fn rounding_sigma(&self) -> f64 {
+    fn rounding_sigma(&self) -> f64 {
         self.step / 12_f64.sqrt()
     }
 

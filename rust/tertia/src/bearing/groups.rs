@@ -1,0 +1,225 @@
+//! Groups of measurements, each with a systematic error of its own: stops, hours, sectors.
+
+use super::estimator::Estimate;
+use super::hypotheses::Hypotheses;
+use super::robust::{self, OUTSIDE, SIGNIFICANCE};
+use super::rules::RobustRule;
+use super::start::{rounding_sigma, start};
+use super::workspace::Workspace;
+use crate::base::angle::median;
+use crate::base::distribution::{
+    chi_square_upper, chi_square_upper_quantile, student_two_sided_quantile,
+};
+use crate::base::effects::random_effects;
+use crate::base::error::Result;
+
+/// What all groups share cannot be seen in their differences: it is taken to be as large as these.
+const COMMON: f64 = 1.0;
+/// A group's centre and the errors about it are found in turn, so often.
+const ROUNDS: usize = 2;
+/// Fewest measurements of groups of two or more for the hypotheses about their errors.
+const FEWEST: usize = 5;
+/// Least sigma of a group, over the spread of the groups.
+const LEAST: f64 = 1e-3;
+
+/// Groups: centre, expected number of good measurements and number of all.
+#[derive(Clone, Debug, Default)]
+struct Table {
+    centre: Vec<f64>,
+    good: Vec<f64>,
+    count: Vec<f64>,
+}
+
+/// Errors within groups are screened together; the groups' means `m_g ± σ/√n_g` have random effects
+/// of the standard deviation `bias_sigma`, or one that is found ([`random_effects`]).
+pub(super) fn estimate(
+    rule: &RobustRule,
+    correlation: Option<f64>,
+    groups: &[f64],
+    bias_sigma: Option<f64>,
+    workspace: &mut Workspace,
+    outlier: &mut [bool],
+) -> Result<Estimate> {
+    let mut table = Table::of(&workspace.angle, groups);
+    let count = table.count.len();
+    let stuck = workspace.angle.iter().all(|v| *v == workspace.angle[0]);
+    if count == 1 || stuck || count == groups.len() {
+        // where every measurement has a systematic error of its own, these are random
+        let each = count == groups.len();
+        let correlation = if each { Some(0.0) } else { correlation };
+        let found = robust::estimate(rule, correlation, workspace, outlier)?;
+        let bias = bias_sigma.unwrap_or(0.0) / if each { (count as f64).sqrt() } else { 1.0 };
+        let bias_sigma = bias_sigma.unwrap_or(if each { 0.0 } else { f64::NAN });
+        return Ok(Estimate { sigma: found.sigma.hypot(bias), bias_sigma, ..found });
+    }
+    let within = table.screen(rule, correlation, groups, workspace, outlier);
+    let Workspace { angle, scratch, blocks, .. } = workspace;
+    let spread = table.spread();
+    let sigma: Vec<f64> = (0..count)
+        .map(|g| within.of_mean(table.good[g]).max(LEAST * spread).max(f64::MIN_POSITIVE))
+        .collect();
+    let (pvalue, given) = agreement(&table.centre, &sigma, bias_sigma.unwrap_or(0.0));
+    let (value, sigma_of_value, bias) = match bias_sigma {
+        None => {
+            // the prior of a systematic error is as wide as one measurement
+            let scale = within.sigma.max(LEAST * spread).max(f64::MIN_POSITIVE);
+            let found = random_effects(&table.centre, &sigma, scale, COMMON);
+            (found.mean, found.sigma, found.tau)
+        }
+        Some(bias) => (given.0, given.1, bias),
+    };
+    // each group's mean counts by its variance with that of the systematic error
+    let information: Vec<f64> = sigma.iter().map(|s| 1.0 / (s * s + bias * bias)).collect();
+    let total: f64 = information.iter().sum();
+    scratch.clear();
+    scratch.extend((0..angle.len()).map(|i| {
+        let g = groups[i] as usize;
+        let share = if total.is_finite() && total > 0.0 { information[g] / total } else { 0.0 };
+        if outlier[i] { 0.0 } else { share / table.good[g].max(1.0) }
+    }));
+    blocks.fill_weighted(angle, scratch, outlier, rule.block_size);
+    Ok(Estimate {
+        value,
+        sigma: sigma_of_value.hypot(within.rounding),
+        polarity: 0.0,
+        pvalue,
+        correlation: within.correlation,
+        effective_number: (within.sigma / sigma_of_value).powi(2),
+        bias_sigma: bias,
+    })
+}
+
+/// Random errors within groups.
+struct Within {
+    sigma: f64,
+    /// Half of Student's quantile.
+    student: f64,
+    correlation: f64,
+    rounding: f64,
+}
+
+impl Within {
+    /// Standard deviation of the mean of n measurements of an AR(1) process.
+    fn of_mean(&self, n: f64) -> f64 {
+        let (n, phi) = (n.max(1.0), self.correlation);
+        // 1 + 2 Σ (1 − j/n) φ^j over j < n
+        let rest = 2.0 * phi * (1.0 - phi.abs().powf(n)) / (n * (1.0 - phi).powi(2));
+        let inflation = ((1.0 + phi) / (1.0 - phi) - rest).clamp(1.0 / n, n);
+        self.student * self.sigma * (inflation / n).sqrt()
+    }
+}
+
+impl Table {
+    fn of(y: &[f64], groups: &[f64]) -> Self {
+        let count = groups.iter().copied().fold(0.0, f64::max) as usize + 1;
+        let mut members = vec![Vec::new(); count];
+        for (&y, &g) in y.iter().zip(groups) {
+            members[g as usize].push(y);
+        }
+        let number: Vec<f64> = members.iter().map(|m| m.len() as f64).collect();
+        let centre = members.iter_mut().map(|m| median(m)).collect();
+        Self { centre, good: number.clone(), count: number }
+    }
+
+    fn spread(&self) -> f64 {
+        let range = |(l, h): (f64, f64), &c: &f64| (l.min(c), h.max(c));
+        let (low, high) = self.centre.iter().fold((f64::INFINITY, f64::NEG_INFINITY), range);
+        high - low
+    }
+
+    /// Finds the outliers among the errors about the groups' centres, and these without them.
+    fn screen(
+        &mut self,
+        rule: &RobustRule,
+        correlation: Option<f64>,
+        groups: &[f64],
+        workspace: &mut Workspace,
+        outlier: &mut [bool],
+    ) -> Within {
+        let Workspace { angle, scratch, hypotheses, .. } = workspace;
+        outlier.fill(false);
+        let together: Vec<usize> =
+            (0..angle.len()).filter(|&i| self.count[groups[i] as usize] > 1.0).collect();
+        let mut within = Within {
+            sigma: 0.0,
+            student: 1.0,
+            correlation: 0.0,
+            rounding: rounding_sigma(rule.rounding),
+        };
+        for _ in 0..ROUNDS {
+            // n/(n−1): the centre comes from the same measurements
+            let error = |&i: &usize| {
+                let g = groups[i] as usize;
+                let n = self.good[g].max(2.0);
+                (angle[i] - self.centre[g]) * (n / (n - 1.0)).sqrt()
+            };
+            let errors: Vec<f64> = together.iter().map(error).collect();
+            let squares: f64 = errors.iter().map(|e| e * e).sum();
+            within.sigma = (squares / errors.len() as f64).sqrt();
+            let found = start(&errors, rule.rounding, scratch);
+            let (Some(found), true) = (found, errors.len() >= FEWEST) else {
+                break;
+            };
+            hypotheses.read(&errors, &found);
+            hypotheses.fit(found.step / found.scale, correlation);
+            within.sigma = found.scale * hypotheses.mean(|h| h.width);
+            within.correlation = correlation.unwrap_or_else(|| hypotheses.mean(|h| h.correlation));
+            within.rounding =
+                rounding_sigma(found.step) * robust::rest_of_rounding(within.sigma, found.step);
+            self.recentre(angle, groups, &together, hypotheses, outlier);
+        }
+        let alone = angle.len() - together.len();
+        let good: f64 = self.good.iter().sum::<f64>() - alone as f64;
+        let groups = self.count.iter().filter(|&&n| n > 1.0).count();
+        let degrees = (good - groups as f64).max(1.0);
+        within.student = 0.5 * student_two_sided_quantile(OUTSIDE, degrees);
+        within
+    }
+
+    fn recentre(
+        &mut self,
+        angle: &[f64],
+        groups: &[f64],
+        together: &[usize],
+        hypotheses: &Hypotheses,
+        outlier: &mut [bool],
+    ) {
+        let mut good = vec![0.0; self.count.len()];
+        let mut sum = vec![0.0; self.count.len()];
+        for (k, &i) in together.iter().enumerate() {
+            let g = groups[i] as usize;
+            let share = hypotheses.mean(|h| h.is_good(k));
+            outlier[i] = share < 0.5;
+            good[g] += share;
+            sum[g] += share * (angle[i] - self.centre[g]);
+        }
+        for g in (0..good.len()).filter(|&g| self.count[g] > 1.0) {
+            if good[g] >= 1.0 {
+                self.centre[g] += sum[g] / good[g];
+                self.good[g] = good[g];
+            } else {
+                // nothing good is left: the median is worth one measurement
+                self.good[g] = 1.0;
+            }
+        }
+    }
+}
+
+/// p-value of the agreement of the groups' means with systematic errors of this size; their weighted
+/// mean and its sigma, which grows where they disagree at 5 %.
+fn agreement(x: &[f64], sigma: &[f64], bias: f64) -> (f64, (f64, f64)) {
+    let weight: Vec<f64> = sigma.iter().map(|s| 1.0 / (s * s + bias * bias)).collect();
+    let total: f64 = weight.iter().sum();
+    if bias.is_infinite() {
+        return (f64::NAN, (x.iter().sum::<f64>() / x.len() as f64, f64::INFINITY));
+    }
+    let mean = x[0] + x.iter().zip(&weight).map(|(x_k, w)| w * (x_k - x[0])).sum::<f64>() / total;
+    let q: f64 = x.iter().zip(&weight).map(|(x, w)| w * (x - mean).powi(2)).sum();
+    let pvalue = chi_square_upper(q, x.len() - 1);
+    let limit = if pvalue < SIGNIFICANCE {
+        q / chi_square_upper_quantile(SIGNIFICANCE, x.len() - 1)
+    } else {
+        1.0
+    };
+    (pvalue, (mean, (limit / total).sqrt()))
+}

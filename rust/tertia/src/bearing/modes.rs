@@ -1,0 +1,172 @@
+//! Modes of a contaminated record: the good measurements, and one or two kinds of bad ones.
+
+use crate::base::exponential::LARGEST_EXPONENT;
+
+/// Bad modes at most.
+pub(super) const MOST_BAD: usize = 2;
+/// A bad mode beside the good one is at least this far away, in sigmas of the good one...
+const LEAST_OFFSET: f64 = 2.0;
+/// ...and at least this wide.
+const LEAST_WIDTH: f64 = 0.5;
+/// A bad mode about the good one is at least this wide.
+const LEAST_WIDE: f64 = 2.5;
+/// The bad modes have at most this share together.
+const LARGEST_SHARE: f64 = 0.5;
+/// Each of them has at least this many measurements.
+const LEAST_COUNT: f64 = 0.25;
+/// Stands for none where it is divided by.
+const NONE: f64 = 1e-9;
+const LEAST_PERSISTENCE: f64 = 1e-4;
+const LARGEST_PERSISTENCE: f64 = 0.98;
+
+/// Where the bad measurements are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Shape {
+    /// On one side of the good ones.
+    OneSided,
+    /// About the good ones, on both sides: a wide mode with the same centre.
+    Wide,
+    /// On either side, with a mode of its own each.
+    TwoSided,
+}
+
+/// A bad mode.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Mode {
+    /// Its centre less that of the good one.
+    pub offset: f64,
+    pub width: f64,
+    pub share: f64,
+}
+
+/// A mixture `(1 − ε) N(μ, σ²) + Σ ε_j N(μ + d_j, τ_j²)` whose modes may persist: with probability κ
+/// a measurement has the mode of the one before, otherwise one by the shares (κ = 0: independent).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Modes {
+    pub shape: Shape,
+    pub centre: f64,
+    pub width: f64,
+    pub bad: [Mode; MOST_BAD],
+    pub persistence: f64,
+}
+
+/// Expected counts and sums of the measurements of each bad mode.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sums {
+    pub count: [f64; MOST_BAD],
+    pub first: [f64; MOST_BAD],
+    pub second: [f64; MOST_BAD],
+    /// Measurements whose mode was drawn by the shares: good, and of each bad mode.
+    pub drawn_good: f64,
+    pub drawn: [f64; MOST_BAD],
+    /// Measurements that have the mode of the one before.
+    pub persisted: f64,
+}
+
+/// Number, sum and sum of squares of all measurements.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Totals {
+    pub count: f64,
+    pub first: f64,
+    pub second: f64,
+}
+
+impl Shape {
+    /// Parameters of a mixture of this shape, without persistence.
+    pub fn parameters(self) -> f64 {
+        match self {
+            Shape::OneSided => 5.0,
+            Shape::Wide => 4.0,
+            Shape::TwoSided => 8.0,
+        }
+    }
+}
+
+impl Modes {
+    /// Number of bad modes.
+    pub fn kinds(&self) -> usize {
+        if self.shape == Shape::TwoSided { 2 } else { 1 }
+    }
+
+    /// Share of the good measurements.
+    pub fn good_share(&self) -> f64 {
+        1.0 - self.bad[..self.kinds()].iter().map(|m| m.share).sum::<f64>()
+    }
+
+    /// Coefficients of `ln N(y; μ + d_j, τ_j²) − ln N(y; μ, σ²)` as a polynomial in y − μ.
+    pub fn log_ratio(&self, j: usize) -> [f64; 3] {
+        let Mode { offset, width, .. } = self.bad[j];
+        let (good, bad) = (1.0 / (self.width * self.width), 1.0 / (width * width));
+        let constant = (self.width / width).ln() - 0.5 * offset * offset * bad;
+        [constant, offset * bad, 0.5 * (good - bad)]
+    }
+
+    /// What [`exp`](crate::base::exponential::exp) cuts from the largest log ratio of a value.
+    pub fn excess(&self, y: f64) -> f64 {
+        let z = y - self.centre;
+        let log_ratio = |j: usize| {
+            let [constant, slope, curve] = self.log_ratio(j);
+            constant + z * (slope + z * curve)
+        };
+        let largest = (0..self.kinds()).map(log_ratio).fold(0.0, f64::max);
+        (largest - LARGEST_EXPONENT).max(0.0)
+    }
+
+    /// One M step (Dempster, Laird, Rubin 1977); `floor` has the least widths of the good mode and
+    /// of the bad ones. Returns the largest change of centre, logarithmic width and shares, over that of one standard error.
+    pub fn update(&mut self, sums: &Sums, totals: &Totals, floor: [f64; 2]) -> f64 {
+        let (kinds, previous) = (self.kinds(), *self);
+        let over = |values: &[f64; MOST_BAD]| values[..kinds].iter().sum::<f64>();
+        let good = (totals.count - over(&sums.count)).max(NONE);
+        let first = totals.first - over(&sums.first);
+        let second = totals.second - over(&sums.second);
+        let count: [f64; MOST_BAD] = std::array::from_fn(|j| sums.count[j].max(NONE));
+        let about = |c: f64, n: f64, s1: f64, s2: f64| (s2 / n - c * (2.0 * s1 / n - c)).max(0.0);
+        self.centre = first / good;
+        if self.shape == Shape::Wide {
+            let (w, v) = (self.width.powi(-2), self.bad[0].width.powi(-2));
+            self.centre = (first * w + sums.first[0] * v) / (good * w + count[0] * v);
+        }
+        self.width = about(self.centre, good, first, second).sqrt().max(floor[0]);
+        for j in 0..kinds {
+            let mode = &mut self.bad[j];
+            let mut least = LEAST_WIDE;
+            if self.shape != Shape::Wide {
+                let found = (sums.first[j] / count[j] - self.centre) * mode.offset.signum();
+                let offset = found.max(LEAST_OFFSET * self.width);
+                mode.offset = offset.copysign(mode.offset);
+                least = LEAST_WIDTH;
+            }
+            let centre = self.centre + mode.offset;
+            let square = about(centre, count[j], sums.first[j], sums.second[j]);
+            mode.width = square.sqrt().max(least * self.width).max(floor[1]);
+        }
+        self.share_out(sums, totals.count);
+        self.change(&previous, totals.count)
+    }
+
+    fn share_out(&mut self, sums: &Sums, n: f64) {
+        let kinds = self.kinds();
+        let drawn = sums.drawn_good + sums.drawn[..kinds].iter().sum::<f64>();
+        let mut all = 0.0;
+        for (mode, d) in self.bad[..kinds].iter_mut().zip(&sums.drawn) {
+            mode.share = (d / drawn).max(LEAST_COUNT / n);
+            all += mode.share;
+        }
+        if all > LARGEST_SHARE {
+            self.bad[..kinds].iter_mut().for_each(|mode| mode.share *= LARGEST_SHARE / all);
+        }
+        if self.persistence > 0.0 {
+            let found = sums.persisted / (sums.persisted + drawn - 1.0);
+            self.persistence = found.clamp(LEAST_PERSISTENCE, LARGEST_PERSISTENCE);
+        }
+    }
+
+    fn change(&self, previous: &Self, n: f64) -> f64 {
+        let of_centre = (self.centre - previous.centre).abs() / self.width;
+        let of_width = (self.width / previous.width).ln().abs();
+        let of_share = (self.good_share() - previous.good_share()).abs();
+        let of_persistence = (self.persistence - previous.persistence).abs();
+        of_centre.max(of_width).max(of_share).max(of_persistence) * n.sqrt()
+    }
+}

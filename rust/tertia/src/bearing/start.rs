@@ -1,0 +1,67 @@
+//! Where the search for modes begins: centre and scale that survive 40 % of bad measurements.
+
+use crate::base::angle::median;
+
+/// MAD and length of the shorth of the normal distribution to its standard deviation.
+const MAD_TO_SIGMA: f64 = 1.4826;
+const SHORTH_TO_SIGMA: f64 = 2.0 * 0.6745;
+/// The shorth of a few values can be far too short: least scale over the MAD.
+const LEAST_SHARE_OF_MAD: f64 = 0.3;
+/// Neighbouring readings closer than this share of their spread differ by the rounding of doubles.
+const SAME: f64 = 1e-9;
+
+/// Centre, scale and rounding step of a record.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Start {
+    pub centre: f64,
+    pub scale: f64,
+    /// Zero if unknown.
+    pub step: f64,
+}
+
+/// `None` if all values are equal. Centre: mean of the shorth, the shorter half; scale: its length,
+/// between .3 MAD and MAD, with the standard deviation of rounding. O(N log N).
+pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<Start> {
+    sorted.clear();
+    sorted.extend_from_slice(y);
+    sorted.sort_unstable_by(f64::total_cmp);
+    let n = sorted.len();
+    let spread = sorted[n - 1] - sorted[0];
+    let different = |d: f64| d > SAME * spread;
+    if spread == 0.0 || !different(spread) {
+        return None;
+    }
+    let step = if rounding > 0.0 { rounding } else { seen_step(sorted, different) };
+    let half = n / 2 + 1;
+    let length = |k: usize| sorted[k + half - 1] - sorted[k];
+    // of equal ones the first, also where they differ by rounding
+    let shorter = |k: usize, best: usize| length(k) < length(best) * (1.0 - SAME);
+    let first = (0..=n - half).fold(0, |best, k| if shorter(k, best) { k } else { best });
+    let shortest = length(first) / SHORTH_TO_SIGMA;
+    let origin = sorted[first];
+    let shorth = &sorted[first..first + half];
+    let centre = origin + shorth.iter().map(|v| v - origin).sum::<f64>() / half as f64;
+    let middle = sorted[(n - 1) / 2] + 0.5 * (sorted[n / 2] - sorted[(n - 1) / 2]);
+    for v in sorted.iter_mut() {
+        *v = (*v - middle).abs();
+    }
+    let mad = MAD_TO_SIGMA * median(sorted);
+    let scale = shortest.max(LEAST_SHARE_OF_MAD * mad).min(mad).hypot(rounding_sigma(step));
+    // more than half of the readings are equal, and not rounded: those of the others that are nearest
+    let least = 0.1 * spread / n as f64;
+    Some(Start { centre, scale: if scale > 0.0 { scale } else { least }, step })
+}
+
+/// Standard deviation of rounding.
+pub(super) fn rounding_sigma(step: f64) -> f64 {
+    step / 12_f64.sqrt()
+}
+
+/// The smallest difference of two readings, if some readings are equal; else zero.
+fn seen_step(sorted: &[f64], different: impl Fn(f64) -> bool) -> f64 {
+    let gaps = || sorted.windows(2).map(|pair| pair[1] - pair[0]);
+    if gaps().all(&different) {
+        return 0.0;
+    }
+    gaps().filter(|&d| different(d)).fold(f64::INFINITY, f64::min)
+}
