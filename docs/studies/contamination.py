@@ -46,7 +46,7 @@ def contaminated(
     y, bad = rng.standard_normal((count, n)), round(share * n)
     for row in y:
         if burst:
-            row += _bursts(rng, n, bad, sides, size)
+            row[:] += _bursts(rng, n, bad, sides, size)
         else:
             side = np.ones(bad) if sides == 1 else rng.choice([-1.0, 1.0], bad)
             row[rng.permutation(n)[:bad]] += size * side
@@ -71,7 +71,7 @@ def _clipped(y: FloatArray) -> FloatArray:
     inside = (np.arange(n) >= first[:, None]) & (np.arange(n) < first[:, None] + half)
     centre = np.mean(z, axis=1, where=inside, keepdims=True)
     near = np.abs(y - centre) < 3 * length.min(axis=1, keepdims=True) / 1.349
-    return np.mean(y, axis=1, where=near)
+    return np.asarray(np.mean(y, axis=1, where=near))
 
 
 def _cells() -> list[tuple[float, int, float]]:
@@ -105,7 +105,7 @@ def contamination() -> str:
                     below.append(f"{place}: {covered:.2f}")
             cells = [
                 f"{max(r for _, r, _ in found[e]):.2f}; "
-                f"{min(c for size, _, c in found[e] if size != OFFSETS[0]) :.2f}"
+                f"{min(c for size, _, c in found[e] if size != OFFSETS[0]):.2f}"
                 for e in SHARES
             ]
             rows.append(["bursts" if burst else "isolated", f"{n}", *cells])
@@ -127,7 +127,7 @@ def _autoregressive(rng: np.random.Generator, count: int, n: int, phi: float) ->
 
 
 def correlation() -> str:
-    """Coverage of two sigmas with lasting noise: none assumed, given, found, found with outliers."""
+    """Coverage of two sigmas with lasting noise: assumed white, given, found; with outliers."""
     rows = []
     sizes = (10, 20, 50, 100, 400)
     for phi in (0.0, 0.3, 0.6, 0.8, 0.9, 0.95):
@@ -174,7 +174,8 @@ def grid() -> str:
         def inside(draw: Draw) -> BoolArray:
             y = draw((repetitions(1000, 20), 1, n))[:, 0]
             estimate = estimate_bearing(y, period=None, **options)
-            return np.abs(np.asarray(estimate.value)) <= 1.96 * np.asarray(estimate.sigma)
+            error, sigma = np.abs(np.asarray(estimate.value)), np.asarray(estimate.sigma)
+            return np.asarray(error <= 1.96 * sigma)
 
         return inside
 

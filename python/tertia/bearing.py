@@ -186,7 +186,7 @@ def estimate_bearing(
     **Correlation.** The posterior of the lag-one correlation of the good measurements, with a prior
     that is flat from -0.5 to 0.99 with half of it at zero, is computed exactly for each hypothesis.
 
-    **Groups.** Random effects with a half-Cauchy prior [4]_ of the scale of one measurement's sigma.
+    **Groups.** Random effects with a half-Cauchy prior [4]_ as wide as one measurement.
 
     References
     ----------
@@ -204,7 +204,7 @@ def estimate_bearing(
     >>> import tertia
     >>> record = tertia.simulate.direction_finder(100, bearing=359.0, rng=7)
     >>> tertia.estimate_bearing(record.theta, bias_sigma=1.0)
-    BearingEstimate(XX)
+    BearingEstimate(358.477 ± 1.05, outliers 2 of 100, polarity -0.02)
     """
     theta = samples(theta, "theta")
     labels = None if groups is None else _numbered(groups, theta.shape)
@@ -247,7 +247,8 @@ def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     labels = np.asarray(groups)
     if not shape or labels.shape not in {shape, shape[-1:]}:
         raise ValueError(
-            f"groups has shape {labels.shape}; it must be that of theta, {shape}, or of its last axis"
+            f"groups has shape {labels.shape}; it must be that of theta, {shape}, or of its last "
+            "axis"
         )
     rows = labels.reshape(-1, labels.shape[-1])
     try:

@@ -726,7 +726,8 @@ def test_a_bad_measurement_is_named_with_its_row():
 def test_results_are_printed_usefully():
     estimate = estimate_bearing(BURST, period=None, bias_sigma=0.0)
     assert re.fullmatch(
-        r"BearingEstimate\(10\.0\d* ± 0\.1\d*, outliers 7 of 30, polarity \+0\.233\)", repr(estimate)
+        r"BearingEstimate\(10\.0\d* ± 0\.1\d*, outliers 7 of 30, polarity \+0\.233\)",
+        repr(estimate),
     )
     batch = estimate_bearing(np.stack([BURST, BURST]))
     assert repr(batch).startswith("BearingEstimate(batch (2,), ")

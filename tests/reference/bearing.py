@@ -242,9 +242,9 @@ def started(y, shape, side=1.0):
     n, far = len(y), 2.2 if shape == "two" else 2.5
     sides = {"one": [side], "wide": [0.0], "two": [1.0, -1.0]}[shape]
     d, t, share = [], [], []
-    for side in sides:
-        hit = y[np.abs(y) > far] if shape == "wide" else y[y * side > far]
-        d.append(0.0 if shape == "wide" else hit.mean() if len(hit) else 4.0 * side)
+    for sign in sides:
+        hit = y[np.abs(y) > far] if shape == "wide" else y[y * sign > far]
+        d.append(0.0 if shape == "wide" else hit.mean() if len(hit) else 4.0 * sign)
         wide = max(np.sqrt((hit**2).sum() / max(len(hit), 1)), 4.0)
         t.append({"one": 1.5, "wide": wide, "two": 1.2}[shape])
         low, high = (0.5, 0.4) if shape == "two" else (1.0, 0.45)
@@ -273,9 +273,9 @@ def hypotheses(y, step, rho):
         off = good - good.mean()
         if off @ off > 0 and off[1:] @ off[:-1] / (off @ off) * np.sqrt(n) >= 1.5:
             found.append((found[0][0].copy(0.5).run(y, floor, 0.5 * step), size + 1))
-        for modes, size in found:
+        for modes, parameters in found:
             g, likelihood, _, _ = modes.posterior(y)
-            rows.append((likelihood - 0.4 * size * np.log(n), modes, g, modes.s))
+            rows.append((likelihood - 0.4 * parameters * np.log(n), modes, g, modes.s))
     result = []
     for log, modes, g, width in rows:
         gain, inflation, phi = 0.0, 1.0, 0.0
@@ -299,7 +299,8 @@ def robust(y, size, rounding=0.0, correlation=None):
     """The default: value, sigma, outliers and weights of blocks."""
     z = np.sort(y)
     gaps = np.diff(z)
-    same = gaps <= 1e-9 * np.ptp(y)
+    n = len(y)
+    same = gaps <= 1e-13 * (abs(z[n // 2]) + z[3 * n // 4] - z[n // 4])
     step = rounding or (gaps[~same].min() if same.any() else 0.0)
     half = len(y) // 2 + 1
     lengths = z[half - 1 :] - z[: len(y) - half + 1]

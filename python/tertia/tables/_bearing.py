@@ -34,7 +34,11 @@ class Bearings:
         ends = np.cumsum(self.groups.lengths)
         for k in self.rows["note"].is_null().arg_true()[:most]:
             sample = self.theta[ends[k] - self.groups.lengths[k] : ends[k]]
-            labels = self.labels[ends[k] - self.groups.lengths[k] : ends[k]] if self.labels is not None else None
+            labels = (
+                self.labels[ends[k] - self.groups.lengths[k] : ends[k]]
+                if self.labels is not None
+                else None
+            )
             options = {"groups": labels, "nan_policy": "omit", **self.options}
             estimate = estimate_bearing(sample, **options)
             yield group_name(self.groups.keys[k : k + 1]), sample, estimate

@@ -46,10 +46,13 @@ def bearing(
     by: By = None,
     groups: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Column of what shares a systematic error: stop, hour."),
+        typer.Option(
+            metavar="COLUMN", help="Column of what shares a systematic error: stop, hour."
+        ),
     ] = None,
     bias_sigma: Annotated[
-        float | None, typer.Option(help="Size of that error; by default from differences of groups.")
+        float | None,
+        typer.Option(help="Size of that error; by default from differences of groups."),
     ] = None,
     method: Annotated[Method, typer.Option(help="How to estimate.")] = "robust",
     period: Period = 360.0,

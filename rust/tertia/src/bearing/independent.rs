@@ -1,6 +1,6 @@
 //! Modes that do not persist: each measurement for itself.
 
-use super::modes::{Modes, Sums};
+use super::modes::{Modes, Sums, excess};
 use crate::base::exponential::exp;
 use pulp::{Simd, WithSimd};
 
@@ -41,7 +41,11 @@ impl<const KINDS: usize> WithSimd for Expect<'_, KINDS> {
                 let mut r = [0.0; KINDS];
                 let mut all = 1.0;
                 for j in 0..KINDS {
-                    r[j] = c[j].1 * exp(c[j].0[0] + z * (c[j].0[1] + z * c[j].0[2]));
+                    r[j] = c[j].0[0] + z * (c[j].0[1] + z * c[j].0[2]);
+                }
+                let shift = excess(&r);
+                for j in 0..KINDS {
+                    r[j] = c[j].1 * exp(r[j] - shift);
                     all += r[j];
                 }
                 let share = present[i] / all;
@@ -93,7 +97,11 @@ impl<const KINDS: usize> WithSimd for Posterior<'_, KINDS> {
             let z = y - modes.centre;
             *e = 1.0;
             for j in 0..KINDS {
-                g[j] = c[j].1 * exp(c[j].0[0] + z * (c[j].0[1] + z * c[j].0[2]));
+                g[j] = c[j].0[0] + z * (c[j].0[1] + z * c[j].0[2]);
+            }
+            let shift = excess(g);
+            for j in 0..KINDS {
+                g[j] = c[j].1 * exp(g[j] - shift);
                 *e += g[j];
             }
             for j in 0..KINDS {

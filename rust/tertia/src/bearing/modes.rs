@@ -19,6 +19,17 @@ const NONE: f64 = 1e-9;
 const LEAST_PERSISTENCE: f64 = 1e-4;
 const LARGEST_PERSISTENCE: f64 = 0.98;
 
+/// What is taken from all log ratios of a value, so that [`exp`](crate::base::exponential::exp) cuts
+/// none of them and the larger one remains so; beside such a ratio the good mode counts for nothing.
+#[inline(always)]
+pub(super) fn excess(log_ratios: &[f64]) -> f64 {
+    let mut largest = LARGEST_EXPONENT;
+    for &log in log_ratios {
+        largest = if log > largest { log } else { largest };
+    }
+    largest - LARGEST_EXPONENT
+}
+
 /// Where the bad measurements are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
@@ -101,15 +112,15 @@ impl Modes {
         [constant, offset * bad, 0.5 * (good - bad)]
     }
 
-    /// What [`exp`](crate::base::exponential::exp) cuts from the largest log ratio of a value.
+    /// The [`excess`] of the log ratios of a value.
     pub fn excess(&self, y: f64) -> f64 {
         let z = y - self.centre;
-        let log_ratio = |j: usize| {
+        let mut log = [f64::NEG_INFINITY; MOST_BAD];
+        for (j, log) in log.iter_mut().enumerate().take(self.kinds()) {
             let [constant, slope, curve] = self.log_ratio(j);
-            constant + z * (slope + z * curve)
-        };
-        let largest = (0..self.kinds()).map(log_ratio).fold(0.0, f64::max);
-        (largest - LARGEST_EXPONENT).max(0.0)
+            *log = constant + z * (slope + z * curve);
+        }
+        excess(&log)
     }
 
     /// One M step (Dempster, Laird, Rubin 1977); `floor` has the least widths of the good mode and

@@ -7,8 +7,10 @@ const MAD_TO_SIGMA: f64 = 1.4826;
 const SHORTH_TO_SIGMA: f64 = 2.0 * 0.6745;
 /// The shorth of a few values can be far too short: least scale over the MAD.
 const LEAST_SHARE_OF_MAD: f64 = 0.3;
-/// Neighbouring readings closer than this share of their spread differ by the rounding of doubles.
-const SAME: f64 = 1e-9;
+/// Readings closer than this share of their median and middle half differ by the rounding of doubles.
+const SAME: f64 = 1e-13;
+/// Intervals whose lengths differ by less than this share have the same length.
+const SAME_LENGTH: f64 = 1e-9;
 
 /// Centre, scale and rounding step of a record.
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +29,8 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
     sorted.sort_unstable_by(f64::total_cmp);
     let n = sorted.len();
     let spread = sorted[n - 1] - sorted[0];
-    let different = |d: f64| d > SAME * spread;
+    let tolerance = SAME * (sorted[n / 2].abs() + sorted[3 * n / 4] - sorted[n / 4]);
+    let different = |d: f64| d > tolerance;
     if spread == 0.0 || !different(spread) {
         return None;
     }
@@ -35,7 +38,7 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
     let half = n / 2 + 1;
     let length = |k: usize| sorted[k + half - 1] - sorted[k];
     // of equal ones the first, also where they differ by rounding
-    let shorter = |k: usize, best: usize| length(k) < length(best) * (1.0 - SAME);
+    let shorter = |k: usize, best: usize| length(k) < length(best) * (1.0 - SAME_LENGTH);
     let first = (0..=n - half).fold(0, |best, k| if shorter(k, best) { k } else { best });
     let shortest = length(first) / SHORTH_TO_SIGMA;
     let origin = sorted[first];

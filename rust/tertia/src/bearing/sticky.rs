@@ -4,7 +4,7 @@
 //! shares π, which are its stationary distribution whatever κ. Forward and backward pass (Baum and
 //! others 1970) cost O(N) for each mode.
 
-use super::modes::{MOST_BAD, Modes, Sums};
+use super::modes::{MOST_BAD, Modes, Sums, excess};
 use crate::base::exponential::exp;
 use pulp::{Simd, WithSimd};
 
@@ -43,10 +43,15 @@ impl WithSimd for Ratios<'_> {
         }
         self.ratio.clear();
         self.ratio.resize(self.y.len(), [1.0, 0.0, 0.0]);
-        for j in 0..kinds {
-            for (&y, ratio) in self.y.iter().zip(&mut *self.ratio) {
-                let z = y - self.modes.centre;
-                ratio[j + 1] = exp(c[j][0] + z * (c[j][1] + z * c[j][2]));
+        for (&y, ratio) in self.y.iter().zip(&mut *self.ratio) {
+            let z = y - self.modes.centre;
+            let mut log = [f64::NEG_INFINITY; MOST_BAD];
+            for j in 0..kinds {
+                log[j] = c[j][0] + z * (c[j][1] + z * c[j][2]);
+            }
+            let shift = excess(&log);
+            for j in 0..kinds {
+                ratio[j + 1] = exp(log[j] - shift);
             }
         }
     }
