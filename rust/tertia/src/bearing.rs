@@ -7,6 +7,9 @@
 //! `modes <- independent, sticky, information <- hypotheses`
 //! `rules, blocks, start, hypotheses <- workspace <- paper, robust <- groups <- estimator`
 
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
 mod blocks;
 mod estimator;
 mod groups;
