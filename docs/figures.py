@@ -57,7 +57,6 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "contamination": contamination.contamination,
         "correlation": contamination.correlation,
         "groups": contamination.groups,
-        "grid": contamination.grid,
         "claims": paper.claims,
     },
     "weights.md": {
@@ -82,6 +81,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "area": weights.area,
     },
     "honesty.md": {
+        "bearings": contamination.grid,
         "locate": location.coverage,
         "arrivals": location_arrivals.coverage,
         "regions": regions.coverage,
