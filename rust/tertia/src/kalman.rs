@@ -4,9 +4,10 @@
 //! acceleration with an exponential correlation (Singer 1970), plots of the angle alone. Units are
 //! the caller's: an angle, its rate per unit of time, and so on.
 //!
-//! Order: `model <- state <- factored <- backward <- filter <- steps, series <- shared, block <-
-//! batch, smoother <- fit`; `steady` and `consistency` stand alone.
+//! Order: `model <- state <- adjoint, factored <- backward <- filter <- steps, series <- shared <-
+//! kept <- block <- batch, smoother <- fit`; `steady` and `consistency` stand alone.
 
+mod adjoint;
 mod backward;
 mod batch;
 mod block;
@@ -14,6 +15,7 @@ mod consistency;
 mod factored;
 mod filter;
 mod fit;
+mod kept;
 mod model;
 mod series;
 mod shared;

@@ -3,6 +3,9 @@
 use pulp::Simd;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+/// Lanes of the widest vector.
+pub(crate) const WIDEST: usize = 8;
+
 /// Some lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Vector<S: Simd> {
@@ -114,6 +117,28 @@ impl<S: Simd> Vector<S> {
         }
     }
 
+    #[inline(always)]
+    fn of(simd: S, lanes: S::f64s) -> Self {
+        Self { simd, lanes }
+    }
+
+    /// Four vectors of the first, second, third and fourth numbers of as many rows as there are
+    /// lanes, from row `at` times as many on. Which row has which lane is left to the machine;
+    /// [`Vector::to_rows`] takes them back.
+    #[inline(always)]
+    pub fn from_rows(simd: S, rows: &[[f64; 4]], at: usize) -> [Self; 4] {
+        let lanes = &S::as_simd_f64s(rows.as_flattened()).0[4 * at..][..4];
+        let [a, b, c, d] = simd.deinterleave_shfl_f64s([lanes[0], lanes[1], lanes[2], lanes[3]]);
+        [Self::of(simd, a), Self::of(simd, b), Self::of(simd, c), Self::of(simd, d)]
+    }
+
+    /// Writes four vectors into the rows of their lanes.
+    #[inline(always)]
+    pub fn to_rows(simd: S, [a, b, c, d]: [Self; 4], rows: &mut [[f64; 4]], at: usize) {
+        let columns = simd.interleave_shfl_f64s([a.lanes, b.lanes, c.lanes, d.lanes]);
+        S::as_mut_simd_f64s(rows.as_flattened_mut()).0[4 * at..][..4].copy_from_slice(&columns);
+    }
+
     /// Where it is not nan.
     #[inline(always)]
     pub fn is_number(self) -> S::m64s {
@@ -128,6 +153,15 @@ impl<S: Simd> Vector<S> {
         self.simd.first_true_m64s(larger) < S::F64_LANES
     }
 
+    /// Whether all lanes are from `low` to less than `high`.
+    #[inline(always)]
+    pub fn is_within(self, low: f64, high: f64) -> bool {
+        let above = self.simd.greater_than_or_equal_f64s(self.lanes, self.simd.splat_f64s(low));
+        let below = self.simd.less_than_f64s(self.lanes, self.simd.splat_f64s(high));
+        let outside = self.simd.not_m64s(self.simd.and_m64s(above, below));
+        self.simd.first_true_m64s(outside) >= S::F64_LANES
+    }
+
     /// This where `mask` is set, the other one elsewhere.
     #[inline(always)]
     pub fn or(self, mask: S::m64s, other: Self) -> Self {
@@ -137,6 +171,11 @@ impl<S: Simd> Vector<S> {
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {
         Self { lanes: self.simd.max_f64s(self.lanes, other.lanes), ..self }
+    }
+
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        Self { lanes: self.simd.min_f64s(self.lanes, other.lanes), ..self }
     }
 
     #[inline(always)]

@@ -301,7 +301,9 @@ impl<'a> Batch<'a> {
         let mut filters = Vec::with_capacity(LANES);
         for i in 0..rows.len() {
             *failed = first + i;
-            series.push(self.series(first + i, transition)?);
+            // the block refuses what `Series::try_new` does
+            let z = &self.z[(first + i) * self.steps..][..self.steps];
+            series.push(Series { z, variance: self.noise(first + i), transition });
             filters.push(common.filter.map_or_else(|| self.start(first + i), Ok)?);
         }
         let mut out: Vec<_> = rows.iter_mut().map(|row| &mut row.steps).collect();

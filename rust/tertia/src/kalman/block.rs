@@ -1,25 +1,22 @@
 //! Several series side by side, one in each lane of a vector: what a step costs is shared.
 
 use super::filter::Filter;
+use super::kept::{Kept, TILE};
 use super::model::Transition;
-use super::series::{PRODUCTS, PerStep, Series, Summary, log_likelihood};
+use super::series::{LARGEST, PRODUCTS, PerStep, Series, Summary, VARIANCES, log_likelihood};
 use super::shared::Gains;
-use super::state::{FACTORS_ABOVE, State, residual, wrapped};
+use super::state::{FACTORS_ABOVE, State, residual};
 use super::steps::Steps;
-use crate::base::vector::Vector;
+use crate::base::vector::{Vector, WIDEST};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Series that are filtered together: vectors enough to hide that each waits for its last step.
-pub(super) const LANES: usize = 16;
-/// Steps whose plots are gathered and whose states are shown at once, from the L1 cache.
-const TILE: usize = 16;
-
-pub(super) type Lane = [f64; LANES];
+pub(super) const LANES: usize = 64;
 
 /// Filters up to [`LANES`] series of the same length with the same steps between their plots, with
 /// `gains` if they are those of all of them and no plot is missing, and keeps what `out` has room
-/// for. `None` where they must be filtered one by one: a prior that is kept as factors, or a start
-/// that takes all steps.
+/// for. `None` where they must be filtered one by one: a prior that is kept as factors, a start
+/// that takes all steps, or plots and variances that are refused.
 pub(super) fn run_block(
     series: &[Series<'_>],
     filters: &[Filter],
@@ -29,8 +26,10 @@ pub(super) fn run_block(
     let n = series.first()?.z.len();
     let start = series.iter().zip(filters).map(|(series, filter)| known_from(series, filter));
     let start = start.max().filter(|&start| start < n)?;
-    let gains = gains.filter(|_| series.iter().all(Series::is_complete));
-    Arch::new().dispatch(Run { series, filters, gains, start, out })
+    let gained = gains.and_then(|gains| {
+        Arch::new().dispatch(Run { series, filters, gains: Some(gains), start, out: &mut *out })
+    });
+    gained.or_else(|| Arch::new().dispatch(Run { series, filters, gains: None, start, out }))
 }
 
 /// The step by which the state of a series is known.
@@ -56,308 +55,366 @@ impl WithSimd for Run<'_, '_, '_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let Self { series, filters, gains, start, out } = self;
+        let n = series[0].z.len();
         let mut summaries = Vec::with_capacity(series.len());
-        let mut tile = Tile::new();
-        for (l, (series, filter)) in series.iter().zip(filters).enumerate() {
-            let head = Series { z: &series.z[..start], ..*series };
-            let summary = head.fill(*filter, out[l]);
-            let state = match gains {
-                Some(_) => summary.filter.state(),
-                None => summary.filter.plain()?,
-            };
-            tile.set(l, &state);
-            summaries.push(summary);
+        for ((series, filter), out) in series.iter().zip(filters).zip(&mut *out) {
+            summaries.push(series.head(start)?.fill(*filter, out));
         }
-        tile.pad(series.len());
-        let (n, period) = (series[0].z.len(), summaries[0].filter.period());
-        for from in (start..n).step_by(TILE) {
-            let steps = TILE.min(n - from);
-            tile.gather(series, from, steps, from == start);
-            for i in 0..steps {
-                let transition = &series[0].transition.at(from + i - 1);
-                match gains {
-                    Some(gains) => tile.step_shared(simd, i, transition, gains, from + i, period),
-                    None => tile.step(simd, i, transition, period),
-                }
-            }
-            for (l, out) in out.iter_mut().enumerate() {
-                tile.keep(l, from, steps, gains, period, out);
-            }
-            tile.shift(steps);
+        let mut vectors = Vec::with_capacity(LANES / S::F64_LANES);
+        for summaries in summaries.chunks(S::F64_LANES) {
+            vectors.push(Carried::new(simd, summaries, gains.is_some())?);
         }
-        if tile.wide.iter().any(|&excess| excess > 0.0) {
-            return None;
-        }
-        for (l, (summary, series)) in summaries.iter_mut().zip(series).enumerate() {
-            let count = series.z[start..].iter().filter(|z| !z.is_nan()).count();
-            let noise = series.last_variance().unwrap_or(summary.filter.noise());
-            let mut state = tile.state(l, 0);
-            let mut logarithms = tile.product[l].ln();
-            if let Some(gains) = gains {
-                state.covariance = gains.covariance[n - 1];
-                logarithms = gains.logarithms[start];
+        let all = !out[0].is_empty();
+        let mut tile = Tile::new(series, summaries[0].filter.period());
+        let whole = start + (n - start) / TILE * TILE;
+        for from in (start..whole).step_by(TILE) {
+            tile.gather::<TILE>(series, from);
+            match (gains, all) {
+                (Some(gains), _) => tile.share::<S, TILE>(simd, gains, &mut vectors, out),
+                (None, false) => tile.run::<S, TILE, false>(simd, &mut vectors, out),
+                (None, true) => tile.run::<S, TILE, true>(simd, &mut vectors, out),
             }
-            summary.filter.set(state, noise);
-            summary.log_likelihood += log_likelihood(tile.squares[l], logarithms, count);
-            summary.count += count;
+        }
+        for from in whole..n {
+            tile.gather::<1>(series, from);
+            match (gains, all) {
+                (Some(gains), _) => tile.share::<S, 1>(simd, gains, &mut vectors, out),
+                (None, false) => tile.run::<S, 1, false>(simd, &mut vectors, out),
+                (None, true) => tile.run::<S, 1, true>(simd, &mut vectors, out),
+            }
+        }
+        let groups = summaries.chunks_mut(S::F64_LANES).zip(series.chunks(S::F64_LANES));
+        for (carried, (summaries, series)) in vectors.iter().zip(groups) {
+            carried.finish(simd, summaries, series, gains.map(|gains| (gains, start)))?;
         }
         Some(summaries)
     }
 }
 
-/// Writes a row into lane l.
-#[inline(always)]
-fn transpose(row: &[f64], lanes: &mut [Lane; TILE], l: usize) {
-    // of a known length where it can be: no loop
-    if let Ok(row) = <&[f64; TILE]>::try_from(row) {
-        for (lane, &value) in lanes.iter_mut().zip(row) {
-            lane[l] = value;
-        }
-    } else {
-        for (lane, &value) in lanes.iter_mut().zip(row) {
-            lane[l] = value;
-        }
+impl<'a> Series<'a> {
+    /// The first steps, if their plots and variances can be used.
+    fn head(&self, steps: usize) -> Option<Self> {
+        let variance = match self.variance {
+            PerStep::Constant(r) => PerStep::Constant(r),
+            PerStep::Each(each) => PerStep::Each(&each[..steps]),
+        };
+        Series::try_new(&self.z[..steps], variance, self.transition).ok()
     }
 }
 
-/// Some steps of all lanes.
-struct Tile {
-    z: [Lane; TILE],
-    r: [Lane; TILE],
-    /// Before the first step, and after each.
-    mean: [[Lane; 3]; TILE + 1],
-    covariance: [[Lane; 6]; TILE + 1],
-    value: [Lane; TILE],
-    variance: [Lane; TILE],
-    squares: Lane,
-    product: Lane,
+/// What the lanes of a vector carry from tile to tile.
+#[derive(Clone, Copy)]
+struct Carried<S: Simd> {
+    mean: [Vector<S>; 3],
+    covariance: [Vector<S>; 6],
+    /// Sum of the squares of normalised innovations.
+    squares: Vector<S>,
+    /// Product of the variances of innovations.
+    product: Vector<S>,
+    count: Vector<S>,
     /// Positive once a prior was too wide for its noise.
-    wide: Lane,
+    excess: Vector<S>,
+    /// Size of the largest plot.
+    largest: Vector<S>,
+    /// Least and largest variance of the noise.
+    least: Vector<S>,
+    most: Vector<S>,
 }
 
-impl Tile {
-    fn new() -> Self {
-        let zeros = [0.0; LANES];
-        Self {
-            z: [zeros; TILE],
-            r: [[1.0; LANES]; TILE],
-            mean: [[zeros; 3]; TILE + 1],
-            covariance: [[zeros; 6]; TILE + 1],
-            value: [zeros; TILE],
-            variance: [zeros; TILE],
-            squares: zeros,
-            product: [1.0; LANES],
-            wide: zeros,
-        }
-    }
-
-    fn set(&mut self, l: usize, state: &State) {
-        for (lane, x) in self.mean[0].iter_mut().zip(state.mean) {
-            lane[l] = x;
-        }
-        for (lane, p) in self.covariance[0].iter_mut().zip(state.covariance) {
-            lane[l] = p;
-        }
-    }
-
-    /// Lanes from `used` on have no plots, and a state of zeros.
-    fn pad(&mut self, used: usize) {
-        for z in &mut self.z {
-            z[used..].fill(f64::NAN);
-        }
-    }
-
+impl<S: Simd> Carried<S> {
+    /// Of up to as many series as there are lanes; without a state where there are none. `None`
+    /// where a covariance is kept as factors, unless only the mean is used.
     #[inline(always)]
-    fn gather(&mut self, series: &[Series<'_>], from: usize, steps: usize, first: bool) {
-        for (l, series) in series.iter().enumerate() {
-            transpose(&series.z[from..from + steps], &mut self.z, l);
-            match series.variance {
-                PerStep::Constant(r) if first => transpose(&[r; TILE], &mut self.r, l),
-                PerStep::Constant(_) => {}
-                PerStep::Each(each) => transpose(&each[from..from + steps], &mut self.r, l),
-            }
+    fn new(simd: S, summaries: &[Summary], mean_only: bool) -> Option<Self> {
+        let mut rows = [[[0.0; 4]; WIDEST]; 3];
+        for (l, summary) in summaries.iter().enumerate() {
+            let state = if mean_only { summary.filter.state() } else { summary.filter.plain()? };
+            let ([x0, x1, x2], [p00, p01, p02, p11, p12, p22]) = (state.mean, state.covariance);
+            rows[0][l] = [x0, x1, x2, p00];
+            rows[1][l] = [p01, p02, p11, p12];
+            rows[2][l] = [p22, 0.0, 0.0, 0.0];
         }
+        let [x0, x1, x2, p00] = Vector::from_rows(simd, &rows[0], 0);
+        let [p01, p02, p11, p12] = Vector::from_rows(simd, &rows[1], 0);
+        let [p22, zero, ..] = Vector::from_rows(simd, &rows[2], 0);
+        Some(Self {
+            mean: [x0, x1, x2],
+            covariance: [p00, p01, p02, p11, p12, p22],
+            squares: zero,
+            product: Vector::splat(simd, 1.0),
+            count: zero,
+            excess: zero,
+            largest: zero,
+            least: Vector::splat(simd, 1.0),
+            most: Vector::splat(simd, 1.0),
+        })
     }
 
-    /// The last state is the first one of the next tile.
-    fn shift(&mut self, steps: usize) {
-        self.mean[0] = self.mean[steps];
-        self.covariance[0] = self.covariance[steps];
-    }
-
+    /// Adds what was found to the summaries of the first steps; `None` where something is refused.
     #[inline(always)]
-    fn state(&self, l: usize, i: usize) -> State {
-        let ([x0, x1, x2], [p00, p01, p02, p11, p12, p22]) = (&self.mean[i], &self.covariance[i]);
-        State {
-            mean: [x0[l], x1[l], x2[l]],
-            covariance: [p00[l], p01[l], p02[l], p11[l], p12[l], p22[l]],
-        }
-    }
-
-    /// Keeps lane l's steps.
-    #[inline(always)]
-    fn keep(
+    fn finish(
         &self,
-        l: usize,
-        from: usize,
-        steps: usize,
-        gains: Option<&Gains>,
-        period: Option<f64>,
-        out: &mut Steps<'_>,
-    ) {
-        // known to be less than LANES without a check in the loops
-        let (l, to) = (l % LANES, from + steps);
-        if let Some(mean) = out.mean.get_mut(3 * from..3 * to) {
-            for (row, lanes) in mean.as_chunks_mut::<3>().0.iter_mut().zip(&self.mean[1..]) {
-                *row = [lanes[0][l], lanes[1][l], lanes[2][l]];
-                if let Some(period) = period {
-                    row[0] = wrapped(row[0], period);
-                }
+        simd: S,
+        summaries: &mut [Summary],
+        series: &[Series<'_>],
+        gains: Option<(&Gains, usize)>,
+    ) -> Option<()> {
+        let mut rows = [[[0.0; 4]; WIDEST]; 4];
+        let [x0, x1, x2] = self.mean;
+        let [p00, p01, p02, p11, p12, p22] = self.covariance;
+        let columns = [
+            [x0, x1, x2, p00],
+            [p01, p02, p11, p12],
+            [p22, self.squares, self.product, self.count],
+            [self.excess, self.largest, self.least, self.most],
+        ];
+        for (columns, rows) in columns.into_iter().zip(&mut rows) {
+            Vector::to_rows(simd, columns, rows, 0);
+        }
+        for (l, (summary, series)) in summaries.iter_mut().zip(series).enumerate() {
+            let ([x0, x1, x2, p00], [p01, p02, p11, p12]) = (rows[0][l], rows[1][l]);
+            let [p22, squares, product, count] = rows[2][l];
+            let [excess, largest, least, most] = rows[3][l];
+            let allowed = VARIANCES.contains(&least) && VARIANCES.contains(&most);
+            if excess > 0.0 || largest > LARGEST || !allowed || !squares.is_finite() {
+                return None;
+            }
+            let mean = [x0, x1, x2];
+            let (mut covariance, mut logarithms, mut count) =
+                ([p00, p01, p02, p11, p12, p22], product.ln(), count as usize);
+            if let Some((gains, start)) = gains {
+                let n = gains.covariance.len();
+                (covariance, logarithms) = (gains.covariance[n - 1], gains.logarithms[start]);
+                count = n - start;
+            }
+            let noise = series.last_variance().unwrap_or(summary.filter.noise());
+            summary.filter.set(State { mean, covariance }, noise);
+            summary.log_likelihood += log_likelihood(squares, logarithms, count);
+            summary.count += count;
+        }
+        Some(())
+    }
+}
+
+/// Some steps of all series.
+struct Tile<'a> {
+    z: [[f64; TILE]; LANES],
+    r: [[f64; TILE]; LANES],
+    transition: PerStep<'a, Transition>,
+    period: Option<f64>,
+    from: usize,
+}
+
+/// F and Q of a step in all lanes.
+type Splat<S> = ([Vector<S>; 4], [Vector<S>; 6]);
+
+impl<'a> Tile<'a> {
+    fn new(series: &[Series<'a>], period: Option<f64>) -> Self {
+        let mut r = [[1.0; TILE]; LANES];
+        for (row, series) in r.iter_mut().zip(series) {
+            if let PerStep::Constant(variance) = series.variance {
+                *row = [variance; TILE];
             }
         }
-        if let Some(innovation) = out.innovation.get_mut(from..to) {
-            for (value, lane) in innovation.iter_mut().zip(&self.value) {
-                *value = lane[l];
+        let transition = series[0].transition;
+        Self { z: [[f64::NAN; TILE]; LANES], r, transition, period, from: 0 }
+    }
+
+    /// Reads the plots of the next N steps, and the variances of their noise.
+    #[inline(always)]
+    fn gather<const N: usize>(&mut self, series: &[Series<'_>], from: usize) {
+        self.from = from;
+        for ((z, r), series) in self.z.iter_mut().zip(&mut self.r).zip(series) {
+            z[..N].copy_from_slice(&series.z[from..][..N]);
+            if let PerStep::Each(each) = series.variance {
+                r[..N].copy_from_slice(&each[from..][..N]);
             }
-        }
-        if let Some(variance) = out.variance.get_mut(from..to) {
-            match gains {
-                Some(gains) => variance.copy_from_slice(&gains.variance[from..to]),
-                None => {
-                    for (value, lane) in variance.iter_mut().zip(&self.variance) {
-                        *value = lane[l];
-                    }
-                }
-            }
-        }
-        let Some(covariance) = out.covariance.get_mut(6 * from..6 * to) else { return };
-        if let Some(gains) = gains {
-            covariance.copy_from_slice(gains.covariance[from..to].as_flattened());
-            return;
-        }
-        for (row, p) in covariance.as_chunks_mut::<6>().0.iter_mut().zip(&self.covariance[1..]) {
-            *row = [p[0][l], p[1][l], p[2][l], p[3][l], p[4][l], p[5][l]];
         }
     }
 
     /// [`State::predicted`] and [`State::updated`] in all lanes, in the same order; without a plot,
     /// gain and innovation are zero.
     #[inline(always)]
-    fn step<S: Simd>(&mut self, simd: S, i: usize, transition: &Transition, period: Option<f64>) {
-        let f = Vector::splat_all(simd, &transition.f);
-        let q = Vector::splat_all(simd, &transition.q);
-        for at in 0..LANES / S::F64_LANES {
-            self.step_vector(simd, i, at, (&f, &q), period);
-        }
-        // lanes without a plot have multiplied by one
-        let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
-        for &product in &self.product {
-            least = if product < least { product } else { least };
-            most = if product > most { product } else { most };
-        }
-        if !PRODUCTS.contains(&least) || !PRODUCTS.contains(&most) {
-            for (squares, product) in self.squares.iter_mut().zip(&mut self.product) {
-                *squares += product.ln();
-                *product = 1.0;
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn step_vector<S: Simd>(
-        &mut self,
+    fn run<S: Simd, const N: usize, const ALL: bool>(
+        &self,
         simd: S,
-        i: usize,
-        at: usize,
-        (f, q): (&[Vector<S>; 4], &[Vector<S>; 6]),
-        period: Option<f64>,
+        vectors: &mut [Carried<S>],
+        out: &mut [&mut Steps<'_>],
     ) {
-        let [f01, f02, f12, f22] = *f;
-        let [x0, x1, x2] = Vector::load_all(simd, &self.mean[i], at);
-        let [p00, p01, p02, p11, p12, p22] = Vector::load_all(simd, &self.covariance[i], at);
-        let a00 = p00 + f01 * p01 + f02 * p02;
-        let a01 = p01 + f01 * p11 + f02 * p12;
-        let a02 = p02 + f01 * p12 + f02 * p22;
-        let a11 = p11 + f12 * p12;
-        let a12 = p12 + f12 * p22;
-        let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
-        let p00 = a00 + f01 * a01 + f02 * a02 + q[0];
-        let p01 = a01 + f12 * a02 + q[1];
-        let p02 = f22 * a02 + q[2];
-        let p11 = a11 + f12 * a12 + q[3];
-        let p12 = f22 * a12 + q[4];
-        let p22 = f22 * f22 * p22 + q[5];
-
         let (zero, one) = (Vector::splat(simd, 0.0), Vector::splat(simd, 1.0));
         let nan = Vector::splat(simd, f64::NAN);
-        let (z, r) = (Vector::load(simd, &self.z[i], at), Vector::load(simd, &self.r[i], at));
-        let seen = z.is_number();
-        let raw = self.residual(simd, (i, at), z, y0, period);
-        let value = raw.or(seen, zero);
-        let variance = p00 + r;
-        variance.or(seen, nan).store(&mut self.variance[i], at);
-        let variance = variance.or(seen, one);
-        let s = variance.reciprocal().or(seen, zero);
-        let kept = (r * s).or(seen, one);
-        let excess = (p00 - r * Vector::splat(simd, FACTORS_ABOVE)).or(seen, zero);
-        Vector::load(simd, &self.wide, at).max(excess).store(&mut self.wide, at);
-        let (k0, k1, k2) = (p00 * s, p01 * s, p02 * s);
-        let mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
-        let covariance =
-            [p00 * kept, p01 * kept, p02 * kept, p11 - p01 * k1, p12 - p01 * k2, p22 - p02 * k2];
-        Vector::store_all(&mean, &mut self.mean[i + 1], at);
-        Vector::store_all(&covariance, &mut self.covariance[i + 1], at);
-        let squares = Vector::load(simd, &self.squares, at) + value * value * s;
-        squares.store(&mut self.squares, at);
-        (Vector::load(simd, &self.product, at) * variance).store(&mut self.product, at);
+        let transitions = self.transitions::<S, N>(simd);
+        let mut kept = Kept::new(simd);
+        for (at, c) in vectors.iter_mut().enumerate() {
+            let z = Vector::from_rows(simd, &self.z, at);
+            let r = Vector::from_rows(simd, &self.r, at);
+            let mut variances = [one; TILE];
+            for i in 0..N {
+                let (y, p) = predicted(&transitions[i], &c.mean, &c.covariance);
+                let [p00, p01, p02, p11, p12, p22] = p;
+                let seen = z[i].is_number();
+                let r = r[i].or(seen, one);
+                let raw = self.residual(simd, z[i], y[0]);
+                let value = raw.or(seen, zero);
+                let variance = p00 + r;
+                let s = variance.reciprocal().or(seen, zero);
+                let rest = (r * s).or(seen, one);
+                let (k0, k1, k2) = (p00 * s, p01 * s, p02 * s);
+                c.mean = [y[0] + k0 * value, y[1] + k1 * value, y[2] + k2 * value];
+                c.covariance = [
+                    p00 * rest,
+                    p01 * rest,
+                    p02 * rest,
+                    p11 - p01 * k1,
+                    p12 - p01 * k2,
+                    p22 - p02 * k2,
+                ];
+                c.squares += value * value * s;
+                c.count += one.or(seen, zero);
+                c.look(simd, seen, z[i], r, p00);
+                variances[i] = variance.or(seen, one);
+                if ALL {
+                    kept.mean[i] = c.mean;
+                    kept.covariance[i] = c.covariance;
+                    kept.value[i] = raw;
+                    kept.variance[i] = variance.or(seen, nan);
+                }
+            }
+            c.multiply(simd, variances);
+            if ALL {
+                let lanes = at * S::F64_LANES..out.len().min((at + 1) * S::F64_LANES);
+                kept.keep::<N>(simd, self.from, self.period, &mut out[lanes]);
+            }
+        }
     }
 
-    /// The residual, kept as the innovation: nan without a plot.
+    /// F and Q before each of N steps, in all lanes.
     #[inline(always)]
-    fn residual<S: Simd>(
-        &mut self,
-        simd: S,
-        (i, at): (usize, usize),
-        z: Vector<S>,
-        x: Vector<S>,
-        period: Option<f64>,
-    ) -> Vector<S> {
-        let difference = z - x;
-        difference.store(&mut self.value[i], at);
-        if let Some(period) = period
-            && difference.exceeds(0.5 * period)
-        {
-            for value in &mut self.value[i][at * S::F64_LANES..][..S::F64_LANES] {
-                *value = residual(*value, 0.0, Some(period));
-            }
-            return Vector::load(simd, &self.value[i], at);
+    fn transitions<S: Simd, const N: usize>(&self, simd: S) -> [Splat<S>; N] {
+        let zero = Vector::splat(simd, 0.0);
+        let mut transitions = [([zero; 4], [zero; 6]); N];
+        for (i, (f, q)) in transitions.iter_mut().enumerate() {
+            let transition = self.transition.get(self.from + i - 1);
+            *f = Vector::splat_all(simd, &transition.f);
+            *q = Vector::splat_all(simd, &transition.q);
         }
-        difference
+        transitions
     }
 
     /// The means alone.
     #[inline(always)]
-    fn step_shared<S: Simd>(
-        &mut self,
+    fn share<S: Simd, const N: usize>(
+        &self,
         simd: S,
-        i: usize,
-        transition: &Transition,
         gains: &Gains,
-        step: usize,
-        period: Option<f64>,
+        vectors: &mut [Carried<S>],
+        out: &mut [&mut Steps<'_>],
     ) {
-        let [f01, f02, f12, f22] = Vector::splat_all(simd, &transition.f);
-        let [k0, k1, k2] = Vector::splat_all(simd, &gains.gain[step]);
-        let s = Vector::splat(simd, 1.0 / gains.variance[step]);
-        for at in 0..LANES / S::F64_LANES {
-            let [x0, x1, x2] = Vector::load_all(simd, &self.mean[i], at);
-            let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
-            let z = Vector::load(simd, &self.z[i], at);
-            let value = self.residual(simd, (i, at), z, y0, period);
-            let mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
-            Vector::store_all(&mean, &mut self.mean[i + 1], at);
-            let squares = Vector::load(simd, &self.squares, at) + value * value * s;
-            squares.store(&mut self.squares, at);
+        let all = !out[0].is_empty();
+        let transitions = self.transitions::<S, N>(simd);
+        let zero = Vector::splat(simd, 0.0);
+        let mut gain = [[zero; 4]; N];
+        for (i, gain) in gain.iter_mut().enumerate() {
+            let [k0, k1, k2] = gains.gain[self.from + i];
+            *gain = Vector::splat_all(simd, &[k0, k1, k2, 1.0 / gains.variance[self.from + i]]);
+        }
+        let mut kept = Kept::new(simd);
+        for (at, carried) in vectors.iter_mut().enumerate() {
+            let z = Vector::from_rows(simd, &self.z, at);
+            let [mut x0, mut x1, mut x2] = carried.mean;
+            let mut squares = carried.squares;
+            for i in 0..N {
+                let ([f01, f02, f12, f22], [k0, k1, k2, s]) = (transitions[i].0, gain[i]);
+                let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+                let value = self.residual(simd, z[i], y0);
+                (x0, x1, x2) = (y0 + k0 * value, y1 + k1 * value, y2 + k2 * value);
+                squares += value * value * s;
+                kept.mean[i] = [x0, x1, x2];
+                kept.value[i] = value;
+            }
+            (carried.mean, carried.squares) = ([x0, x1, x2], squares);
+            if all {
+                let lanes = at * S::F64_LANES..out.len().min((at + 1) * S::F64_LANES);
+                kept.keep_shared::<N>(simd, self.from, self.period, gains, &mut out[lanes]);
+            }
         }
     }
+
+    /// The innovation: nan without a plot.
+    #[inline(always)]
+    fn residual<S: Simd>(&self, simd: S, z: Vector<S>, x: Vector<S>) -> Vector<S> {
+        let difference = z - x;
+        if let Some(period) = self.period
+            && difference.exceeds(0.5 * period)
+        {
+            let mut lanes = [0.0; WIDEST];
+            difference.store(&mut lanes, 0);
+            for value in &mut lanes {
+                *value = residual(*value, 0.0, self.period);
+            }
+            return Vector::load(simd, &lanes, 0);
+        }
+        difference
+    }
+}
+
+impl<S: Simd> Carried<S> {
+    /// Remembers the widest prior, the largest plot, and the variances of least and most noise. A
+    /// variance that is nan makes the likelihood nan.
+    #[inline(always)]
+    fn look(&mut self, simd: S, seen: S::m64s, z: Vector<S>, r: Vector<S>, p00: Vector<S>) {
+        let excess = p00 - r * Vector::splat(simd, FACTORS_ABOVE);
+        self.excess = self.excess.max(excess.or(seen, Vector::splat(simd, 0.0)));
+        self.largest = self.largest.max(z.abs().or(seen, self.largest));
+        self.least = self.least.min(r);
+        self.most = self.most.max(r);
+    }
+
+    /// Multiplies the variances of a tile's innovations; where the product leaves its range, their
+    /// logarithms are taken.
+    #[inline(always)]
+    fn multiply(&mut self, simd: S, variances: [Vector<S>; TILE]) {
+        let [a, b, c, d] = variances;
+        let total = self.product * (a * b * (c * d));
+        if total.is_within(PRODUCTS.start, PRODUCTS.end) {
+            self.product = total;
+            return;
+        }
+        let mut sums = [0.0; WIDEST];
+        for factor in [a, b, c, d, self.product] {
+            let mut lanes = [1.0; WIDEST];
+            factor.store(&mut lanes, 0);
+            for (sum, variance) in sums.iter_mut().zip(lanes) {
+                *sum += variance.ln();
+            }
+        }
+        self.squares += Vector::load(simd, &sums, 0);
+        self.product = Vector::splat(simd, 1.0);
+    }
+}
+
+/// `F x` and `F P F^T + Q` in all lanes.
+#[inline(always)]
+fn predicted<S: Simd>(
+    ([f01, f02, f12, f22], q): &Splat<S>,
+    [x0, x1, x2]: &[Vector<S>; 3],
+    p: &[Vector<S>; 6],
+) -> ([Vector<S>; 3], [Vector<S>; 6]) {
+    let (f01, f02, f12, f22) = (*f01, *f02, *f12, *f22);
+    let [p00, p01, p02, p11, p12, p22] = *p;
+    let a00 = p00 + f01 * p01 + f02 * p02;
+    let a01 = p01 + f01 * p11 + f02 * p12;
+    let a02 = p02 + f01 * p12 + f02 * p22;
+    let a11 = p11 + f12 * p12;
+    let a12 = p12 + f12 * p22;
+    let mean = [*x0 + f01 * *x1 + f02 * *x2, *x1 + f12 * *x2, f22 * *x2];
+    let covariance = [
+        a00 + f01 * a01 + f02 * a02 + q[0],
+        a01 + f12 * a02 + q[1],
+        f22 * a02 + q[2],
+        a11 + f12 * a12 + q[3],
+        f22 * a12 + q[4],
+        f22 * f22 * p22 + q[5],
+    ];
+    (mean, covariance)
 }

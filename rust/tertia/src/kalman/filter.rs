@@ -37,26 +37,19 @@ pub struct Filter {
     period: Option<f64>,
     /// Variance of the last plot.
     noise: f64,
-    /// Whether the covariance is kept as factors whatever it is.
-    always_factored: bool,
 }
 
 impl Filter {
     /// A filter before the first plot, with the variance of the acceleration.
     pub fn new(acceleration_variance: f64, period: Option<f64>) -> Self {
         let knowledge = Knowledge::Nothing;
-        Self { knowledge, acceleration_variance, period, noise: NONE, always_factored: false }
+        Self { knowledge, acceleration_variance, period, noise: NONE }
     }
 
     /// A filter from a given state on.
     pub fn from_state(state: State, period: Option<f64>) -> Self {
         let knowledge = Knowledge::Plain(state);
-        Self { knowledge, acceleration_variance: 0.0, period, noise: NONE, always_factored: false }
-    }
-
-    /// The same filter with its covariance as factors from now on.
-    pub(crate) fn factored(self) -> Self {
-        Self { always_factored: true, ..self }
+        Self { knowledge, acceleration_variance: 0.0, period, noise: NONE }
     }
 
     /// Everything that it knows, as numbers.
@@ -189,7 +182,7 @@ impl Filter {
             Knowledge::Plot { since, .. } => *since = since.then(transition),
             Knowledge::Plain(state) => {
                 let predicted = state.predicted(transition);
-                if self.always_factored || predicted.needs_factors(self.noise) {
+                if predicted.needs_factors(self.noise) {
                     // before the prediction has rounded what is known off
                     let mut factored = Factored::new(state);
                     factored.predict(transition);
@@ -243,7 +236,7 @@ impl Filter {
                 self.knowledge = Knowledge::Plain(state);
                 None
             }
-            Knowledge::Plain(state) if self.always_factored || state.needs_factors(r) => {
+            Knowledge::Plain(state) if state.needs_factors(r) => {
                 let mut factored = Factored::new(state);
                 let innovation = factored.update(z, r, self.period);
                 self.knowledge = Knowledge::Factored(factored);
@@ -257,7 +250,7 @@ impl Filter {
             Knowledge::Factored(factored) => {
                 let innovation = factored.update(z, r, self.period);
                 let narrow = innovation.variance < PLAIN_BELOW * r;
-                if !self.always_factored && narrow && factored.is_moderate() {
+                if narrow && factored.is_moderate() {
                     self.knowledge = Knowledge::Plain(factored.state());
                 }
                 Some(innovation)

@@ -10,8 +10,8 @@ use std::f64::consts::TAU;
 /// A covariance that changes by less in a step has converged.
 const CONVERGED: f64 = 2.0 * f64::EPSILON;
 /// Squares of larger plots overflow.
-const LARGEST: f64 = 1e150;
-const VARIANCES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
+pub(super) const LARGEST: f64 = 1e150;
+pub(super) const VARIANCES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
 /// A product of variances is turned into a logarithm when it leaves this range.
 pub(super) const PRODUCTS: std::ops::Range<f64> = 1e-150..1e150;
 
@@ -72,6 +72,17 @@ impl Singer {
             buffer.push(last.1);
         }
         Ok(PerStep::Each(buffer))
+    }
+}
+
+impl<T> PerStep<'_, T> {
+    /// The one of this step, where it is.
+    #[inline(always)]
+    pub(super) fn get(&self, step: usize) -> &T {
+        match self {
+            Self::Constant(value) => value,
+            Self::Each(values) => &values[step],
+        }
     }
 }
 
@@ -234,12 +245,6 @@ impl Series<'_> {
 }
 
 impl Series<'_> {
-    /// Whether no plot is missing.
-    pub(super) fn is_complete(&self) -> bool {
-        // to the end, because a loop that may leave earlier is not made of vectors
-        !self.z.iter().fold(false, |missing, z| missing | z.is_nan())
-    }
-
     /// Variance of the last plot.
     pub(super) fn last_variance(&self) -> Option<f64> {
         self.z.iter().rposition(|z| !z.is_nan()).map(|step| self.variance.at(step))

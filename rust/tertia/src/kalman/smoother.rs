@@ -1,46 +1,111 @@
-//! The state at every step from all plots (Rauch, Tung, Striebel): the filter forwards, then back.
+//! The state at every step from all plots: the filter forwards, then back.
+//!
+//! Backwards it goes by adjoints (Bryson, Frazier 1963), and by factors (Rauch, Tung, Striebel) where
+//! a difference of covariances would lose digits: beside a prior that is very wide, and before angle
+//! and rate are known.
 
+use super::adjoint::Adjoint;
 use super::backward::Filtered;
 use super::factored::Factored;
 use super::filter::Filter;
+use super::model::Transition;
 use super::series::Series;
-use super::state::State;
+use super::state::{Innovation, State};
 
 /// Buffers of the smoother.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
-    filtered: Vec<(State, Option<Filtered>)>,
+    steps: Vec<Step>,
+}
+
+/// What the filter knew at a step.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    state: State,
+    innovation: Innovation,
+    /// Where the state is not kept as it is.
+    factors: Option<Filtered>,
+}
+
+impl Step {
+    fn new(filter: &Filter, innovation: Option<Innovation>) -> Self {
+        let factors = if filter.plain().is_some() { None } else { filter.filtered() };
+        let innovation = innovation.unwrap_or(Innovation::NONE);
+        Self { state: filter.state(), innovation, factors }
+    }
+
+    /// The state as factors; `None` before the first plot.
+    fn filtered(&self) -> Option<Filtered> {
+        let known = self.state.covariance[0].is_finite() && !self.state.mean[0].is_nan();
+        self.factors.or_else(|| {
+            known.then(|| Filtered { factored: Factored::new(&self.state), unknown: None })
+        })
+    }
+}
+
+/// The state of a step from all plots, which the step before needs as factors.
+#[derive(Clone, Copy)]
+enum Smoothed {
+    Unknown,
+    Plain(State),
+    Factored(Factored),
+}
+
+impl Smoothed {
+    fn state(&self) -> Option<State> {
+        match self {
+            Self::Unknown => None,
+            Self::Plain(state) => Some(*state),
+            Self::Factored(factored) => Some(factored.state()),
+        }
+    }
+
+    /// The step before, by factors.
+    fn before(&self, filtered: Option<Filtered>, transition: &Transition) -> Self {
+        let next = match (filtered, self) {
+            (None, _) => return Self::Unknown,
+            (Some(filtered), Self::Unknown) if filtered.unknown.is_none() => {
+                return Self::Factored(filtered.factored);
+            }
+            (_, Self::Unknown) => return Self::Unknown,
+            (_, Self::Plain(state)) => Factored::new(state),
+            (_, Self::Factored(factored)) => *factored,
+        };
+        filtered
+            .map_or(Self::Unknown, |filtered| Self::Factored(filtered.smoothed(transition, &next)))
+    }
 }
 
 /// The state at every step from all plots; those before the first plot are unknown, as in the
 /// filter. Cost O(steps).
 pub fn smooth(
     series: &Series<'_>,
-    filter: Filter,
+    mut filter: Filter,
     workspace: &mut Workspace,
     mut sink: impl FnMut(usize, &State),
 ) {
-    let mut filter = filter.factored();
-    let filtered = &mut workspace.filtered;
-    filtered.clear();
+    let steps = &mut workspace.steps;
+    steps.clear();
     for (step, &z) in series.z.iter().enumerate() {
         if step > 0 {
             filter.predict(&series.transition.at(step - 1));
         }
-        if !z.is_nan() {
-            filter.update(z, series.variance.at(step));
-        }
-        filtered.push((filter.state(), filter.filtered()));
+        let taken = if z.is_nan() { None } else { filter.update(z, series.variance.at(step)) };
+        steps.push(Step::new(&filter, taken));
     }
-    let mut later: Option<Factored> = None;
-    for (step, (shown, filtered)) in filtered.iter().enumerate().rev() {
-        later = match (filtered, later) {
-            (Some(filtered), Some(next)) => {
-                Some(filtered.smoothed(&series.transition.at(step), &next))
-            }
-            (Some(filtered), None) if filtered.unknown.is_none() => Some(filtered.factored),
-            _ => None,
+    let (mut adjoint, mut later) = (Some(Adjoint::default()), Smoothed::Unknown);
+    for (step, known) in steps.iter().enumerate().rev() {
+        later = match adjoint.and_then(|adjoint| adjoint.smoothed(&known.state)) {
+            Some(state) => Smoothed::Plain(state),
+            None if step + 1 == series.z.len() => later.before(known.filtered(), &Transition::NONE),
+            None => later.before(known.filtered(), series.transition.get(step)),
         };
-        sink(step, &later.map_or(*shown, |later| later.state()));
+        sink(step, &later.state().unwrap_or(known.state));
+        if step > 0 {
+            let seen = !series.z[step].is_nan();
+            let plot = seen.then(|| (series.variance.at(step), known.innovation));
+            let transition = series.transition.get(step - 1);
+            adjoint = adjoint.and_then(|adjoint| adjoint.before(&known.state, plot, transition));
+        }
     }
 }

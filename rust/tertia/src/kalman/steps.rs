@@ -16,6 +16,13 @@ pub struct Steps<'a> {
 }
 
 impl Steps<'_> {
+    /// Whether nothing is wanted.
+    #[inline(always)]
+    pub(super) fn is_empty(&self) -> bool {
+        let rooms = [&self.mean, &self.covariance, &self.innovation, &self.variance];
+        rooms.iter().all(|room| room.is_empty())
+    }
+
     /// Keeps a step's state, with its angle in [0, period).
     #[inline(always)]
     pub fn put(&mut self, step: usize, state: &State, innovation: Innovation, period: Option<f64>) {
