@@ -1,9 +1,9 @@
 """Positions of three bearings by their posterior, side by side with a Markov chain, in one run.
 
 The chain is that of the azimuthal telemetry model of Gerber et al. (2018) in NumPy: in turn, a
-position is drawn from its conditional density on a grid, and the concentration by a Metropolis step;
-11,000 draws. CPU time of a fix on one thread, and the ratio to Tertia. Means must agree within a
-tenth of a standard deviation.
+position is drawn from its conditional density on a grid, and the concentration by a Metropolis
+step; 11,000 draws. CPU time of a fix on one thread, and the ratio to Tertia. Means must agree
+within a tenth of a standard deviation.
 """
 
 from timing import cpu_time

@@ -376,10 +376,8 @@ def protection_levels(
     scene: Measured, guarded: tuple[float, float, int, float], n_threads: int | None
 ) -> FloatArray: ...
 def location_accuracy(
-    stations: FloatArray,
-    axes: FloatArray | None,
-    sigmas: FloatArray,
-    position_sigmas: FloatArray | None,
+    stations: tuple[FloatArray, FloatArray | None],
+    sigmas: tuple[FloatArray, FloatArray | None],
     positions: FloatArray,
     correlation: float,
     n_threads: int | None,

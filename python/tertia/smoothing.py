@@ -405,9 +405,11 @@ def smooth(
         "correlation_time": _correlation_time(correlation_time, dimension),
         "robust": flag(robust, "robust"),
     }
-    (*arrays, outlier), scalars = _core.smooth(tracks, threads(n_threads))
-    *of_path, lasting, factor = map(scalar_or_array, scalars)
-    return SmoothedPositions(*arrays, *of_path, outlier, lasting, factor)
+    (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
+    likelihood, count, fitted, error, lasting, factor = map(scalar_or_array, scalars)
+    return SmoothedPositions(
+        mean, matrix, innovation, likelihood, count, fitted, error, outlier, lasting, factor
+    )
 
 
 def _correlation_time(correlation_time: float | None, dimension: int) -> float | None:

@@ -145,10 +145,8 @@ def accuracy_map(
     if np.all(np.isnan(sigmas)):
         raise ValueError("no standard deviation is given; nothing would be measured")
     covariance, dop = _core.location_accuracy(
-        places[np.newaxis],
-        None if axes is None else axes[np.newaxis],
-        sigmas,
-        survey_sigmas(stations),
+        (places[np.newaxis], None if axes is None else axes[np.newaxis]),
+        (sigmas, survey_sigmas(stations)),
         np.ascontiguousarray(points),
         correlation_of(range_difference_correlation),
         threads(n_threads),

@@ -259,8 +259,19 @@ def reconstruct(
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
     """Return the path as smoothed positions; outliers are those of the measurements."""
-    none = np.zeros(len(mean), dtype=np.bool_)
-    return SmoothedPositions(mean, *found, outlier=none, correlation_time=0.0, noise_factor=1.0)
+    covariance, innovation, log_likelihood, count, jerk, jerk_sigma = found
+    return SmoothedPositions(
+        mean,
+        covariance,
+        innovation,
+        log_likelihood,
+        count,
+        jerk,
+        jerk_sigma,
+        outlier=np.zeros(len(mean), dtype=np.bool_),
+        correlation_time=0.0,
+        noise_factor=1.0,
+    )
 
 
 def _bias(

@@ -202,18 +202,18 @@ pub fn locate<'py>(
     Ok((position, covariance, residual, outlier, found, (growth, factor, degrees_of_freedom)))
 }
 
-/// Covariances and dilutions at positions.
+/// Covariances and dilutions at positions, of stations with their axes, and of the standard deviations
+/// of measurements and of surveys.
 #[pyfunction]
 pub fn location_accuracy<'py>(
     py: Python<'py>,
-    stations: Input<'py>,
-    axes: Option<Input<'py>>,
-    sigmas: Input<'py>,
-    position_sigmas: Option<Input<'py>>,
+    stations: (Input<'py>, Option<Input<'py>>),
+    sigmas: (Input<'py>, Option<Input<'py>>),
     positions: Input<'py>,
     correlation: f64,
     n_threads: Threads,
 ) -> PyResult<(Output<'py>, Output<'py>)> {
+    let ((stations, axes), (sigmas, position_sigmas)) = (stations, sigmas);
     let (k, d) = size(&stations)?;
     let (stations, sigmas) = (stations.blocks("stations", 2)?, sigmas.blocks("sigmas", 2)?);
     let rows = positions.blocks("positions", 1)?;

@@ -124,7 +124,8 @@ pub fn smooth<'py>(
         *summary = smoothing::smooth_with_noise(&track, &options, workspace, &mut results, outlier);
         Ok(())
     })?;
-    let of: [fn(&(Summary, NoiseFit)) -> f64; 5] = [
+    type Scalar = fn(&(Summary, NoiseFit)) -> f64;
+    let of: [Scalar; 5] = [
         |(summary, _)| summary.log_likelihood,
         |(_, noise)| noise.jerk.jerk,
         |(_, noise)| noise.jerk.sigma(),

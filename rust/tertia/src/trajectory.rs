@@ -19,6 +19,7 @@ mod jerk;
 mod lasting;
 mod measured;
 mod path;
+mod prior;
 mod result;
 mod series;
 mod spatial;
@@ -28,8 +29,9 @@ mod weight;
 
 pub use failure::Failure;
 pub use fixes::Fixes;
-pub use lasting::{LastingErrors, Prior};
+pub use lasting::LastingErrors;
 pub use measured::Record;
+pub use prior::Prior;
 pub use result::{Smoothed, Trajectory};
 pub use series::Polynomials;
 pub use spatial::by_polynomials;

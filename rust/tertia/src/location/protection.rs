@@ -239,7 +239,7 @@ mod tests {
         let stations =
             [[0.0, 0.0], [4000.0, 0.0], [0.0, 3000.0], [4200.0, 3100.0], [2000.0, -1500.0]];
         let row = |k: usize, sign: f64| {
-            let [x, y] = [1500.0 - stations[k % 5][0], 1100.0 - stations[k % 5][1]];
+            let [x, y]: [f64; 2] = [1500.0 - stations[k % 5][0], 1100.0 - stations[k % 5][1]];
             let range = x.hypot(y);
             let gradient = [sign * x / range, y / range, 1.0].map(|v| v / 10.0);
             Row { residual: 0.0, gradient }

@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn a_constant() {
         let time: Vec<f64> = (0..400).map(f64::from).collect();
-        let noise = |i: usize| if i % 2 == 0 { 0.5 } else { -0.5 };
+        let noise = |i: usize| if i.is_multiple_of(2) { 0.5 } else { -0.5 };
         let residual: Vec<f64> = (0..400).map(|i| 3.0 + noise(i)).collect();
         let run = Run { time: &time, residual: &residual, azimuth: &vec![0.3; 400], sigma: 0.5 };
         let found = calibrate(&run, 0);

@@ -1,8 +1,8 @@
 //! The grid of scales, shares and correlation times of lasting errors.
 
 use super::contradictions::{Blocks, Point};
-use super::lasting::Prior;
 use super::measured::Record;
+use super::prior::Prior;
 use crate::sensors::KINDS;
 
 /// Standard deviations of lasting errors, in those of the measurements.
@@ -68,11 +68,10 @@ impl<'a> Grid<'a> {
                 (known(prior.share[*c]).or(share), known(prior.time[*c]))
             })
             .collect();
-        let free = |is: &dyn Fn(&(Option<f64>, Option<f64>)) -> bool| own.iter().any(is);
-        let (shares, times) = (
-            if free(&|own| own.0.is_none()) { SHARES.to_vec() } else { vec![0.0] },
-            if free(&|own| own.1.is_none() && own.0 != Some(0.0)) { times } else { vec![span] },
-        );
+        let any_share = own.iter().any(|own| own.0.is_none());
+        let any_time = own.iter().any(|own| own.1.is_none() && own.0 != Some(0.0));
+        let shares = if any_share { SHARES.to_vec() } else { vec![0.0] };
+        let times = if any_time { times } else { vec![span] };
         let (sigma, kind) =
             (columns.iter().map(sigma).collect(), columns.iter().map(kind).collect());
         Self { blocks, sigma, kind, kinds: found.len(), own, shares, times }

@@ -15,6 +15,7 @@ use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::grid::Grid;
 use super::measured::{Measured, Record, in_domain};
+use super::prior::Prior;
 use crate::sensors::KINDS;
 use nalgebra::{DMatrix, DVector};
 use std::rc::Rc;
@@ -38,28 +39,6 @@ const FALL_OF_VARIANCES: [f64; 2] = [0.5, 0.9];
 const LEAST_FALL: f64 = 0.4;
 /// One-sided 99 % of a normal variable.
 const SURELY: f64 = 2.326;
-
-/// What is assumed of the lasting errors.
-#[derive(Clone, Debug)]
-pub struct Prior {
-    /// Standard deviations, 5 K numbers: 0 of what is trusted, nan of what is to be found.
-    pub sigma: Vec<f64>,
-    /// Shares of their variance that drift, and the correlation times (5 K); nan: to be found.
-    pub share: Vec<f64>,
-    /// See `share`.
-    pub time: Vec<f64>,
-    /// Standard deviations of the azimuths that depend on the direction (N, K); none: 0.
-    pub deviation: Option<Vec<f64>>,
-}
-
-impl Prior {
-    /// Numbers of an instant that may have lasting errors, of what was measured.
-    fn columns(&self, record: &Record<'_>) -> Vec<usize> {
-        let width = record.width();
-        let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
-        (0..width).filter(|at| self.sigma[*at] != 0.0).filter(seen).collect()
-    }
-}
 
 /// Lasting errors as far as they are known.
 #[derive(Clone, Debug)]

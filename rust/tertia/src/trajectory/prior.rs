@@ -1,0 +1,25 @@
+//! What is known of errors that last before anything is measured.
+
+use super::measured::Record;
+
+/// What is assumed of the lasting errors.
+#[derive(Clone, Debug)]
+pub struct Prior {
+    /// Standard deviations, 5 K numbers: 0 of what is trusted, nan of what is to be found.
+    pub sigma: Vec<f64>,
+    /// Shares of their variance that drift, and the correlation times (5 K); nan: to be found.
+    pub share: Vec<f64>,
+    /// See `share`.
+    pub time: Vec<f64>,
+    /// Standard deviations of the azimuths that depend on the direction (N, K); none: 0.
+    pub deviation: Option<Vec<f64>>,
+}
+
+impl Prior {
+    /// Numbers of an instant that may have lasting errors, of what was measured.
+    pub(super) fn columns(&self, record: &Record<'_>) -> Vec<usize> {
+        let width = record.width();
+        let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
+        (0..width).filter(|at| self.sigma[*at] != 0.0).filter(seen).collect()
+    }
+}
