@@ -70,7 +70,6 @@ LASTING_RUNS, LASTING_TIME = repetitions(60), 200.0
 LASTING_SIGMAS = np.deg2rad([2.0, 4.0, 6.0, 3.0])
 LASTING_METHODS: dict[str, dict[str, Any]] = {
     "stations trusted, `bias=Bias()`": {"bias": Bias()},
-    "constant, `Bias(azimuth_sigma=inf)`": {"bias": Bias(azimuth_sigma=np.inf)},
     "constant, `Bias(azimuth_sigma=None, drift_share=0)`": {
         "bias": Bias(azimuth_sigma=None, drift_share=0.0)
     },
