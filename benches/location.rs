@@ -34,6 +34,7 @@ fn run<const D: usize>(c: &mut Criterion) {
             values: &values,
             sigmas: &sigmas,
             position_sigmas: None,
+            height: None,
             initial: None,
         };
         let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
