@@ -297,7 +297,7 @@ def test_asterix_is_for_tracks(command: str, tmp_path: Path) -> None:
     path.write_bytes(b"\x30\x00\x04\x00")
     one = COMMANDS[command]
     _, err = fails(tmp_path, one.name, path, *one.options)
-    assert "ASTERIX is for tertia track and report, and for the truth of evaluate" in err
+    assert "ASTERIX is for tertia track, report and audit, and for the truth " in err
 
 
 # ------------------------------------------------------------------------------------------------

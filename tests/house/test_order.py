@@ -246,5 +246,5 @@ def test_the_checks_see_what_they_look_for():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"d"}}) == [["b", "c"], ["d"]]
     graph = rust_graph(CORE)
     assert "base.moments" in graph["screening.others"]
-    assert "screening.bursts" in graph["bearing.rules"]
+    assert "screening.leave_one_out" in graph["bearing.rules"]
     assert "_arrays" in python_graph()["bearing"]

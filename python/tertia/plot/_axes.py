@@ -247,7 +247,7 @@ def wrapped_label(angle: float, period: float) -> str:
 
 def rounded(value: float, sigma: float) -> tuple[str, str]:
     """Return both as text, to two significant digits of sigma."""
-    if sigma < 1e-9:
+    if sigma < 1e-9 or math.isinf(sigma):
         return f"{value:.9g}", f"{sigma:.2g}"
     # rounded first: 0.0996 is 0.10, not 0.100
     decimals = max(0, 1 - math.floor(math.log10(float(f"{sigma:.1e}"))))

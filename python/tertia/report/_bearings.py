@@ -82,7 +82,9 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
         if found is None:
             continue
         bearing[k], sigma[k], outlier[:, k] = found
-        halves = [_estimate(part) for part in (azimuth[:half, k], azimuth[half:, k])]
+        # a movement would be taken for noise that lasts
+        parts = (azimuth[:half, k], azimuth[half:, k])
+        halves = [_estimate(part, correlation=0.0) for part in parts]
         if halves[0] is not None and halves[1] is not None:
             (one, s, _), (other, t, _) = halves[0], halves[1]
             moves |= abs(np.sin((one - other) / 2)) * 2 > _MOVED * np.hypot(s, t)
@@ -92,11 +94,13 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
     )
 
 
-def _estimate(azimuth: FloatArray) -> tuple[float, float, BoolArray] | None:
+def _estimate(
+    azimuth: FloatArray, correlation: float | None = None
+) -> tuple[float, float, BoolArray] | None:
     """Return bearing, sigma and outliers in radians; None if there are too few bearings."""
     if np.sum(~np.isnan(azimuth)) < _FEWEST:
         return None
-    found = estimate_bearing(azimuth, period=2 * np.pi, nan_policy="omit")
+    found = estimate_bearing(azimuth, period=2 * np.pi, correlation=correlation, nan_policy="omit")
     return float(found.value), float(found.sigma), found.outlier
 
 

@@ -101,7 +101,7 @@ def bearing(
     ... )
     >>> found = tables.bearing(table, by="sensor")
     >>> found.select("sensor", "count", "outlier_count", "note").rows()
-    [('A', 60, 4, None), ('B', 60, 4, None)]
+    [('A', 60, 7, None), ('B', 60, 7, None)]
     """
     found = bearings_of(
         source_of(table), columns=columns, values=values, by=by, groups=groups, **options

@@ -5,12 +5,13 @@
 //! the Python API.
 //!
 //! `modes <- independent, sticky, information <- hypotheses`
-//! `rules, blocks, start, hypotheses <- workspace <- paper, robust <- groups <- estimator`
+//! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust <- groups <- estimator`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 mod blocks;
+mod estimate;
 mod estimator;
 mod groups;
 mod hypotheses;
@@ -25,6 +26,7 @@ mod sticky;
 mod workspace;
 
 pub use blocks::BlockOutput;
-pub use estimator::{Estimate, Estimator, Shared};
+pub use estimate::Estimate;
+pub use estimator::{Estimator, Shared};
 pub use rules::{Method, PaperRule, RobustRule, VarianceTest};
 pub use workspace::Workspace;

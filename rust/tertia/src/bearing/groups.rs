@@ -1,6 +1,6 @@
 //! Groups of measurements, each with a systematic error of its own: stops, hours, sectors.
 
-use super::estimator::Estimate;
+use super::estimate::Estimate;
 use super::hypotheses::Hypotheses;
 use super::robust::{self, OUTSIDE, SIGNIFICANCE};
 use super::rules::RobustRule;

@@ -1,7 +1,7 @@
 //! The default estimator: the mean over all hypotheses of what the record may be.
 
 use super::blocks::{BlockTable, block_range};
-use super::estimator::Estimate;
+use super::estimate::Estimate;
 use super::hypotheses::MAX_SCORE;
 use super::rules::RobustRule;
 use super::start::{rounding_sigma, start};
