@@ -180,7 +180,8 @@ def test_wide_table_is_not_truncated_in_a_pipe(
     path = write("azimuth_deg,station\n" + f"1.5,{name}\n" * 4 + "2.5,b\n" * 5)
     done = run("bearing", path, "--by", "station")
     assert done.code == 0
-    _, long, short = table(done.out)
+    _, long, short, note = table(done.out)
+    assert note == ["systematic errors are not included: see --groups and --bias-sigma"]
     assert long == [name.strip(), "4", "0", "theta has 4 measurements; at least 5 are needed"]
     assert short[:3] == ["b", "5", "0"]
     assert "…" not in done.out
