@@ -3,11 +3,14 @@
 use super::contour::principal;
 use std::f64::consts::FRAC_PI_2;
 
-/// Angles in a quarter turn, and how many more an elongated ellipse needs: eight in all for each
-/// time that it is longer than wide.
+/// Angles in a quarter turn, and how many more an elongated ellipse needs for each time that it is
+/// longer than wide: the error falls as `exp(−4 MORE)`.
 const ANGLES: f64 = 16.0;
-const MORE: f64 = 2.0;
-const MOST: f64 = 4096.0;
+const MORE: f64 = 6.0;
+const MOST: f64 = 12_288.0;
+/// Least variance, as a share of the larger one: a narrower ellipse is a line, and no angles are
+/// enough.
+const LINE: f64 = (MORE / MOST) * (MORE / MOST);
 const STEPS: usize = 100;
 const TOLERANCE: f64 = 1e-13;
 
@@ -25,7 +28,8 @@ impl Radial {
     /// Of covariance `[a, b; b, c]`; `None` where it is not positive.
     pub fn try_new(covariance: [f64; 3], freedom: f64) -> Option<Self> {
         let (large, small, _) = principal(covariance);
-        (small > 0.0 && large.is_finite()).then_some(Self { large, small, freedom })
+        let known = small > 0.0 && large.is_finite();
+        known.then_some(Self { large, small: small.max(LINE * large), freedom })
     }
 
     /// The larger standard deviation.

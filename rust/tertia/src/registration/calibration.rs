@@ -197,7 +197,7 @@ fn filter(
 mod tests {
     use super::*;
 
-    /// A constant without noise comes back, and its error is that of a mean.
+    /// A constant comes back; its error is that of a mean, and a little more for what may drift.
     #[test]
     fn a_constant() {
         let time: Vec<f64> = (0..400).map(f64::from).collect();
@@ -206,6 +206,7 @@ mod tests {
         let run = Run { time: &time, residual: &residual, azimuth: &vec![0.3; 400], sigma: 0.5 };
         let found = calibrate(&run, 0);
         assert!((found.mean[0] - 3.0).abs() < 1e-3);
-        assert!((found.covariance[(0, 0)].sqrt() / 0.025 - 1.0).abs() < 0.1);
+        let sigma = found.covariance[(0, 0)].sqrt();
+        assert!((0.025..0.03).contains(&sigma), "{sigma}");
     }
 }
