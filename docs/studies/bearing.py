@@ -41,7 +41,6 @@ EXPECTED = {
     "paper, n_g=5": (1.006, 0.699, 0.563, 0.434),
     "paper, n_g=10": (0.775, 0.488, 0.357, 0.260),
     "median": (0.802, 0.553, 0.387, 0.272),
-    "default": (0.595, 0.386, 0.272, 0.190),
 }
 # the other reading of the same rule, compared with the same numbers but not counted
 READINGS = {"k-sigma, both as measured": "k-sigma, to the letter"}
