@@ -53,7 +53,8 @@ def level(rows, residuals, *, risk=1e-5, p=1e-4, faults=1, false_alarm=1e-3):
         limit = stats.chi2.isf(false_alarm / len(sets), min(len(out), 2))
         values, vectors = np.linalg.eigh(without - own)
         along = vectors.T @ (shifted - moved)
-        if np.sum((along**2 / values)[2 - min(len(out), 2) :]) > limit:
+        rank = min(len(out), 2)
+        if np.sum(along[-rank:] ** 2 / values[-rank:]) > limit:
             return INF
         weight = p ** len(out) * (1 - p) ** (count - len(out))
         modes.append((weight, np.sqrt(limit * values[-1]), without))
