@@ -127,8 +127,8 @@ def faulty() -> str:
             marks, located = fix.outlier.arrival_time, np.asarray(fix.success)
             assert marks is not None
             found = (marks[:, 0] & ~marks[:, 1:].any(axis=1))[located]
-            told = cells(fix, target, bound)
-            row += [f"{found.mean():.1%}", told[2], told[3]]
+            row_of_fix = cells(fix, target, bound)
+            row += [f"{found.mean():.1%}", row_of_fix[2], row_of_fix[3]]
         rows.append(row)
     head = ["receivers", "fault"]
     for name in ("late", "late, either side expected", "early, either side expected"):

@@ -361,8 +361,8 @@ def finders() -> str:
                 inside.setdefault(name, []).append(float(np.mean(covered)))
                 if found.bias is not None and np.all(np.asarray(found.bias.azimuth_sigma) > 0):
                     off = np.asarray(found.bias.azimuth) - FINDER_BIASES
-                    told = (off / np.asarray(found.bias.azimuth_sigma)) ** 2
-                    squares.setdefault(name, []).append(told)
+                    normalised = (off / np.asarray(found.bias.azimuth_sigma)) ** 2
+                    squares.setdefault(name, []).append(normalised)
         for name, sizes in errors.items():
             levels = np.percentile(np.concatenate(sizes), [50, 90, 99])
             bias = f"{np.mean(squares[name]):.2f}" if name in squares else ""

@@ -412,8 +412,8 @@ class Bias:
     def save(self, path: str | Path) -> None:
         """Write the bias to a file, as JSON."""
         fields = {name: getattr(self, name) for name in Bias.__slots__}
-        told = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
-        Path(path).write_text(json.dumps(told), encoding="utf-8")
+        saved = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
+        Path(path).write_text(json.dumps(saved), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> Bias:

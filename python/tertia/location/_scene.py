@@ -58,5 +58,5 @@ class Scene:
             level = np.broadcast_to(self.height[..., 0], position.shape[:-1])
             up = np.where(np.isnan(position[..., 2]), level, position[..., 2])
             position = np.concatenate([position[..., :2], up[..., np.newaxis]], axis=-1)
-        told = self.correlation, self.outlier
-        return (*self.rows, self.surveys, self.height, *told, position)
+        models = self.correlation, self.outlier
+        return (*self.rows, self.surveys, self.height, *models, position)

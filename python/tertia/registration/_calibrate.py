@@ -140,13 +140,13 @@ def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
     if station.axes is not None:
         offset = (station.axes @ offset[..., np.newaxis])[..., 0]
     level = np.hypot(offset[:, 0], offset[:, 1])
-    told = {
+    expected = {
         "range": np.linalg.norm(offset, axis=-1),
         "azimuth": np.arctan2(offset[:, 0], offset[:, 1]),
     }
     if offset.shape[-1] == 3:
-        told["elevation"] = np.arctan2(offset[:, 2], level)
-    return told
+        expected["elevation"] = np.arctan2(offset[:, 2], level)
+    return expected
 
 
 def _arc(direction: FloatArray) -> float:

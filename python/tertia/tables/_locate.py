@@ -153,8 +153,8 @@ def locations_of(
     stations = sensors_of(sensors)
     targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
-    told = probability, risk
-    located = [_locate(one, stations, start, told, **options) for one in progress(targets)]
+    asked = probability, risk
+    located = [_locate(one, stations, start, asked, **options) for one in progress(targets)]
     return Positions(located, stations)
 
 
@@ -162,7 +162,7 @@ def _locate(
     target: Target,
     stations: Sensors[Station],
     start: Any,
-    told: tuple[float | None, float | None],
+    asked: tuple[float | None, float | None],
     **how: Any,
 ) -> Located[Location]:
     if not target.values:
@@ -183,7 +183,7 @@ def _locate(
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
     try:
         found = locate_instants(bare, **options, initial=start, **how)
-        regions = _regions(found, *told)
+        regions = _regions(found, *asked)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
     measured = of_measurements(target, stations, found.residual, found.outlier, found)

@@ -66,14 +66,14 @@ class ClockBias(Bias):
 
     def save(self, path: str | Path) -> None:
         """Write the clocks to a file, as JSON."""
-        told = {name: getattr(self, name).tolist() for name in ClockBias.__slots__}
-        Path(path).write_text(json.dumps(told), encoding="utf-8")
+        saved = {name: getattr(self, name).tolist() for name in ClockBias.__slots__}
+        Path(path).write_text(json.dumps(saved), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> ClockBias:
         """Return the clocks that `save` has written."""
-        told = json.loads(Path(path).read_text(encoding="utf-8"))
-        return cls(**{name: np.array(values, dtype=np.float64) for name, values in told.items()})
+        saved = json.loads(Path(path).read_text(encoding="utf-8"))
+        return cls(**{name: np.array(values, dtype=np.float64) for name, values in saved.items()})
 
     def at(
         self, azimuth: npt.ArrayLike | None = None, time: npt.ArrayLike | None = None

@@ -187,10 +187,10 @@ def reconstruct(
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
         sigmas["range_difference"] = np.broadcast_to(sigma, max(k - 1, sigma.size))
-    told = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
+    kinds = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
-        for kind, values in told
+        for kind, values in kinds
         if values is not None
     }
     if not measured:
