@@ -1,5 +1,6 @@
 """`tertia track --stream`: rows of the library's tracker, flat memory, clean ends."""
 
+import contextlib
 import io
 import json
 import os

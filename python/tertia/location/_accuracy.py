@@ -13,7 +13,9 @@ from tertia import _core
 from tertia._arrays import FloatArray, finite, positive_number, scalar_or_array, threads
 from tertia.location._arrivals import LIGHT
 from tertia.location._readers import correlation_of, deviations
-from tertia.sensors import KINDS, Kind, Station, stack_stations, survey_sigmas
+from tertia.sensors import Kind, Station
+from tertia.sensors._kinds import KINDS
+from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, Systematic, instance
-from tertia.sensors import KINDS, STATION_KINDS, Bias, Kind, Station
+from tertia.sensors import Bias, Kind, Station
+from tertia.sensors._kinds import KINDS, STATION_KINDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

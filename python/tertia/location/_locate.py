@@ -18,7 +18,9 @@ from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.location._scene import Scene
-from tertia.sensors import KINDS, Bias, Kind, Station, stack_stations, survey_sigmas
+from tertia.sensors import Bias, Kind, Station
+from tertia.sensors._kinds import KINDS
+from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 # with as many degrees of freedom, two faults still leave a majority

@@ -11,7 +11,8 @@ from tertia._arrays import BoolArray, FloatArray, positive_number, scalar_or_arr
 from tertia.location._bias import said
 from tertia.location._result import Location, LocationStatus
 from tertia.location._scene import Scene
-from tertia.sensors import KINDS, by_kind
+from tertia.sensors._kinds import KINDS
+from tertia.sensors._sensors import by_kind
 
 # median of what radio telemetry reports (Gerber et al. 2018), where nothing is stated
 _SIGMA = np.radians(5.0)

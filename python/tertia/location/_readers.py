@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import FloatArray, positive, radians, real, samples
-from tertia.sensors import ANGLES, angle_sigma
+from tertia.sensors._kinds import ANGLES, angle_sigma
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:

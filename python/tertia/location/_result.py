@@ -14,7 +14,8 @@ from tertia.location._arrivals import Arrivals
 from tertia.location._protection import protection_level_of
 from tertia.location._region import Accuracy, Region, radius_of, region_of
 from tertia.location._scene import Scene
-from tertia.sensors import Bias, ByKind, Kind, by_kind
+from tertia.sensors import Bias, ByKind, Kind
+from tertia.sensors._sensors import by_kind
 
 LocationMethod: TypeAlias = Literal[
     "robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"

@@ -21,7 +21,8 @@ from tertia.plot._axes import (
     view_from_above,
     with_sigmas,
 )
-from tertia.sensors import Station, stack_stations
+from tertia.sensors import Station
+from tertia.sensors._sensors import stack_stations
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

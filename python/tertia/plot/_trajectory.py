@@ -31,7 +31,9 @@ from tertia.plot._axes import (
     time_axis,
     view_from_above,
 )
-from tertia.sensors import KINDS, ByKind, Kind, Station, stack_stations
+from tertia.sensors import ByKind, Kind, Station
+from tertia.sensors._kinds import KINDS
+from tertia.sensors._sensors import stack_stations
 from tertia.trajectory import Trajectory
 
 if TYPE_CHECKING:

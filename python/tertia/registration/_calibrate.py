@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, finite, instance, integer, points, radians, samples
-from tertia.sensors import ANGLES, STATION_KINDS, Bias, Station
+from tertia.sensors import Bias, Station
+from tertia.sensors._kinds import ANGLES, STATION_KINDS
 
 
 def calibrate(

@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, finite, generator
-from tertia.sensors import KINDS, Kind, Station, stack_stations
+from tertia.sensors import Kind, Station
+from tertia.sensors._kinds import KINDS
+from tertia.sensors._sensors import stack_stations
 from tertia.simulate._parameters import _number, _require, _shape
 
 # metres: farther away, the lines of sight are parallel in double precision

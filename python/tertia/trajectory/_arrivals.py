@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, Systematic, finite, instance, positive, real, require_each
-from tertia.sensors import Station, stack_stations
+from tertia.sensors import Station
+from tertia.sensors._sensors import stack_stations
 from tertia.trajectory._arrivals_result import Arrivals, ArrivalTrajectory
 from tertia.trajectory._clocks import ClockBias
 

@@ -25,16 +25,9 @@ from tertia.location import LocationStatus
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._readers import checked, correlation_of
 from tertia.location._result import location_of
-from tertia.sensors import (
-    ANGLES,
-    KINDS,
-    STATION_KINDS,
-    Bias,
-    Kind,
-    Station,
-    by_kind,
-    stack_stations,
-)
+from tertia.sensors import Bias, Kind, Station
+from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
+from tertia.sensors._sensors import by_kind, stack_stations
 from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._result import Trajectory
 
@@ -187,10 +180,10 @@ def reconstruct(
     if range_difference_sigma is not None:
         sigma = positive(range_difference_sigma, "range_difference_sigma")
         sigmas["range_difference"] = np.broadcast_to(sigma, max(k - 1, sigma.size))
-    kinds = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
+    columns = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
-        for kind, values in kinds
+        for kind, values in columns
         if values is not None
     }
     if not measured:

@@ -8,7 +8,8 @@ import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, Systematic
 from tertia.location import Location
-from tertia.sensors import KINDS, Bias, ByKind, Kind
+from tertia.sensors import Bias, ByKind, Kind
+from tertia.sensors._kinds import KINDS
 from tertia.smoothing import SmoothedPositions
 
 

@@ -1,0 +1,11 @@
+"""Sensors: positions, measurements and errors of stations and radars.
+
+Positions are local east, north and up in metres; azimuths and elevations are radians, azimuths
+clockwise from north.
+"""
+
+from tertia.sensors._bias import Bias
+from tertia.sensors._kinds import Kind
+from tertia.sensors._sensors import ByKind, Radar, Station
+
+__all__ = ["Bias", "ByKind", "Kind", "Radar", "Station"]

@@ -1,0 +1,274 @@
+"""Systematic errors of sensors."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import (
+    FloatArray,
+    finite,
+    integer,
+    radians,
+    real,
+    require_each,
+    scalar_or_array,
+)
+from tertia.sensors._kinds import ANGLES, angle_sigma
+
+# of a bias, the same for all sensors
+_ALIKE = (
+    "drift_share",
+    "drift_time",
+    "deviation_order",
+    "deviation_sigma",
+    "deviation",
+    "deviation_covariance",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class Bias:
+    """Systematic errors of a sensor, assumed or estimated.
+
+    After its bias is subtracted, a measurement has only the systematic error of the bias, which is
+    normal with the standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known,
+    inf that it is unknown, and None that it is to be estimated.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether the angles and their sigmas are given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    range : float or ndarray of shape (K,)
+        Metres, of one sensor or of K.
+    azimuth, elevation : float or ndarray of shape (K,)
+        Radians.
+    time : float or ndarray of shape (K,)
+        Reading of the sensor's clock less the true time, in seconds.
+    range_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of shape (K,), or None
+        Their standard deviations.
+    drift_share : float or None
+        Share of the variance that changes slowly, between 0 and 1; the rest is constant. None: to
+        be estimated where the sigma is, else 0.
+    drift_time : float or None
+        Correlation time of this change in seconds: the correlation falls to 1/e; inf is no change.
+        None: to be estimated.
+    deviation_order : int
+        Order of the Fourier series in the azimuth by which the azimuth bias of one sensor deviates
+        from `azimuth`, as on a compass card; 0: none.
+    deviation_sigma : float
+        Standard deviation of its first harmonics; those of the k-th are 1/k of it.
+    deviation : ndarray of shape (2 * deviation_order,)
+        Its coefficients: of sin a, cos a, sin 2a, ...
+    deviation_covariance : ndarray of shape (1 + 2 * order, 1 + 2 * order) or None
+        Covariance of the constant part and the coefficients, as `calibrate` finds it; None: they
+        are independent, with the standard deviations above.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A wrong shape, a bias that is not finite, a sigma that is negative or nan, or an argument of
+        the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import Bias
+    >>> bias = Bias(azimuth=[0.5, -0.25], azimuth_sigma=0.1, degrees=True)
+    >>> bias[1]
+    Bias(azimuth=-0.00436, azimuth_sigma=0.00175)
+    """
+
+    range: float | FloatArray
+    azimuth: float | FloatArray
+    elevation: float | FloatArray
+    time: float | FloatArray
+    range_sigma: float | FloatArray | None
+    azimuth_sigma: float | FloatArray | None
+    elevation_sigma: float | FloatArray | None
+    time_sigma: float | FloatArray | None
+    drift_share: float | None
+    drift_time: float | None
+    deviation_order: int
+    deviation_sigma: float
+    deviation: FloatArray
+    deviation_covariance: FloatArray | None
+
+    def __init__(
+        self,
+        *,
+        range: npt.ArrayLike = 0.0,  # noqa: A002  # its name everywhere
+        azimuth: npt.ArrayLike = 0.0,
+        elevation: npt.ArrayLike = 0.0,
+        time: npt.ArrayLike = 0.0,
+        range_sigma: npt.ArrayLike | None = 0.0,
+        azimuth_sigma: npt.ArrayLike | None = 0.0,
+        elevation_sigma: npt.ArrayLike | None = 0.0,
+        time_sigma: npt.ArrayLike | None = 0.0,
+        drift_share: float | None = None,
+        drift_time: float | None = None,
+        deviation_order: int = 0,
+        deviation_sigma: float = 0.0,
+        deviation: npt.ArrayLike | None = None,
+        deviation_covariance: npt.ArrayLike | None = None,
+        degrees: bool = False,
+    ) -> None:
+        if drift_share is not None and not 0.0 <= real(drift_share, "drift_share") <= 1.0:
+            raise ValueError(f"drift_share is {drift_share}; it must be between 0 and 1")
+        if drift_time is not None and not real(drift_time, "drift_time") > 0.0:
+            raise ValueError(f"drift_time is {drift_time}; it must be positive")
+        object.__setattr__(self, "drift_share", None if drift_share is None else float(drift_share))
+        object.__setattr__(self, "drift_time", None if drift_time is None else float(drift_time))
+        given = {
+            "range": range,
+            "azimuth": azimuth,
+            "elevation": elevation,
+            "time": time,
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "elevation_sigma": elevation_sigma,
+            "time_sigma": time_sigma,
+        }
+        arrays = {
+            name: _bias_number(value, name, degrees)
+            for name, value in given.items()
+            if value is not None
+        }
+        try:
+            shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
+        except ValueError:
+            shape = (0, 0)
+        if len(shape) > 1:
+            shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+            raise ValueError(f"the fields have shapes {shapes}; each must be () or (K,)")
+        for name in given:
+            column = np.array(np.broadcast_to(arrays[name], shape)) if name in arrays else None
+            object.__setattr__(self, name, None if column is None else scalar_or_array(column))
+        order = integer(deviation_order, "deviation_order", 0)
+        if order > 0 and shape != ():
+            raise ValueError("deviation_order is that of one sensor; the fields have one for each")
+        scale = _bias_number(real(deviation_sigma, "deviation_sigma"), "azimuth_sigma", degrees)
+        curve = np.zeros(2 * order) if deviation is None else finite(deviation, "deviation")
+        curve = np.radians(curve) if degrees and deviation is not None else curve
+        spread = deviation_covariance
+        if spread is not None:
+            spread = finite(spread, "deviation_covariance")
+        for key, array, size in (
+            ("deviation", curve, (2 * order,)),
+            ("deviation_covariance", spread, (2 * order + 1,) * 2),
+        ):
+            if array is not None and array.shape != size:
+                raise ValueError(f"{key} has shape {array.shape}; for this order it must be {size}")
+        object.__setattr__(self, "deviation_order", order)
+        object.__setattr__(self, "deviation_sigma", float(scale))
+        object.__setattr__(self, "deviation", curve)
+        object.__setattr__(self, "deviation_covariance", spread)
+
+    def at(self, azimuth: npt.ArrayLike | None = None) -> tuple[Any, Any]:
+        """Return the azimuth bias of one sensor in a direction, and its standard deviation.
+
+        Parameters
+        ----------
+        azimuth : array_like of shape (...), optional
+            Directions in radians; without, the part that does not depend on them.
+
+        Returns
+        -------
+        value, sigma : float or ndarray of shape (...)
+            Radians. The sigma grows by itself in directions that a calibration has not seen.
+
+        Raises
+        ------
+        ValueError, TypeError
+            Biases of several sensors, a sigma of None, or directions that are no radians.
+
+        Examples
+        --------
+        >>> from tertia.sensors import Bias
+        >>> bias = Bias(azimuth=0.01, deviation_order=1, deviation=[0.02, 0.0])
+        >>> round(bias.at(1.5707963)[0], 6)
+        0.03
+        """
+        if np.ndim(self.range) > 0:
+            raise ValueError("the bias is that of several sensors; take one of them, as bias[0]")
+        if self.azimuth_sigma is None:
+            raise ValueError("azimuth_sigma is None; it must be known")
+        own = float(self.azimuth_sigma) ** 2
+        if azimuth is None or self.deviation_order == 0:
+            shape = () if azimuth is None else np.shape(azimuth)
+            value, sigma = (np.full(shape, v) for v in (self.azimuth, self.azimuth_sigma))
+            return scalar_or_array(value), scalar_or_array(sigma)
+        angles = radians(azimuth, "azimuth")[..., np.newaxis] * np.arange(
+            1, self.deviation_order + 1
+        )
+        terms = np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(*angles.shape[:-1], -1)
+        value = self.azimuth + terms @ self.deviation
+        if self.deviation_covariance is None:
+            each = np.repeat(self.deviation_sigma / np.arange(1, self.deviation_order + 1), 2)
+            variance = own + terms**2 @ each**2
+        else:
+            rows = np.concatenate([np.ones((*terms.shape[:-1], 1)), terms], axis=-1)
+            within = np.sum(rows @ self.deviation_covariance * rows, axis=-1)
+            # the drift is not part of the covariance of the coefficients
+            variance = within + max(own - self.deviation_covariance[0, 0], 0.0)
+        return scalar_or_array(value), scalar_or_array(np.sqrt(variance))
+
+    def save(self, path: str | Path) -> None:
+        """Write the bias to a file, as JSON."""
+        fields = {name: getattr(self, name) for name in Bias.__slots__}
+        saved = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
+        Path(path).write_text(json.dumps(saved), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Bias:
+        """Return the bias that `save` has written."""
+        return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+
+    def __len__(self) -> int:
+        """Return the number of sensors."""
+        if isinstance(self.range, float):
+            raise TypeError("the bias is that of one sensor")
+        return len(self.range)
+
+    def __getitem__(self, sensor: int) -> Bias:
+        """Return the bias of one of the sensors."""
+        len(self)
+        own: dict[str, Any] = {}
+        for name in Bias.__slots__:
+            value = getattr(self, name)
+            own[name] = value if value is None or name in _ALIKE else value[sensor]
+        return Bias(**own)
+
+    def __repr__(self) -> str:
+        """Show what is not zero."""
+        shown = []
+        for name in Bias.__slots__:
+            value = getattr(self, name)
+            if value is None:
+                if name not in _ALIKE:
+                    shown.append(f"{name}=None")
+            elif name == "deviation_covariance":
+                continue
+            elif np.any(value):
+                listed = np.array2string(np.asarray(value), precision=3, separator=", ")
+                shown.append(
+                    f"{name}={value:.3g}" if isinstance(value, float) else f"{name}={listed}"
+                )
+        return f"Bias({', '.join(shown)})"
+
+
+def _bias_number(value: npt.ArrayLike, name: str, degrees: bool) -> FloatArray:
+    """Return biases, or the standard deviations of biases, within their domain."""
+    if not name.endswith("_sigma"):
+        known = radians(value, name, degrees=degrees) if name in ANGLES else value
+        return finite(known, name)
+    array = angle_sigma(value, name, degrees=degrees)
+    require_each(array, array >= 0, name, "0, positive or inf")
+    return array

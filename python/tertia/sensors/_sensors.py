@@ -1,0 +1,307 @@
+"""Stations, radars, and what they measure, kind by kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    finite,
+    instance,
+    positive,
+    probability,
+    real,
+    require_each,
+    scalar_or_array,
+    sequence_of,
+)
+from tertia.sensors._bias import Bias
+from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
+
+# largest element by which axes times their transpose may differ from the identity
+_ORTHONORMAL = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Station:
+    """A station that measures ranges, angles and times of arrival.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether `azimuth_sigma` and `elevation_sigma` are given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    position : ndarray of shape (..., 2) or (..., 3)
+        East, north and up in metres; with leading axes where the station moves.
+    range_sigma : float or None
+        Standard deviation of its ranges in metres; None if it is unknown, or none are measured.
+    azimuth_sigma, elevation_sigma : float or None
+        Standard deviations of its angles in radians.
+    arrival_time_sigma : float or None
+        Standard deviation of its times of arrival in seconds.
+    position_sigma : float
+        Standard deviation of each coordinate of its position, as surveyed, in metres. It is an
+        error of all its measurements, and the same one at all times.
+    bias : Bias or None
+        Its systematic errors; None if they are not known.
+    name : str or None
+        Its label in plots.
+    axes : ndarray of shape (..., D, D) or None
+        The station's own east, north and up as rows, in the coordinates of the frame: its azimuths
+        and elevations refer to them. None: the axes of the frame. They differ where the earth
+        curves between the station and the origin (see `tertia.geo`).
+
+    Raises
+    ------
+    ValueError, TypeError
+        A wrong shape, a number outside its domain, axes that are not a rotation, or an argument of
+        the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import Station
+    >>> Station([1000.0, 0.0], azimuth_sigma=0.5, degrees=True).azimuth_sigma
+    0.008726646259971648
+    """
+
+    position: FloatArray
+    range_sigma: float | None
+    azimuth_sigma: float | None
+    elevation_sigma: float | None
+    arrival_time_sigma: float | None
+    position_sigma: float
+    bias: Bias | None
+    name: str | None
+    axes: FloatArray | None
+
+    def __init__(
+        self,
+        position: npt.ArrayLike,
+        *,
+        range_sigma: float | None = None,
+        azimuth_sigma: float | None = None,
+        elevation_sigma: float | None = None,
+        arrival_time_sigma: float | None = None,
+        position_sigma: float = 0.0,
+        bias: Bias | None = None,
+        axes: npt.ArrayLike | None = None,
+        name: str | None = None,
+        degrees: bool = False,
+    ) -> None:
+        place = finite(position, "position")
+        require_dimension(place, "position", "(..., 2) or (..., 3)")
+        sigmas = {
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "elevation_sigma": elevation_sigma,
+            "arrival_time_sigma": arrival_time_sigma,
+        }
+        surveyed = finite(real(position_sigma, "position_sigma"), "position_sigma")
+        require_each(surveyed, surveyed >= 0, "position_sigma", "0 or positive")
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "position_sigma", float(surveyed))
+        if bias is not None:
+            instance(bias, "bias", Bias)
+            if np.ndim(bias.range) > 0:
+                raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
+        object.__setattr__(self, "bias", bias)
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "axes", None if axes is None else _axes(axes, place))
+        for key, sigma in sigmas.items():
+            object.__setattr__(self, key, None if sigma is None else _sigma(sigma, key, degrees))
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Radar:
+    """A radar: its position, scan period and accuracy.
+
+    Parameters
+    ----------
+    degrees : bool
+        Whether `azimuth_sigma` is given in degrees; radians are stored.
+
+    Attributes
+    ----------
+    position : ndarray of shape (2,) or (3,)
+        East, north and, if known, up in metres.
+    range_sigma : float
+        Standard deviation of its ranges in metres.
+    azimuth_sigma : float
+        Standard deviation of its azimuths in radians.
+    scan_period : float
+        Seconds per rotation of the antenna.
+    max_range : float
+        Largest range of detections in metres.
+    detection_probability : float
+        Probability that a target within range is detected in a scan.
+    name : str or None
+        Its label in plots and reports.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A wrong shape, a number outside its domain, or an argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import Radar
+    >>> Radar(range_sigma=50.0, azimuth_sigma=0.1, scan_period=4.0, degrees=True).azimuth_sigma
+    0.0017453292519943296
+    """
+
+    position: FloatArray
+    range_sigma: float
+    azimuth_sigma: float
+    scan_period: float
+    max_range: float
+    detection_probability: float
+    name: str | None
+
+    def __init__(
+        self,
+        position: npt.ArrayLike = (0.0, 0.0),
+        *,
+        range_sigma: float,
+        azimuth_sigma: float,
+        scan_period: float,
+        max_range: float = np.inf,
+        detection_probability: float = 0.9,
+        name: str | None = None,
+        degrees: bool = False,
+    ) -> None:
+        place = finite(position, "position")
+        if place.shape not in {(2,), (3,)}:
+            raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
+        detected = probability(detection_probability, "detection_probability")
+        limit = real(max_range, "max_range")
+        if not limit > 0.0:
+            raise ValueError(f"max_range is {limit}; it must be positive")
+        numbers = {
+            "range_sigma": range_sigma,
+            "azimuth_sigma": azimuth_sigma,
+            "scan_period": scan_period,
+        }
+        for key, number in numbers.items():
+            object.__setattr__(self, key, _sigma(number, key, degrees))
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "max_range", limit)
+        object.__setattr__(self, "detection_probability", detected)
+        object.__setattr__(self, "name", name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ByKind:
+    """One array for each kind of measurement; None for kinds that were not measured.
+
+    Attributes
+    ----------
+    range, azimuth, elevation, arrival_time : ndarray of shape (..., K) or None
+        One element for each station.
+    range_difference : ndarray of shape (..., K - 1) or None
+        One element for each station but the first.
+    """
+
+    range: npt.NDArray[Any] | None = None
+    azimuth: npt.NDArray[Any] | None = None
+    elevation: npt.NDArray[Any] | None = None
+    range_difference: npt.NDArray[Any] | None = None
+    arrival_time: npt.NDArray[Any] | None = None
+
+    @property
+    def count(self) -> int | IntArray:
+        """Number of nonzero elements of all kinds, such as outliers, of shape (...)."""
+        marks = [getattr(self, field.name) for field in fields(self)]
+        present = [mark for mark in marks if mark is not None]
+        total: int | IntArray = scalar_or_array(
+            np.asarray(sum(np.count_nonzero(mark, axis=-1) for mark in present))
+        )
+        return total
+
+
+def stack_stations(
+    stations: Sequence[Station] | npt.ArrayLike,
+) -> tuple[FloatArray, FloatArray | None, dict[str, FloatArray]]:
+    """Return positions, (..., K, D), axes, (..., K, D, D), and the stations' own sigmas, (K,)."""
+    if isinstance(stations, Station):
+        raise TypeError("stations is one Station; it must be a sequence of them")
+    if not isinstance(stations, Sequence) or not any(isinstance(s, Station) for s in stations):
+        places = finite(stations, "stations")  # type: ignore[arg-type]
+        require_dimension(places, "stations", "(..., K, 2) or (..., K, 3)")
+        if places.ndim < 2 or places.shape[-2] == 0:
+            raise ValueError(f"stations has shape {places.shape}; it must be (..., K, D)")
+        return places, None, {}
+    known = sequence_of(stations, Station, "stations")
+    positions = [station.position for station in known]
+    try:
+        places = np.stack(np.broadcast_arrays(*positions), axis=-2)
+    except ValueError:
+        shapes = ", ".join(str(position.shape) for position in positions)
+        raise ValueError(f"the positions of the stations have shapes {shapes}") from None
+    sigmas = {
+        str(kind): np.array(
+            [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in known],
+            dtype=np.float64,
+        )
+        for kind in (*STATION_KINDS, "arrival_time")
+    }
+    return places, _all_axes(known, places.shape[-1]), sigmas
+
+
+def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | None:
+    """Return the standard deviations of the stations' positions, (K,); None where all are exact."""
+    if not isinstance(stations, Sequence) or not isinstance(next(iter(stations), None), Station):
+        return None
+    sigmas = np.array([one.position_sigma for one in sequence_of(stations, Station, "stations")])
+    return sigmas if np.any(sigmas) else None
+
+
+def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
+    """Return the rows (..., 5, K) of the kinds that were measured."""
+    return ByKind(
+        *(
+            array[..., at, int(kind == "range_difference") :] if kind in kinds else None
+            for at, kind in enumerate(KINDS)
+        )
+    )
+
+
+def require_dimension(array: FloatArray, name: str, shape: str) -> None:
+    """Fail unless the last axis is east, north and perhaps up."""
+    if array.ndim < 1 or array.shape[-1] not in {2, 3}:
+        raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
+
+
+def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
+    """Return the axes of all stations, None if all are those of the frame."""
+    if all(station.axes is None for station in stations):
+        return None
+    each = [np.eye(d) if station.axes is None else station.axes for station in stations]
+    return np.stack(np.broadcast_arrays(*each), axis=-3)
+
+
+def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
+    """Return axes of a station, checked."""
+    array = finite(axes, "axes")
+    d = place.shape[-1]
+    if array.ndim < 2 or array.shape[-2:] != (d, d):
+        raise ValueError(f"axes has shape {array.shape}; it must be (..., {d}, {d})")
+    if array.shape[:-2] not in {(), place.shape[:-1]}:
+        raise ValueError(f"axes has shape {array.shape}, position {place.shape}; they do not fit")
+    error = np.max(np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(d)), initial=0.0)
+    if error > _ORTHONORMAL:
+        raise ValueError(f"axes is {error:.1g} off a rotation; its rows must be orthonormal")
+    if np.any(np.linalg.det(array) < 0):
+        raise ValueError("axes is a reflection; its rows must be east, north and up")
+    return array
+
+
+def _sigma(value: float, name: str, degrees: bool) -> float:
+    return float(positive(angle_sigma(real(value, name), name, degrees=degrees), name))
