@@ -131,24 +131,26 @@ def bearings_of(
     shared = [groups] if groups is not None and groups not in keys else []
     records = read(source, schema, columns=columns, by=[*keys, *shared], results=names)
     rows = layout(records.by.select(keys), records.rows.height)
-    theta = records.rows["theta"].to_numpy()[rows.order]
-    present = ~np.isnan(theta)
-    count = np.bincount(rows.group[present], minlength=len(rows.lengths))
+    theta = rows.arranged(records.rows["theta"].to_numpy())
+    count, there = rows.lengths, theta
     labels: IntArray | None = None
     if groups is not None:
         codes = records.by.get_column(groups).rank("dense").fill_null(0).to_numpy()
-        labels = codes.astype(np.int64)[rows.order]
+        labels = rows.arranged(codes.astype(np.int64))
+    label = labels
+    absent = np.isnan(theta)
+    if absent.any():
+        count = np.bincount(rows.group[~absent], minlength=len(count))
+        there, label = theta[~absent], None if labels is None else labels[~absent]
     found = {name: np.full(len(count), np.nan) for name in fields}
     outliers = np.zeros(len(count), dtype=np.int64)
     notes: list[str | None] = [None] * len(count)
-    there = theta[present]
-    label = None if labels is None else labels[present]
 
-    def estimate(elements: IntArray) -> BearingEstimate:
-        shared = None if label is None else label[elements]
-        return estimate_bearing(there[elements], groups=shared, **options)
+    def estimate(sample: FloatArray, shared: IntArray | None = None) -> BearingEstimate:
+        return estimate_bearing(sample, groups=shared, **options)
 
-    for which, result_of in by_length(count, estimate):
+    arrays = (there,) if label is None else (there, label)
+    for which, result_of in by_length(count, arrays, estimate):
         if isinstance(result_of, ValueError):
             notes[which[0]] = str(result_of)
             continue

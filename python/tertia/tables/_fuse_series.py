@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray, positive, real
+from tertia._arrays import FloatArray, IntArray, positive, real
 from tertia.fusion import FusedSeries, FusionMethod
 from tertia.fusion import fuse_series as fuse_arrays
 from tertia.kalman import SingerModel
@@ -38,7 +38,8 @@ from tertia.tables._records import (
     source_of,
 )
 
-_OF_SENSOR = (pl.Float64, pl.Float64, pl.Boolean)
+# plots that are fused in one call
+_MOST_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,28 +50,14 @@ class FusedTarget:
     variance: FloatArray
     result: FusedSeries
 
-    def rows(self, sensors: Sequence[str], columns: Sequence[str]) -> pl.DataFrame:
-        """Return one row per time with the columns of all sensors; unknown values are null."""
-        target, result = self.target, self.result
-        cells: list[pl.Series] = [target.moments]
-        for component in range(3):
-            # with an infinite sigma the mean is no estimate
-            sigma = result.sigma[:, component]
-            there = np.isfinite(sigma)
-            cells += [known(result.mean[:, component], there), known(sigma, there)]
-        for sensor in sensors:
-            if sensor in target.sensors:
-                k = target.sensors.index(sensor)
-                absent = pl.Series(np.isnan(target.z[k]))
-                cells += [
-                    known(result.weights[k, :, 0], ~np.isnan(result.weights[k, :, 0])),
-                    pl.Series(np.sqrt(result.noise_variance[k])),
-                    pl.Series(result.outlier[k]).set(absent, None),
-                ]
-            else:
-                count = target.times.size
-                cells += [pl.repeat(None, count, dtype=kind, eager=True) for kind in _OF_SENSOR]
-        return beside(target.keys, pl.DataFrame(dict(zip(columns, cells, strict=True))))
+    def of_sensor(self, name: str) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return weights, noise and outliers (-1: no plot) of a sensor; nan without any plots."""
+        if name not in self.target.sensors:
+            count = self.target.times.size
+            return np.full(count, np.nan), np.full(count, np.nan), np.full(count, -1)
+        k = self.target.sensors.index(name)
+        outlier = np.where(np.isnan(self.target.z[k]), -1, self.result.outlier[k])
+        return self.result.weights[k, :, 0], self.result.noise_variance[k], outlier
 
     def of_sensors(self, columns: Sequence[str]) -> pl.DataFrame:
         """Return one row per sensor: its plots, stated and estimated noise, and weight."""
@@ -98,8 +85,15 @@ class Fusion:
 
     targets: list[FusedTarget]
     rows: pl.DataFrame
-    sensors: pl.DataFrame
     fitted: Sequence[Fitted]
+    values: str
+
+    @property
+    def sensors(self) -> pl.DataFrame:
+        """One row per target and sensor."""
+        if not self.targets:
+            return pl.DataFrame()
+        return pl.concat([one.of_sensors(_summary(self.values)) for one in self.targets])
 
 
 def fuse_series(
@@ -213,7 +207,7 @@ def fusion_of(
     alpha: float | None = None,
     acceleration_sigma: float | None = None,
     period: float | None = 360.0,
-    progress: Progress[Target] = iter,
+    progress: Progress[list[Target]] = iter,
     **options: Any,
 ) -> Fusion:
     """Return the tracks of all targets with their plots; see `fuse_series`."""
@@ -238,18 +232,16 @@ def fusion_of(
     for at, name in enumerate(every := [*keys, *names_of_columns]):
         if name in every[:at]:
             raise ColumnError(f"the track would have two columns {name}", column=name)
-    targets = _targets(records)
+    targets = _targets(records, there)
     noise = settle(targets, all_sensors, given, period) if targets else None
-    fused = [_fuse(one, noise, options) for one in progress(targets) if noise is not None]
-    empty = pl.DataFrame(schema=dict.fromkeys(names_of_columns, pl.Float64))
-    rows = [one.rows(all_sensors, names_of_columns) for one in fused]
-    of_sensors = [one.of_sensors(_summary(values)) for one in fused]
-    return Fusion(
-        fused,
-        pl.concat(rows) if rows else empty,
-        pl.concat(of_sensors) if of_sensors else pl.DataFrame(),
-        noise.fitted if noise else (),
-    )
+    if noise is None:
+        empty = pl.DataFrame(schema=dict.fromkeys(names_of_columns, pl.Float64))
+        return Fusion([], empty, (), values)
+    batches = _alike(targets)
+    fused = [found for batch in progress(batches) for found in _fuse(batch, noise, options)]
+    places = {id(one.target): one for one in fused}
+    fused = [places[id(target)] for target in targets]
+    return Fusion(fused, _rows(fused, all_sensors, names_of_columns), noise.fitted, values)
 
 
 def _mean(values: FloatArray) -> float:
@@ -295,14 +287,6 @@ def _plots(
     if "sigma" in records.column and None not in given.sigmas:
         own = ~rows["sensor"].is_in([name for name in given.sigmas if name is not None])
         records.refuse(present & own & rows["sigma"].is_nan(), f"{sigma} is missing", sigma)
-    # a missing plot leaves a time, as often as it comes
-    place = pl.concat([rows.select("sensor", "time"), records.by], how="horizontal")
-    plots = place.with_columns(
-        pl.when(present).then(0).otherwise(pl.int_range(pl.len()) + 1).alias("")
-    )
-    again = present & ~plots.select(pl.struct(pl.all()).is_first_distinct()).to_series()
-    reason = "{sensor} has a second plot at {time}: group several targets by a column"
-    records.refuse(again, reason, "time_s")
     return records
 
 
@@ -325,44 +309,139 @@ def _summary(values: str) -> list[str]:
     return ["sensor", *counts, *sigmas, rms, "innovation_rms_normalised", "weight_mean"]
 
 
-def _targets(records: Records) -> list[Target]:
-    """Return the plots of each target, sorted by time."""
+def _targets(records: Records, sensors: Sequence[str]) -> list[Target]:
+    """Return the plots of each target, sorted by time; refuse two of a sensor at one time."""
     rows = records.rows
+    groups = layout(records.by, rows.height)
     # seconds from one origin, the earliest of all
-    rows = rows.with_columns(pl.Series("seconds", Clock.of(rows["time"]).seconds(rows["time"])))
-    return [_target(rows[own], keys) for keys, own in layout(records.by, rows.height)]
-
-
-def _target(rows: pl.DataFrame, keys: pl.DataFrame) -> Target:
-    times, first, step = np.unique(
-        rows["seconds"].to_numpy(), return_index=True, return_inverse=True
+    columns = (
+        Clock.of(rows["time"]).seconds(rows["time"]),
+        rows["sensor"].cast(pl.Enum(sensors)).to_physical().to_numpy(),
+        rows["angle"].to_numpy(),
+        rows["sigma"].to_numpy(),
     )
-    sensors = rows["sensor"].unique(maintain_order=True)
-    sensor = rows["sensor"].cast(pl.Enum(sensors)).to_physical().to_numpy()
-    angle = rows["angle"].to_numpy()
-    has = ~np.isnan(angle)
-    z, sigma = np.full((2, len(sensors), times.size), np.nan)
-    z[sensor[has], step[has]] = angle[has]
-    sigma[sensor[has], step[has]] = rows["sigma"].to_numpy()[has]
-    return Target(
-        group_name(keys),
-        keys,
-        sensors.to_list(),
-        rows["time"][first],
-        times,
-        z,
-        sigma,
-        np.bincount(sensor[~has], minlength=len(sensors)).tolist(),
+    seconds, sensor, angle, sigma = (groups.arranged(column) for column in columns)
+    targets, end = [], 0
+    for keys, own in groups:
+        part = slice(end, end + len(own))
+        end = part.stop
+        times, first, step = np.unique(seconds[part], return_index=True, return_inverse=True)
+        plots = _Plots(sensor[part], step, angle[part], sigma[part])
+        target = plots.target(keys, sensors, rows["time"][own[first]], times)
+        if np.count_nonzero(~np.isnan(target.z)) < np.count_nonzero(~np.isnan(plots.angle)):
+            _refuse_second(records)
+        targets.append(target)
+    return targets
+
+
+@dataclass(frozen=True, slots=True)
+class _Plots:
+    """The plots of a target: numbers of their sensors and times, angles, and sigmas."""
+
+    sensor: IntArray
+    step: IntArray
+    angle: FloatArray
+    sigma: FloatArray
+
+    def target(
+        self, keys: pl.DataFrame, names: Sequence[str], moments: pl.Series, times: FloatArray
+    ) -> Target:
+        """Return the target, its sensors in the order in which they come."""
+        counts = np.bincount(self.sensor, minlength=len(names))
+        own = sorted(np.flatnonzero(counts), key=lambda k: int(np.argmax(self.sensor == k)))
+        row = np.zeros(len(names), dtype=np.int64)
+        row[own] = np.arange(len(own))
+        sensor, has = row[self.sensor], ~np.isnan(self.angle)
+        z, sigma = np.full((2, len(own), len(times)), np.nan)
+        z[sensor[has], self.step[has]] = self.angle[has]
+        sigma[sensor[has], self.step[has]] = self.sigma[has]
+        missing = np.bincount(sensor[~has], minlength=len(own)).tolist()
+        known_as = [names[int(k)] for k in own]
+        return Target(group_name(keys), keys, known_as, moments, times, z, sigma, missing)
+
+
+def _refuse_second(records: Records) -> None:
+    """Refuse the first plot that a sensor has a second time at one time of a target."""
+    rows = records.rows
+    present = rows["angle"].is_not_nan()
+    # a missing plot leaves a time, as often as it comes
+    place = pl.concat([rows.select("sensor", "time"), records.by], how="horizontal")
+    plots = place.with_columns(
+        pl.when(present).then(0).otherwise(pl.int_range(pl.len()) + 1).alias("")
     )
+    again = present & ~plots.select(pl.struct(pl.all()).is_first_distinct()).to_series()
+    reason = "{sensor} has a second plot at {time}: group several targets by a column"
+    records.refuse(again, reason, "time_s")
 
 
-def _fuse(target: Target, noise: Noise, options: Mapping[str, Any]) -> FusedTarget:
-    variance = noise.variance(target.sensors, target.sigma)
+def _alike(targets: Sequence[Target]) -> list[list[Target]]:
+    """Return targets of equal numbers of sensors and times together, up to a number of plots."""
+    batches: list[list[Target]] = []
+    begun: dict[tuple[int, ...], list[Target]] = {}
+    for target in targets:
+        batch = begun.get(target.z.shape)
+        if batch is None or (len(batch) + 1) * target.z.size > _MOST_AT_ONCE:
+            batch = begun[target.z.shape] = []
+            batches.append(batch)
+        batch.append(target)
+    return batches
+
+
+def _fuse(
+    targets: Sequence[Target], noise: Noise, options: Mapping[str, Any]
+) -> Iterator[FusedTarget]:
+    """Fuse targets of equal numbers of sensors and times in one call."""
+    variances = [noise.variance(one.sensors, one.sigma) for one in targets]
+    arrays = ([one.z for one in targets], variances, [one.times for one in targets])
+    z, variance, times = arrays[0][0], arrays[1][0], arrays[2][0]
+    if len(targets) > 1:
+        z, variance, times = map(np.stack, arrays)
     try:
-        found = fuse_arrays(target.z, variance, noise.model, time=target.times, **options)
-    except np.linalg.LinAlgError as error:
-        raise RecordError(f"{target.name or 'the plots'}: {error}") from error
-    return FusedTarget(target, variance, found)
+        found = fuse_arrays(z, variance, noise.model, time=times, **options)
+    except ValueError as error:
+        if len(targets) > 1:  # alone it says which one
+            for target in targets:
+                yield from _fuse([target], noise, options)
+            return
+        if isinstance(error, np.linalg.LinAlgError):
+            name = targets[0].name or "the plots"
+            raise RecordError(f"{name}: {error}") from error
+        raise
+    for k, (target, own) in enumerate(zip(targets, variances, strict=True)):
+        yield FusedTarget(target, own, found if len(targets) == 1 else _of_row(found, k))
+
+
+def _of_row(found: FusedSeries, k: int) -> FusedSeries:
+    """Return one series of a batch."""
+    arrays = {one.name: getattr(found, one.name) for one in fields(found)}
+    return replace(found, **{name: a[k] for name, a in arrays.items() if isinstance(a, np.ndarray)})
+
+
+def _rows(
+    fused: Sequence[FusedTarget], sensors: Sequence[str], columns: Sequence[str]
+) -> pl.DataFrame:
+    """Return one row per target and time with the columns of all sensors; unknown are null."""
+    mean, sigma = (
+        np.concatenate([getattr(one.result, name) for one in fused]) for name in ("mean", "sigma")
+    )
+    cells: list[pl.Series] = [pl.concat([one.target.moments for one in fused])]
+    for component in range(3):
+        # with an infinite sigma the mean is no estimate
+        there = np.isfinite(sigma[:, component])
+        cells += [known(mean[:, component], there), known(sigma[:, component], there)]
+    for sensor in sensors:
+        each = [one.of_sensor(sensor) for one in fused]
+        weight, noise, outlier = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
+        cells += [
+            known(weight, ~np.isnan(weight)),
+            known(np.sqrt(noise), ~np.isnan(noise)),
+            known(outlier == 1, outlier >= 0),
+        ]
+    table = pl.DataFrame(dict(zip(columns, cells, strict=True)))
+    keys = pl.concat([one.target.keys for one in fused])
+    counts = [one.target.times.size for one in fused]
+    own = keys[np.repeat(np.arange(len(fused)), counts)] if keys.width else keys
+    return pl.concat([own, table], how="horizontal")
 
 
 def _nothing(table: Any, empty: pl.DataFrame, time: str, by: list[str]) -> pl.DataFrame:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import polars as pl
 from tertia._arrays import BoolArray, IntArray
 
 Found = TypeVar("Found")
+Scalar = TypeVar("Scalar", bound=np.generic)
 T = TypeVar("T")
 # how somebody who waits is shown what is under way: an iterable goes in, and comes out
 Progress: TypeAlias = Callable[[Sequence[T]], Iterable[T]]
@@ -22,16 +23,24 @@ _UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The rows of each group: `order` lists those of the first group, then those of the next."""
+    """The rows of each group: `order` lists those of the first group, then those of the next.
+
+    `sorted`: they come in this order already.
+    """
 
     keys: pl.DataFrame
     order: IntArray
     lengths: IntArray
+    sorted: bool = False
 
     @property
     def group(self) -> IntArray:
         """Group of each element of `order`."""
         return np.repeat(np.arange(len(self.lengths)), self.lengths)
+
+    def arranged(self, values: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+        """Return values of rows in the order of the groups."""
+        return values if self.sorted else values[self.order]
 
     def __iter__(self) -> Iterator[tuple[pl.DataFrame, IntArray]]:
         """Yield the keys of each group, one row, and its rows."""
@@ -49,7 +58,13 @@ def layout(frame: pl.DataFrame, count: int) -> Layout:
     """Group rows by the values of columns, in the order in which these first appear."""
     if not frame.width or not count:
         lengths = np.array([count] if count else [], dtype=np.int64)
-        return Layout(frame.head(len(lengths)), np.arange(count), lengths)
+        return Layout(frame.head(len(lengths)), np.arange(count), lengths, sorted=True)
+    starts = run_starts(frame)
+    # where most rows begin a run, the groups are not consecutive
+    if 2 * len(starts) <= count or len(starts) == 1:
+        keys = frame[starts]
+        if keys.n_unique() == keys.height:
+            return Layout(keys, np.arange(count), np.diff(starts, append=count), sorted=True)
     row = pl.int_range(pl.len(), dtype=pl.Int64).alias("")
     groups = frame.with_columns(row).group_by(frame.columns, maintain_order=True).agg("")
     rows = groups.get_column("")
@@ -58,6 +73,15 @@ def layout(frame: pl.DataFrame, count: int) -> Layout:
         rows.explode().to_numpy(),
         rows.list.len().cast(pl.Int64).to_numpy(),
     )
+
+
+def run_starts(frame: pl.DataFrame) -> IntArray:
+    """Return the first row of each run of equal rows, of a table with rows and columns."""
+    new = np.zeros(frame.height, dtype=bool)
+    new[0] = True
+    for column in frame.get_columns():
+        new[1:] |= column[1:].ne_missing(column[:-1]).to_numpy()
+    return np.flatnonzero(new)
 
 
 def group_name(keys: pl.DataFrame) -> str:
@@ -106,30 +130,41 @@ def split_unit(column: str) -> tuple[str, str]:
 
 
 def by_length(
-    lengths: IntArray, call: Callable[[IntArray], Found]
+    lengths: IntArray, arrays: Sequence[npt.NDArray[Any]], call: Callable[..., Found]
 ) -> Iterator[tuple[IntArray, Found | ValueError]]:
-    """Call a function for all groups of the same length at once, `(groups, length)`.
+    """Call a function for all groups of the same length at once, with arrays (groups, length, ...).
 
-    If this fails, the function is called for each group alone, `(1, length)`, because one bad group
-    must not affect the others. Yields the groups and their result, or the reason if there is none.
+    If this fails, the function is called for each group alone, (1, length, ...), because one bad
+    group must not affect the others. Yields the groups and their result, or the reason if there is
+    none. Groups that are neighbours are views of the arrays.
     """
     starts = np.cumsum(lengths) - lengths
     ranked = np.argsort(lengths, kind="stable")
     for groups in np.split(ranked, np.flatnonzero(np.diff(lengths[ranked])) + 1):
         if len(groups):
-            elements = starts[groups, np.newaxis] + np.arange(lengths[groups[0]])
-            yield from _each(groups, elements, call)
+            length = lengths[groups[0]]
+            blocks = [_block(array, starts[groups], length) for array in arrays]
+            yield from _each(groups, blocks, call)
+
+
+def _block(array: npt.NDArray[Any], starts: IntArray, length: int) -> npt.NDArray[Any]:
+    """Return the parts of an array with this length, (parts, length, ...)."""
+    count = len(starts)
+    if count * length and starts[-1] - starts[0] == (count - 1) * length:
+        own = array[starts[0] : starts[0] + count * length]
+        return own.reshape(count, length, *array.shape[1:])
+    return array[starts[:, np.newaxis] + np.arange(length)]
 
 
 def _each(
-    groups: IntArray, elements: IntArray, call: Callable[[IntArray], Found]
+    groups: IntArray, blocks: Sequence[npt.NDArray[Any]], call: Callable[..., Found]
 ) -> Iterator[tuple[IntArray, Found | ValueError]]:
     try:
-        yield groups, call(elements)
+        yield groups, call(*blocks)
         return
     except ValueError as error:
         if len(groups) == 1:
             yield groups, error
             return
     for k in range(len(groups)):
-        yield from _each(groups[k : k + 1], elements[k : k + 1], call)
+        yield from _each(groups[k : k + 1], [block[k : k + 1] for block in blocks], call)

@@ -355,7 +355,7 @@ class Reader:
             found = self.times(values)
             self.times_are = kind_of_times(found)
         elif one.kind == "name":
-            found = without_marks(values.cast(pl.String))
+            found = _names(values.cast(pl.String))
         elif one.kind == "flag":
             found = values.cast(pl.String).str.to_lowercase() == "true"
         elif one.kind == "identity":
@@ -379,7 +379,7 @@ class Reader:
                 self.part.require(*(self.called.get(one, one) for one in SENSOR.columns))
             return pl.repeat(0, count, dtype=pl.Int64, eager=True)
         column = self.called.get(name, name)
-        found = without_marks(series(self.part.table, column).cast(pl.String))
+        found = _names(series(self.part.table, column).cast(pl.String))
         self.refuse(found.is_null(), f"{column} is missing", column)
         unknown = ~found.is_in(known) & found.is_not_null()
         self.refuse(unknown, f"{column} is {{!r}}; the sensors are {', '.join(known)}", found)
@@ -414,6 +414,10 @@ class Reader:
             raise self.part.error(
                 f"{values.name} holds {values.dtype}, not numbers", None, values.name
             )
+        if values.dtype == pl.Float64:
+            plain = values.to_numpy()  # nan where null
+            if not (np.isinf(plain).any() or (positive and (plain <= 0).any())):
+                return values.fill_null(math.nan) if values.null_count() else values
         found: pl.Series = values.cast(pl.Float64, strict=False)
         if values.dtype.is_float():
             values = values.fill_nan(None)
@@ -498,6 +502,12 @@ def without_marks(column: pl.Series) -> pl.Series:
     return column.set(column.str.to_lowercase().is_in(MARKS).fill_null(False), None)
 
 
+def _names(column: pl.Series) -> pl.Series:
+    """Return the same of names, of which a few come often."""
+    each = column.unique()
+    return column if without_marks(each).equals(each) else without_marks(column)
+
+
 def is_mark(text: str) -> bool:
     """Return whether a text marks a missing value."""
     return text.strip().lower() in MARKS
@@ -507,7 +517,11 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     """Warn where the unit of a column looks wrong."""
     if name not in {"azimuth_deg", "range_m", *_MOST}:
         return
-    known = values.drop_nans().drop_nulls().to_numpy()
+    known = values.to_numpy()
+    # most columns of degrees begin with more than a turn in radians
+    if name == "azimuth_deg" and np.any(np.abs(known[:_DOUBTFUL_COUNT]) > 2 * math.pi):
+        return
+    known = known[~np.isnan(known)]
     if len(known) < _DOUBTFUL_COUNT:
         return
     if name == "azimuth_deg":

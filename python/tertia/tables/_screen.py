@@ -9,10 +9,10 @@ import numpy as np
 import polars as pl
 
 from tertia import screening
-from tertia._arrays import BoolArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.screening import Screening
 from tertia.tables._frames import Table, extended
-from tertia.tables._groups import as_names, by_length, layout
+from tertia.tables._groups import as_names, by_length, known, layout
 from tertia.tables._records import Field, read, source_of
 
 Rule: TypeAlias = Literal["bursts", "leave-one-out", "k-sigma"]
@@ -86,20 +86,21 @@ def screen(
     schema = {"value": Field("number", {values: 1.0}, required=True)}
     records = read(source_of(table), schema, columns=columns, by=as_names(by))
     groups = layout(records.by, records.rows.height)
-    ordered = records.rows["value"].to_numpy()[groups.order]
-    present = ~np.isnan(ordered)
-    count = np.bincount(groups.group[present], minlength=len(groups.lengths))
-    rows, there = groups.order[present], ordered[present]
-    outlier, judged = np.zeros((2, len(ordered)), dtype=bool)
+    ordered = groups.arranged(records.rows["value"].to_numpy())
+    count, rows = groups.lengths, groups.order
+    absent = np.isnan(ordered)
+    if absent.any():
+        count = np.bincount(groups.group[~absent], minlength=len(count))
+        ordered, rows = ordered[~absent], rows[~absent]
+    outlier, judged = np.zeros((2, len(groups.order)), dtype=bool)
 
-    def mask(elements: IntArray) -> tuple[IntArray, BoolArray]:
-        sample = there[elements]
+    def mask(sample: FloatArray, places: IntArray) -> tuple[IntArray, BoolArray]:
         if period is not None:
             sample = screening.unwrap_about_median(sample, period)
-        return rows[elements], _RULES[rule](sample, **options).outlier
+        return places, _RULES[rule](sample, **options).outlier
 
-    for _, found in by_length(count, mask):
+    for _, found in by_length(count, (ordered, rows), mask):
         if not isinstance(found, ValueError):
             outlier[found[0]], judged[found[0]] = found[1], True
-    column_of_masks = pl.Series(outlier).set(pl.Series(~judged), None)
+    column_of_masks = known(outlier, judged)
     return extended(table, pl.DataFrame({name: column_of_masks}))  # type: ignore[no-any-return]

@@ -94,24 +94,26 @@ def smooth(
     frame = records.rows
     groups = layout(records.by, frame.height)
     t = Clock.of(frame["time"]).seconds(frame["time"])
-    rows = groups.order[np.lexsort((t[groups.order], groups.group))]
+    rows = groups.order[np.lexsort((groups.arranged(t), groups.group))]
     y = frame.select(axes).to_numpy()[rows]
     variance = np.column_stack([_sigmas(frame, one) for one in sigmas])[rows] ** 2
     moments = t[rows]
     found, spread = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
 
-    def track(elements: IntArray) -> tuple[IntArray, Any]:
+    def track(
+        plots: FloatArray, variances: FloatArray, instants: FloatArray, places: IntArray
+    ) -> tuple[IntArray, Any]:
         one = smoothing.smooth(
-            y[elements],
-            variance[elements],
-            time=moments[elements],
+            plots,
+            variances,
+            time=instants,
             correlation_time=correlation_time,
             robust=robust,
             jerk=intensity,
         )
-        return rows[elements], one
+        return places, one
 
-    for _, one in by_length(groups.lengths, track):
+    for _, one in by_length(groups.lengths, (y, variance, moments, rows), track):
         if isinstance(one, ValueError):
             raise one
         places, smoothed = one

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import polars as pl
+import polars.selectors as cs
 
 from tertia.tables._frames import Table, height, joined, part
-from tertia.tables._groups import as_names
+from tertia.tables._groups import as_names, run_starts
 from tertia.tables._records import Part, Reader
 
 
@@ -21,7 +25,8 @@ def stream(
 ) -> Iterator[Table]:
     """Apply a function of this module to a table that arrives in batches.
 
-    Memory holds one batch and the rows of one incomplete group.
+    Memory holds two batches and the rows of one incomplete group. While the function runs, the next
+    batch is read, or the last result used: a result comes with the batch after the one it is of.
 
     Parameters
     ----------
@@ -60,42 +65,67 @@ def stream(
     ['A'] [10.5]
     ['B'] [50.0]
     """
-    keys, begun = as_names(by), set[int]()
+    keys = as_names(by)
+    complete = _complete(batches, keys, options.get("columns") or {})
+    with ThreadPoolExecutor(1) as worker:
+        under_way: Future[Table] | None = None
+        for table in complete:
+            started = worker.submit(function, table, by=keys, **options)
+            if under_way is not None:
+                yield under_way.result()
+            under_way = started
+        if under_way is not None:
+            yield under_way.result()
+
+
+def _complete(
+    batches: Iterable[Table], keys: Sequence[str], columns: Mapping[str, str]
+) -> Iterator[Table]:
+    """Yield the rows of complete groups."""
+    begun = _Begun()
     held: list[Table] = []
-    last: str | None = None
+    last: pl.DataFrame | None = None
     for batch in batches:
-        frame = Reader(Part(batch), {}, options.get("columns") or {}).groups(keys)
+        frame = Reader(Part(batch), {}, columns).groups(keys)
         if not height(batch):
             continue
-        starts, groups = _runs(frame, keys)
-        goes_on = groups[0] == last
-        _begin(groups[1:] if goes_on else groups, begun)
-        last = groups[-1]
-        if len(groups) == 1 and (goes_on or not held):
+        starts = run_starts(frame) if keys else np.zeros(1, dtype=np.int64)
+        groups = frame[starts] if keys else frame
+        goes_on = last is not None and groups[:1].equals(last)
+        begun.add(groups[1:] if goes_on else groups)
+        last = groups[-1:]
+        if len(starts) == 1 and (goes_on or not held):
             held.append(batch)
             continue
-        complete = part(batch, 0, starts[-1])
-        yield function(joined([*held, complete]), by=keys, **options)
-        held = [part(batch, starts[-1])]
+        yield joined([*held, part(batch, 0, int(starts[-1]))])
+        held = [part(batch, int(starts[-1]))]
     if held:
-        yield function(joined(held), by=keys, **options)
+        yield joined(held)
 
 
-def _runs(frame: pl.DataFrame, by: Sequence[str]) -> tuple[list[int], list[str]]:
-    """Return the start of each group in a batch, and its name."""
-    if not by:
-        return [0], [""]
-    run = frame.select(pl.struct(by).rle_id().alias("")).get_column("")
-    starts = run.search_sorted(pl.arange(0, int(run[-1]) + 1, eager=True)).to_list()
-    named = list(map(str, frame[starts].rows()))
-    return starts, named
+class _Begun:
+    """The groups that have begun: of each a hash of eight bytes, in sorted arrays."""
 
+    def __init__(self) -> None:
+        self.sorted: list[npt.NDArray[np.uint64]] = []
 
-def _begin(groups: Sequence[str], begun: set[int]) -> None:
-    """Refuse a group that has ended; only hashes of groups are kept, to save memory."""
-    for group in groups:
-        if hash(group) in begun:
+    def add(self, groups: pl.DataFrame) -> None:
+        """Add groups; refuse one that has begun before."""
+        if not groups.width or not groups.height:
+            return
+        hashes = groups.with_columns(cs.categorical().cast(pl.String)).hash_rows().to_numpy()
+        own, first = np.unique(hashes, return_index=True)
+        again = np.ones(len(hashes), dtype=bool)
+        again[first] = False
+        for those in self.sorted:
+            place = np.minimum(np.searchsorted(those, hashes), len(those) - 1)
+            again |= those[place] == hashes
+        if again.any():
+            group = groups.row(int(np.argmax(again)))
             raise ValueError(
                 f"the rows of the group {group} do not come one after the other: sort them by it"
             )
-        begun.add(hash(group))
+        self.sorted.append(own)
+        # ever longer arrays, so that there are few of them
+        while len(self.sorted) > 1 and len(self.sorted[-2]) < 2 * len(self.sorted[-1]):
+            self.sorted[-2:] = [np.sort(np.concatenate(self.sorted[-2:]))]
