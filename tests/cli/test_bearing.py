@@ -16,7 +16,9 @@ import pytest
 from terminal import run
 
 import tertia
+from tertia import tables
 from tertia.cli.commands import bearing
+from tertia.cli.files import read
 from tertia.cli.files import write as writing
 
 ROOT = Path(__file__).parents[2]
@@ -248,6 +250,25 @@ def test_blank_lines_byte_order_mark_and_line_ends_do_not_matter(
     (row,) = results(write(text), tmp_path).rows(named=True)
     assert (row["count"], row["missing"]) == (60, 0)
     assert row["azimuth_deg"] == tertia.estimate_bearing(theta).value
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "arrow"])
+@pytest.mark.parametrize("last", [14, 7], ids=["consecutive", "a group comes back"])
+def test_in_batches_as_at_once(
+    suffix: str, last: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(read, "_ROWS_AT_ONCE", 64)
+    number = np.append(np.arange(1000) // 70, last)
+    theta = (359 + np.random.default_rng(1).standard_normal(1001)) % 360
+    theta[::50] = np.nan
+    frame = pl.DataFrame({"target": number, "other": number, "azimuth_deg": theta})
+    path = tmp_path / f"plots.{suffix}"
+    {"csv": frame.write_csv, "parquet": frame.write_parquet, "arrow": frame.write_ipc}[suffix](path)
+    found = results(path, tmp_path, "--by", "target")
+    expected = tables.bearing(frame, by="target")
+    assert (
+        found.rows() == expected.with_columns(pl.col("target").cast(found["target"].dtype)).rows()
+    )
 
 
 def test_a_group_with_too_few_does_not_stop_the_others(

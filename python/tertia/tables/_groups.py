@@ -152,8 +152,10 @@ def _block(array: npt.NDArray[Any], starts: IntArray, length: int) -> npt.NDArra
     count = len(starts)
     if count * length and starts[-1] - starts[0] == (count - 1) * length:
         own = array[starts[0] : starts[0] + count * length]
-        return own.reshape(count, length, *array.shape[1:])
-    return array[starts[:, np.newaxis] + np.arange(length)]
+    else:
+        own = array[starts[:, np.newaxis] + np.arange(length)]
+    found: npt.NDArray[Any] = own.reshape(count, length, *array.shape[1:])
+    return found
 
 
 def _each(

@@ -1,11 +1,15 @@
 """`tertia bearing`: bearings with their sigmas."""
 
 import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import polars as pl
 import typer
 
-from tertia import plot
+from tertia import plot, tables
 from tertia._arrays import FloatArray
 from tertia.bearing import BearingEstimate, Method
 from tertia.cli.files import read, write
@@ -21,8 +25,10 @@ from tertia.cli.terminal.options import (
     column_names,
 )
 from tertia.cli.terminal.say import FAILED, as_text, counted, note, print_table, working
+from tertia.tables import RecordWarning
 from tertia.tables._bearing import bearings_of
 from tertia.tables._groups import column_name
+from tertia.tables._records import Part, Reader
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -70,21 +76,24 @@ def bearing(
     -) are left out and counted.
     """
     write.check_suffixes(output, plot_file)
+    options: dict[str, Any] = {
+        "columns": column_names(column),
+        "values": value,
+        "by": by or [],
+        "groups": groups,
+        "bias_sigma": bias_sigma,
+        "period": period or None,
+        "method": method,
+        "block_size": block_size,
+        "k": k,
+        "n_threads": n_threads,
+    }
     with working("Estimating"):
-        found = bearings_of(
-            read.tables(file),
-            columns=column_names(column),
-            values=value,
-            by=by or [],
-            groups=groups,
-            bias_sigma=bias_sigma,
-            period=period or None,
-            method=method,
-            block_size=block_size,
-            k=k,
-            n_threads=n_threads,
-        )
-    rows = found.rows
+        # a picture needs the measurements
+        rows = None if plot_file else _in_batches(file, **options)
+        if rows is None:
+            found = bearings_of(read.tables(file), **options)
+            rows = found.rows
     failed = rows["note"].count()
     if output is None:
         shown = rows if failed else rows.drop("note")
@@ -107,7 +116,42 @@ def bearing(
         note(f"{failed} of {all_groups} could not be estimated: see the column note")
     if failed == rows.height:
         raise typer.Exit(FAILED)
-    return {"groups": rows.to_dicts()}
+    return {"groups": rows}
+
+
+def _in_batches(
+    file: Path,
+    *,
+    columns: Mapping[str, str],
+    values: str,
+    by: Sequence[str],
+    groups: str | None,
+    **options: Any,
+) -> pl.DataFrame | None:
+    """Return one row per group of a recording without holding all of it in memory.
+
+    None where groups are not consecutive or anything is wrong: whoever reads the file as a whole
+    finds out what, and where.
+    """
+    needed = [columns.get(name, name) for name in (*by, *([groups] if groups else []), values)]
+    options |= {"columns": columns, "values": values, "groups": groups}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RecordWarning)
+            batches = map(_with_numbers(needed[-1]), read.batches(file, needed))
+            found = list(tables.stream(tables.bearing, batches, by=by, **options))
+            return pl.concat(found) if found else None
+    except (OSError, ValueError, RecordWarning, pl.exceptions.PolarsError):
+        return None
+
+
+def _with_numbers(column: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    """Return the function that makes numbers of a column of text, which take less memory."""
+
+    def read_numbers(batch: pl.DataFrame) -> pl.DataFrame:
+        return batch.with_columns(Reader(Part(batch), {}, {}).numbers(batch[column]))
+
+    return read_numbers
 
 
 def _cells(value: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -33,6 +33,7 @@ _PACKED = (".gz", ".zst")
 # what holds types, so that no row is blank
 _BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
 _ORIGIN = "origin"
+_ROWS_AT_ONCE = 2**17
 
 
 def kind_of(path: Path) -> str:
@@ -50,6 +51,26 @@ def has_lines(path: Path) -> bool:
 def tables(*paths: Path) -> Source:
     """Return the tables in files."""
     return _filled([_table(path) for path in paths], paths)
+
+
+def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
+    """Yield some columns of a file, so many rows at a time; nothing of a format that cannot.
+
+    Errors are those of Polars.
+    """
+    kind = kind_of(path)
+    if kind == ".parquet":
+        rows = pl.scan_parquet(path, glob=False)
+    elif kind in ARROW:
+        rows = pl.scan_ipc(path, glob=False)
+    elif kind == ".csv" and has_lines(path):
+        rows = pl.scan_csv(path, infer_schema=False, glob=False)
+        # a blank line is no row
+        rows = rows.filter(~pl.all_horizontal(pl.all().is_null()))
+    else:
+        return
+    wanted = rows.select(list(dict.fromkeys(columns)))
+    yield from wanted.collect_batches(chunk_size=_ROWS_AT_ONCE, maintain_order=True)
 
 
 def plots(*paths: Path) -> Source:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import numpy as np
+import polars as pl
 import typer
 
 from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
@@ -105,6 +106,8 @@ def written_out() -> Iterator[None]:
 
 def _plain(value: Any) -> Any:
     """Return a value as numbers, texts, lists and dictionaries for JSON; nan becomes None."""
+    if isinstance(value, pl.DataFrame):
+        value = value.to_dicts()
     if isinstance(value, dict):
         return {str(key): _plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
