@@ -9,7 +9,7 @@ DISPATCHED := from numpy._core._multiarray_umath import __cpu_dispatch__ as name
 COMPARED := $(wildcard $(addprefix tests/,association bearing flightplan fusion geo kalman location metrics \
 	registration screening sensors simulate smoothing tracker trajectory weights))
 
-.PHONY: demo test test-baseline lint docs figures bench clean
+.PHONY: demo test test-baseline lint docs figures bench counts clean
 
 # a recording of your own: make demo PLOTS="a.csv b.csv" SENSORS=sensors.toml, and if there are any PLANS=,
 # TRUTH=, and OPTIONS= as in tertia report --help
@@ -69,6 +69,10 @@ bench: $(WHEEL) $(VENV)/.bench
 	$(BIN)/python benches/tracker_throughput.py
 	for peer in screening weights location kalman smoothing; do $(BIN)/python benches/peers/$$peer.py || exit 1; done
 	$(BIN)/python benches/peers/tracker.py --clutter 0 50 --radars 1
+
+# instructions of the kernels, compared with benches/instructions.txt; `--record` writes that file
+counts:
+	$(PYTHON) benches/instructions.py
 
 clean:
 	rm -rf $(VENV) build dist target
