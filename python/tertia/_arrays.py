@@ -19,6 +19,10 @@ Systematic: TypeAlias = Literal["given", "estimated", "not included"]
 
 _T = TypeVar("_T")
 _ARRAY = np.ndarray
+# standard deviation of an angle of which nothing is known
+_UNIFORM_SIGMA = np.pi / np.sqrt(3.0)
+# the square of what is larger is not a number in double precision
+LARGEST = 1e150
 _FLOAT64 = np.dtype(np.float64)
 
 
@@ -28,18 +32,23 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
         return value
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(np.float64), np.nan)
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise ValueError(
-            f"{name} is ragged; all its rows must have the same number of measurements"
-        ) from None
+    array = array_of(value, name)
     if array.dtype.kind not in "iufO":
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold real numbers")
     if array.dtype.kind == "O":
         array = _without_na(array)
         _refuse_objects(array, name)
     return np.asarray(array, dtype=np.float64)
+
+
+def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
+    """Return `value` as an array of whatever it holds."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise ValueError(
+            f"{name} is ragged; all its rows must have the same number of measurements"
+        ) from None
 
 
 def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -76,6 +85,14 @@ def positive(value: npt.ArrayLike, name: str) -> FloatArray:
     return array
 
 
+def squarable(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return `value` as float64 numbers whose squares are numbers, too; nan is kept."""
+    array = samples(value, name)
+    fits = np.isnan(array) | (np.abs(array) <= LARGEST)
+    require_each(array, fits, name, f"between -{LARGEST:g} and {LARGEST:g}")
+    return array
+
+
 def points(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as finite positions in a plane or in space."""
     array = finite(value, name)
@@ -103,21 +120,23 @@ def radians(
     `kalman`, `smoothing`, `fusion`) are in the unit of their `period`, and only latitude, longitude
     and columns named `*_deg` are always in degrees.
 
-    An azimuth of more than two turns or a sigma of more than half a turn is nearly always degrees
-    that were not declared, and would otherwise give a wrong position without a word.
+    An azimuth of more than two turns is nearly always degrees that were not declared, as is a sigma
+    above pi/sqrt(3), that of a direction of which nothing is known; both would otherwise give a
+    wrong position without a word.
     """
     array = samples(value, name)
     if degrees:
         array = np.radians(array)
-    most = np.pi if is_sigma else 4 * np.pi
+    most = _UNIFORM_SIGMA if is_sigma else 4 * np.pi
     bad = np.argwhere(np.isfinite(array) & (np.abs(array) > most))
     if len(bad):
         index = tuple(bad[0])
         given = np.degrees(array[index]) if degrees else array[index]
         if degrees:
-            limit = f"at most {np.degrees(most):g} degrees"
+            limit = f"at most {np.degrees(most):.4g} degrees"
         else:
-            limit = f"at most {'pi' if is_sigma else '4 pi'}; are these degrees? pass degrees=True"
+            limit = f"at most {f'{most:.4g}' if is_sigma else '4 pi'}; are these degrees? pass "
+            limit += "degrees=True"
         raise ValueError(f"{_place(name, index)} is {given}; it must be {limit}")
     return array
 
@@ -183,6 +202,14 @@ def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
     for i, value in enumerate(values):
         instance(value, f"{name}[{i}]", kind)
     return tuple(values)
+
+
+def listed(values: Any, name: str) -> list[Any]:
+    """Return several values as a list."""
+    try:
+        return list(values)
+    except TypeError:
+        raise TypeError(f"{name} is {values!r}; it must be a sequence") from None
 
 
 def threads(n_threads: int | None) -> int | None:

@@ -19,6 +19,7 @@ from tertia._arrays import (
     FloatArray,
     NanPolicy,
     Systematic,
+    array_of,
     integer,
     omits,
     real,
@@ -244,7 +245,7 @@ def estimate_bearing(
 
 def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return the numbers of the groups from 0 on, in each row or in the one that all share."""
-    labels = np.asarray(groups)
+    labels = array_of(groups, "groups")
     if not shape or labels.shape not in {shape, shape[-1:]}:
         raise ValueError(
             f"groups has shape {labels.shape}; it must be that of theta, {shape}, or of its last "

@@ -62,7 +62,7 @@ class TestBadInput:
         times, state = np.arange(5.0), np.ones((5, 2))
         with pytest.raises(ValueError, match="plans is empty"):
             correlate([], times, state, state)
-        with pytest.raises(TypeError, match="plans must be a sequence"):
+        with pytest.raises(TypeError, match=r"plans is FlightPlan.*must be a sequence"):
             correlate(plan(), times, state, state)
         with pytest.raises(ValueError, match=r"velocity has shape \(4, 2\)"):
             correlate([plan()], times, state, state[:4])

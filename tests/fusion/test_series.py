@@ -567,3 +567,17 @@ def test_the_covariance_grows_where_noise_lasts(correlation):
 def test_a_correlation_time_must_make_sense(wrong):
     with pytest.raises(ValueError, match="correlation_time"):
         fuse_series(np.zeros((2, 5)), 1.0, SingerModel(1.0, 0.1, 1.0), correlation_time=wrong)
+
+
+@pytest.mark.parametrize("dt", [1e-4, 1e-5, 1e-8])
+@pytest.mark.parametrize("method", ["matrix", "central"])
+def test_tiny_steps(dt, method):
+    """So short that nothing turns: the end of a straight line through all plots."""
+    z = rng(7).normal(10.0, 0.1, (3, 200))
+    found = fuse_series(z, 0.01, SingerModel(dt, 0.05, 0.1), method=method)
+    assert np.isfinite(found.mean).all()
+    # the rate is unknown at the first plot
+    assert np.isfinite(found.covariance[1:]).all()
+    sigma = np.sqrt(found.covariance[:, 0, 0])
+    assert sigma[-1] == pytest.approx(2 * 0.1 / np.sqrt(600), rel=0.01)
+    assert np.all(np.abs(found.mean[:, 0] - 10.0) < 5 * sigma)

@@ -12,7 +12,7 @@ def test_radians_stay_and_degrees_are_converted():
     np.testing.assert_array_equal(
         radians([[90.0, -720.0]], "azimuth", degrees=True), np.radians([[90.0, -720.0]])
     )
-    assert radians(180.0, "azimuth_sigma", degrees=True, is_sigma=True) == np.pi
+    assert radians(90.0, "azimuth_sigma", degrees=True, is_sigma=True) == np.pi / 2
     assert radians(np.inf, "azimuth_sigma", is_sigma=True) == np.inf
 
 
@@ -21,9 +21,13 @@ def test_radians_stay_and_degrees_are_converted():
     [
         ([1.0, 90.0], {}, "azimuth[1] is 90.0; it must be at most 4 pi; are these degrees? pass"),
         (-12.6, {}, "azimuth is -12.6; it must be at most 4 pi"),
-        (3.2, {"is_sigma": True}, "azimuth is 3.2; it must be at most pi; are these degrees?"),
+        (2.0, {"is_sigma": True}, "azimuth is 2.0; it must be at most 1.814; are these degrees?"),
         ([[721]], {"degrees": True}, "azimuth[0, 0] is 721.0; it must be at most 720 degrees"),
-        (181, {"degrees": True, "is_sigma": True}, "azimuth is 181.0; it must be at most 180 deg"),
+        (
+            104,
+            {"degrees": True, "is_sigma": True},
+            "azimuth is 104.0; it must be at most 103.9",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(given, options, text):

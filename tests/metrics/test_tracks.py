@@ -289,6 +289,11 @@ class TestIndicators:
         assert found.probability_of_update == pytest.approx(22 / 26)
         assert found.long_gap_ratio == pytest.approx(3 / 26)
 
+    @pytest.mark.parametrize(("last", "missed"), [(96.0, 1), (96.3, 1), (96.5, 0)])
+    def test_an_update_is_due_a_tenth_of_an_interval_before_the_end(self, last, missed):
+        found = judged(*seen(*range(0, 96, 4), last))
+        np.testing.assert_array_equal(found.missed_updates, [missed])
+
     def test_late_by_a_little_is_not_missed(self):
         times = np.arange(0, 101, 4) + np.resize([0, 0.9, -0.9], 26)
         found = judged(*seen(*np.clip(times, 0, 100)))

@@ -63,3 +63,20 @@ def test_outliers_of_all_kinds_are_counted():
     marks = ByKind(range=np.array([[True, False], [True, True]]), azimuth=np.eye(2, dtype=bool))
     np.testing.assert_array_equal(marks.count, [2, 3])
     assert ByKind(range=np.array([True])).count == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"azimuth_sigma": 60.0}, r"azimuth_sigma is 60.*are these degrees\?"),
+        # a degree
+        ({"azimuth_sigma": 1.0}, r"azimuth_sigma is 1; .* at most 0.5 rad; are these degrees\?"),
+        ({"azimuth_sigma": 1e-200}, "azimuth_sigma is 1e-200; it must be between 1e-150 and 1e"),
+        ({"range_sigma": 1e200}, r"range_sigma is 1e\+200; it must be between 1e-150 and 1e\+150"),
+        ({"scan_period": 1e-7}, "scan_period is 1e-07; it must be at least 0.001 s"),
+    ],
+)
+def test_a_radar_outside_its_domain(options, message):
+    with pytest.raises(ValueError, match=message):
+        Radar(**{"range_sigma": 50.0, "azimuth_sigma": 0.001, "scan_period": 4.0} | options)
+    Radar(range_sigma=50.0, azimuth_sigma=0.5, scan_period=0.001)

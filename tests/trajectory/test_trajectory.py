@@ -704,3 +704,30 @@ def test_degrees_are_told():
     azimuth = np.tile([315.0, -0.3], (5, 1))
     with pytest.raises(ValueError, match=r"azimuth\[0, 0\] is 315.*degrees\?"):
         reconstruct(stations, np.arange(5.0), azimuth=azimuth)
+
+
+def test_the_jerk_is_weighted_by_its_likelihood_and_the_fourth_root_of_itself():
+    """The covariance of a short path is the mean over jerks, here by a fine sum over known ones."""
+    random, time = np.random.default_rng(3), 5.0 * np.arange(12)
+    places = np.array([[0.0, 0.0], [4e3, 0.0], [0.0, 3e3], [5e3, 5e3]])
+    stations = [Station(place, range_sigma=20.0, bias=Bias()) for place in places]
+    path = 2e3 + np.outer(time, [10.0, 5.0]) + np.outer(time**2, [0.01, -0.025])
+    measured = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    measured += random.normal(0.0, 20.0, measured.shape)
+    found = reconstruct(stations, time, range=measured)
+    jerks = np.geomspace(1e-10, 10.0, 80)
+    known = [reconstruct(stations, time, range=measured, jerk=jerk) for jerk in jerks]
+    likelihood = np.array([one.smoothed.log_likelihood for one in known])
+
+    def spread(power):
+        weight = np.exp(likelihood - likelihood.max()) * jerks**power
+        each = [
+            np.trace(one.covariance[:, :2, :2], axis1=1, axis2=2)
+            + np.sum((one.position - found.position) ** 2, axis=-1)
+            for one in known
+        ]
+        return weight @ each / weight.sum()
+
+    own = np.trace(found.covariance[:, :2, :2], axis1=1, axis2=2)
+    np.testing.assert_allclose(own / spread(0.25), 1.0, atol=0.05)
+    assert np.max(np.abs(own / spread(0.0) - 1.0)) > 0.2

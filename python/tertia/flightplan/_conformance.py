@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray, real
+from tertia._arrays import BoolArray, FloatArray, IntArray, instance, real
 from tertia.flightplan._plan import FlightPlan
 from tertia.flightplan._tracks import one_track
 
@@ -135,6 +135,7 @@ def conformance(
     >>> found, float(time[~found.conforms][0])
     (Conformance(26 of 40 plots), 260.0)
     """
+    instance(plan, "plan", FlightPlan)
     track, interval = one_track(time, position, velocity, covariance, update_interval)
     leg, numbers, marks = _core.conformance(plan._route, track, interval)
     along_track, cross_track, cusum = numbers
@@ -193,6 +194,7 @@ def estimate_times_over(
     >>> plan.times, estimate_times_over(plan, time, *slower.at(time))
     (array([  0., 300., 450.]), TimesOver(passed, 316 ± 4.2, 474 ± 14))
     """
+    instance(plan, "plan", FlightPlan)
     track, interval = one_track(time, position, velocity, covariance, update_interval)
     walk = real(speed_change_sigma, "speed_change_sigma")
     if not 0 <= walk < np.inf:

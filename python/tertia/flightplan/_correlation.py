@@ -10,7 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, scalar_or_array, threads
+from tertia._arrays import (
+    FloatArray,
+    IntArray,
+    array_of,
+    scalar_or_array,
+    sequence_of,
+    threads,
+)
 from tertia.flightplan._plan import NO_IDENTITY, FlightPlan
 from tertia.flightplan._tracks import tracks_of
 
@@ -114,20 +121,21 @@ def correlate(
     >>> correlate(plans, time, position + [300.0, -400.0], velocity)
     Correlation(accepted, plan 1)
     """
-    if isinstance(plans, FlightPlan) or not all(isinstance(plan, FlightPlan) for plan in plans):
-        raise TypeError("plans must be a sequence of FlightPlan")
-    if not len(plans):
+    known = sequence_of(plans, FlightPlan, "plans")
+    if not known:
         raise ValueError("plans is empty; there must be one plan or more")
     tracks = tracks_of(time, position, velocity, covariance, height)
     batch = tracks["time"].shape[:-1]
-    names = np.asarray(NO_IDENTITY if identity is None else identity)
+    names = array_of(NO_IDENTITY if identity is None else identity, "identity")
     if names.dtype.kind not in "iu":
         raise TypeError(f"identity has dtype {names.dtype}; it must hold integers")
+    if names.size and names.max() > np.iinfo(np.int64).max:
+        raise ValueError(f"identity is {names.max()}; it must be below 2**63")
     if names.shape not in {(), batch}:
         raise ValueError(f"identity has shape {names.shape}; it must be {batch}")
     every = np.broadcast_to(names, batch).reshape(-1).tolist()
     scores, plan, status = _core.correlate(
-        [plan._route for plan in plans], tracks, every, threads(n_threads)
+        [plan._route for plan in known], tracks, every, threads(n_threads)
     )
     reason = status if batch else CorrelationStatus(int(status))
     return Correlation(scalar_or_array(plan), reason, scores)

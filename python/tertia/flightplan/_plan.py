@@ -13,6 +13,7 @@ from tertia._arrays import (
     FloatArray,
     IntArray,
     finite,
+    integer,
     positive,
     positive_number,
     real,
@@ -197,8 +198,8 @@ class FlightPlan:
             for _ in range(_SUBSTITUTIONS if times is not None else 1):
                 angle, rate = _turning(float(legs.max()), turn_radius, rate)
                 start, legs = _schedule(places, speeds, times, start_time, bank=angle, rate=rate)
-        if identity is not None and identity < 0:
-            raise ValueError(f"identity is {identity}; it must not be negative")
+        if identity is not None:
+            identity = integer(identity, "identity", 0)
         levels = None if heights is None else _each(finite, heights, "heights", len(places))
         values: dict[str, Any] = {
             "waypoints": places,
@@ -216,7 +217,7 @@ class FlightPlan:
                 start,
                 angle,
                 rate,
-                NO_IDENTITY if identity is None else int(identity),
+                NO_IDENTITY if identity is None else identity,
             ),
         }
         for key, value in values.items():

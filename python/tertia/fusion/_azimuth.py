@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, positive
+from tertia._arrays import FloatArray, finite, positive, radians, squarable
 
 
 def common_azimuth(
@@ -57,9 +57,11 @@ def common_azimuth(
     >>> (np.diagonal(covariance) ** 0.5).round(4)
     array([2.80000e-03, 7.90569e+01])
     """
-    r, a = positive(range, "range"), finite(azimuth, "azimuth")
-    sr, sa = positive(range_sigma, "range_sigma"), positive(azimuth_sigma, "azimuth_sigma")
-    places = [finite(position, "position"), finite(origin, "origin")]
+    r, a = positive(squarable(range, "range"), "range"), finite(azimuth, "azimuth")
+    sr = positive(squarable(range_sigma, "range_sigma"), "range_sigma")
+    sa = positive(radians(azimuth_sigma, "azimuth_sigma", is_sigma=True), "azimuth_sigma")
+    places = [finite(squarable(position, "position"), "position")]
+    places.append(finite(squarable(origin, "origin"), "origin"))
     for name, place in zip(("position", "origin"), places, strict=True):
         if place.shape != (2,):
             raise ValueError(f"{name} has shape {place.shape}; it must be (2,)")

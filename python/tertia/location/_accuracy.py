@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, positive_number, scalar_or_array, threads
+from tertia._arrays import FloatArray, finite, listed, positive_number, scalar_or_array, threads
 from tertia.location._arrivals import LIGHT
 from tertia.location._readers import correlation_of, deviations
 from tertia.sensors import Kind, Station
@@ -162,7 +162,8 @@ def _chosen(
     """Return the kinds that are measured."""
     if kinds is None:
         return [kind for kind in KINDS if given[kind] is not None or kind in own]
-    for kind in kinds:
+    chosen = listed(kinds, "kinds")
+    for kind in chosen:
         if kind not in KINDS:
             raise ValueError(f"kinds has {kind!r}; it must be one of {', '.join(KINDS)}")
-    return list(kinds)
+    return chosen

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, positive, samples, scalar_or_array
+from tertia._arrays import FloatArray, array_of, positive, samples, scalar_or_array
 from tertia.location._readers import deviations, require_length
 
 # metres per second, in vacuum
@@ -52,7 +52,7 @@ def read_arrivals(
     k: int,
 ) -> Arrivals:
     """Return times of arrival, checked."""
-    time = np.asarray(value)
+    time = array_of(value, "arrival_time")
     if time.dtype.kind in "mM":
         if np.datetime_data(time.dtype) not in _FINE:
             time = time.astype(f"{time.dtype.kind}8[ns]")

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import BoolArray, FloatArray, listed
 from tertia._arrays import probability as checked_probability
 from tertia.metrics._indicator import (
     Indicator,
@@ -30,6 +30,7 @@ from tertia.metrics._rows import (
     like,
     matrices_of,
     require_definite,
+    require_squarable,
     strata_of,
 )
 from tertia.metrics._worth import Record
@@ -209,7 +210,7 @@ axis 8.78, 500 errors worth 336)
     true = None
     if truth_covariance is not None:
         true = matrices_of(truth_covariance, "truth_covariance", errors.shape)
-    levels = [checked_probability(one, "probability") for one in probability]
+    levels = [checked_probability(one, "probability") for one in listed(probability, "probability")]
     if not levels:
         raise ValueError("probability is empty; there must be one")
     level = checked_probability(confidence_level, "confidence_level")
@@ -220,6 +221,7 @@ axis 8.78, 500 errors worth 336)
     known = rows.known()
     if not known.any():
         raise ValueError("error and covariance have no row of finite numbers; there must be one")
+    require_squarable(errors[known], "error")
     require_definite(stated, known, "covariance")
     if true is not None:
         require_definite(stated + true, known, "covariance + truth_covariance")
@@ -287,7 +289,9 @@ def _figures(
     if rows.truth_covariance is not None:
         both, of_truth = both + rows.truth_covariance, _Axes.of(rows, rows.truth_covariance)
     root = np.linalg.cholesky(both)
-    white = np.linalg.solve(root, rows.errors[..., np.newaxis])[..., 0]
+    with np.errstate(over="ignore"):
+        white = np.linalg.solve(root, rows.errors[..., np.newaxis])[..., 0]
+    require_squarable(white, "error in standard deviations")
     _, group = np.unique(rows.group, return_inverse=True)
     record = Record.of(white, gaps_of(rows.position, group), group)
     worth = record.of_mean()

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, integer, real, samples, scalar_or_array
+from tertia._arrays import FloatArray, integer, real, samples, scalar_or_array, squarable
 
 
 def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
@@ -167,7 +167,10 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
     """
     e = samples(error, "error")
     known = ~np.isnan(e)
-    squares = np.sum(np.where(known, e, 0.0) ** 2, axis=axis)
+    try:
+        squares = np.sum(np.where(known, e, 0.0) ** 2, axis=axis)
+    except OverflowError:
+        raise ValueError(f"axis is {axis}; error has {e.ndim} axes") from None
     count = np.asarray(np.sum(known, axis=axis), dtype=np.float64)
     mean = np.divide(squares, count, out=np.full(count.shape, np.nan), where=count > 0)
     value: float | FloatArray = scalar_or_array(np.sqrt(mean))
@@ -202,11 +205,12 @@ def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
     >>> metrics.autocorrelation([1.0, -1.0, 1.0, -1.0], nlags=1)
     array([ 1., -1.])
     """
-    v, last = samples(innovation, "innovation"), integer(nlags, "nlags", 0)
+    v, last = squarable(innovation, "innovation"), integer(nlags, "nlags", 0)
     if v.ndim == 0 or v.shape[-1] <= last:
         raise ValueError(f"innovation has shape {v.shape}; it must have more than {last} steps")
     known = ~np.isnan(v)
-    filled = np.where(known, v, 0.0)
+    # relative to the largest, whose fourth power is needed
+    filled = np.where(known, v, 0.0) / (np.max(np.abs(v[known]), initial=0.0) or 1.0)
     n = v.shape[-1]
     result = np.full((*v.shape[:-1], last + 1), np.nan)
     for lag in range(last + 1):

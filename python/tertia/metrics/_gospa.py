@@ -98,6 +98,11 @@ def gospa(
         raise ValueError(f"p is {power}; it must be at least 1")
     if not 0.0 < divisor <= 2.0:
         raise ValueError(f"alpha is {divisor}; it must be above 0 and at most 2")
+    try:
+        unit = limit**power
+    except OverflowError:
+        reason = f"cutoff is {limit:g} and p {power:g}; cutoff**p must be a finite number"
+        raise ValueError(reason) from None
     n, m = len(found), len(true)
     row, column, distance = pairs_within(found, true, limit)
     # in units of the cutoff, so that no power overflows
@@ -109,7 +114,6 @@ def gospa(
     missed = at_cutoff / 2 + max(m - n, 0) / divisor
     false = at_cutoff / 2 + max(n - m, 0) / divisor
     total = localisation + missed + false
-    unit = limit**power
     return Gospa(limit * total ** (1 / power), unit * localisation, unit * missed, unit * false)
 
 

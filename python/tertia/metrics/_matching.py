@@ -171,6 +171,8 @@ def match_tracks(
     array([ 0, -1,  0])
     """
     instance(truth, "truth", Truth)
+    if not all(hasattr(tracks, name) for name in ("time", "track", "position")):
+        raise TypeError(f"tracks is {tracks!r}; it must have time, track and position")
     times, labels, points = rows(tracks.time, tracks.track, tracks.position, "tracks.", "track")
     if points.shape[1] != truth.position.shape[1]:
         raise ValueError(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, samples
+from tertia._arrays import LARGEST, BoolArray, FloatArray, IntArray, array_of, samples
 from tertia.metrics._indicator import digits
 
 # numbers with more different values than this are divided at their quartiles
@@ -91,11 +91,18 @@ def column(value: npt.ArrayLike | None, name: str, count: int) -> FloatArray | N
     return column
 
 
+def require_squarable(errors: FloatArray, name: str) -> None:
+    """Refuse errors whose squares are not numbers in double precision."""
+    largest = float(np.max(np.abs(errors), initial=0.0))
+    if not largest <= LARGEST:
+        raise ValueError(f"{name} has {largest:g}; it must be at most {LARGEST:g}")
+
+
 def labels_of(value: npt.ArrayLike | None, name: str, count: int) -> IntArray:
     """Return a number for each label."""
     if value is None:
         return np.zeros(count, dtype=np.int64)
-    labels = np.asarray(value)
+    labels = array_of(value, name)
     if labels.shape != (count,):
         raise ValueError(f"{name} has shape {labels.shape}; it must be ({count},)")
     _, numbers = np.unique(

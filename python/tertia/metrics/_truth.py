@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite
+from tertia._arrays import BoolArray, FloatArray, IntArray, array_of, finite
 
 
 @dataclass(slots=True, frozen=True, eq=False, init=False)
@@ -167,7 +167,7 @@ def rows(
 ) -> tuple[FloatArray, npt.NDArray[Any], FloatArray]:
     """Return the columns of a table of positions."""
     times, points = finite(time, f"{prefix}time"), finite(position, f"{prefix}position")
-    labels = np.asarray(label)
+    labels = array_of(label, f"{prefix}{noun}")
     if labels.dtype.kind == "O" and all(isinstance(one, str) for one in labels.flat):
         labels = labels.astype(str)
     if labels.dtype.kind not in "iuUT":

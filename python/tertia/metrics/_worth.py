@@ -40,7 +40,7 @@ class Worth:
             return 0.0, 0.0
         # the variance about the sample's mean lacks what the mean varies
         lacking = min(1.0 / self.effective_number, _MOST_SHARE) if len(values) > 1 else 0.0
-        ratio = max(float(values.var()) / mean**2 / (1.0 - lacking), 2.0 / axes)
+        ratio = max(float(np.var(values / mean)) / (1.0 - lacking), 2.0 / axes)
         low, high = _core.mean_interval(mean, ratio, self._record(), level)
         return low, high
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import FloatArray, IntArray, instance, sequence_of
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone, common
 from tertia.sensors import Bias, ByKind, Radar
@@ -109,13 +109,16 @@ def register(
     >>> found.bias[1]
     Bias(range=200, azimuth=3.34e-05, range_sigma=3.75, azimuth_sigma=6.04e-05)
     """
-    sites = list(sensors)
+    sites = list(sequence_of(sensors, Radar, "sensors"))
     if not sites:
         raise ValueError("sensors is empty; there must be one or more")
-    if tracks is not None and len(tracks.track_of_plot) != len(plots):
-        raise ValueError(
-            f"tracks is of {len(tracks.track_of_plot)} plots; it must be of the {len(plots)} given"
-        )
+    if tracks is not None:
+        instance(tracks, "tracks", TrackTable)
+        if len(tracks.track_of_plot) != len(plots):
+            raise ValueError(
+                f"tracks is of {len(tracks.track_of_plot)} plots; it must be of the {len(plots)} "
+                "given"
+            )
     run: Run = partial(track, n_threads=n_threads, **options)
     joint = run(plots, sites) if tracks is None else tracks
     return rounds(plots, sites, run, joint).registration

@@ -2,9 +2,10 @@
 
 from typing import Literal, TypeAlias
 
+import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, radians, samples
+from tertia._arrays import LARGEST, FloatArray, radians, require_each, samples
 
 Kind: TypeAlias = Literal["range", "azimuth", "elevation", "range_difference", "arrival_time"]
 
@@ -16,6 +17,11 @@ ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
 
 def angle_sigma(value: npt.ArrayLike, name: str, *, degrees: bool) -> FloatArray:
     """Return standard deviations; those of angles are in radians."""
-    if not name.startswith(ANGLES):
-        return samples(value, name)
-    return radians(value, name, degrees=degrees, is_sigma=True)
+    if name.startswith(ANGLES):
+        array = radians(value, name, degrees=degrees, is_sigma=True)
+    else:
+        array = samples(value, name)
+    # of others the square is not a number, or zero
+    fits = ~np.isfinite(array) | (array <= 0) | ((array >= 1 / LARGEST) & (array <= LARGEST))
+    require_each(array, fits, name, f"between {1 / LARGEST:g} and {LARGEST:g}")
+    return array

@@ -28,6 +28,12 @@ from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
 _ORTHONORMAL = 1e-9
 
 
+# a radar's beam is narrow: beyond this sigma its plots would lie along arcs
+_WIDEST_BEAM = 0.5
+# in seconds; a target is expected in every scan, so that shorter ones take for ever
+_FASTEST_SCAN = 1e-3
+
+
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Station:
     """A station that measures ranges, angles and times of arrival.
@@ -135,9 +141,9 @@ class Radar:
     range_sigma : float
         Standard deviation of its ranges in metres.
     azimuth_sigma : float
-        Standard deviation of its azimuths in radians.
+        Standard deviation of its azimuths in radians, at most 0.5.
     scan_period : float
-        Seconds per rotation of the antenna.
+        Seconds per rotation of the antenna, at least 0.001.
     max_range : float
         Largest range of detections in metres.
     detection_probability : float
@@ -191,6 +197,15 @@ class Radar:
         }
         for key, number in numbers.items():
             object.__setattr__(self, key, _sigma(number, key, degrees))
+        if self.azimuth_sigma > _WIDEST_BEAM:
+            raise ValueError(
+                f"azimuth_sigma is {self.azimuth_sigma:g}; that of a radar must be at most "
+                f"{_WIDEST_BEAM} rad; are these degrees? pass degrees=True"
+            )
+        if self.scan_period < _FASTEST_SCAN:
+            raise ValueError(
+                f"scan_period is {self.scan_period:g}; it must be at least {_FASTEST_SCAN} s"
+            )
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "max_range", limit)
         object.__setattr__(self, "detection_probability", detected)

@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, generator, sequence_of
+from tertia._arrays import FloatArray, finite, generator, listed, sequence_of
 from tertia.flightplan import FlightPlan
 from tertia.simulate._motion import Pilots, fly
 from tertia.simulate._parameters import _choice, _number, _require
@@ -158,7 +158,8 @@ def _plans(plans: Sequence[FlightPlan]) -> tuple[FlightPlan, ...]:
 
 def _scenarios(scenario: Any, plans: Sequence[FlightPlan]) -> list[FlightScenario]:
     """Return the scenario of each flight."""
-    names: list[Any] = [scenario] * len(plans) if isinstance(scenario, str) else list(scenario)
+    each = [scenario] * len(plans) if isinstance(scenario, str) else scenario
+    names: list[Any] = listed(each, "scenario")
     _require(len(names) == len(plans), "scenario", scenario, f"one, or one of {len(plans)} each")
     for i, (name, plan) in enumerate(zip(names, plans, strict=True)):
         _choice(name, "scenario", get_args(FlightScenario))

@@ -325,6 +325,7 @@ def _grid(duration: float, step: float) -> FloatArray:
     h = _number(step, "step", 1e-3)
     length = _number(duration, "duration", 1e-3)
     _require(length / h < 1e7, "duration", duration, "below ten million steps")
+    _require(length / h >= 1e-6, "step", step, "at most a million times the duration")
     return h * np.arange(np.ceil(length / h - 1e-9) + 1, dtype=np.float64)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, radians, samples, sequence_of
+from tertia._arrays import FloatArray, IntArray, array_of, radians, samples, sequence_of
 from tertia.sensors import Radar
 from tertia.tracker._models import core_radar
 
@@ -178,7 +178,7 @@ _MESSAGES = {
 
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:
     """Return `value` as int64 numbers."""
-    array = np.asarray(value)
+    array = array_of(value, name)
     if array.dtype == np.int64:
         return array
     if array.dtype.kind == "O":

@@ -13,6 +13,7 @@ from tertia._arrays import (
     IntArray,
     finite,
     integer,
+    listed,
     positive,
     positive_number,
     real,
@@ -61,6 +62,7 @@ def core_settings(
         )
     if guard_acceleration is not None:
         guard_acceleration = real(guard_acceleration, "guard_acceleration")
+    codes = listed(emergency_codes, "emergency_codes")
     moves = core_motion(motion)
     if with_plans and not moves.takes_plans:
         raise ValueError(f"motion {motion!r} takes no plans; 'imm' and 'window' do")
@@ -76,7 +78,7 @@ def core_settings(
         gate_probability=real(gate_probability, "gate_probability"),
         guard_acceleration=guard_acceleration,
         identity_error_probability=real(identity_error_probability, "identity_error_probability"),
-        emergency_codes=[integer(code, "emergency_codes", 0) for code in emergency_codes],
+        emergency_codes=[integer(code, "emergency_codes", 0) for code in codes],
     )
 
 

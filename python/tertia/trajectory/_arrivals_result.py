@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, finite
+from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, array_of, finite
 from tertia.sensors import Station
 from tertia.trajectory._clocks import ClockBias
 
@@ -61,7 +61,7 @@ class Arrivals:
         instants = finite(time, "time")
         if instants.ndim != 1 or instants.size == 0:
             raise ValueError(f"time has shape {instants.shape}; it must be (n,) and not empty")
-        names = np.asarray(identity)
+        names = array_of(identity, "identity")
         columns = {
             "time": instants,
             "sensor": _numbers(sensor, "sensor"),
@@ -219,7 +219,7 @@ class ArrivalTrajectory:
 
 
 def _numbers(value: npt.ArrayLike, name: str, least: int = 0) -> IntArray:
-    array = np.asarray(value)
+    array = array_of(value, name)
     if array.dtype.kind not in "iu":
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
     if array.size and np.min(array) < least:

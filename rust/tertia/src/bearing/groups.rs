@@ -12,6 +12,7 @@ use crate::base::distribution::{
 };
 use crate::base::effects::random_effects;
 use crate::base::error::Result;
+use crate::base::moments::Moments;
 
 /// What all groups share cannot be seen in their differences: it is taken to be as large as these.
 const COMMON: f64 = 1.0;
@@ -40,6 +41,7 @@ pub(super) fn estimate(
     workspace: &mut Workspace,
     outlier: &mut [bool],
 ) -> Result<Estimate> {
+    Moments::of("theta", &workspace.angle)?;
     let mut table = Table::of(&workspace.angle, groups);
     let count = table.count.len();
     let stuck = workspace.angle.iter().all(|v| *v == workspace.angle[0]);
@@ -52,7 +54,7 @@ pub(super) fn estimate(
         let bias_sigma = bias_sigma.unwrap_or(if each { 0.0 } else { f64::NAN });
         return Ok(Estimate { sigma: found.sigma.hypot(bias), bias_sigma, ..found });
     }
-    let within = table.screen(rule, correlation, groups, workspace, outlier);
+    let within = table.screen(rule, correlation, groups, workspace, outlier)?;
     let Workspace { angle, scratch, blocks, .. } = workspace;
     let spread = table.spread();
     let sigma: Vec<f64> = (0..count)
@@ -135,7 +137,7 @@ impl Table {
         groups: &[f64],
         workspace: &mut Workspace,
         outlier: &mut [bool],
-    ) -> Within {
+    ) -> Result<Within> {
         let Workspace { angle, scratch, hypotheses, .. } = workspace;
         outlier.fill(false);
         let together: Vec<usize> =
@@ -154,6 +156,7 @@ impl Table {
                 (angle[i] - self.centre[g]) * (n / (n - 1.0)).sqrt()
             };
             let errors: Vec<f64> = together.iter().map(error).collect();
+            Moments::of("theta", &errors)?;
             let squares: f64 = errors.iter().map(|e| e * e).sum();
             within.sigma = (squares / errors.len() as f64).sqrt();
             let found = start(&errors, rule.rounding, scratch);
@@ -173,7 +176,7 @@ impl Table {
         let groups = self.count.iter().filter(|&&n| n > 1.0).count();
         let degrees = (good - groups as f64).max(1.0);
         within.student = 0.5 * student_two_sided_quantile(OUTSIDE, degrees);
-        within
+        Ok(within)
     }
 
     fn recentre(
