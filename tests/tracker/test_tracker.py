@@ -43,6 +43,23 @@ def test_a_saved_tracker_goes_on_to_the_last_bit(motion):
     assert repr(loaded) == repr(tracker)
 
 
+def test_a_damaged_state_is_refused():
+    _, _, seen = scene(31, n=10, clutter=10.0)
+    tracker = Tracker([simulate.set_up("middle").radar])
+    tracker.update(seen.plots)
+    *others, saved = tracker.__getstate__()
+    random = np.random.default_rng(5)
+    for place in random.integers(len(saved), size=500):
+        damaged = bytearray(saved)
+        damaged[place] ^= 1 << random.integers(8)
+        with pytest.raises(ValueError, match="not the state of a Tracker"):
+            tracker.__setstate__((*others, bytes(damaged)))
+    for damaged in (b"", saved[:-1], saved[1:], saved + b"\0", saved[:-8], bytes(len(saved))):
+        with pytest.raises(ValueError, match="not the state of a Tracker"):
+            tracker.__setstate__((*others, damaged))
+    tracker.__setstate__((*others, saved))
+
+
 def test_tracks_do_not_depend_on_the_number_of_threads():
     traffic = simulate.dense_traffic(1200, area=(120e3, 120e3), duration=12.0, rng=1)
     radars = [

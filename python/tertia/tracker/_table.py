@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
@@ -45,35 +43,23 @@ COLUMNS = tuple(
 )
 
 
-def _places() -> dict[str, tuple[Column, int]]:
-    """Return each column, and the number of values of its type before it in a row."""
-    before, places = {"float": 0, "int": 0, "bool": 0}, {}
-    for column in COLUMNS:
-        places[column.name] = column, before[column.type]
-        before[column.type] += math.prod(column.shape)
-    return places
-
-
-_PLACES = _places()
+_PLACES = {column.name: place for place, column in enumerate(COLUMNS)}
 
 
 class _Columns:
-    """Columns that lie one after the other in arrays, and are cut out when they are asked for."""
+    """Columns that become arrays when they are asked for."""
 
-    __slots__ = ("_blocks", "_count")
+    __slots__ = ("_columns",)
 
-    _blocks: dict[str, npt.NDArray[Any]]
-    _count: int
+    _columns: _core.TrackColumns
 
     def __getattr__(self, name: str) -> Any:
         """Return a column; called on first access."""
         try:
-            column, first = _PLACES[name]
+            place = _PLACES[name]
         except KeyError:
             raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}") from None
-        block, count = self._blocks[column.type], self._count
-        end = first + math.prod(column.shape)
-        values = block[first * count : end * count].reshape(count, *column.shape)
+        values = self._columns.column(place)
         object.__setattr__(self, name, values)
         return values
 
@@ -138,15 +124,10 @@ class TrackTable(_Columns):
     track_of_plot: IntArray
 
     @classmethod
-    def _of(
-        cls, numbers: FloatArray, integers: IntArray, flags: BoolArray, track_of_plot: IntArray
-    ) -> TrackTable:
-        """Return the table from the blocks returned by the core."""
+    def _of(cls, columns: _core.TrackColumns, track_of_plot: IntArray) -> TrackTable:
+        """Return the table from the columns returned by the core."""
         table = cls.__new__(cls)
-        flags_of_row = sum(column.type == "bool" for column in COLUMNS)
-        blocks = {"float": numbers, "int": integers, "bool": flags}
-        object.__setattr__(table, "_blocks", blocks)
-        object.__setattr__(table, "_count", len(flags) // flags_of_row)
+        object.__setattr__(table, "_columns", columns)
         object.__setattr__(table, "track_of_plot", track_of_plot)
         return table
 

@@ -4,36 +4,22 @@ mod settings;
 mod table;
 
 pub use settings::{Motion, Radar, TrackerSettings};
-pub use table::track_columns;
+pub use table::{TrackColumns, track_columns};
 
-use crate::arrays::{Array, Input, Integers, Threads, array, release, room_for, value_error};
+use crate::arrays::{
+    Array, Input, Integers, Output, Threads, array, release, room_for, value_error,
+};
 use crate::flightplan::Route;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use table::{Table, table};
-use tertia::tracker::{self, Plane, Plot, Row, Rows};
+use std::borrow::Cow;
+use table::codes;
+use tertia::tracker::{self, Plane, Plot, Plots, Table};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
-
-/// The rows of a scan or of a recording.
-struct Found {
-    rows: Vec<Row>,
-    /// Whether those of tracks that are not confirmed yet are kept as well.
-    tentative: bool,
-}
-
-impl Rows for Found {
-    fn wants(&self, confirmed: bool) -> bool {
-        self.tentative || confirmed
-    }
-
-    fn push(&mut self, row: &Row) {
-        self.rows.push(*row);
-    }
-}
 
 /// Scans of plots in, tracks out.
 #[pyclass(module = "tertia.tracker")]
@@ -68,19 +54,18 @@ impl PlotTracker {
         end: Option<f64>,
         recording: bool,
         n_threads: Threads,
-    ) -> PyResult<Table<'py>> {
+    ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
         let plots = plots.read(&time, self.0.radars())?;
-        let (mut statuses, mut found) =
-            (Vec::new(), Found { rows: Vec::new(), tentative: recording });
+        let (mut statuses, mut table) = (Vec::new(), Table::new(recording));
         release(py, plots.len() as f64 * PLOT_NS, || {
-            self.0.track(&plots, end, &mut statuses, &mut found, n_threads).map(|()| {
+            self.0.track(&plots, end, &mut statuses, &mut table, n_threads).map(|()| {
                 if recording {
-                    keep_confirmed(&mut found.rows);
+                    table.keep_confirmed(n_threads);
                 }
             })
         })
         .map_err(value_error)?;
-        table(py, &found.rows, &statuses)
+        Ok((TrackColumns::new(table), codes(py, &statuses)?))
     }
 
     /// Numbers of the confirmed tracks, and their positions so many seconds from now.
@@ -131,7 +116,7 @@ pub fn plots_to_cartesian<'py>(
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let plots = plots.read(&plots.time, radars.len())?;
     let (mut position, mut covariance) = (room_for(2 * plots.len())?, room_for(4 * plots.len())?);
-    for plot in &plots {
+    for plot in (0..plots.len()).map(|i| plots.get(i)) {
         let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
         let (z, Plane { xx, xy, yy }) = plot.to_cartesian(&radars[plot.radar].0).unwrap_or(none);
         position.extend(z);
@@ -151,47 +136,57 @@ pub struct Columns<'py> {
     identity: PyReadonlyArray1<'py, i64>,
 }
 
-impl Columns<'_> {
-    /// The plots, at these times, of so many sensors.
-    fn read(&self, time: &Input<'_>, sensors: usize) -> PyResult<Vec<Plot>> {
-        let (time, range) = (time.rows("time", 0)?, self.range.rows("range", 0)?);
-        let (azimuth, height) = (self.azimuth.rows("azimuth", 0)?, self.height.rows("height", 0)?);
-        let values = [time, range, azimuth, height].map(|column| column.values);
-        let (sensor, identity) = (self.sensor.as_slice()?, self.identity.as_slice()?);
-        let count = sensor.len();
-        if values.iter().any(|column| column.len() != count) || identity.len() != count {
-            return Err(PyValueError::new_err("the columns of plots differ in length"));
+/// The same, as they are in memory.
+struct View<'a> {
+    time: Cow<'a, [f64]>,
+    range: Cow<'a, [f64]>,
+    azimuth: Cow<'a, [f64]>,
+    height: Cow<'a, [f64]>,
+    sensor: &'a [i64],
+    identity: &'a [i64],
+}
+
+impl Plots for View<'_> {
+    fn len(&self) -> usize {
+        self.sensor.len()
+    }
+
+    #[inline]
+    fn get(&self, index: usize) -> Plot {
+        Plot {
+            time: self.time[index],
+            range: self.range[index],
+            azimuth: self.azimuth[index],
+            radar: self.sensor[index] as usize,
+            height: self.height[index],
+            identity: self.identity[index],
         }
-        let mut plots = room_for(count)?;
-        for i in 0..count {
-            let index = usize::try_from(sensor[i]).ok().filter(|&index| index < sensors);
-            plots.push(Plot {
-                time: values[0][i],
-                range: values[1][i],
-                azimuth: values[2][i],
-                height: values[3][i],
-                radar: index.ok_or_else(|| {
-                    PyValueError::new_err(format!(
-                        "sensor[{i}] is {}; it must be the index of one of the {sensors} sensors",
-                        sensor[i]
-                    ))
-                })?,
-                identity: identity[i],
-            });
-        }
-        Ok(plots)
     }
 }
 
-/// Leaves out the rows of tracks that were never confirmed.
-fn keep_confirmed(rows: &mut Vec<Row>) {
-    let mut confirmed = Vec::new();
-    for row in rows.iter().filter(|row| row.confirmed) {
-        let track = row.track as usize;
-        if track >= confirmed.len() {
-            confirmed.resize(track + 1, false);
+impl Columns<'_> {
+    /// The plots, at these times, of so many sensors.
+    fn read<'a>(&'a self, time: &'a Input<'_>, sensors: usize) -> PyResult<View<'a>> {
+        let view = View {
+            time: time.rows("time", 0)?.values,
+            range: self.range.rows("range", 0)?.values,
+            azimuth: self.azimuth.rows("azimuth", 0)?.values,
+            height: self.height.rows("height", 0)?.values,
+            sensor: self.sensor.as_slice()?,
+            identity: self.identity.as_slice()?,
+        };
+        let count = view.len();
+        let numbers = [&view.time, &view.range, &view.azimuth, &view.height];
+        if numbers.iter().any(|column| column.len() != count) || view.identity.len() != count {
+            return Err(PyValueError::new_err("the columns of plots differ in length"));
         }
-        confirmed[track] = true;
+        let is_wrong = |&sensor: &i64| usize::try_from(sensor).map_or(true, |s| s >= sensors);
+        match view.sensor.iter().position(is_wrong) {
+            None => Ok(view),
+            Some(i) => Err(PyValueError::new_err(format!(
+                "sensor[{i}] is {}; it must be the index of one of the {sensors} sensors",
+                view.sensor[i]
+            ))),
+        }
     }
-    rows.retain(|row| confirmed.get(row.track as usize).is_some_and(|&is| is));
 }

@@ -27,6 +27,7 @@ mod row;
 mod scan;
 mod settings;
 mod share;
+mod table;
 mod track;
 mod window;
 
@@ -36,6 +37,7 @@ pub use columns::{COLUMNS, Column, Values};
 pub use estimate::Estimate;
 pub use live::Tracker;
 pub use motion::{ImmModel, Motion, WindowModel};
-pub use plot::{Plot, PlotStatus};
+pub use plot::{Plot, PlotStatus, Plots};
 pub use row::{Row, Rows};
 pub use settings::Settings;
+pub use table::{Data, Table};

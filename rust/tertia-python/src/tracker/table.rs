@@ -1,67 +1,81 @@
-//! Rows of tracks as columns.
+//! Tables of tracks as arrays.
 
 use crate::arrays::Output;
+use numpy::{PyArray, PyArrayMethods};
 use pyo3::prelude::*;
-use tertia::tracker::{COLUMNS, Column, PlotStatus, Row, Values};
-
-/// Numbers, integers and flags of N rows, in each the columns of `track_columns` one after the
-/// other; then the status of each plot.
-pub type Table<'py> = (Output<'py>, Output<'py, i64>, Output<'py, bool>, Output<'py, i64>);
-
-/// Rows that are read column by column while they are in the cache.
-const AT_ONCE: usize = 64;
+use pyo3::sync::MutexExt;
+use std::sync::{Mutex, PoisonError};
+use tertia::tracker::{COLUMNS, Column, Data, PlotStatus, Table, Values};
 
 /// Name, unit, type, shape and meaning of each column.
 #[pyfunction]
 pub fn track_columns() -> Vec<(&'static str, &'static str, &'static str, Vec<usize>, &'static str)>
 {
-    let name = |column| ["float", "int", "bool"][kind(column)];
-    COLUMNS.iter().map(|c| (c.name, c.unit, name(c), c.shape.to_vec(), c.doc)).collect()
+    COLUMNS.iter().map(|c| (c.name, c.unit, kind(c), c.shape.to_vec(), c.doc)).collect()
 }
 
-/// Which of the blocks of a table has this column.
-fn kind(column: &Column) -> usize {
+fn kind(column: &Column) -> &'static str {
     match column.values {
-        Values::Numbers(_) => 0,
-        Values::Integers(_) => 1,
-        Values::Flags(_) => 2,
+        Values::Numbers(_) | Values::Symmetric(_) => "float",
+        Values::Integers(_) => "int",
+        Values::Flags(_) => "bool",
     }
 }
 
-pub fn table<'py>(py: Python<'py>, rows: &[Row], statuses: &[PlotStatus]) -> PyResult<Table<'py>> {
-    // numbers, integers and flags in a row
-    let mut widths = [0; 3];
-    for column in &COLUMNS {
-        widths[kind(column)] += column.width();
-    }
-    let n = rows.len();
-    let mut numbers = Output::<f64>::new(py, &[widths[0] * n], &[])?;
-    let mut integers = Output::<i64>::new(py, &[widths[1] * n], &[])?;
-    let mut flags = Output::<bool>::new(py, &[widths[2] * n], &[])?;
-    let mut track_of_plot = Output::<i64>::new(py, &[statuses.len()], &[])?;
-    let (number, integer, flag) = (numbers.values()?, integers.values()?, flags.values()?);
-    for (part, some) in rows.chunks(AT_ONCE).enumerate() {
-        let mut before = [0; 3];
-        for column in &COLUMNS {
-            let width = column.width();
-            let first = before[kind(column)] * n + part * AT_ONCE * width;
-            before[kind(column)] += width;
-            match column.values {
-                Values::Numbers(write) => {
-                    let out = number[first..].chunks_exact_mut(width);
-                    some.iter().zip(out).for_each(|(row, out)| write(row, out));
-                }
-                Values::Integers(read) => {
-                    some.iter().zip(&mut integer[first..]).for_each(|(row, out)| *out = read(row));
-                }
-                Values::Flags(read) => {
-                    some.iter().zip(&mut flag[first..]).for_each(|(row, out)| *out = read(row));
-                }
-            }
+/// A column: its values, or the array that they became when they were asked for.
+enum Kept {
+    Data(Data),
+    Array(Py<PyAny>),
+}
+
+/// The columns of a table of tracks.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct TrackColumns(Mutex<Vec<Kept>>);
+
+#[pymethods]
+impl TrackColumns {
+    /// The array of a column, by its index in `track_columns`; always the same one.
+    fn column(&self, py: Python<'_>, index: usize) -> PyResult<Py<PyAny>> {
+        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        if let Kept::Data(data) = &mut columns[index] {
+            let data = std::mem::replace(data, Data::Flags(Vec::new()));
+            let found = array(py, &COLUMNS[index], data)?;
+            columns[index] = Kept::Array(found);
+        }
+        match &columns[index] {
+            Kept::Array(array) => Ok(array.clone_ref(py)),
+            Kept::Data(_) => unreachable!("it is an array now"),
         }
     }
-    for (number, status) in track_of_plot.values()?.iter_mut().zip(statuses) {
-        *number = status.code();
+}
+
+impl TrackColumns {
+    pub fn new(table: Table) -> Self {
+        Self(Mutex::new(table.into_columns().into_iter().map(Kept::Data).collect()))
     }
-    Ok((numbers, integers, flags, track_of_plot))
+}
+
+/// The values around which NumPy puts an array, without a copy.
+fn array(py: Python<'_>, column: &Column, data: Data) -> PyResult<Py<PyAny>> {
+    let shape = |count: usize| {
+        let width = column.shape.iter().product::<usize>();
+        [&[count / width], column.shape].concat()
+    };
+    Ok(match column.completed(data) {
+        Data::Numbers(values) => {
+            let shape = shape(values.len());
+            PyArray::from_vec(py, values).reshape(shape)?.into_any().unbind()
+        }
+        Data::Integers(values) => PyArray::from_vec(py, values).into_any().unbind(),
+        Data::Flags(values) => PyArray::from_vec(py, values).into_any().unbind(),
+    })
+}
+
+/// The status of each plot, as a number.
+pub fn codes<'py>(py: Python<'py>, statuses: &[PlotStatus]) -> PyResult<Output<'py, i64>> {
+    let mut codes = Output::<i64>::new(py, &[statuses.len()], &[])?;
+    for (code, status) in codes.values()?.iter_mut().zip(statuses) {
+        *code = status.code();
+    }
+    Ok(codes)
 }

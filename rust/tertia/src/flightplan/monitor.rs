@@ -290,6 +290,22 @@ mod tests {
     }
 
     #[test]
+    fn what_was_off_one_leg_is_mostly_forgotten_on_the_next() {
+        let (route, mut monitor) = (route(), Monitor::new(0));
+        let aside = 8.0_f64.sqrt() * OFFSET_SIGMA.hypot(1e2);
+        let mut last = 0.0;
+        for k in 1..=2 {
+            let p = [aside, 1e4 + k as f64 * SPEED * INTERVAL];
+            last = monitor.update(&route, &seen(p, [0.0, SPEED]), 0.0, INTERVAL).cusum;
+        }
+        assert!((last - 8.0).abs() < 1e-9, "{last}");
+        let (p, v) = route.at(445.0);
+        let verdict = monitor.update(&route, &seen(p, v), 0.0, INTERVAL);
+        assert!(verdict.advanced && verdict.leg == 1);
+        assert!((verdict.cusum - (FRESH - FORGIVEN)).abs() < 1e-9, "{verdict:?}");
+    }
+
+    #[test]
     fn a_suspended_plan_stays_blocked() {
         let (route, mut monitor) = (route(), Monitor::new(0));
         monitor.suspend();

@@ -51,7 +51,8 @@ impl Radar {
         let range = self.range_sigma * self.range_sigma;
         let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / squared.max(up);
         let across = self.azimuth_sigma * self.azimuth_sigma * squared;
-        let (ee, en, nn) = (d[0] * d[0] / squared, d[0] * d[1] / squared, d[1] * d[1] / squared);
+        let share = 1.0 / squared;
+        let (ee, en, nn) = (d[0] * d[0] * share, d[0] * d[1] * share, d[1] * d[1] * share);
         Plane {
             xx: along * ee + across * nn,
             xy: (along - across) * en,
@@ -62,15 +63,30 @@ impl Radar {
     /// East and north of a plot, corrected for the noise of the azimuth, by which sine and cosine are
     /// smaller by exp(−σ²/2) on average. None where it is straight above the radar.
     pub fn position_of(&self, range: f64, azimuth: f64, height: f64) -> Option<[f64; 2]> {
+        let ground = self.ground_squared(range, height)?;
+        Some(self.position_at(ground, azimuth, self.stretch()))
+    }
+
+    /// Square of the ground range of a plot. None where it is straight above the radar.
+    #[inline]
+    pub(crate) fn ground_squared(&self, range: f64, height: f64) -> Option<f64> {
         let up = if height.is_finite() { height - self.position[2] } else { 0.0 };
         let squared = range * range - up * up;
         let least = LEAST_GROUND_SHARE * range;
-        if squared <= least * least {
-            return None;
-        }
+        (squared > least * least).then_some(squared)
+    }
+
+    /// By how much the mean position of plots is nearer than the target.
+    pub(crate) fn stretch(&self) -> f64 {
+        (0.5 * self.azimuth_sigma * self.azimuth_sigma).exp()
+    }
+
+    /// East and north by the square of the ground range, and [`Radar::stretch`].
+    #[inline]
+    pub(crate) fn position_at(&self, ground_squared: f64, azimuth: f64, stretch: f64) -> [f64; 2] {
         let (sine, cosine) = azimuth.sin_cos();
-        let ground = squared.sqrt() * (0.5 * self.azimuth_sigma * self.azimuth_sigma).exp();
-        Some([self.position[0] + ground * sine, self.position[1] + ground * cosine])
+        let ground = ground_squared.sqrt() * stretch;
+        [self.position[0] + ground * sine, self.position[1] + ground * cosine]
     }
 
     /// Whether a target at this position is within range.

@@ -64,6 +64,12 @@ impl Bank {
             *sum = (0..MODELS).map(|i| transition[i][j] * before[i]).sum();
         }
         let weight = |i: usize, j: usize| transition[i][j] * before[i] / after[j];
+        if before[PLAN] == 0.0 && after[PLAN] == 0.0 && after[STRAIGHT] > 0.0 && after[TURN] > 0.0 {
+            let straight = self.straight.blended(weight(TURN, STRAIGHT), &self.turn);
+            self.begin_turn(weight(STRAIGHT, TURN), rate_variance);
+            (self.straight, self.probability) = (straight, after);
+            return;
+        }
         let old = *self;
         if after[STRAIGHT] > 0.0 {
             self.straight = old.mixed_straight(STRAIGHT, |i| weight(i, STRAIGHT));
@@ -75,6 +81,31 @@ impl Bank {
             self.turn = old.mixed_turn(|i| weight(i, TURN), rate_variance);
         }
         self.probability = after;
+    }
+
+    /// Mixes the turn with one that begins from straight flight, of this weight.
+    #[inline(always)]
+    fn begin_turn(&mut self, weight: f64, rate_variance: f64) {
+        let (own, spread) = (1.0 - weight, weight * (1.0 - weight));
+        let (mean, straight) = (&mut self.turn.mean.data.0[0], &self.straight.mean.data.0[0]);
+        let rate = mean[4];
+        let mut d = [0.0; 4];
+        for i in 0..4 {
+            d[i] = straight[i] - mean[i];
+            mean[i] += weight * d[i];
+        }
+        mean[4] = own * rate;
+        let p = &mut self.turn.covariance.data.0;
+        let columns = &self.straight.covariance.data.0;
+        for j in 0..4 {
+            let of_column = spread * d[j];
+            for i in 0..4 {
+                p[j][i] = own * p[j][i] + weight * columns[j][i] + of_column * d[i];
+            }
+            p[j][4] = own * p[j][4] - of_column * rate;
+            p[4][j] = p[j][4];
+        }
+        p[4][4] = own * p[4][4] + weight * rate_variance + spread * rate * rate;
     }
 
     /// The mixed initial estimate of a model without a turn rate.
@@ -146,6 +177,17 @@ impl Bank {
         if *plan > 0.0 {
             *plan *= self.plan.correct(z, r);
         }
+    }
+
+    /// Position and velocity, where the probabilities sum to one.
+    #[inline(always)]
+    pub fn estimate(&self) -> Estimate<4> {
+        if self.probability[PLAN] == 0.0 {
+            return self.straight.blended(self.probability[TURN], &self.turn);
+        }
+        let mut moments = Moments::about(self.straight.mean);
+        self.add_to(&mut moments);
+        moments.estimate()
     }
 
     /// Adds position and velocity of all models.

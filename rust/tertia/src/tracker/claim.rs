@@ -47,8 +47,11 @@ pub(super) fn reach(
             let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
             let late = (MAX_DELAY + swing) * station.scan_period;
             // the scan in which the radar comes between begin and end
-            let scans = ((begin - late - expected.time) / station.scan_period).ceil().max(0.0);
-            let time = expected.time + scans * station.scan_period;
+            let behind = begin - late - expected.time;
+            let mut time = expected.time;
+            if behind > 0.0 {
+                time += (behind / station.scan_period).ceil() * station.scan_period;
+            }
             if time > end + late {
                 return None;
             }

@@ -67,3 +67,41 @@ impl Clutter {
         self.plots = (self.plots - (-age / MEMORY).exp()).max(0.0);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    #[test]
+    fn a_plot_of_a_target_counts_as_if_it_had_never_been_counted() {
+        let radar = Radar {
+            position: [0.0; 3],
+            range_sigma: 50.0,
+            azimuth_sigma: 1e-3,
+            scan_period: 4.0,
+            max_range: 1e5,
+            detection_probability: 0.9,
+        };
+        let counted = |plots: usize| {
+            let mut clutter = Clutter::new(f64::NAN);
+            clutter.count(plots, [0.0, 4.0], 4.0);
+            clutter.count(7, [4.0, 24.0], 4.0);
+            clutter
+        };
+        let mut clutter = counted(90);
+        for _ in 0..30 {
+            clutter.discount(4.0, 4.0);
+        }
+        assert_within(1e-13, clutter.plots(&radar), counted(60).plots(&radar));
+        // the first plots were made in two scans, and have faded for five
+        let fade = (-0.5_f64).exp();
+        let expected = (60.0 * fade + 7.0) / (2.0 * fade + 5.0);
+        assert_within(1e-13, clutter.plots(&radar), expected);
+        // no plots less than none
+        for _ in 0..1000 {
+            clutter.discount(24.0, 4.0);
+        }
+        assert_within(1e-13, clutter.plots(&radar), FEWEST);
+    }
+}

@@ -23,12 +23,14 @@ pub struct Column {
 pub enum Values {
     /// Writes as many numbers as the column is wide.
     Numbers(fn(&Row, &mut [f64])),
+    /// Writes what is on and above the diagonal of a symmetric matrix, row by row.
+    Symmetric(fn(&Row, &mut [f64])),
     /// An integer; negative where there is none.
     Integers(fn(&Row) -> i64),
     /// Yes or no.
     Flags(fn(&Row) -> bool),
 }
-use Values::{Flags, Integers, Numbers};
+use Values::{Flags, Integers, Numbers, Symmetric};
 
 impl Column {
     const fn new(
@@ -41,9 +43,12 @@ impl Column {
         Self { name, unit, shape, values, doc }
     }
 
-    /// Numbers in a row.
-    pub fn width(&self) -> usize {
-        self.shape.iter().product()
+    /// Values in a row, as far as they are written.
+    pub(super) fn stored(&self) -> usize {
+        match (self.values, self.shape) {
+            (Symmetric(_), [order, ..]) => order * (order + 1) / 2,
+            (_, shape) => shape.iter().product(),
+        }
     }
 }
 
@@ -77,7 +82,10 @@ pub const COLUMNS: [Column; 16] = [
         "covariance",
         "m², m²/s, m²/s²",
         &[4, 4],
-        Numbers(|row, out| out.copy_from_slice(row.estimate.covariance.as_slice())),
+        Symmetric(|row, out| {
+            let [a, b, c, d] = row.estimate.covariance.data.0;
+            out.copy_from_slice(&[a[0], a[1], a[2], a[3], b[1], b[2], b[3], c[2], c[3], d[3]]);
+        }),
         "of position and velocity",
     ),
     Column::new(
@@ -91,9 +99,9 @@ pub const COLUMNS: [Column; 16] = [
         "innovation_covariance",
         "m²",
         &[2, 2],
-        Numbers(|row, out| {
+        Symmetric(|row, out| {
             let Plane { xx, xy, yy } = row.innovation_covariance;
-            out.copy_from_slice(&[xx, xy, xy, yy]);
+            out.copy_from_slice(&[xx, xy, yy]);
         }),
         "covariance of the innovation",
     ),

@@ -1,5 +1,6 @@
 //! A mean and a covariance, which models of motion predict and plots correct.
 
+use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -53,7 +54,29 @@ impl<const N: usize> Estimate<N> {
             }
         }
         mirror(columns);
-        (-0.5 * inverse.form(y)).exp() / (std::f64::consts::TAU * s.determinant().sqrt())
+        exp(-0.5 * inverse.form(y)) / (std::f64::consts::TAU * s.determinant().sqrt())
+    }
+
+    /// The moments of this estimate and another one together, of which the latter has this weight and
+    /// the first N states count: `(1 − w) P + w P₂ + w (1 − w) d d'`.
+    #[inline(always)]
+    pub(super) fn blended<const M: usize>(&self, weight: f64, other: &Estimate<M>) -> Self {
+        let mut blended = *self;
+        let (mean, second) = (&mut blended.mean.data.0[0], &other.mean.data.0[0]);
+        let (own, spread) = (1.0 - weight, weight * (1.0 - weight));
+        let mut d = [0.0; N];
+        for i in 0..N {
+            d[i] = second[i] - mean[i];
+            mean[i] += weight * d[i];
+        }
+        let (columns, others) = (&mut blended.covariance.data.0, other.columns());
+        for j in 0..N {
+            let of_column = spread * d[j];
+            for i in 0..N {
+                columns[j][i] = own * columns[j][i] + weight * others[j][i] + of_column * d[i];
+            }
+        }
+        blended
     }
 
     /// The moments of this estimate and another one together, with these weights.

@@ -12,6 +12,9 @@ use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
+/// A plot that all models exclude, by less than this, says nothing about which is right.
+const LEAST_DENSITY: f64 = 1e-300;
+
 /// Models of straight flight and turns, and the flight plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Multiple {
@@ -232,7 +235,7 @@ impl Multiple {
             total += bank.total();
         }
         for (bank, before) in self.banks_mut().zip(before) {
-            if total > 0.0 {
+            if total > LEAST_DENSITY {
                 bank.scale(total.recip());
             } else {
                 bank.probability = before;
@@ -241,8 +244,11 @@ impl Multiple {
     }
 
     fn estimate(&self) -> Estimate<4> {
+        let Some(turning) = self.guide.as_ref().and_then(Guide::turning) else {
+            return self.bank.estimate();
+        };
         let mut moments = Moments::about(self.bank.straight.mean);
-        self.banks().for_each(|bank| bank.add_to(&mut moments));
+        [&self.bank, turning].into_iter().for_each(|bank| bank.add_to(&mut moments));
         moments.estimate()
     }
 

@@ -1,5 +1,6 @@
 //! Heights over time, by which targets above one another are distinguished.
 
+use crate::base::exponential::exp;
 use crate::sensors::HEIGHT_SIGMA as SIGMA;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,7 @@ impl Vertical {
         Self { time, height, vertical_rate: 0.0, variance: [SIGMA * SIGMA, 0.0, CLIMB * CLIMB] }
     }
 
+    #[inline]
     fn at(&self, time: f64) -> Self {
         let t = time - self.time;
         let [hh, hc, cc] = self.variance;
@@ -40,21 +42,27 @@ impl Vertical {
         }
     }
 
-    /// Log-likelihood ratio of the height: this target against any.
-    pub fn score(&self, time: f64, height: f64) -> f64 {
-        let now = self.at(time);
-        let s = now.variance[0] + SIGMA * SIGMA;
-        let d = height - now.height;
-        let density = (-0.5 * d * d / s).exp() / (std::f64::consts::TAU * s).sqrt();
-        (WRONG + (1.0 - WRONG) * density * SPAN).ln()
+    /// Likelihood ratio of the height: this target against any.
+    #[inline]
+    pub fn ratio(&self, time: f64, height: f64) -> f64 {
+        self.at(time).ratio_now(height)
+    }
+
+    #[inline]
+    fn ratio_now(&self, height: f64) -> f64 {
+        let s = self.variance[0] + SIGMA * SIGMA;
+        let d = height - self.height;
+        let density = exp(-0.5 * d * d / s) / (std::f64::consts::TAU * s).sqrt();
+        WRONG + (1.0 - WRONG) * density * SPAN
     }
 
     /// Corrects by a height, unless it is wrong.
     pub fn correct(&mut self, time: f64, height: f64) {
-        if self.score(time, height) < 0.5 * WRONG.ln() {
+        let now = self.at(time);
+        if now.ratio_now(height) < WRONG.sqrt() {
             return;
         }
-        *self = self.at(time);
+        *self = now;
         let [hh, hc, cc] = self.variance;
         let gain = [hh / (hh + SIGMA * SIGMA), hc / (hh + SIGMA * SIGMA)];
         let d = height - self.height;

@@ -1,12 +1,13 @@
 //! The tracker: all tracks, and the plots that update them.
 
 use super::clutter::Clutter;
-use super::plot::{Measured, Plot, PlotStatus};
+use super::plot::{Measured, PlotStatus, Plots};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
 use super::track::Track;
 use crate::base::error::{Error, Result, require};
+use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
 
@@ -15,6 +16,12 @@ const WAITING: f64 = 0.125;
 
 /// Plots of a scan that are worth a thread: they take a millisecond.
 const PLOTS_PER_THREAD: usize = 1000;
+
+/// Number of the format of saved states; it changes with the fields of a tracker.
+const FORMAT: u64 = 2;
+/// Start and factor of the hash function FNV-1a.
+const FNV_START: u64 = 0xcbf2_9ce4_8422_2325;
+const FNV_FACTOR: u64 = 0x0000_0100_0000_01b3;
 
 /// All tracks, and the state of the clutter estimate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,12 +55,16 @@ impl Tracker {
     /// # Panics
     /// Never: what it knows can be written.
     pub fn to_bytes(&self) -> Vec<u8> {
-        postcard::to_stdvec(self).expect("vectors grow")
+        let mut bytes = postcard::to_stdvec(self).expect("vectors grow");
+        bytes.extend(checksum(&bytes).to_le_bytes());
+        bytes
     }
 
-    /// The tracker that was written; none where these are not such bytes.
+    /// The tracker that was written; none where these are not such bytes, or damaged.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        postcard::from_bytes(bytes).ok()
+        let (state, sum) = bytes.split_last_chunk()?;
+        let is_whole = checksum(state) == u64::from_le_bytes(*sum);
+        is_whole.then(|| postcard::from_bytes(state).ok())?
     }
 
     /// Numbers of the confirmed tracks, and their positions so many seconds after `time`: along their
@@ -107,9 +118,9 @@ impl Tracker {
     ///
     /// # Errors
     /// The index of a radar that does not exist, or an end that is not finite.
-    pub fn track<R: Rows>(
+    pub fn track<P: Plots + ?Sized, R: Rows>(
         &mut self,
-        plots: &[Plot],
+        plots: &P,
         end: Option<f64>,
         statuses: &mut Vec<PlotStatus>,
         rows: &mut R,
@@ -117,25 +128,29 @@ impl Tracker {
     ) -> Result<()> {
         self.check(plots, end)?;
         statuses.clear();
-        let mut measured = self.measured(plots, statuses);
-        self.refuse_strays(&mut measured, statuses);
+        let order = self.order(plots, statuses);
         let first = self.plots;
         self.plots += plots.len();
-        let last = measured.last().map_or(self.time, |plot| plot.time);
+        let last = order.last().map_or(self.time, |(time, _)| *time);
         let end = end.unwrap_or(last).max(last).max(self.time);
-        let period =
-            self.settings.radars.iter().map(|r| r.scan_period).fold(f64::INFINITY, f64::min);
+        let radars = &self.settings.radars;
+        let period = radars.iter().map(|r| r.scan_period).fold(f64::INFINITY, f64::min);
+        let stretches: Vec<f64> = radars.iter().map(Radar::stretch).collect();
         let mut scan = Scan::default();
         let mut waiting: Vec<Measured> = Vec::new();
-        let mut rest = &measured[..];
+        let mut rest = &order[..];
         let mut until = f64::NEG_INFINITY;
-        while let Some(next) = rest.first().or(waiting.first()) {
+        while let Some(next) = rest.first().map(|p| p.0).or(waiting.first().map(|p| p.time)) {
             // with the plots that wait no more than a scan: no target is in it twice
-            until = f64::max(until, next.time) + (1.0 - 2.0 * WAITING) * period;
-            let (now, later) = rest.split_at(rest.partition_point(|plot| plot.time < until));
-            self.finish(next.time.min(end), rows);
+            until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
+            let (now, later) = rest.split_at(rest.partition_point(|(time, _)| *time < until));
+            self.finish(next.min(end), rows);
             self.bury();
-            waiting.extend_from_slice(now);
+            waiting.extend(now.iter().map(|&(_, index)| {
+                let plot = plots.get(index);
+                let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
+                Measured::new(first + index, &plot, radar, stretch)
+            }));
             rest = later;
             let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
             let mut sky = Sky {
@@ -156,64 +171,72 @@ impl Tracker {
         Ok(())
     }
 
-    fn check(&self, plots: &[Plot], end: Option<f64>) -> Result<()> {
+    fn check<P: Plots + ?Sized>(&self, plots: &P, end: Option<f64>) -> Result<()> {
         let radars = self.settings.radars.len();
-        if let Some(at) = plots.iter().position(|plot| plot.radar >= radars) {
+        if let Some(at) = (0..plots.len()).find(|&i| plots.get(i).radar >= radars) {
             let (argument, requirement) = ("radar", "the index of one of the radars");
-            let (index, value) = (vec![at], plots[at].radar as f64);
+            let (index, value) = (vec![at], plots.get(at).radar as f64);
             return Err(Error::InvalidElement { argument, index, value, requirement });
         }
         let end = end.unwrap_or(0.0);
         require("end", end, end.is_finite(), "a finite number")
     }
 
-    /// The plots that can be used, by time.
-    fn measured(&self, plots: &[Plot], statuses: &mut Vec<PlotStatus>) -> Vec<Measured> {
-        let mut measured = Vec::with_capacity(plots.len());
-        for (i, plot) in plots.iter().enumerate() {
+    /// Times and indices of the plots that can be used, by time.
+    fn order<P: Plots + ?Sized>(
+        &mut self,
+        plots: &P,
+        statuses: &mut Vec<PlotStatus>,
+    ) -> Vec<(f64, usize)> {
+        let mut order = Vec::with_capacity(plots.len());
+        statuses.reserve(plots.len());
+        for i in 0..plots.len() {
+            let plot = plots.get(i);
             let radar = &self.settings.radars[plot.radar];
-            let found = Measured::new(self.plots + i, plot, radar);
             let late = plot.time < self.time - radar.scan_period;
-            statuses.push(match found {
-                Ok(_) if late => PlotStatus::Late,
-                Ok(found) => {
-                    measured.push(found);
-                    PlotStatus::Invalid
-                }
-                Err(status) => status,
-            });
+            let fault = plot.fault(radar).or(late.then_some(PlotStatus::Late));
+            if fault.is_none() {
+                order.push((plot.time, i));
+            }
+            statuses.push(fault.unwrap_or(PlotStatus::Invalid));
         }
-        measured.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.index.cmp(&b.index)));
-        measured.dedup_by(|next, plot| {
-            let same = next.is_same(plot);
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        order.dedup_by(|(time, next), (before, kept)| {
+            let same = time == before && {
+                let (plot, first) = (plots.get(*next), plots.get(*kept));
+                plot.repeats(&first, &self.settings.radars[plot.radar])
+            };
             if same {
-                statuses[next.index - self.plots] = PlotStatus::Duplicate;
+                statuses[*next] = PlotStatus::Duplicate;
             }
             same
         });
-        measured
+        self.refuse_strays(&mut order, statuses);
+        order
     }
 
     /// Refuses single plots long after the others: with a wrong clock they would end all tracks. A
     /// second plot at about that time shows that there was a gap.
-    fn refuse_strays(&mut self, measured: &mut Vec<Measured>, statuses: &mut [PlotStatus]) {
+    fn refuse_strays(&mut self, order: &mut Vec<(f64, usize)>, statuses: &mut [PlotStatus]) {
         let period = self.settings.radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
         let silence = (self.settings.coasting as f64 + 0.5) * period;
         let mut before = self.time;
-        let mut kept = Vec::with_capacity(measured.len());
-        for (i, plot) in measured.iter().enumerate() {
-            let follows = plot.time - before <= silence || before == f64::NEG_INFINITY;
-            let is_followed = measured.get(i + 1).is_some_and(|p| p.time - plot.time <= silence);
-            let is_second = (plot.time - self.stray).abs() <= silence;
+        let mut kept = 0;
+        for i in 0..order.len() {
+            let (time, index) = order[i];
+            let follows = time - before <= silence || before == f64::NEG_INFINITY;
+            let is_followed = order.get(i + 1).is_some_and(|(next, _)| next - time <= silence);
+            let is_second = (time - self.stray).abs() <= silence;
             if follows || is_followed || is_second {
-                before = plot.time;
-                kept.push(*plot);
+                before = time;
+                order[kept] = (time, index);
+                kept += 1;
             } else {
-                self.stray = plot.time;
-                statuses[plot.index - self.plots] = PlotStatus::ClockError;
+                self.stray = time;
+                statuses[index] = PlotStatus::ClockError;
             }
         }
-        *measured = kept;
+        order.truncate(kept);
     }
 
     /// Counts missed detections until `end`.
@@ -232,6 +255,12 @@ impl Tracker {
     fn bury(&mut self) {
         self.tracks.retain(|track| track.is_alive(&self.settings));
     }
+}
+
+/// FNV-1a of a saved state: no value in it can be trusted if one of its bits has changed.
+fn checksum(state: &[u8]) -> u64 {
+    let step = |sum: u64, &byte: &u8| (sum ^ u64::from(byte)).wrapping_mul(FNV_FACTOR);
+    state.iter().fold(FNV_START ^ FORMAT, step)
 }
 
 /// Threads for a scan of so many plots: as many as requested, or all cores; one for few plots.

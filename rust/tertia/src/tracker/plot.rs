@@ -31,12 +31,54 @@ impl Plot {
         finite && !far && self.range > 0.0 && !self.height.is_infinite()
     }
 
+    /// Why it cannot be used, if so.
+    pub(super) fn fault(&self, radar: &Radar) -> Option<PlotStatus> {
+        match () {
+            () if !self.is_valid() => Some(PlotStatus::Invalid),
+            () if self.range > radar.max_range => Some(PlotStatus::OutOfRange),
+            () if radar.ground_squared(self.range, self.height).is_none() => {
+                Some(PlotStatus::AtSensor)
+            }
+            () => None,
+        }
+    }
+
+    /// Whether this is the same plot again, in the plane.
+    pub(super) fn repeats(&self, other: &Self, radar: &Radar) -> bool {
+        let place = |plot: &Self| radar.position_of(plot.range, plot.azimuth, plot.height);
+        let source = self.radar == other.radar && self.identity == other.identity;
+        self.time == other.time && source && place(self) == place(other)
+    }
+
     /// East and north with their covariance; none where the plot is invalid or straight above the
     /// radar.
     pub fn to_cartesian(&self, radar: &Radar) -> Option<([f64; 2], Plane)> {
         let position = radar.position_of(self.range, self.azimuth, self.height);
         let position = position.filter(|_| self.is_valid())?;
         Some((position, radar.noise_at(position, self.height - radar.position[2])))
+    }
+}
+
+/// Plots as they are kept elsewhere, so that none are copied.
+pub trait Plots {
+    /// Number of plots.
+    fn len(&self) -> usize;
+    /// The plot of this index.
+    fn get(&self, index: usize) -> Plot;
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+impl Plots for [Plot] {
+    fn len(&self) -> usize {
+        self.len()
+    }
+
+    #[inline]
+    fn get(&self, index: usize) -> Plot {
+        self[index]
     }
 }
 
@@ -87,23 +129,12 @@ pub(super) struct Measured {
 }
 
 impl Measured {
-    /// Whether this is the same plot again.
-    pub fn is_same(&self, other: &Self) -> bool {
-        let place = self.time == other.time && self.position == other.position;
-        place && self.radar == other.radar && self.identity == other.identity
-    }
-
-    /// The plot in the plane, or why it cannot be used.
-    pub fn new(index: usize, plot: &Plot, radar: &Radar) -> std::result::Result<Self, PlotStatus> {
-        if !plot.is_valid() {
-            return Err(PlotStatus::Invalid);
-        }
-        if plot.range > radar.max_range {
-            return Err(PlotStatus::OutOfRange);
-        }
-        let position =
-            radar.position_of(plot.range, plot.azimuth, plot.height).ok_or(PlotStatus::AtSensor)?;
-        let &Plot { time, radar, height, identity, .. } = plot;
-        Ok(Self { index, time, radar, position, height, identity })
+    /// A plot that can be used, in the plane; `stretch` is that of the radar.
+    #[inline]
+    pub fn new(index: usize, plot: &Plot, radar: &Radar, stretch: f64) -> Self {
+        let &Plot { time, range, azimuth, radar: number, height, identity } = plot;
+        let ground = radar.ground_squared(range, height).unwrap_or(0.0);
+        let position = radar.position_at(ground, azimuth, stretch);
+        Self { index, time, radar: number, position, height, identity }
     }
 }

@@ -78,9 +78,9 @@ impl Scan {
         }
     }
 
-    fn load<R>(&mut self, sky: &mut Sky<'_, R>, plots: &[Measured]) {
-        self.plots.clear();
-        self.plots.extend_from_slice(plots);
+    fn load<R>(&mut self, sky: &mut Sky<'_, R>, plots: &mut Vec<Measured>) {
+        std::mem::swap(&mut self.plots, plots);
+        let plots = &self.plots;
         self.taken.clear();
         self.taken.resize(plots.len(), false);
         self.deferred.clear();
@@ -89,7 +89,7 @@ impl Scan {
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
         for plot in plots {
-            sky.clutter[plot.radar].saw(radars[plot.radar].distance(plot.position));
+            sky.clutter[plot.radar].saw(radars[plot.radar].about(plot.position));
         }
         let cell = radars.iter().map(|radar| {
             let far = radar.azimuth_sigma * radar.max_range.min(1e5);
@@ -298,7 +298,7 @@ fn sort(
         end += *count;
         *count = end;
     }
-    sorted.clear();
+    // every place is written below
     sorted.resize(claims.len(), Claim::new(0, 0, 0));
     for claim in claims.iter().rev() {
         let place = &mut counts[key(claim) as usize];

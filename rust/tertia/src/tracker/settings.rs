@@ -70,6 +70,13 @@ impl Settings {
         }
     }
 
+    /// Logarithm of the odds that a plot of this radar is of a target that is there, against `others`
+    /// per square metre, before it is compared with the prediction.
+    pub(super) fn odds(&self, radar: usize, others: f64) -> f64 {
+        let p = self.radars[radar].detection_probability;
+        (p / ((1.0 - p) * others * std::f64::consts::TAU)).ln()
+    }
+
     /// Acceleration that a target may have unnoticed where scans take so long, m/s².
     pub(super) fn unnoticed(&self, period: f64) -> f64 {
         let [short, long] = GUARD_PERIODS;

@@ -123,7 +123,7 @@ impl Share {
         self.choice.resize(group.len(), None);
         let radar = plots[group[0].root as usize].radar;
         let station = &settings.radars[radar];
-        let others = clutter[radar].density(station);
+        let odds = settings.odds(radar, clutter[radar].density(station));
         for (row, claim) in group.iter().enumerate() {
             let wanted = plots_of(claim, claimed).filter(|&&i| !deferred[i as usize]);
             let track = &mut *tracks[claim.track as usize];
@@ -134,7 +134,7 @@ impl Share {
             };
             track.predict(plots[first as usize].time, station.scan_period, settings);
             for &plot in wanted {
-                let Some(gain) = track.score(&plots[plot as usize], others, settings) else {
+                let Some(gain) = track.score(&plots[plot as usize], odds, settings) else {
                     continue;
                 };
                 let column = self.columns.iter().position(|&c| c == plot);
@@ -206,12 +206,12 @@ impl Share {
             let claim = &group[row];
             let track = &mut *tracks[claim.track as usize];
             let radar = plots[claim.root as usize].radar;
-            let others = clutter[radar].density(&settings.radars[radar]);
+            let odds = settings.odds(radar, clutter[radar].density(&settings.radars[radar]));
             let free =
                 |&&plot: &&u32| !deferred[plot as usize] && !self.choice.contains(&Some(plot));
             let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
                 let measured = &plots[plot as usize];
-                let (score, probability) = track.guarded_score(measured, others, settings)?;
+                let (score, probability) = track.guarded_score(measured, odds, settings)?;
                 Some((score, plot, probability))
             });
             let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));

@@ -9,14 +9,18 @@ use super::motion::Motion;
 use super::plan::Guide;
 use super::plot::Measured;
 use super::settings::{MAX_DELAY, Settings};
+use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{self, Link, Plan, Sighting, decide};
 use crate::sensors::Radar;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of the acceleration of a track that is not confirmed yet, m/s².
-const FIRST_ACCELERATION: f64 = 1.0;
+#[cfg(test)]
+mod tests;
+
+/// Motion of a track that is not confirmed yet, with an acceleration of 1 m/s².
+static FIRST_MOTION: Motion = Motion::Cv(1.0);
 /// Emergency codes in a row after which the plan is suspended.
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
@@ -47,19 +51,25 @@ pub(super) enum Stage {
     Confirmed,
 }
 
+/// What every scan reads of each track comes first, so that it is in one or two lines of the cache.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
 pub(super) struct Track {
-    pub number: u64,
     pub stage: Stage,
+    /// Until then no radar has missed it.
+    due: f64,
     /// Of the estimate.
     pub time: f64,
     /// Of the last plot.
     pub seen: f64,
-    /// Radar and time of the first plot.
-    pub begun: (usize, f64),
-    pub filter: Filter,
+    /// Scans of the slowest radar that sees the target, s.
+    period: f64,
+    pub number: u64,
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
+    pub filter: Filter,
+    /// Radar and time of the first plot.
+    pub begun: (usize, f64),
     /// Of the last plot, and its covariance.
     pub innovation: ([f64; 2], Plane),
     beams: Beams,
@@ -111,6 +121,8 @@ impl Track {
             estimate,
             innovation: ([0.0; 2], r),
             beams: Beams::default(),
+            due: f64::NEG_INFINITY,
+            period: 0.0,
             vertical: None,
             identity: None,
             search: SearchState::default(),
@@ -137,8 +149,8 @@ impl Track {
         self.vertical.map_or(f64::NAN, |vertical| vertical.height)
     }
 
-    fn motion(&self, settings: &Settings) -> Motion {
-        if self.is_confirmed() { settings.motion } else { Motion::Cv(FIRST_ACCELERATION) }
+    fn motion<'a>(&self, settings: &'a Settings) -> &'a Motion {
+        if self.is_confirmed() { &settings.motion } else { &FIRST_MOTION }
     }
 
     /// Position, and its covariance, at a time not far off.
@@ -155,7 +167,7 @@ impl Track {
     pub fn predict(&mut self, time: f64, period: f64, settings: &Settings) {
         if time > self.time {
             let motion = self.motion(settings);
-            self.filter.predict(settings, &motion, time - self.time, period);
+            self.filter.predict(settings, motion, time - self.time, period);
             self.time = time;
             self.estimate = self.filter.estimate();
         }
@@ -188,12 +200,13 @@ impl Track {
         ([plot.position[0] - t * x[2], plot.position[1] - t * x[3]], r)
     }
 
-    /// Log-likelihood ratio of the plot, of this target against any other; none outside the gate.
+    /// Log-likelihood ratio of the plot, of this target against any other, with the `odds` of its radar;
+    /// none outside the gate.
     #[inline]
-    pub fn score(&self, plot: &Measured, others: f64, settings: &Settings) -> Option<f64> {
+    pub fn score(&self, plot: &Measured, odds: f64, settings: &Settings) -> Option<f64> {
         let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
         let (density, nearest) = self.density(z, r);
-        (nearest <= settings.guard).then(|| self.likelier(density.ln(), plot, others, settings))
+        (nearest <= settings.guard).then(|| odds + (density * self.also(plot, settings)).ln())
     }
 
     /// As `score`, in the guard gate: either the target has accelerated since it was last seen, with the
@@ -201,7 +214,7 @@ impl Track {
     pub fn guarded_score(
         &self,
         plot: &Measured,
-        others: f64,
+        odds: f64,
         settings: &Settings,
     ) -> Option<(f64, f64)> {
         let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
@@ -218,10 +231,10 @@ impl Track {
         let straight = self.density(z, r).0.ln();
         // the window of the paper is always widened
         let always = matches!(settings.motion, Motion::Window(_));
-        let odds = if always { f64::INFINITY } else { (accelerated - straight).exp() };
-        let probability = 1.0 - 1.0 / (1.0 + odds);
+        let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
+        let probability = 1.0 - 1.0 / (1.0 + ratio);
         let density = accelerated - probability.ln();
-        Some((self.likelier(density, plot, others, settings), probability))
+        Some((odds + density + self.also(plot, settings).ln(), probability))
     }
 
     /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
@@ -233,17 +246,9 @@ impl Track {
             let y = [z[0] - component.position[0], z[1] - component.position[1]];
             let d = s.inverse().form(y);
             nearest = f64::min(nearest, d);
-            density += component.probability * (-0.5 * d).exp() / s.determinant().sqrt();
+            density += component.probability * exp(-0.5 * d) / s.determinant().sqrt();
         });
         (density, nearest)
-    }
-
-    /// Log-likelihood ratio of the plot, of this target against any other, by its log `density`.
-    #[inline]
-    fn likelier(&self, density: f64, plot: &Measured, others: f64, settings: &Settings) -> f64 {
-        let p = settings.radars[plot.radar].detection_probability;
-        let spread = (1.0 - p) * others * std::f64::consts::TAU;
-        (p / spread).ln() + density + self.also(plot, settings)
     }
 
     /// Adds the score of a plot to the evidence.
@@ -260,21 +265,22 @@ impl Track {
         (sigma, (self.time - self.seen).min(longest))
     }
 
-    /// Log-likelihood ratio of height and identity.
+    /// Likelihood ratio of height and identity.
+    #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
-            Some(vertical) if plot.height.is_finite() => vertical.score(plot.time, plot.height),
-            _ => 0.0,
+            Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
+            _ => 1.0,
         };
         let identity = match self.identity {
-            _ if settings.emergency_codes.contains(&plot.identity) => 0.0,
+            _ if settings.emergency_codes.contains(&plot.identity) => 1.0,
             Some(own) if plot.identity >= 0 && plot.identity == own.code => {
-                ((1.0 - settings.identity_error_probability) * IDENTITIES).ln()
+                (1.0 - settings.identity_error_probability) * IDENTITIES
             }
-            Some(_) if plot.identity >= 0 => settings.identity_error_probability.ln(),
-            _ => 0.0,
+            Some(_) if plot.identity >= 0 => settings.identity_error_probability,
+            _ => 1.0,
         };
-        height + identity
+        height * identity
     }
 
     /// Corrects by a plot for which the target accelerated with this probability.
@@ -293,7 +299,7 @@ impl Track {
         let motion = self.motion(settings);
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         self.innovation = (y, self.estimate.position_covariance().plus(r));
-        self.filter.correct(&motion, z, r);
+        self.filter.correct(motion, z, r);
         self.estimate = self.filter.estimate();
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
@@ -387,11 +393,14 @@ impl Track {
             self.emergencies = 0;
             self.identity.get_or_insert(Identity::new(plot.identity)).answer(plot.identity);
         }
-        let next = plot.time + settings.radars[plot.radar].scan_period;
+        let period = settings.radars[plot.radar].scan_period;
+        let next = plot.time + period;
+        self.period = self.period.max(period);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
             Some(expected) => (expected.time, expected.seen) = (next, plot.time),
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
+        self.set_due(settings);
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += 1;
             if *hits >= settings.confirmation.0 && *evidence >= 0.0 {
@@ -414,20 +423,25 @@ impl Track {
 
     /// Acceleration that the target may have unnoticed, m/s², and how long without a plot at most, s.
     pub fn unseen(&self, settings: &Settings) -> (f64, f64) {
-        let period = self.period(settings);
-        (settings.unnoticed(period), 5.0 * period)
-    }
-
-    /// Scans of the slowest radar that sees the target.
-    fn period(&self, settings: &Settings) -> f64 {
-        let beams = self.beams.all().iter();
-        let periods = beams.map(|expected| settings.radars[expected.radar].scan_period);
-        periods.fold(0.0, f64::max)
+        (settings.unnoticed(self.period), 5.0 * self.period)
     }
 
     /// Counts the scans in which radars should have seen the target before `end`; calls `missed`
     /// for each.
-    pub fn miss(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
+    #[inline]
+    pub fn miss(&mut self, end: f64, settings: &Settings, missed: impl FnMut(&Self, usize)) {
+        if self.due < end {
+            self.miss_due(end, settings, missed);
+            self.set_due(settings);
+        }
+    }
+
+    fn set_due(&mut self, settings: &Settings) {
+        let due = |e: &Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period;
+        self.due = self.beams.all().iter().map(due).fold(f64::INFINITY, f64::min);
+    }
+
+    fn miss_due(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
         for i in 0..self.beams.all().len() {
             loop {
                 let Expected { radar, time, .. } = self.beams.all()[i];
@@ -455,7 +469,7 @@ impl Track {
         match self.stage {
             Stage::Tentative { misses, .. } if misses > n - m => false,
             _ => {
-                let limit = (settings.coasting as f64 + 0.5) * self.period(settings);
+                let limit = (settings.coasting as f64 + 0.5) * self.period;
                 self.time - self.seen <= limit
             }
         }

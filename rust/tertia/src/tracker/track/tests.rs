@@ -1,0 +1,89 @@
+use super::*;
+use crate::base::checks::assert_within;
+use crate::tracker::ImmModel;
+
+fn settings() -> Settings {
+    let radar = Radar {
+        position: [0.0; 3],
+        range_sigma: 50.0,
+        azimuth_sigma: 1e-3,
+        scan_period: 4.0,
+        max_range: 1e5,
+        detection_probability: 0.9,
+    };
+    let near = Radar { max_range: 1e4, ..radar };
+    Settings::new(vec![radar, near], Motion::Imm(ImmModel::default()))
+}
+
+fn plot(time: f64, position: [f64; 2]) -> Measured {
+    Measured { index: 0, time, radar: 0, position, height: f64::NAN, identity: -1 }
+}
+
+/// A track that was seen twice.
+fn track(settings: &Settings) -> Track {
+    let mut track = Track::new(1, &plot(0.0, [3e4, 4e4]), 0.0, settings);
+    track.correct(&plot(4.0, [3.08e4, 4.06e4]), settings);
+    track
+}
+
+#[test]
+fn a_late_plot_has_the_error_of_the_velocity() {
+    let settings = settings();
+    let track = track(&settings);
+    let radar = &settings.radars[0];
+    let [x, y, vx, vy] = track.estimate.mean.data.0[0];
+    let p = track.estimate.covariance;
+    let noise = radar.noise_at([x, y], f64::NAN);
+    for t in [-3.0, -1.5, 0.0, 2.0] {
+        let (z, r) = track.brought_here(&plot(4.0 + t, [1e3, 2e3]), radar);
+        assert_within(1e-13, z[0], 1e3 - t * vx);
+        assert_within(1e-13, z[1], 2e3 - t * vy);
+        let square = if t < 0.0 { t * t } else { 0.0 };
+        assert_within(1e-13, r.xx, noise.xx + square * p[(2, 2)]);
+        assert_within(1e-13, r.xy, noise.xy + square * p[(2, 3)]);
+        assert_within(1e-13, r.yy, noise.yy + square * p[(3, 3)]);
+    }
+}
+
+#[test]
+fn a_miss_is_counted_once_per_scan_of_a_radar_that_covers_the_target() {
+    let settings = settings();
+    let mut track = track(&settings);
+    let evidence = |track: &Track| match track.stage {
+        Stage::Tentative { misses, evidence, .. } => (misses, evidence),
+        Stage::Confirmed => panic!("two plots confirm nothing"),
+    };
+    let (_, before) = evidence(&track);
+    let mut rows = Vec::new();
+    let mut until = |track: &mut Track, end: f64| {
+        track.miss(end, &settings, |track, radar| rows.push((track.time, radar)));
+        rows.len()
+    };
+    // the radar comes again at 8, and may be late by a quarter of a scan
+    assert_eq!(until(&mut track, 9.0), 0);
+    assert_eq!(until(&mut track, 9.1), 1);
+    assert_eq!(until(&mut track, 9.1), 1);
+    assert!(track.is_alive(&settings) && track.time == 8.0);
+    assert_eq!(until(&mut track, 100.0), 2);
+    assert_eq!(rows, [(8.0, 0), (12.0, 0)]);
+    let (misses, after) = evidence(&track);
+    assert_eq!(misses, 2);
+    assert_within(1e-12, after - before, 2.0 * 0.1_f64.ln());
+    assert!(!track.is_alive(&settings));
+}
+
+#[test]
+fn what_a_radar_does_not_cover_it_does_not_miss() {
+    let settings = settings();
+    let seen_at = |x: f64, vx: f64| {
+        let first = Measured { radar: 1, ..plot(0.0, [x, 0.0]) };
+        let mut track = Track::new(1, &first, 0.0, &settings);
+        track.correct(&Measured { radar: 1, ..plot(4.0, [x + 4.0 * vx, 0.0]) }, &settings);
+        let mut missed = 0;
+        track.miss(9.1, &settings, |_, _| missed += 1);
+        missed
+    };
+    assert_eq!(seen_at(5e3, 200.0), 1);
+    // it has left the range of the radar by then
+    assert_eq!(seen_at(8.7e3, 300.0), 0);
+}
