@@ -65,8 +65,9 @@ __all__ = [
     "rank_interval",
     "reconstruct",
     "reconstruct_arrivals",
-    "register_biases",
+    "register_errors",
     "register_noise",
+    "register_start",
     "share_interval",
     "simulated_factors",
     "singer_transition",
@@ -486,11 +487,18 @@ def common_states(
 def calibrate(
     time: FloatArray, residual: FloatArray, azimuth: FloatArray, sigma: float, order: int
 ) -> tuple[FloatArray, FloatArray, float, float, float]: ...
-def register_biases(
-    states: dict[str, Any], positions: FloatArray, sigmas: FloatArray
+def register_errors(
+    plots: dict[str, Any],
+    radars: list[Radar],
+    mean: FloatArray,
+    sigma: FloatArray,
+    start: FloatArray,
+) -> tuple[list[FloatArray], list[int]]: ...
+def register_start(
+    tracks: dict[str, Any], radars: list[Radar], sigma: FloatArray
 ) -> list[FloatArray]: ...
 def correct_states(
-    states: dict[str, Any], positions: FloatArray, biases: FloatArray, factors: FloatArray
+    states: dict[str, Any], positions: FloatArray, errors: FloatArray, factors: FloatArray
 ) -> list[FloatArray]: ...
 
 @final

@@ -73,10 +73,8 @@ def test_faults_are_what_the_scene_says(folder: Path) -> None:
         )
     time, off, turned = np.array(errors).T
     assert np.median(off) == pytest.approx(fault["range_bias_m"], abs=25.0)
-    sigma = [
-        np.median(np.abs(turned[half])) / 0.6745
-        for half in (time < fault["since_s"], time > fault["since_s"])
-    ]
+    since = fault["azimuth_sigma_since_s"]
+    sigma = [np.median(np.abs(turned[half])) / 0.6745 for half in (time < since, time > since)]
     assert sigma[0] == pytest.approx(1.2 * 0.08, rel=0.25)
     assert sigma[1] == pytest.approx(fault["azimuth_sigma_deg"], rel=0.25)
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from simulate.aircraft import radar, zigzag
 
-from tertia.sensors import Radar
+from tertia.sensors import Bias, Radar
 from tertia.simulate import (
     dense_traffic,
     encounter,
@@ -114,7 +114,7 @@ def test_bias_and_outliers(crowd):
 
 def test_each_radar_has_its_own_bias_and_clutter(crowd):
     towers = [radar(max_range=400e3), radar(max_range=400e3)]
-    record = radar_plots(crowd, towers, bias=[[0, 0], [500, 0]], clutter=[0, 40], rng=5)
+    record = radar_plots(crowd, towers, bias=Bias(range=[0, 500]), clutter=[0, 40], rng=5)
     for k, shift in enumerate((0.0, 500.0)):
         own = record[record.plots.sensor == k]
         np.testing.assert_allclose(

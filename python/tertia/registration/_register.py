@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,15 +11,20 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, instance, sequence_of
+from tertia.registration._errors import Errors, columns_of, errors, start
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone, common
-from tertia.sensors import Bias, ByKind, Radar
+from tertia.sensors import ByKind, Radar
 from tertia.tracker import Plots, TrackTable, track
 
 # rounds of tracking, each with the noise found in the one before
 _ROUNDS = 3
 # stretches of time at most, and scans in each at least
 _STRETCHES, _SCANS = 24, 8
+# share of the noise by which errors may still change when they are found
+_STAYS = 0.5
+# redundant measurements from which on the noise beside other radars is known
+_REDUNDANT = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +49,7 @@ def register(
     n_threads: int | None = None,
     **options: Any,
 ) -> Registration:
-    """Estimate the noise and the biases of radars from their plots.
+    """Estimate the noise and the systematic errors of radars from their plots.
 
     Parameters
     ----------
@@ -73,38 +78,37 @@ def register(
 
     Notes
     -----
+    **Systematic errors.** Each radar has an offset and a gain of the range, an offset of the
+    azimuth, and a clock offset, with the mean and standard deviations of its `bias`, or of
+    `RADAR_LIMITS`. A radar with `bias=Bias()` is trusted. The plots of one target in 2.2 scans of
+    the slowest radar form a block. Position, velocity and acceleration of the target are projected
+    out, so that blocks are independent and the filter plays no part; blocks that fit no motion are
+    left out. An error that no block depends on keeps its prior: a radar alone says nothing of its
+    errors, and a clock error that all radars share is seen by none.
+
+    Tracks of single radars are compared first; they may show errors ten times as large as their
+    prior. The plots are tracked without these errors, and again where the errors found differ.
+
     **Noise.** A line is fitted to every six successive plots of a straight track. The mean squares
     about the lines, in range and in azimuth, have a robust mean: lines beyond the 99.9 % quantile
     of chi-squared are excluded. Tracking is repeated three times, each time with the noise
-    estimated before, because too narrow gates exclude the plots with the largest errors.
+    estimated before, because too narrow gates exclude the plots with the largest errors. A factor
+    by which residuals of the blocks are larger multiplies it: the scatter of a radar that smooths
+    its plots is less than their error.
 
-    **Biases.** Tracks of each radar alone are compared at common instants, one per scan of the
-    slowest radar. The biases follow from the differences of all pairs of radars by weighted least
-    squares, with Huber's weights beyond 2.5 standard deviations and a prior of ten times the stated
-    noise. A bias is unknown if its standard deviation remains above half its prior, because no
-    difference between radars depends on it. Standard deviations treat all instants of a track as
-    one measurement, so they remain valid for errors that last as long as the track.
-
-    Biases are assumed to be constant, without a range gain, and times to be correct. Differences do
-    not show an error common to all radars. Cost O(N log N) in plots, and O(M K⁴) in M common
-    instants.
-
-    References
-    ----------
-    P. J. Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35
-    (1964). H. White, "A heteroskedasticity-consistent covariance matrix estimator", Econometrica
-    48 (1980).
+    Errors are assumed to be constant. On a flat plane the curvature of the earth counts as a gain
+    of the range. Cost O(N log N + N K^2) in plots.
 
     Examples
     --------
     >>> import numpy as np
     >>> from tertia.registration import register
-    >>> from tertia.sensors import Radar
+    >>> from tertia.sensors import Bias, Radar
     >>> from tertia.simulate import dense_traffic, radar_plots
     >>> numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.0015, "scan_period": 4.0}
     >>> radars = [Radar([east, 0.0], **numbers) for east in (-4e4, 4e4)]
     >>> traffic = dense_traffic(30, area=(1e5, 1e5), rng=1)
-    >>> record = radar_plots(traffic, radars, bias=[[0.0, 0.0], [200.0, 0.0]], rng=2)
+    >>> record = radar_plots(traffic, radars, bias=Bias(range=[0.0, 200.0]), rng=2)
     >>> found = register(record.plots, radars)
     >>> found.bias[1]
     Bias(range=200, azimuth=3.34e-05, range_sigma=3.75, azimuth_sigma=6.04e-05)
@@ -120,11 +124,12 @@ def register(
                 "given"
             )
     run: Run = partial(track, n_threads=n_threads, **options)
-    joint = run(plots, sites) if tracks is None else tracks
-    return rounds(plots, sites, run, joint).registration
+    return rounds(plots, sites, run, tracks).registration
 
 
-def rounds(plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable) -> Rounds:
+def rounds(
+    plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable | None = None
+) -> Rounds:
     """Register radars, and keep the tracks of each radar alone."""
     count, edges = len(radars), _edges(plots, max(radar.scan_period for radar in radars))
     stated, found, sensors = [], [], []
@@ -139,27 +144,54 @@ def rounds(plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable) -
             radar = with_noise(radar, levels[0, k])
         found.append(table)
         sensors.append(radar)
+    joint, known = _systematic(plots, sensors, run, joint, stated)
     states = common(joint, stated, radars)
+    # the noise of single radars, and what their plots are off together
+    own = np.where(known.redundancy > _REDUNDANT, known.factor, 1.0)
     noise = np.array([[radar.range_sigma, radar.azimuth_sigma] for radar in radars])
-    places = np.array([radar.position[:2] for radar in radars])
-    bias, bias_sigma = _core.register_biases(states.columns(), places, noise)
-    factor, factor_sigma = levels / noise
-    history, history_sigma = histories / noise[:, np.newaxis]
-    unknown = np.isnan(bias)
-    value, spread = np.where(unknown, 0.0, bias), np.where(unknown, np.inf, bias_sigma)
+    factor, factor_sigma = levels * own / noise
+    history, history_sigma = (
+        over_time * own[:, np.newaxis] / noise[:, np.newaxis] for over_time in histories
+    )
     registration = Registration(
-        Bias(
-            range=value[:, 0],
-            azimuth=value[:, 1],
-            range_sigma=spread[:, 0],
-            azimuth_sigma=spread[:, 1],
+        bias=known.bias,
+        covariance=known.covariance,
+        prior=known.prior,
+        noise_factor=_by_kind(factor),
+        noise_factor_sigma=_by_kind(factor_sigma),
+        history=NoiseHistory(edges, _by_kind(history), _by_kind(history_sigma)),
+        sensors=tuple(
+            replace(with_noise(radar, levels[0, k] * own[k]), bias=known.bias[k])
+            for k, radar in enumerate(radars)
         ),
-        _by_kind(factor),
-        _by_kind(factor_sigma),
-        NoiseHistory(edges, _by_kind(history), _by_kind(history_sigma)),
-        tuple(sensors),
     )
     return Rounds(registration, stated, found, states)
+
+
+def _systematic(
+    plots: Plots,
+    sensors: Sequence[Radar],
+    run: Run,
+    joint: TrackTable | None,
+    alone: Sequence[TrackTable],
+) -> tuple[TrackTable, Errors]:
+    """Return tracks of all radars and the systematic errors that they show.
+
+    Where errors are large, the plots of one target go to several tracks, of which no block has
+    plots of two radars. So plots are tracked again without the errors found, until these stay.
+    """
+    prior = bias = start(alone, sensors)
+    noise = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])
+    for _ in range(_ROUNDS):
+        if joint is None:
+            joint = run(plots, [replace(one, bias=bias[k]) for k, one in enumerate(sensors)])
+        known = errors(plots, joint, sensors, prior, bias)
+        moved = columns_of(known.bias)[:, [0, 2]] - columns_of(bias)[:, [0, 2]]
+        bias = known.bias
+        if np.all(np.abs(moved) < _STAYS * noise):
+            break
+        last, joint = joint, None
+    return (last if joint is None else joint), known
 
 
 def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
@@ -167,22 +199,14 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
     range_sigma, azimuth_sigma = np.where(
         np.isfinite(sigma), sigma, [radar.range_sigma, radar.azimuth_sigma]
     )
-    return Radar(
-        radar.position,
-        range_sigma=float(range_sigma),
-        azimuth_sigma=float(azimuth_sigma),
-        scan_period=radar.scan_period,
-        max_range=radar.max_range,
-        detection_probability=radar.detection_probability,
-        name=radar.name,
-    )
+    return replace(radar, range_sigma=float(range_sigma), azimuth_sigma=float(azimuth_sigma))
 
 
 def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:
     """Return states without biases, and with covariances scaled to the noise of their time.
 
     The states are from tracks with the noise of the whole recording. Their standard deviations
-    along and across the range are scaled to the noise of each period. Unknown biases remain.
+    along and across the range are scaled to the noise of each period.
     """
     history, whole = registration.history, registration.noise_factor
     which = in_stretches(states.time, history.edges)
@@ -191,9 +215,10 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
         over_time, level = getattr(history.factor, kind), getattr(whole, kind)
         factors[..., axis] = (over_time / level[:, np.newaxis])[:, which].T
     factors[~np.isfinite(factors)] = 1.0
-    bias = np.stack([registration.bias.range, registration.bias.azimuth], axis=-1)
     places = np.array([radar.position[:2] for radar in radars])
-    state, covariance = _core.correct_states(states.columns(), places, bias, factors)
+    state, covariance = _core.correct_states(
+        states.columns(), places, columns_of(registration.bias), factors
+    )
     return Common(
         states.time,
         states.track,

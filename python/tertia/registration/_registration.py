@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.sensors import Bias, ByKind, Radar
+from tertia.sensors._bias import KINDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,13 +33,17 @@ class NoiseHistory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Noise and biases of K radars, estimated from their plots.
+    """Noise and systematic errors of K radars, estimated from their plots.
 
     Attributes
     ----------
     bias : Bias
-        Biases of range and azimuth, of shape (K,), with their standard deviations. A bias that the
-        plots do not determine is 0 with a standard deviation of inf.
+        Biases of range, gain of the range, azimuth and time, of shape (K,), with their standard
+        deviations. A bias that the plots do not determine keeps its prior.
+    covariance : ndarray of shape (4 * K, 4 * K)
+        Covariance of range, gain, azimuth and time, radar by radar.
+    prior : Bias
+        What was known of the biases before.
     noise_factor : ByKind
         Ratio of estimated to stated noise, of shape (K,), for range and azimuth; nan if there are
         too few straight tracks.
@@ -51,24 +56,40 @@ class Registration:
     """
 
     bias: Bias
+    covariance: FloatArray
+    prior: Bias
     noise_factor: ByKind
     noise_factor_sigma: ByKind
     history: NoiseHistory
     sensors: tuple[Radar, ...]
 
+    @property
+    def observable(self) -> dict[str, BoolArray]:
+        """Which errors the plots determine, to less than half of their prior sigma, (K,) each."""
+        pairs = {
+            kind: [np.asarray(getattr(one, f"{kind}_sigma")) for one in (self.bias, self.prior)]
+            for kind in KINDS
+        }
+        return {kind: np.asarray(after < before / 2) for kind, (after, before) in pairs.items()}
+
     def __repr__(self) -> str:
         """Return the biases and factors of each radar."""
-        bias, lines = self.bias, []
+        bias, lines, seen = self.bias, [], self.observable
+        units = {"range": (1.0, " m"), "azimuth": (180 / np.pi, "°"), "time": (1.0, " s")}
         for k, radar in enumerate(self.sensors):
-            range_ = _text(bias.range, bias.range_sigma, k, 1.0, " m")
-            azimuth = _text(bias.azimuth, bias.azimuth_sigma, k, 180 / np.pi, "°")
+            known = [
+                _text(getattr(bias, kind), getattr(bias, f"{kind}_sigma"), k, scale, unit)
+                for kind, (scale, unit) in units.items()
+                if seen[kind][k]
+            ]
             factors = (self.noise_factor.range, self.noise_factor.azimuth)
             noise = " and ".join(f"{np.asarray(factor)[k]:.2f}" for factor in factors)
-            lines.append(f"{radar.name or k + 1}: bias {range_}, {azimuth}; noise x {noise}")
+            shown = ", ".join(known) or "unknown"
+            lines.append(f"{radar.name or k + 1}: bias {shown}; noise x {noise}")
         return f"Registration({'; '.join(lines)})"
 
 
 def _text(value: object, sigma: object, k: int, scale: float, unit: str) -> str:
     """Return a bias with its standard deviation."""
     number, error = (scale * float(np.asarray(x)[k]) for x in (value, sigma))
-    return f"{number:.3g} ± {error:.2g}{unit}" if np.isfinite(error) else "unknown"
+    return f"{number:.3g} ± {error:.2g}{unit}"

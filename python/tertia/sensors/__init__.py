@@ -4,8 +4,8 @@ Positions are local east, north and up in metres; azimuths and elevations are ra
 clockwise from north.
 """
 
-from tertia.sensors._bias import Bias
+from tertia.sensors._bias import RADAR_LIMITS, Bias
 from tertia.sensors._kinds import Kind
 from tertia.sensors._sensors import ByKind, Radar, Station
 
-__all__ = ["Bias", "ByKind", "Kind", "Radar", "Station"]
+__all__ = ["RADAR_LIMITS", "Bias", "ByKind", "Kind", "Radar", "Station"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,9 @@ from tertia._arrays import (
 )
 from tertia.sensors._kinds import ANGLES, angle_sigma
 
+# systematic errors of a radar, and their standard deviations
+KINDS = ("range", "range_gain", "azimuth", "time")
+ERRORS = (*KINDS, *(f"{kind}_sigma" for kind in KINDS))
 # of a bias, the same for all sensors
 _ALIKE = (
     "drift_share",
@@ -51,9 +54,12 @@ class Bias:
         Metres, of one sensor or of K.
     azimuth, elevation : float or ndarray of shape (K,)
         Radians.
+    range_gain : float or ndarray of shape (K,)
+        A range is measured as (1 + range_gain) times the true one, plus `range`.
     time : float or ndarray of shape (K,)
         Reading of the sensor's clock less the true time, in seconds.
-    range_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of shape (K,), or None
+    range_sigma, range_gain_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of
+            shape (K,), or None
         Their standard deviations.
     drift_share : float or None
         Share of the variance that changes slowly, between 0 and 1; the rest is constant. None: to
@@ -87,10 +93,12 @@ class Bias:
     """
 
     range: float | FloatArray
+    range_gain: float | FloatArray
     azimuth: float | FloatArray
     elevation: float | FloatArray
     time: float | FloatArray
     range_sigma: float | FloatArray | None
+    range_gain_sigma: float | FloatArray | None
     azimuth_sigma: float | FloatArray | None
     elevation_sigma: float | FloatArray | None
     time_sigma: float | FloatArray | None
@@ -105,10 +113,12 @@ class Bias:
         self,
         *,
         range: npt.ArrayLike = 0.0,  # noqa: A002  # its name everywhere
+        range_gain: npt.ArrayLike = 0.0,
         azimuth: npt.ArrayLike = 0.0,
         elevation: npt.ArrayLike = 0.0,
         time: npt.ArrayLike = 0.0,
         range_sigma: npt.ArrayLike | None = 0.0,
+        range_gain_sigma: npt.ArrayLike | None = 0.0,
         azimuth_sigma: npt.ArrayLike | None = 0.0,
         elevation_sigma: npt.ArrayLike | None = 0.0,
         time_sigma: npt.ArrayLike | None = 0.0,
@@ -128,10 +138,12 @@ class Bias:
         object.__setattr__(self, "drift_time", None if drift_time is None else float(drift_time))
         given = {
             "range": range,
+            "range_gain": range_gain,
             "azimuth": azimuth,
             "elevation": elevation,
             "time": time,
             "range_sigma": range_sigma,
+            "range_gain_sigma": range_gain_sigma,
             "azimuth_sigma": azimuth_sigma,
             "elevation_sigma": elevation_sigma,
             "time_sigma": time_sigma,
@@ -220,6 +232,52 @@ class Bias:
             variance = within + max(own - self.deviation_covariance[0, 0], 0.0)
         return scalar_or_array(value), scalar_or_array(np.sqrt(variance))
 
+    def correct(self, plots: Any) -> Any:
+        """Return plots without these biases of range, azimuth and time.
+
+        Parameters
+        ----------
+        plots : Plots
+            Of one sensor, or of K sensors with their biases.
+
+        Returns
+        -------
+        Plots
+            At the times `t - time`, with the ranges `(r - range) / (1 + range_gain)` and the
+            azimuths `a - azimuth`.
+
+        Raises
+        ------
+        ValueError
+            A plot of a sensor that has no bias here.
+
+        Examples
+        --------
+        >>> from tertia.sensors import Bias
+        >>> from tertia.tracker import Plots
+        >>> Bias(range=[0.0, 150.0]).correct(Plots(0.0, 9150.0, 1.0, sensor=1)).range
+        array([9000.])
+        """
+        most = int(np.max(plots.sensor, initial=-1))
+        if np.ndim(self.range) > 0 and most >= len(self):
+            raise ValueError(f"plots has a plot of sensor {most}; there are {len(self)} biases")
+
+        def own(kind: str) -> Any:
+            value = getattr(self, kind)
+            return value if np.ndim(value) == 0 else value[plots.sensor]
+
+        azimuth = plots.azimuth - own("azimuth")
+        if self.deviation_order > 0:
+            # the direction in which a deviation is read is that without it
+            for _ in range(2):
+                azimuth = plots.azimuth - self.at(azimuth)[0]
+        return replace(
+            plots,
+            time=plots.time - own("time"),
+            range=(plots.range - own("range")) / (1.0 + own("range_gain")),
+            azimuth=azimuth,
+        )
+
     def save(self, path: str | Path) -> None:
         """Write the bias to a file, as JSON."""
         fields = {name: getattr(self, name) for name in Bias.__slots__}
@@ -272,3 +330,14 @@ def _bias_number(value: npt.ArrayLike, name: str, degrees: bool) -> FloatArray:
     array = angle_sigma(value, name, degrees=degrees)
     require_each(array, array >= 0, name, "0, positive or inf")
     return array
+
+
+# limits of the systematic errors of radars: EUROCONTROL's standard for surveillance, 1997
+RADAR_LIMITS = Bias(
+    range_sigma=100.0,
+    range_gain_sigma=1 / 1852,
+    azimuth_sigma=float(np.radians(0.1)),
+    time_sigma=0.1,
+    drift_share=1.0,
+    drift_time=30_000.0,
+)

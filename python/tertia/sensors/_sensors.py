@@ -21,7 +21,7 @@ from tertia._arrays import (
     scalar_or_array,
     sequence_of,
 )
-from tertia.sensors._bias import Bias
+from tertia.sensors._bias import ERRORS, RADAR_LIMITS, Bias
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
 
 # largest element by which axes times their transpose may differ from the identity
@@ -114,11 +114,7 @@ class Station:
         require_each(surveyed, surveyed >= 0, "position_sigma", "0 or positive")
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "position_sigma", float(surveyed))
-        if bias is not None:
-            instance(bias, "bias", Bias)
-            if np.ndim(bias.range) > 0:
-                raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
-        object.__setattr__(self, "bias", bias)
+        object.__setattr__(self, "bias", _own_bias(bias))
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "axes", None if axes is None else _axes(axes, place))
         for key, sigma in sigmas.items():
@@ -148,6 +144,9 @@ class Radar:
         Largest range of detections in metres.
     detection_probability : float
         Probability that a target within range is detected in a scan.
+    bias : Bias or None
+        Its systematic errors of range, azimuth and time: what they are about, and how well that is
+        known. None: nothing is known but `RADAR_LIMITS`; `Bias()`: there are none.
     name : str or None
         Its label in plots and reports.
 
@@ -169,6 +168,7 @@ class Radar:
     scan_period: float
     max_range: float
     detection_probability: float
+    bias: Bias | None
     name: str | None
 
     def __init__(
@@ -180,6 +180,7 @@ class Radar:
         scan_period: float,
         max_range: float = np.inf,
         detection_probability: float = 0.9,
+        bias: Bias | None = None,
         name: str | None = None,
         degrees: bool = False,
     ) -> None:
@@ -209,6 +210,7 @@ class Radar:
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "max_range", limit)
         object.__setattr__(self, "detection_probability", detected)
+        object.__setattr__(self, "bias", _own_bias(bias))
         object.__setattr__(self, "name", name)
 
 
@@ -270,6 +272,20 @@ def stack_stations(
     return places, _all_axes(known, places.shape[-1]), sigmas
 
 
+def own_biases(radars: Sequence[Radar]) -> Bias:
+    """Return the systematic errors of radars, (K,), as they are known; else within the limits."""
+    columns: dict[str, Any] = {
+        kind: [_error(radar.bias, kind) for radar in radars] for kind in ERRORS
+    }
+    return Bias(**columns)
+
+
+def _error(bias: Bias | None, kind: str) -> float:
+    """Return a systematic error, or its standard deviation, as it is known."""
+    value = getattr(RADAR_LIMITS if bias is None else bias, kind)
+    return float(getattr(RADAR_LIMITS, kind) if value is None else value)
+
+
 def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | None:
     """Return the standard deviations of the stations' positions, (K,); None where all are exact."""
     if not isinstance(stations, Sequence) or not isinstance(next(iter(stations), None), Station):
@@ -292,6 +308,15 @@ def require_dimension(array: FloatArray, name: str, shape: str) -> None:
     """Fail unless the last axis is east, north and perhaps up."""
     if array.ndim < 1 or array.shape[-1] not in {2, 3}:
         raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
+
+
+def _own_bias(bias: Bias | None) -> Bias | None:
+    """Return the bias of one sensor, checked."""
+    if bias is not None:
+        instance(bias, "bias", Bias)
+        if np.ndim(bias.range) > 0:
+            raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
+    return bias
 
 
 def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:

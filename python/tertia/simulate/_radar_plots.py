@@ -9,9 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, generator, instance, sequence_of
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    generator,
+    instance,
+    real,
+    sequence_of,
+)
 from tertia._units import FLIGHT_LEVEL
-from tertia.sensors import Radar
+from tertia.sensors import Bias, Radar
 from tertia.simulate._parameters import _number, _require
 from tertia.simulate._traffic import Traffic
 from tertia.tracker import NO_IDENTITY, Plots
@@ -77,7 +86,8 @@ def radar_plots(
     *,
     clutter: npt.ArrayLike = 0.0,
     phase: npt.ArrayLike | None = None,
-    bias: npt.ArrayLike = 0.0,
+    bias: Bias | None = None,
+    bias_start: float = 0.0,
     outlier_probability: float = 0.0,
     outlier_size: float = 20.0,
     duplicate_probability: float = 0.0,
@@ -103,8 +113,11 @@ def radar_plots(
         Mean number of false plots per scan; needs a finite `max_range`.
     phase : array_like of shape () or (K,), optional
         A time at which the beam points north; by default uniform over a scan.
-    bias : array_like of shape (), (2,) or (K, 2)
-        Biases added to ranges (metres) and azimuths (radians).
+    bias : Bias, optional
+        Systematic errors of range, gain of the range, azimuth and time, alike for all radars or of
+        shape (K,); by default there are none.
+    bias_start : float
+        Time in seconds from which the radars have them.
     outlier_probability : float
         Probability that a plot is an outlier.
     outlier_size : float
@@ -141,7 +154,8 @@ def radar_plots(
     count, random = len(stations), generator(rng)
     false = _per_radar(clutter, "clutter", (count,))
     _require(bool(np.all(false >= 0)), "clutter", false.tolist(), "zero or more")
-    shift = _per_radar(bias, "bias", (count, 2))
+    shift = _biases(bias, count)
+    start = real(bias_start, "bias_start")
     periods = np.array([radar.scan_period for radar in stations])
     if phase is None:
         north = random.uniform(size=count) * periods
@@ -159,7 +173,16 @@ def radar_plots(
     for k, radar in enumerate(stations):
         flight, time = _meetings(traffic, radar, float(north[k]))
         parts += [
-            _seen(traffic, radar, flight, time, bias=shift[k], defects=defects, random=random),
+            _seen(
+                traffic,
+                radar,
+                flight,
+                time,
+                bias=shift[k],
+                since=start,
+                defects=defects,
+                random=random,
+            ),
             _clutter(traffic, radar, mean=float(false[k]), north=float(north[k]), random=random),
         ]
         numbers.append(np.full(len(parts[-2]["time"]) + len(parts[-1]["time"]), k))
@@ -204,13 +227,26 @@ def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
     return 2 * np.pi / radar.scan_period * (time - north)
 
 
+def _biases(bias: Bias | None, count: int) -> list[Bias]:
+    """Return the systematic errors of each radar."""
+    if bias is None:
+        return [Bias()] * count
+    instance(bias, "bias", Bias)
+    if np.ndim(bias.range) == 0:
+        return [bias] * count
+    if len(bias) != count:
+        raise ValueError(f"bias is that of {len(bias)} sensors; there are {count}")
+    return [bias[k] for k in range(count)]
+
+
 def _seen(
     traffic: Traffic,
     radar: Radar,
     flight: IntArray,
     time: FloatArray,
     *,
-    bias: FloatArray,
+    bias: Bias,
+    since: float,
     defects: _Defects,
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
@@ -227,13 +263,15 @@ def _seen(
     n = len(rows)
     outlier = random.uniform(size=n) < defects.outlier
     error = random.standard_normal((2, n)) * np.where(outlier, defects.size, 1.0)
-    azimuth = np.arctan2(*offset[rows].T) + bias[1] + radar.azimuth_sigma * error[1]
+    late = time[rows] >= since
+    azimuth = np.arctan2(*offset[rows].T) + late * bias.azimuth + radar.azimuth_sigma * error[1]
+    slant = distance[rows] * (1.0 + late * bias.range_gain) + late * bias.range
     # transponders report hundreds of feet
     reported = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL
     reported[random.uniform(size=n) < defects.no_height] = np.nan
     return {
-        "time": time[rows],
-        "range": np.abs(distance[rows] + bias[0] + radar.range_sigma * error[0]),
+        "time": time[rows] + late * bias.time,
+        "range": np.abs(slant + radar.range_sigma * error[0]),
         "azimuth": azimuth % (2 * np.pi),
         "height": reported,
         "identity": _identity(traffic.identity[flight[rows]], defects, random),

@@ -10,7 +10,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray, generator, integer, positive, real
 from tertia.flightplan import FlightPlan
-from tertia.sensors import Radar, Station
+from tertia.sensors import Bias, Radar, Station
 from tertia.simulate._bearings import direction_finder
 from tertia.simulate._flights import flights
 from tertia.simulate._parameters import _require
@@ -68,7 +68,7 @@ class Scene:
         Bearings of each emitter by each direction finder in degrees, one a second.
     radar_faults, station_faults : mapping of str to mapping
         What is worse than stated, by the name of the sensor: for radars `range_bias_m`, and
-        `azimuth_sigma_deg` from `since_s` on; for direction finders `sigma_deg`.
+        `azimuth_sigma_deg` from `azimuth_sigma_since_s` on; for direction finders `sigma_deg`.
     """
 
     radars: list[Radar]
@@ -195,21 +195,27 @@ def _record(
     random: np.random.Generator,
 ) -> tuple[RadarPlots, dict[str, dict[str, float]]]:
     """Return the plots, and what is wrong with the last radar."""
-    real, bias = list(radars), np.zeros((len(radars), 2))
+    real, bias = list(radars), np.zeros(len(radars))
     faults = {}
     if len(radars) > 1:
-        last, bias[-1, 0] = radars[-1], _BIAS
+        last, bias[-1] = radars[-1], _BIAS
         real[-1] = replace(last, azimuth_sigma=_WORSE * last.azimuth_sigma)
         faults[str(last.name)] = {
             "range_bias_m": _BIAS,
             "azimuth_sigma_deg": round(float(np.degrees(real[-1].azimuth_sigma)), 6),
-            "since_s": duration / 2,
+            "azimuth_sigma_since_s": duration / 2,
         }
     phase = random.uniform(size=len(radars)) * [radar.scan_period for radar in radars]
     halves = []
     for late, used in enumerate((radars, real)):
         record = radar_plots(
-            traffic, used, clutter=clutter, phase=phase, bias=bias, rng=random, **_IMPERFECT
+            traffic,
+            used,
+            clutter=clutter,
+            phase=phase,
+            bias=Bias(range=bias),
+            rng=random,
+            **_IMPERFECT,
         )
         time = record.plots.time
         halves.append(record[((time > duration / 2) == bool(late)) & (time <= duration)])

@@ -23,6 +23,7 @@ from tertia._arrays import (
 from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
+from tertia.sensors._sensors import own_biases
 from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
 from tertia.tracker._plots import Plots
 from tertia.tracker._table import TrackTable
@@ -237,6 +238,8 @@ class Tracker:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
+        if any(radar.bias is not None for radar in self.sensors):
+            plots = own_biases(self.sensors).correct(plots)
         instants, end = plots.time, None if time is None else real(time, "time")
         if self.clock_period is not None:
             instants = self._continuous(instants, self.clock_period)

@@ -48,7 +48,7 @@ mod core_module {
     };
     #[pymodule_export]
     use super::registration::{
-        calibrate, common_states, correct_states, register_biases, register_noise,
+        calibrate, common_states, correct_states, register_errors, register_noise, register_start,
     };
     #[pymodule_export]
     use super::screening::{

@@ -1,13 +1,18 @@
 //! Bindings of `tertia::registration`.
 
 use crate::arrays::{Array, Input, Integers, array, release};
+use crate::tracker::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::registration::{self as core, Common, Level, PolarPlot, Row, Site};
+use tertia::registration::{
+    self as core, Alone, Common, ERRORS, Level, PolarPlot, Report, Row, TargetPlot,
+};
 
 /// Cost of a row of a table or an instant of a radar, for releasing the interpreter's lock.
 const ROW_NS: f64 = 500.0;
+/// Cost of a plot in blocks.
+const BLOCK_NS: f64 = 5000.0;
 
 type Levels<'py> = [Array<'py>; 2];
 
@@ -48,6 +53,30 @@ pub struct Updates<'py> {
     height: Input<'py>,
 }
 
+/// Plots of targets.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct TargetPlots<'py> {
+    sensor: PyReadonlyArray1<'py, i64>,
+    target: PyReadonlyArray1<'py, i64>,
+    time: Input<'py>,
+    range: Input<'py>,
+    azimuth: Input<'py>,
+    height: Input<'py>,
+    turn_probability: Input<'py>,
+}
+
+/// Tracks of single radars at one instant.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct LoneTracks<'py> {
+    sensor: PyReadonlyArray1<'py, i64>,
+    identity: PyReadonlyArray1<'py, i64>,
+    state: Input<'py>,
+    covariance: Input<'py>,
+    height: Input<'py>,
+}
+
 impl Table<'_> {
     fn read(&self) -> PyResult<core::Table> {
         let (time, turning) =
@@ -70,6 +99,56 @@ impl Table<'_> {
         let track_of_plot = self.track_of_plot.as_slice()?.to_vec();
         Ok(core::Table { rows: (0..time.len()).map(row).collect(), track_of_plot })
     }
+}
+
+impl TargetPlots<'_> {
+    fn read(&self, radars: usize) -> PyResult<Vec<TargetPlot>> {
+        let (sensor, target) = (self.sensor.as_slice()?, self.target.as_slice()?);
+        let columns = [
+            self.time.numbers("time")?,
+            self.range.numbers("range")?,
+            self.azimuth.numbers("azimuth")?,
+            self.height.numbers("height")?,
+            self.turn_probability.numbers("turn_probability")?,
+        ];
+        same_length(sensor.len(), &columns.each_ref().map(Vec::len))?;
+        same_length(sensor.len(), &[target.len()])?;
+        let [time, range, azimuth, height, turning] = columns;
+        let plot = |(i, &sensor): (usize, &i64)| {
+            let report = Report {
+                radar: number(sensor, radars)?,
+                time: time[i],
+                range: range[i],
+                azimuth: azimuth[i],
+                height: height[i],
+            };
+            Ok(TargetPlot { report, target: target[i], turn_probability: turning[i] })
+        };
+        sensor.iter().enumerate().map(plot).collect()
+    }
+}
+
+impl LoneTracks<'_> {
+    fn read(&self, radars: usize) -> PyResult<Vec<Alone>> {
+        let (sensor, identity) = (self.sensor.as_slice()?, self.identity.as_slice()?);
+        let state = self.state.points::<4>("state", 1)?;
+        let covariance = self.covariance.points::<16>("covariance", 2)?;
+        let height = self.height.numbers("height")?;
+        let counts = [state.len(), covariance.len(), height.len(), identity.len()];
+        same_length(sensor.len(), &counts)?;
+        let track = |(i, &sensor): (usize, &i64)| {
+            let (state, covariance) = (state[i], covariance[i]);
+            let (height, identity) = (height[i], identity[i]);
+            Ok(Alone { radar: number(sensor, radars)?, state, covariance, height, identity })
+        };
+        sensor.iter().enumerate().map(track).collect()
+    }
+}
+
+/// The number of a radar, of so many.
+fn number(sensor: i64, radars: usize) -> PyResult<usize> {
+    let inside = usize::try_from(sensor).ok().filter(|&k| k < radars);
+    inside.ok_or_else(|| PyValueError::new_err(format!("sensor is {sensor}; there are {radars}")))
 }
 
 impl States<'_> {
@@ -162,28 +241,58 @@ pub fn common_states<'py>(
     ))
 }
 
-/// Biases of range and azimuth (K, 2) of radars, and their standard deviations; nan where unknown.
+/// Errors (K, 4) of radars, their covariance (4 K, 4 K), noise over what is stated and the redundant
+/// measurements that it is of, (K, 2), and the blocks that were used and that fit no motion.
 #[pyfunction]
-pub fn register_biases<'py>(
+#[allow(clippy::type_complexity)] // what Python unpacks
+pub fn register_errors<'py>(
     py: Python<'py>,
-    states: States<'py>,
-    positions: Input<'py>,
-    sigmas: Input<'py>,
+    plots: TargetPlots<'py>,
+    radars: Vec<PyRef<'py, Radar>>,
+    mean: Input<'py>,
+    sigma: Input<'py>,
+    start: Input<'py>,
+) -> PyResult<([Array<'py>; 4], [usize; 2])> {
+    let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+    let plots = plots.read(radars.len())?;
+    let [mean, sigma, start] = [(mean, "mean"), (sigma, "sigma"), (start, "start")]
+        .map(|(input, name)| input.points::<ERRORS>(name, 1));
+    let (mean, sigma, start) = (mean?, sigma?, start?);
+    let k = radars.len();
+    same_length(k, &[mean.len(), sigma.len(), start.len()])?;
+    let found = release(py, BLOCK_NS * plots.len() as f64, || {
+        core::register(&plots, &radars, [&mean, &sigma], &start)
+    });
+    let order = ERRORS * k;
+    Ok((
+        [
+            array(py, &[k, ERRORS], found.errors.into_flattened())?,
+            // symmetric: columns are rows
+            array(py, &[order, order], found.covariance.as_slice().to_vec())?,
+            array(py, &[k, 2], found.factor.into_flattened())?,
+            array(py, &[k, 2], found.redundancy.into_flattened())?,
+        ],
+        found.blocks,
+    ))
+}
+
+/// Errors (K, 4) from which a registration starts, and the standard deviations of its prior.
+#[pyfunction]
+pub fn register_start<'py>(
+    py: Python<'py>,
+    tracks: LoneTracks<'py>,
+    radars: Vec<PyRef<'py, Radar>>,
+    sigma: Input<'py>,
 ) -> PyResult<Levels<'py>> {
-    let (positions, sigmas) = (positions.pairs("positions")?, sigmas.pairs("sigmas")?);
-    same_length(positions.len(), &[sigmas.len()])?;
-    let sites: Vec<Site> = positions
-        .into_iter()
-        .zip(sigmas)
-        .map(|(position, sigma)| Site { position, sigma })
-        .collect();
-    let k = sites.len();
-    let common = states.read(k)?;
-    let cost = ROW_NS * (common.time.len() * k.pow(3)) as f64;
-    let found = release(py, cost, || core::biases(&common, &sites));
+    let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+    let sigma = sigma.points::<ERRORS>("sigma", 1)?;
+    same_length(radars.len(), &[sigma.len()])?;
+    let tracks = tracks.read(radars.len())?;
+    let found = py.detach(|| core::start(&tracks, &radars, &sigma));
+    let k = radars.len();
     Ok([
-        array(py, &[k, 2], found.value.into_flattened())?,
-        array(py, &[k, 2], found.sigma.into_flattened())?,
+        array(py, &[k, ERRORS], found.errors.into_flattened())?,
+        array(py, &[k, ERRORS], found.prior.into_flattened())?,
     ])
 }
 
@@ -223,25 +332,25 @@ pub fn calibrate<'py>(
     ))
 }
 
-/// States (M, K, 4) and covariances with biases (K, 2) removed and standard deviations scaled by
+/// States (M, K, 4) and covariances with errors (K, 4) removed and standard deviations scaled by
 /// factors (M, K, 2) along the range and across it.
 #[pyfunction]
 pub fn correct_states<'py>(
     py: Python<'py>,
     states: States<'py>,
     positions: Input<'py>,
-    biases: Input<'py>,
+    errors: Input<'py>,
     factors: Input<'py>,
 ) -> PyResult<Levels<'py>> {
-    let (positions, biases) = (positions.pairs("positions")?, biases.pairs("biases")?);
-    let factors = factors.pairs("factors")?;
+    let (positions, factors) = (positions.pairs("positions")?, factors.pairs("factors")?);
+    let errors = errors.points::<ERRORS>("errors", 1)?;
     let k = positions.len();
     let mut common = states.read(k)?;
-    same_length(k, &[biases.len()])?;
+    same_length(k, &[errors.len()])?;
     same_length(common.state.len(), &[factors.len()])?;
     let m = common.time.len();
     release(py, ROW_NS * factors.len() as f64, || {
-        core::correct(&mut common, &positions, &biases, &factors);
+        core::correct(&mut common, &positions, &errors, &factors);
     });
     Ok([
         array(py, &[m, k, 4], common.state.into_flattened())?,

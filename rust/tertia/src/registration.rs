@@ -6,21 +6,28 @@
 //! | `lines` | mean squares of plots about short straight lines in their own track | O(N log N) |
 //! | `noise` | standard deviations of range and azimuth over time, from these mean squares | O(N log N) |
 //! | `row`, `common` | states of the radars' tracks at common instants | O(N log N + M K) |
-//! | `bias` | biases of range and azimuth from the differences of these states | O(M K⁴) |
+//! | `sighting`, `block` | what plots of one target by several radars say of the errors of the radars | O(n K²) |
+//! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
+//! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
 //! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
 
-mod bias;
+mod block;
 mod calibration;
 mod common;
 mod correction;
 mod lines;
 mod noise;
+mod recording;
 mod row;
+mod sighting;
+mod start;
 
-pub use bias::{Biases, Site, biases};
 pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
 pub use lines::{Line, PolarPlot, lines};
 pub use noise::{Level, Noise, noise, stretch_of};
+pub use recording::{Registered, TargetPlot, register};
 pub use row::{Row, Table};
+pub use sighting::{ERRORS, Errors, Report};
+pub use start::{Alone, Start, start};

@@ -1,10 +1,10 @@
-//! Tracks as they would be with the noise and without the biases that were found.
+//! Tracks as they would be with the noise and without the errors that were found.
 
 use super::common::Common;
+use super::sighting::Errors;
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
-/// Removes the biases (m, rad; one for each of the radars at these positions) from the states, and
-/// scales the covariances along the range and across it by `factors`, (M, K) pairs of standard
+/// Removes the errors of the radars at these positions from the states, and scales the covariances along the range and across it by `factors`, (M, K) pairs of standard
 /// deviations as they are over those that the tracks were made with.
 ///
 /// # Panics
@@ -12,11 +12,11 @@ use nalgebra::{Matrix2, Matrix4, Vector2};
 pub fn correct(
     common: &mut Common,
     positions: &[[f64; 2]],
-    biases: &[[f64; 2]],
+    errors: &[Errors],
     factors: &[[f64; 2]],
 ) {
     let count = positions.len();
-    assert!(biases.len() == count && factors.len() == common.state.len());
+    assert!(errors.len() == count && factors.len() == common.state.len());
     let states = common.state.iter_mut().zip(&mut common.covariance).zip(factors);
     for (at, ((state, covariance), factor)) in states.enumerate() {
         let k = at % count;
@@ -24,9 +24,10 @@ pub fn correct(
         let distance = offset.norm().max(1.0);
         let along = offset / distance;
         let across = Vector2::new(along[1], -along[0]);
-        let shift = biases[k][0] * along + biases[k][1] * distance * across;
-        state[0] -= shift[0];
-        state[1] -= shift[1];
+        let [offset, gain, azimuth, clock] = errors[k];
+        let shift = (offset + gain * distance) * along + azimuth * distance * across;
+        state[0] += clock * state[2] - shift[0];
+        state[1] += clock * state[3] - shift[1];
         let scale: Matrix2<f64> =
             factor[0] * along * along.transpose() + factor[1] * across * across.transpose();
         let mut s = Matrix4::zeros();

@@ -1,0 +1,259 @@
+//! The systematic errors of radars from a whole recording.
+
+use super::block::{Block, Unknowns};
+use super::sighting::{Errors, Report, Sighting};
+use crate::base::distribution::chi_square_upper;
+use crate::sensors::Radar;
+use nalgebra::{DMatrix, DVector};
+
+/// Duration of a block in scans of the slowest radar.
+const SCANS: f64 = 2.2;
+/// Acceleration of a target in a block, straight on and in a turn, m/s².
+const STRAIGHT: f64 = 0.3;
+const TURN: f64 = 4.0;
+/// Probability of a turn above which a block is of a turn.
+const TURNING: f64 = 0.3;
+/// A block that is less probable has a plot of another target, or a motion that is not expected.
+const SIGNIFICANCE: f64 = 1e-3;
+/// Plots that may be left out of a block, and the standard deviations that they are off at least.
+const LEFT_OUT: usize = 2;
+const OUTLIER: f64 = 3.5;
+/// Redundant measurements that the stated noise is worth.
+const STATED: f64 = 10.0;
+const ROUNDS: usize = 4;
+
+/// A plot of a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TargetPlot {
+    /// The plot.
+    pub report: Report,
+    /// Number of the target.
+    pub target: i64,
+    /// Probability that the target turns.
+    pub turn_probability: f64,
+}
+
+/// What is known of the errors of radars.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Registered {
+    /// The errors of each radar.
+    pub errors: Vec<Errors>,
+    /// Their covariance, (4 K, 4 K).
+    pub covariance: DMatrix<f64>,
+    /// Noise over what is stated, of range and azimuth.
+    pub factor: Vec<[f64; 2]>,
+    /// The redundant measurements that these are of.
+    pub redundancy: Vec<[f64; 2]>,
+    /// Blocks of several radars that were used, and those that fit no motion.
+    pub blocks: [usize; 2],
+}
+
+/// Sums over the blocks of a round.
+struct Sums {
+    information: DMatrix<f64>,
+    score: DVector<f64>,
+    /// Squares of residuals and their redundancy.
+    square: Vec<[f64; 2]>,
+    redundancy: Vec<[f64; 2]>,
+    blocks: [usize; 2],
+}
+
+/// Errors of radars by blocks of the plots of one target. Before, they have the means and standard
+/// deviations of `prior`, of which 0 is a trusted radar; they are sought from `start` on. What no
+/// block depends on keeps its prior. Cost O(N log N + N K²) in plots.
+///
+/// # Panics
+/// If a plot is of no radar, or the lengths differ.
+pub fn register(
+    plots: &[TargetPlot],
+    radars: &[Radar],
+    [mean, sigma]: [&[Errors]; 2],
+    start: &[Errors],
+) -> Registered {
+    assert!([mean, sigma, start].iter().all(|own| own.len() == radars.len()));
+    let unknowns = unknowns(sigma);
+    let order = unknowns.iter().flatten().flatten().count();
+    let blocks = windows(plots, radars);
+    let mut errors = start.to_vec();
+    let mut factor = vec![[1.0; 2]; radars.len()];
+    let mut covariance = DMatrix::<f64>::identity(order, order);
+    let mut sums = Sums::new(order, radars.len());
+    for _ in 0..ROUNDS {
+        sums = Sums::new(order, radars.len());
+        for block in &blocks {
+            sums.add(block, radars, &unknowns, &errors, &factor, &covariance);
+        }
+        let Some(cholesky) = sums.information.clone().cholesky() else { break };
+        covariance = cholesky.inverse();
+        let mut off = sums.score.clone();
+        for_each(&unknowns, |k, j, column, sigma| {
+            off[column] -= (errors[k][j] - mean[k][j]) / sigma;
+        });
+        let step = &covariance * off;
+        for_each(&unknowns, |k, j, column, sigma| errors[k][j] += step[column] * sigma);
+        for (k, factor) in factor.iter_mut().enumerate() {
+            for axis in 0..2 {
+                let (square, free) = (sums.square[k][axis], sums.redundancy[k][axis]);
+                factor[axis] *= ((square + STATED) / (free + STATED)).sqrt();
+            }
+        }
+    }
+    Registered {
+        errors,
+        covariance: spread(&covariance, &unknowns),
+        factor,
+        redundancy: sums.redundancy,
+        blocks: sums.blocks,
+    }
+}
+
+impl Sums {
+    fn new(order: usize, radars: usize) -> Self {
+        Self {
+            information: DMatrix::identity(order, order),
+            score: DVector::zeros(order),
+            square: vec![[0.0; 2]; radars],
+            redundancy: vec![[0.0; 2]; radars],
+            blocks: [0; 2],
+        }
+    }
+
+    /// Adds a block without what does not fit.
+    fn add(
+        &mut self,
+        plots: &[TargetPlot],
+        radars: &[Radar],
+        unknowns: &Unknowns,
+        errors: &[Errors],
+        factor: &[[f64; 2]],
+        covariance: &DMatrix<f64>,
+    ) {
+        let turns = plots.iter().any(|plot| plot.turn_probability > TURNING);
+        let acceleration = if turns { TURN } else { STRAIGHT };
+        let mut sightings = sightings(plots, radars, errors, factor);
+        for left_out in 0..=LEFT_OUT {
+            let Some(block) = Block::new(&sightings, unknowns, acceleration) else { return };
+            let Some((step, misfit)) = block.fit(covariance) else { return };
+            let residuals = block.residuals(&step);
+            if chi_square_upper(misfit, block.free) >= SIGNIFICANCE {
+                return self.take(&block, &sightings, residuals.as_slice());
+            }
+            let worst = (0..sightings.len())
+                .map(|i| (i, off(residuals.as_slice(), &block.redundancy, i)))
+                .max_by(|a, b| a.1.total_cmp(&b.1));
+            match worst {
+                Some((i, off)) if left_out < LEFT_OUT && off > OUTLIER * OUTLIER => {
+                    sightings.remove(i);
+                }
+                _ => break,
+            }
+        }
+        self.blocks[1] += 1;
+    }
+
+    fn take(&mut self, block: &Block, sightings: &[Sighting], residuals: &[f64]) {
+        for (i, one) in sightings.iter().enumerate() {
+            for axis in 0..2 {
+                let row = 2 * i + axis;
+                self.square[one.radar][axis] += residuals[row] * residuals[row];
+                self.redundancy[one.radar][axis] += block.redundancy[row];
+            }
+        }
+        // one radar alone says nothing of its errors
+        if sightings.iter().all(|one| one.radar == sightings[0].radar) {
+            return;
+        }
+        self.blocks[0] += 1;
+        for (i, &row) in block.columns.iter().enumerate() {
+            self.score[row] += block.score[i];
+            for (j, &column) in block.columns.iter().enumerate() {
+                self.information[(row, column)] += block.information[(i, j)];
+            }
+        }
+    }
+}
+
+/// The larger squared residual of a plot over its redundancy.
+fn off(residuals: &[f64], redundancy: &[f64], plot: usize) -> f64 {
+    let one = |row: usize| residuals[row] * residuals[row] / redundancy[row].max(1e-9);
+    one(2 * plot).max(one(2 * plot + 1))
+}
+
+/// The unknown errors, numbered.
+fn unknowns(prior: &[Errors]) -> Unknowns {
+    let mut next = 0;
+    let mut number = |sigma: f64| {
+        (sigma > 0.0).then(|| {
+            next += 1;
+            (next - 1, sigma)
+        })
+    };
+    prior.iter().map(|own| own.map(&mut number)).collect()
+}
+
+/// Radar, error, column and standard deviation of each unknown.
+fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, usize, f64)) {
+    for (k, own) in unknowns.iter().enumerate() {
+        for (j, unknown) in own.iter().enumerate() {
+            if let Some((column, sigma)) = *unknown {
+                act(k, j, column, sigma);
+            }
+        }
+    }
+}
+
+/// The plots of targets in order of time, in blocks.
+fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
+    let slowest = radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
+    let mut sorted = plots.to_vec();
+    sorted.sort_by(|a, b| {
+        (a.target.cmp(&b.target))
+            .then(a.report.time.total_cmp(&b.report.time))
+            .then(a.report.radar.cmp(&b.report.radar))
+    });
+    let mut blocks: Vec<Vec<TargetPlot>> = Vec::new();
+    for plot in sorted {
+        match blocks.last_mut() {
+            Some(block)
+                if block[0].target == plot.target
+                    && plot.report.time - block[0].report.time <= SCANS * slowest =>
+            {
+                block.push(plot);
+            }
+            _ => blocks.push(vec![plot]),
+        }
+    }
+    blocks
+}
+
+/// Corrected plots in order of time; where a height is unknown, at the mean height of the others.
+fn sightings(
+    plots: &[TargetPlot],
+    radars: &[Radar],
+    errors: &[Errors],
+    factor: &[[f64; 2]],
+) -> Vec<Sighting> {
+    let heights = plots.iter().map(|plot| plot.report.height).filter(|height| height.is_finite());
+    let (sum, count) = heights.fold((0.0, 0.0), |(sum, count), height| (sum + height, count + 1.0));
+    let mean = sum / count;
+    let mut found: Vec<Sighting> = plots
+        .iter()
+        .filter_map(|plot| {
+            let k = plot.report.radar;
+            let report = plot.report.corrected(&errors[k]);
+            let height = if report.height.is_finite() { report.height } else { mean };
+            Sighting::new(&report, height, &radars[k], factor[k])
+        })
+        .collect();
+    found.sort_by(|a, b| a.time.total_cmp(&b.time));
+    found
+}
+
+/// The covariance of the errors of all radars, in their units.
+fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
+    let all: Vec<Option<(usize, f64)>> = unknowns.iter().flatten().copied().collect();
+    DMatrix::from_fn(all.len(), all.len(), |i, j| match (all[i], all[j]) {
+        (Some((row, own)), Some((column, other))) => own * other * covariance[(row, column)],
+        _ => 0.0,
+    })
+}

@@ -1,0 +1,148 @@
+//! A plot of a radar in the plane, and how the systematic errors of the radar move it.
+
+use crate::sensors::{HEIGHT_SIGMA, Radar};
+use nalgebra::Vector2;
+
+/// Systematic errors of a radar: offset of the range, gain of the range, azimuth, clock.
+pub const ERRORS: usize = 4;
+
+/// Ground range over slant range below which the target is overhead.
+const OVERHEAD: f64 = 1e-3;
+
+/// Offset of the range (m), gain of the range (1), azimuth (rad), clock (s): what was measured is
+/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`.
+pub type Errors = [f64; ERRORS];
+
+/// A plot as a radar reports it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// Which radar.
+    pub radar: usize,
+    /// Seconds.
+    pub time: f64,
+    /// Slant range, metres.
+    pub range: f64,
+    /// Radians, clockwise from north.
+    pub azimuth: f64,
+    /// Height above the plane in metres; nan where it is not known.
+    pub height: f64,
+}
+
+impl Report {
+    /// The plot without these errors.
+    pub fn corrected(&self, errors: &Errors) -> Self {
+        let [offset, gain, azimuth, clock] = *errors;
+        Self {
+            time: self.time - clock,
+            range: (self.range - offset) / (1.0 + gain),
+            azimuth: self.azimuth - azimuth,
+            ..*self
+        }
+    }
+}
+
+/// A plot in the plane.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sighting {
+    pub radar: usize,
+    pub time: f64,
+    pub position: Vector2<f64>,
+    /// Unit vectors away from the radar and, clockwise, across.
+    pub axes: [Vector2<f64>; 2],
+    /// Standard deviations along them, metres.
+    pub sigma: [f64; 2],
+    /// Slant range and ground range, metres.
+    range: f64,
+    ground: f64,
+}
+
+impl Sighting {
+    /// Of a plot without errors, at its height or another; none where the target is overhead.
+    /// `factor` multiplies the standard deviations that the radar states.
+    pub fn new(plot: &Report, height: f64, radar: &Radar, factor: [f64; 2]) -> Option<Self> {
+        let up = if height.is_finite() { height - radar.position[2] } else { 0.0 };
+        let squared = plot.range * plot.range - up * up;
+        if plot.range <= 0.0 || squared <= (OVERHEAD * plot.range).powi(2) {
+            return None;
+        }
+        let ground = squared.sqrt();
+        let (sine, cosine) = plot.azimuth.sin_cos();
+        let along = factor[0] * radar.range_sigma * plot.range / ground;
+        Some(Self {
+            radar: plot.radar,
+            time: plot.time,
+            position: Vector2::new(
+                radar.position[0] + ground * sine,
+                radar.position[1] + ground * cosine,
+            ),
+            axes: [Vector2::new(sine, cosine), Vector2::new(cosine, -sine)],
+            sigma: [
+                along.hypot(HEIGHT_SIGMA * up / ground),
+                factor[1] * radar.azimuth_sigma * ground,
+            ],
+            range: plot.range,
+            ground,
+        })
+    }
+
+    /// How far a unit of each error moves the plot along both axes, at this velocity.
+    pub fn design(&self, velocity: Vector2<f64>) -> [Errors; 2] {
+        let slope = self.range / self.ground;
+        let late = self.axes.map(|axis| -axis.dot(&velocity));
+        [[slope, slope * self.range, 0.0, late[0]], [0.0, 0.0, self.ground, late[1]]]
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub fn close(a: f64, b: f64) {
+        assert!((a - b).abs() <= 1e-11 * b.abs().max(1e-3), "{a} {b}");
+    }
+
+    pub fn radar(position: [f64; 3], range_sigma: f64, azimuth_sigma_deg: f64) -> Radar {
+        Radar {
+            position,
+            range_sigma,
+            azimuth_sigma: azimuth_sigma_deg.to_radians(),
+            scan_period: 4.0,
+            max_range: f64::INFINITY,
+            detection_probability: 0.9,
+        }
+    }
+
+    pub const PRIOR: Errors = [100.0, 1.0 / 1852.0, 1.745_329_251_994e-3, 0.1];
+
+    #[test]
+    fn errors_are_removed() {
+        let (radar, time, range, azimuth, height) = (0, 100.0, 80150.0, 1.2, f64::NAN);
+        let found =
+            Report { radar, time, range, azimuth, height }.corrected(&[150.0, 5e-4, 0.002, 0.1]);
+        close(found.time, 99.9);
+        close(found.range, 79960.01999001);
+        close(found.azimuth, 1.198);
+    }
+
+    #[test]
+    fn a_plot_and_what_errors_do_to_it() {
+        let radar = radar([6e4, 0.0, 100.0], 70.0, 0.12);
+        let plot = Report { radar: 1, time: 0.0, range: 5e4, azimuth: 5.5, height: 8e3 };
+        let seen = Sighting::new(&plot, plot.height, &radar, [1.0; 2]).unwrap();
+        close(seen.position[0], 25166.09437027);
+        close(seen.position[1], 34988.41263303);
+        close(seen.sigma[0], 70.93106640067);
+        close(seen.sigma[1], 103.4043820091);
+        let design = seen.design(Vector2::new(150.0, -120.0));
+        let expected = [
+            [101.2720670875, 27.34127081195, 0.0, 19.08714217505],
+            [0.0, 0.0, 86.17031834094, -2.163562707524],
+        ];
+        for (row, expected) in design.iter().zip(expected) {
+            for ((metres, prior), expected) in row.iter().zip(PRIOR).zip(expected) {
+                close(metres * prior, expected);
+            }
+        }
+        assert!(Sighting::new(&plot, 51e3, &radar, [1.0; 2]).is_none());
+    }
+}

@@ -1,0 +1,286 @@
+//! Errors of radars that are far larger than expected, from the tracks of each radar alone at one
+//! instant.
+//!
+//! Which track of one radar is which track of another is found together with the errors: from each
+//! possible pair a chain of pairs begins, each taken with the errors that the pairs before it leave
+//! possible. The chain that is most likely, against chance, is right. Cost O(C² N) for C possible
+//! pairs of N targets; from 200 pairs at most a chain begins.
+
+use super::sighting::{ERRORS, Errors};
+use crate::sensors::Radar;
+use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector4};
+use std::f64::consts::TAU;
+
+/// Standard deviations of large errors, in those of the prior: offset, gain, azimuth, clock.
+const WIDE: Errors = [10.0, 1.0, 10.0, 10.0];
+/// Largest differences of two tracks of one target: heights in metres, normalised squares of
+/// velocities (less 3 m/s) and positions, and of positions within a chain.
+const HEIGHTS: f64 = 300.0;
+const VELOCITIES: f64 = 16.0;
+const SPARE_SPEED: f64 = 3.0;
+const POSITIONS: f64 = 20.0;
+const IN_CHAIN: f64 = 13.8;
+/// Logarithm of the odds of equal identities.
+const IDENTITIES: f64 = 6.0;
+/// Logarithms of the odds that one radar has large errors, or all have, over none.
+const ONE: f64 = -3.0;
+const ALL: f64 = -6.0;
+/// Pairs from which a chain begins, and pairs that a chain needs.
+const CHAINS: usize = 200;
+const FEWEST: usize = 3;
+
+/// Errors of two radars.
+const BOTH: usize = 2 * ERRORS;
+type Design = SMatrix<f64, 2, BOTH>;
+
+/// A track of one radar at the instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alone {
+    /// Which radar.
+    pub radar: usize,
+    /// East, north, and their rates.
+    pub state: [f64; 4],
+    /// Their covariance, row by row.
+    pub covariance: [f64; 16],
+    /// Metres; nan where it is unknown.
+    pub height: f64,
+    /// Of the transponder; negative where it is unknown.
+    pub identity: i64,
+}
+
+/// Errors from which a registration starts, and how well they are known before.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// Of each radar.
+    pub errors: Vec<Errors>,
+    /// Standard deviations of the prior: those given, wider for a radar that has large errors.
+    pub prior: Vec<Errors>,
+}
+
+/// A pair of tracks of two radars.
+#[derive(Clone, Copy)]
+struct Pair {
+    first: usize,
+    second: usize,
+    off: Vector2<f64>,
+    spread: Matrix2<f64>,
+    /// Of the errors of the first radar and of the second, in standard deviations of the prior.
+    design: Design,
+    /// Which of the errors of all radars these are.
+    at: [usize; BOTH],
+    bonus: f64,
+}
+
+/// Where the errors of radars are, by hypotheses: none has large errors, one has, all have.
+///
+/// # Panics
+/// If a track is of no radar, or the lengths differ.
+pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
+    assert_eq!(prior.len(), radars.len());
+    let pairs = associated(tracks, radars, prior);
+    let order = ERRORS * radars.len();
+    let (mut information, mut score) = (DMatrix::zeros(order, order), DVector::zeros(order));
+    for pair in &pairs {
+        let Some(inverse) = pair.spread.try_inverse() else { continue };
+        let (weighed, u) = (inverse * pair.design, pair.design.transpose() * inverse * pair.off);
+        let product = pair.design.transpose() * weighed;
+        for i in 0..BOTH {
+            score[pair.at[i]] += u[i];
+            for j in 0..BOTH {
+                information[(pair.at[i], pair.at[j])] += product[(i, j)];
+            }
+        }
+    }
+    let count = radars.len();
+    let hypotheses = std::iter::once((0.0, vec![false; count]))
+        .chain((0..count).map(|k| (ONE, (0..count).map(|i| i == k).collect())))
+        .chain([(ALL, vec![true; count])]);
+    let (_, large, errors) = hypotheses
+        .map(|(odds, large)| {
+            let sigma = |i: usize| if large[i / ERRORS] { WIDE[i % ERRORS] } else { 1.0 };
+            let (evidence, mean) = evidence(&information, &score, sigma);
+            (odds + evidence, large, mean)
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .unwrap_or((0.0, vec![false; count], DVector::zeros(order)));
+    let value = |k: usize, j: usize| errors[ERRORS * k + j] * prior[k][j];
+    let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { WIDE[j] } else { 1.0 };
+    Start {
+        errors: (0..count).map(|k| std::array::from_fn(|j| value(k, j))).collect(),
+        prior: (0..count).map(|k| std::array::from_fn(|j| sigma(k, j))).collect(),
+    }
+}
+
+/// Logarithm of the evidence of errors with these standard deviations, and their mean.
+fn evidence(
+    information: &DMatrix<f64>,
+    score: &DVector<f64>,
+    sigma: impl Fn(usize) -> f64,
+) -> (f64, DVector<f64>) {
+    let n = score.len();
+    let u = DVector::from_fn(n, |i, _| sigma(i) * score[i]);
+    let m = DMatrix::from_fn(n, n, |i, j| {
+        f64::from(u8::from(i == j)) + sigma(i) * information[(i, j)] * sigma(j)
+    });
+    let Some(cholesky) = m.cholesky() else { return (f64::NEG_INFINITY, DVector::zeros(n)) };
+    let solved = cholesky.solve(&u);
+    let value = 0.5 * u.dot(&solved) - cholesky.l_dirty().diagonal().map(f64::ln).sum();
+    (value, DVector::from_fn(n, |i, _| sigma(i) * solved[i]))
+}
+
+/// The pairs of tracks of one target, radar by radar, the one with most tracks first.
+fn associated(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Vec<Pair> {
+    let of = |k: usize| (0..tracks.len()).filter(move |&i| tracks[i].radar == k);
+    let mut order: Vec<usize> = (0..radars.len()).collect();
+    order.sort_by_key(|&k| std::cmp::Reverse(of(k).count()));
+    let (mut targets, mut found): (Vec<usize>, Vec<Pair>) = (Vec::new(), Vec::new());
+    for k in order {
+        let own: Vec<usize> = of(k).collect();
+        let density = (own.len() as f64 / area(tracks)).ln();
+        let pairs: Vec<Pair> = own
+            .iter()
+            .flat_map(|&first| targets.iter().map(move |&second| (first, second)))
+            .filter_map(|(first, second)| pair(tracks, first, second, radars, prior))
+            .collect();
+        let step = pairs.len().div_ceil(CHAINS).max(1);
+        let best = (0..pairs.len())
+            .step_by(step)
+            .map(|begin| chain(&pairs, begin, density, ERRORS * radars.len()))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let chain: Vec<Pair> = match best {
+            Some((_, chain)) if chain.len() >= FEWEST => chain,
+            _ => Vec::new(),
+        };
+        targets.extend(own.iter().filter(|&&i| chain.iter().all(|pair| pair.first != i)));
+        found.extend(chain);
+    }
+    found
+}
+
+/// Square metres over which the tracks are.
+fn area(tracks: &[Alone]) -> f64 {
+    let side = |axis: usize| {
+        let places = || tracks.iter().map(|track| track.state[axis]);
+        let (low, high) =
+            (places().fold(f64::INFINITY, f64::min), places().fold(f64::NEG_INFINITY, f64::max));
+        (high - low).max(1e4)
+    };
+    side(0) * side(1)
+}
+
+/// Two tracks, if they can be of one target.
+fn pair(
+    tracks: &[Alone],
+    first: usize,
+    second: usize,
+    radars: &[Radar],
+    prior: &[Errors],
+) -> Option<Pair> {
+    let (a, b) = (&tracks[first], &tracks[second]);
+    let known = a.identity >= 0 && b.identity >= 0;
+    if (a.height - b.height).abs() > HEIGHTS || known && a.identity != b.identity {
+        return None;
+    }
+    let difference = Vector4::from(a.state) - Vector4::from(b.state);
+    let part = |at: usize| {
+        let of =
+            |c: &[f64; 16]| Matrix2::new(c[5 * at], c[5 * at + 1], c[5 * at + 4], c[5 * at + 5]);
+        of(&a.covariance) + of(&b.covariance)
+    };
+    let velocity = part(2) + Matrix2::identity() * (SPARE_SPEED * SPARE_SPEED);
+    let off = Vector2::new(difference[2], difference[3]);
+    if form(&velocity, off)? > VELOCITIES {
+        return None;
+    }
+    let (off, spread) = (Vector2::new(difference[0], difference[1]), part(0));
+    let mut design = Design::zeros();
+    for (side, sign, track) in [(0, 1.0, a), (1, -1.0, b)] {
+        let columns = columns(track, &radars[track.radar], &prior[track.radar]);
+        design.view_mut((0, side * ERRORS), (2, ERRORS)).copy_from(&(sign * columns));
+    }
+    let wide = SVector::<f64, BOTH>::from_fn(|i, _| wide(i));
+    let total = spread + design * SMatrix::from_diagonal(&wide) * design.transpose();
+    let bonus = if known { IDENTITIES } else { 0.0 };
+    let at =
+        std::array::from_fn(|i| ERRORS * if i < ERRORS { a.radar } else { b.radar } + i % ERRORS);
+    let possible = form(&total, off)? <= POSITIONS;
+    possible.then_some(Pair { first, second, off, spread, design, at, bonus })
+}
+
+/// How far errors of one standard deviation move a track.
+fn columns(track: &Alone, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, ERRORS> {
+    let [x, y, vx, vy] = track.state;
+    let offset = [x - radar.position[0], y - radar.position[1]];
+    let ground = offset[0].hypot(offset[1]).max(1.0);
+    let up = if track.height.is_finite() { track.height - radar.position[2] } else { 0.0 };
+    let range = ground.hypot(up);
+    let [e, n] = offset.map(|side| side / ground);
+    let slope = range / ground;
+    SMatrix::<f64, 2, ERRORS>::from_columns(&[
+        Vector2::new(e, n) * (slope * prior[0]),
+        Vector2::new(e, n) * (slope * range * prior[1]),
+        Vector2::new(n, -e) * (ground * prior[2]),
+        Vector2::new(-vx, -vy) * prior[3],
+    ])
+}
+
+/// `dᵀ S⁻¹ d`.
+fn form(spread: &Matrix2<f64>, off: Vector2<f64>) -> Option<f64> {
+    Some(off.dot(&(spread.try_inverse()? * off)))
+}
+
+/// The pairs that follow from one, and the logarithm of their odds against chance.
+fn chain(pairs: &[Pair], begin: usize, density: f64, order: usize) -> (f64, Vec<Pair>) {
+    let mut mean = DVector::<f64>::zeros(order);
+    let mut spread = DMatrix::from_diagonal(&DVector::from_fn(order, |i, _| wide(i)));
+    let (mut score, mut taken) = (0.0, Vec::new());
+    let mut left = pairs.to_vec();
+    let mut next = gain(&pairs[begin], &mean, &spread, density).map(|odds| (begin, odds));
+    while let Some((at, odds)) = next {
+        let pair = left[at];
+        let Some(inverse) = (pair.design_spread(&spread) + pair.spread).try_inverse() else {
+            break;
+        };
+        let cross = spread.select_columns(&pair.at) * pair.design.transpose();
+        let gain_of_pair = &cross * inverse;
+        mean += &gain_of_pair * (pair.off - pair.design * pair.of(&mean));
+        spread -= &gain_of_pair * cross.transpose();
+        score += odds;
+        taken.push(pair);
+        left.retain(|other| other.first != pair.first && other.second != pair.second);
+        next = left
+            .iter()
+            .enumerate()
+            .filter_map(|(i, pair)| Some((i, gain(pair, &mean, &spread, density)?)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+    }
+    (score, taken)
+}
+
+/// Logarithm of the odds of a pair against chance; none where it is unlikely.
+fn gain(pair: &Pair, mean: &DVector<f64>, spread: &DMatrix<f64>, density: f64) -> Option<f64> {
+    let total = pair.design_spread(spread) + pair.spread;
+    let d = form(&total, pair.off - pair.design * pair.of(mean))?;
+    let volume = (TAU * TAU * total.determinant()).sqrt();
+    let odds = -0.5 * d - volume.ln() - density + pair.bonus;
+    (d < IN_CHAIN && odds > 0.0).then_some(odds)
+}
+
+/// Variance of a large error, in units of the prior's.
+fn wide(error: usize) -> f64 {
+    WIDE[error % ERRORS].powi(2)
+}
+
+impl Pair {
+    /// The errors of its radars.
+    fn of(&self, errors: &DVector<f64>) -> SVector<f64, BOTH> {
+        SVector::from_fn(|i, _| errors[self.at[i]])
+    }
+
+    /// Covariance of the difference by the errors of its radars.
+    fn design_spread(&self, spread: &DMatrix<f64>) -> Matrix2<f64> {
+        let own = SMatrix::<f64, BOTH, BOTH>::from_fn(|i, j| spread[(self.at[i], self.at[j])]);
+        let total = self.design * own * self.design.transpose();
+        0.5 * (total + total.transpose())
+    }
+}
