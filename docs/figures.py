@@ -114,6 +114,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "registration.md": {
         "coverage": registration.coverage,
+        "aligned": registration.aligned,
     },
     "fusion.md": {
         "paper weights": fusion.paper_weights,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import assert_refused
 from scipy import stats
 from simulate.aircraft import radar, zigzag
 
@@ -101,8 +102,9 @@ def test_beyond_its_range_a_radar_sees_nothing(crowd):
 
 def test_bias_and_outliers(crowd):
     tower = radar(range_sigma=50, azimuth_sigma=0.001)
+    bias = Bias(range=200, azimuth=0.01)
     record = radar_plots(
-        crowd, [tower], bias=[200, 0.01], outlier_probability=0.1, outlier_size=30.0, rng=4
+        crowd, [tower], bias=bias, outlier_probability=0.1, outlier_size=30.0, rng=4
     )
     n = len(record)
     assert record.outlier.mean() == pytest.approx(0.1, abs=4 * 0.3 / np.sqrt(n))
@@ -110,6 +112,26 @@ def test_bias_and_outliers(crowd):
         good, bad = error[~record.outlier], error[record.outlier]
         assert stats.kstest(good - shift, "norm").pvalue > 0.01
         assert stats.kstest((bad - shift) / 30, "norm").pvalue > 0.01
+
+
+def test_gain_and_clock_from_a_time_on(crowd):
+    tower = radar(range_sigma=50, azimuth_sigma=0.001)
+    bias = Bias(range_gain=0.01, time=0.25)
+    clean, wrong = (
+        radar_plots(crowd, [tower], bias=one, bias_start=start, phase=0.0, rng=4)
+        for one, start in ((None, 0.0), (bias, 60.0))
+    )
+    assert_refused(lambda: radar_plots(crowd, [tower], bias=[1.0]), TypeError, "bias is")
+    several = Bias(range=[1.0, 2.0])
+    assert_refused(lambda: radar_plots(crowd, [tower], bias=several), ValueError, "there are 1")
+    order = np.lexsort((wrong.plots.time, wrong.target))
+    before = np.lexsort((clean.plots.time, clean.target))
+    late = clean.plots.time[before] >= 60.0
+    off = wrong.plots.time[order] - clean.plots.time[before]
+    np.testing.assert_allclose(off, 0.25 * late, atol=1e-9)
+    # the noise is the same, the range in it is longer
+    ratio = wrong.plots.range[order] / clean.plots.range[before]
+    np.testing.assert_allclose(ratio, 1 + 0.01 * late, atol=2e-4)
 
 
 def test_each_radar_has_its_own_bias_and_clutter(crowd):
