@@ -63,8 +63,7 @@ impl Block {
         let mut right = DMatrix::<f64>::zeros(rows, 1 + q);
         for (i, one) in sightings.iter().enumerate() {
             let t = (one.time - middle) / half;
-            let design = one.design(velocity);
-            for axis in 0..2 {
+            for (axis, metres) in one.design(velocity).into_iter().enumerate() {
                 let (row, sigma) = (2 * i + axis, one.sigma[axis]);
                 for (k, power) in [1.0, t, t * t].into_iter().enumerate() {
                     for side in 0..2 {
@@ -72,7 +71,7 @@ impl Block {
                     }
                 }
                 right[(row, 0)] = one.axes[axis].dot(&(one.position - centre)) / sigma;
-                for (unknown, metres) in unknowns[one.radar].iter().zip(design[axis]) {
+                for (unknown, metres) in unknowns[one.radar].iter().zip(metres) {
                     if let Some((column, prior)) = unknown {
                         let own = columns.binary_search(column).ok()?;
                         right[(row, 1 + own)] = metres * prior / sigma;

@@ -92,9 +92,9 @@ pub fn register(
         let step = &covariance * off;
         for_each(&unknowns, |k, j, column, sigma| errors[k][j] += step[column] * sigma);
         for (k, factor) in factor.iter_mut().enumerate() {
-            for axis in 0..2 {
+            for (axis, factor) in factor.iter_mut().enumerate() {
                 let (square, free) = (sums.square[k][axis], sums.redundancy[k][axis]);
-                factor[axis] *= ((square + STATED) / (free + STATED)).sqrt();
+                *factor *= ((square + STATED) / (free + STATED)).sqrt();
             }
         }
     }
