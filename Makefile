@@ -63,12 +63,10 @@ docs: $(WHEEL) $(VENV)/.docs
 figures: $(WHEEL)
 	$(BIN)/python docs/figures.py
 
+# everything that the pages cite, and the tables of docs/performance.md
 bench: $(WHEEL) $(VENV)/.bench
-	cargo bench
-	$(BIN)/python -m pytest benches --benchmark-columns=min,median,rounds
-	$(BIN)/python benches/tracker_throughput.py
-	for peer in screening weights location kalman smoothing; do $(BIN)/python benches/peers/$$peer.py || exit 1; done
-	$(BIN)/python benches/peers/tracker.py --clutter 0 50 --radars 1
+	-$(BIN)/python -m pip install --quiet --no-deps "norfair>=2.3" # asks for a NumPy that others refuse
+	$(BIN)/python benches/performance.py
 
 # instructions of the kernels, compared with benches/instructions.txt; `--record` writes that file
 counts:

@@ -1,10 +1,14 @@
 //! Cost of a step of the filter, by what is stored.
 
+use adskalman::{
+    KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
+};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::{Matrix1, Matrix3, RowVector3, U1, U3, Vector3};
 use std::hint::black_box;
 use std::num::NonZero;
 use tertia::kalman::{
-    Batch, End, Filter, PerStep, Row, Series, Singer, Steps, Table, Workspace, smooth,
+    Batch, End, Filter, PerStep, Row, Series, Singer, State, Steps, Table, Workspace, smooth,
 };
 
 const STEPS: usize = 10_000;
@@ -47,6 +51,7 @@ fn benches(c: &mut Criterion) {
     }
     group.finish();
     blocks(c);
+    side_by_side(c);
 }
 
 fn blocks(c: &mut Criterion) {
@@ -77,6 +82,85 @@ fn blocks(c: &mut Criterion) {
         });
     }
     group.finish();
+}
+
+/// The model of a Singer target for adskalman: H = (1, 0, 0), one R for all plots.
+struct Peer {
+    f: [Matrix3<f64>; 2],
+    q: Matrix3<f64>,
+    h: (RowVector3<f64>, Vector3<f64>),
+    r: Matrix1<f64>,
+}
+
+impl TransitionModelLinearNoControl<f64, U3> for Peer {
+    fn F(&self) -> &Matrix3<f64> {
+        &self.f[0]
+    }
+    fn FT(&self) -> &Matrix3<f64> {
+        &self.f[1]
+    }
+    fn Q(&self) -> &Matrix3<f64> {
+        &self.q
+    }
+}
+
+impl ObservationModel<f64, U3, U1> for Peer {
+    fn H(&self) -> &RowVector3<f64> {
+        &self.h.0
+    }
+    fn HT(&self) -> &Vector3<f64> {
+        &self.h.1
+    }
+    fn R(&self) -> &Matrix1<f64> {
+        &self.r
+    }
+}
+
+/// A series from a known state on, all states kept, beside adskalman, with which it agrees.
+fn side_by_side(c: &mut Criterion) {
+    let model = Singer::try_new(0.05, 0.003, false).unwrap();
+    let transition = model.over(5.0).unwrap();
+    let [f01, f02, f12, f22] = transition.f;
+    let [q00, q01, q02, q11, q12, q22] = transition.q;
+    let f = Matrix3::new(1.0, f01, f02, 0.0, 1.0, f12, 0.0, 0.0, f22);
+    let peer = Peer {
+        f: [f, f.transpose()],
+        q: Matrix3::new(q00, q01, q02, q01, q11, q12, q02, q12, q22),
+        h: (RowVector3::new(1.0, 0.0, 0.0), Vector3::x()),
+        r: Matrix1::new(0.01),
+    };
+    let z: Vec<f64> = (0..STEPS).map(|i| 0.01 * i as f64 + (i as f64 * 1.7).sin()).collect();
+    let plots: Vec<Matrix1<f64>> = z.iter().map(|&z| Matrix1::new(z)).collect();
+    let before = StateAndCovariance::new(Vector3::zeros(), Matrix3::identity());
+    // it begins with a prediction
+    let first = peer.predict(&before);
+    let rows: [[f64; 3]; 3] = first.covariance().transpose().into();
+    let start = State::try_new([0.0; 3], &rows).unwrap();
+    let series = Series {
+        z: black_box(&z),
+        variance: PerStep::Constant(0.01),
+        transition: PerStep::Constant(transition),
+    };
+    let (mut mean, mut covariance) = (vec![[0.0; 3]; STEPS], vec![[0.0; 6]; STEPS]);
+    let mut states = vec![before.clone(); STEPS];
+    let filter = KalmanFilterNoControl::new(&peer, &peer);
+    let mut group = c.benchmark_group("kalman, one series");
+    group.throughput(Throughput::Elements(STEPS as u64));
+    group.bench_function("Tertia", |b| {
+        b.iter(|| {
+            series.run(Filter::from_state(start, None), |step, state, _| {
+                mean[step] = state.mean;
+                covariance[step] = state.covariance;
+            })
+        });
+    });
+    group.bench_function("adskalman", |b| {
+        b.iter(|| filter.filter_inplace(&before, black_box(&plots), &mut states).unwrap());
+    });
+    group.finish();
+    for (mean, state) in mean.iter().zip(&states) {
+        assert!((mean[0] - state.state()[0]).abs() < 1e-9);
+    }
 }
 
 criterion_group!(all, benches);

@@ -17,6 +17,11 @@ import tempfile
 import time
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parent / "peers"))
+
+from timing import report_growth
+
+# isort: split
 import numpy as np
 
 from tertia.simulate import dense_traffic, radar_plots
@@ -95,7 +100,7 @@ def main():
     parser.add_argument("--threads", type=int, nargs="*", default=(1, 2))
     parser.add_argument("--false", type=float, default=0.1, help="false plots per aircraft")
     parser.add_argument("--duration", type=float, default=48.0, help="seconds")
-    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--runs", type=int, default=2)
     parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: of all threads")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
@@ -124,10 +129,11 @@ def main():
                     flush=True,
                 )
     for n_threads in chosen.threads if len(chosen.aircraft) > 1 else ():
+        threads = "1 thread" if n_threads == 1 else f"{n_threads} threads"
         for way, name in enumerate(("recording", "scan by scan")):
-            times = [costs[n_threads, aircraft][way] for aircraft in chosen.aircraft]
-            exponent = np.polyfit(np.log(chosen.aircraft), np.log(times), 1)[0]
-            print(f"{name}, {n_threads} threads: time per plot as aircraft^{exponent:.3f}")
+            times = [1e9 * costs[n_threads, aircraft][way] for aircraft in chosen.aircraft]
+            title = f"track, {name}, {threads}, a plot"
+            report_growth(title, "aircraft", chosen.aircraft, times, "µs")
     return None
 
 

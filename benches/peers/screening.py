@@ -2,13 +2,12 @@
 
 Nanoseconds of CPU time per value, the least of several rounds on one thread, and the ratio to
 Tertia. The alternatives do not all answer the same question (sigma clipping iterates, Hampel looks
-at a window), but each is what its users would call for it. What is not installed is left out. The
-last lines fit cost = a N^b to Tertia's times.
+at a window), but each is what its users would call for it. What is not installed is left out.
 """
 
 from functools import partial
 
-from timing import cpu_time, fit_growth, optional
+from timing import least, optional, report
 
 # isort: split
 import numpy as np
@@ -21,7 +20,6 @@ numba = optional("numba")
 scipy = optional("scipy.stats")
 
 K = 2.5
-SECONDS = 0.5
 
 
 def tertia_mask(y):
@@ -95,42 +93,22 @@ ALTERNATIVES = {
 }
 
 
-def nanoseconds(function, y):
-    """Least CPU time per value; the first call may compile."""
-    function(y)
-    return cpu_time(partial(function, y), SECONDS) / y.size
-
-
 def compare(shape):
     y = np.random.default_rng(1).standard_normal(shape)
-    own = nanoseconds(tertia_mask, y)
-    print(f"\n{' x '.join(map(str, shape))} values\n  {'Tertia':<24}{own:10.2f} ns")
+    functions = {"Tertia": tertia_mask}
     for name, (package, function) in ALTERNATIVES.items():
-        if package is None or (name == "hampel" and (y.ndim > 1 or y.size > 100_000)):
-            continue
-        other = nanoseconds(function, y)
-        print(f"  {name:<24}{other:10.2f} ns {other / own:10.1f} times")
-    read = nanoseconds(np.sum, y)
-    print(f"  {'(np.sum: one read)':<24}{read:10.2f} ns {read / own:10.1f} times")
-
-
-def growth(name, function):
-    lengths = np.array([10**2, 10**3, 10**4, 10**5, 10**6, 10**7])
-    rng = np.random.default_rng(1)
-    per_value = [nanoseconds(function, rng.standard_normal(n)) for n in lengths]
-    # below 10^4 the call itself costs more than the values
-    _, exponent = fit_growth(lengths[2:], per_value[2:] * lengths[2:])
-    costs = ", ".join(f"{cost:.2f}" for cost in per_value)
-    print(f"{name}: N^{exponent:.3f} from 10^4 to 10^7; ns per value from 10^2 on: {costs}")
+        if package and not (name == "hampel" and (y.ndim > 1 or y.size > 10_000)):
+            functions[name] = function
+    functions["(np.sum: one read)"] = np.sum
+    for function in functions.values():
+        function(y)  # may compile
+    best = least({name: (partial(function, y), y.size) for name, function in functions.items()})
+    report(f"mask of {' × '.join(f'{n:,}' for n in shape)}, a value", best)
 
 
 def main():
     for shape in [(100,), (10_000,), (10_000_000,), (10_000, 100)]:
         compare(shape)
-    print()
-    growth("leave_one_out_mask", tertia_mask)
-    growth("leave_one_out", lambda y: screening.leave_one_out(y, n_threads=1))
-    growth("leave_one_out_statistics", lambda y: screening.leave_one_out_statistics(y, n_threads=1))
 
 
 if __name__ == "__main__":

@@ -4,12 +4,12 @@ Nanoseconds of CPU time per instant, the least of several rounds on one thread, 
 Tertia. Local polynomials of one degree beside SciPy's `savgol_filter`, which returns no standard
 errors; the smoother of constant acceleration and white jerk beside filterpy and statsmodels, which
 start from a wide prior. Everything must agree before it is timed. What is not installed is left
-out. The last lines fit cost = a n^b to Tertia's times.
+out.
 """
 
 from functools import partial
 
-from timing import fit_growth, least, optional, report
+from timing import least, optional, report
 
 # isort: split
 import numpy as np
@@ -70,28 +70,30 @@ def require_agreement(name, found, expected, tolerance):
 
 def polynomials(n):
     y = series(n)
-    for derivative in (0, 1):
-        for degree in (2, 3):
+    for derivative, degree in ((0, 2), (0, 3), (1, 2)):
 
-            def own(y, degree=degree, derivative=derivative):
-                return local_polynomial(y, WINDOW, degree, derivative=derivative, n_threads=1).value
+        def own(y, degree=degree, derivative=derivative):
+            return local_polynomial(y, WINDOW, degree, derivative=derivative, n_threads=1).value
 
-            def other(y, degree=degree, derivative=derivative):
-                return savgol_filter(y, WINDOW, degree, deriv=derivative, mode="interp")
+        def other(y, degree=degree, derivative=derivative):
+            return savgol_filter(y, WINDOW, degree, deriv=derivative, mode="interp")
 
-            require_agreement("savgol_filter", other(y), own(y), 1e-12)
-            problems = {
-                "Tertia, with sigma": (partial(own, y), n),
-                "savgol_filter": (partial(other, y), n),
-            }
-            title = f"{n} instants, degree {degree}, derivative {derivative}"
-            report(title, least(problems))
+        require_agreement("savgol_filter", other(y), own(y), 1e-12)
+        problems = {
+            "Tertia": (partial(own, y), n),
+            "savgol_filter, no sigma": (partial(other, y), n),
+        }
+        title = f"local polynomial, {n:,} instants, degree {degree}, derivative {derivative}"
+        report(title, least(problems))
     uneven = np.arange(n) + 0.3 * np.sin(np.arange(n))
     problems = {
-        "equal steps": (lambda: local_polynomial(y, WINDOW, n_threads=1), n),
-        "irregular": (lambda: local_polynomial(y, WINDOW, time=uneven, n_threads=1), n),
+        "Tertia": (lambda: local_polynomial(y, WINDOW, n_threads=1), n),
+        "Tertia, irregular times": (
+            lambda: local_polynomial(y, WINDOW, time=uneven, n_threads=1),
+            n,
+        ),
     }
-    report(f"{n} instants, adaptive degree", least(problems))
+    report(f"local polynomial, {n:,} instants, adaptive degree", least(problems))
 
 
 def tracks():
@@ -108,24 +110,12 @@ def tracks():
             require_agreement(name, found[0][middle], mean[middle], 1e-6)
             require_agreement(name, found[1][middle], covariance[middle], 1e-6)
             problems[name] = (partial(function, y[:FEW]), FEW)
-    report("smoother of position, velocity and acceleration, one axis", least(problems))
-
-
-def growth(name, function):
-    sizes = np.array([1_000, 3_000, 10_000, 30_000, 100_000])
-    best = least({n: (partial(function, series(n)), 1) for n in sizes})
-    factor, exponent = fit_growth(sizes, list(best.values()))
-    print(f"  {name:<34}{factor:12.1f} ns n^{exponent:.3f}")
+    report("smooth, one axis, 10,000 instants, an instant", least(problems))
 
 
 def main():
-    for n in (1_000, 100_000):
-        polynomials(n)
+    polynomials(100_000)
     tracks()
-    print("\ncost of n instants")
-    growth("degree 2", lambda y: local_polynomial(y, WINDOW, 2, n_threads=1))
-    growth("adaptive", lambda y: local_polynomial(y, WINDOW, n_threads=1))
-    growth("smoother, one axis", tertia_track)
 
 
 if __name__ == "__main__":

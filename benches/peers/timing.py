@@ -4,6 +4,7 @@ Import it before NumPy: the libraries behind NumPy read the number of threads wh
 """
 
 import importlib
+import json
 import os
 import time
 import warnings
@@ -17,7 +18,8 @@ os.environ.setdefault(
 import numpy as np
 
 warnings.simplefilter("ignore")
-ROUNDS, SECONDS = 5, 1.0
+ROUNDS, SECONDS = 3, 0.5
+UNITS = {"ns": 1.0, "µs": 1e3, "ms": 1e6, "s": 1e9}
 # what takes longer, in seconds, is measured once
 SLOWEST = 0.2
 
@@ -28,7 +30,15 @@ def optional(module):
         return importlib.import_module(module)
     except ImportError:
         print(f"{module} is not installed, so it is left out")
+        keep(missing=module.partition(".")[0])
         return None
+
+
+def keep(**found):
+    """Keep what was found for `benches/performance.py`, if that runs this."""
+    if path := os.environ.get("TERTIA_BENCHES"):
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(json.dumps(found) + "\n")
 
 
 def cpu_time(call, seconds=SECONDS):
@@ -59,12 +69,29 @@ def least(problems, seconds=SECONDS):
 
 
 def report(title, best, unit="ns"):
-    """Print times and their ratios to the first one."""
+    """Print and keep nanoseconds and their ratios to the first one, which is Tertia's."""
     print(f"\n{title}")
     (_, own), *_ = best.items()
     for name, cost in best.items():
-        shown = cost / {"ns": 1.0, "µs": 1e3}[unit]
+        shown = cost / UNITS[unit]
         print(f"  {name:<34}{shown:12.2f} {unit} {cost / own:10.2f} times", flush=True)
+    keep(work=title, unit=unit, costs={name: cost / UNITS[unit] for name, cost in best.items()})
+
+
+def report_growth(title, quantity, sizes, costs, unit="ns"):
+    """Print and keep nanoseconds by size, and the exponent of their growth."""
+    _, exponent = fit_growth(np.asarray(sizes, dtype=float), np.asarray(costs))
+    shown = [cost / UNITS[unit] for cost in costs]
+    listed = ", ".join(f"{size:,}: {cost:.3g}" for size, cost in zip(sizes, shown, strict=True))
+    print(f"{title}: {quantity}^{exponent:.3f}; {unit} by {quantity}: {listed}", flush=True)
+    keep(
+        work=title,
+        quantity=quantity,
+        sizes=list(map(int, sizes)),
+        costs=shown,
+        unit=unit,
+        exponent=exponent,
+    )
 
 
 def fit_growth(sizes, costs):

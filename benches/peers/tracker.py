@@ -1,4 +1,4 @@
-"""The tracker, side by side with those of Stone Soup, on the same scans.
+"""The tracker, side by side with those of Stone Soup and norfair, on the same scans.
 
 Aircraft that cross, fly abreast or one behind the other, five nautical miles apart, or anywhere,
 half of them with a turn ("dense", three times as many), in clutter, seen by one terminal radar or
@@ -13,6 +13,9 @@ hypothesis management. Out of the box it would try every plot for every track, a
 missed target at the end of the scan: here it is given the plots that are near, and the time of the
 beam. Plots of a scan are one step of Stone Soup; Tertia gets those of both radars by their time.
 
+norfair follows points of a plane, one step a scan, by the nearest in Euclidean distance: it is made
+for boxes in pictures, and is told neither noise nor times.
+
 Encounters last 300 s without clutter, 160 s with 50 false plots a scan and 80 s with 200, for Stone
 Soup then takes seconds a scan.
 """
@@ -26,7 +29,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import cache
 
-from timing import optional
+from timing import keep, optional
 
 # isort: split
 import numpy as np
@@ -325,6 +328,33 @@ def stonesoup_tracker(method, confirmation=(3, 4), sigma=STRAIGHT_SIGMA):
     return run
 
 
+def norfair_tracker(scene):
+    """Points within six sigmas of the farther plots, confirmed after three."""
+    places, _ = scene.plots.to_cartesian(scene.radars)
+    tracker = norfair.Tracker(
+        distance_function="euclidean",
+        distance_threshold=PERIOD * SPEED_SIGMA + 6 * RANGE * NOISE["azimuth_sigma"],
+        initialization_delay=2,
+        hit_counter_max=COASTING,
+    )
+    steps = [
+        (end, plots) for radar in range(len(scene.radars)) for _, end, plots in scans(scene, radar)
+    ]
+    steps.sort(key=lambda step: step[0])
+    rows, cost = [], 0.0
+    for end, plots in steps:
+        points = places[plots]
+        start = time.process_time()
+        shown = tracker.update([norfair.Detection(point[np.newaxis]) for point in points])
+        cost += time.process_time() - start
+        rows += [(end, one.id, *one.estimate[0], *one.estimate_velocity[0]) for one in shown]
+    table = np.array(rows, dtype=float).reshape(-1, 6)
+    velocity = table[:, 4:] / PERIOD
+    return Picture(
+        table[:, 0], table[:, 1].astype(np.int64), table[:, 2:4], velocity, cost / len(steps)
+    )
+
+
 def scans_of(scene, scan):
     """All steps, with what `scan` holds at each."""
     for when, detections in stonesoup_steps(scene, scan):
@@ -387,9 +417,12 @@ TRACKERS = {
     "Stone Soup GNN, 1 m/s2": stonesoup_tracker("GNN", sigma=1.0),
     "Stone Soup GNN, 3 m/s2": stonesoup_tracker("GNN", sigma=3.0),
     "Stone Soup JPDA": stonesoup_tracker("JPDA"),
+    "norfair": norfair_tracker,
 }
 if optional("stonesoup") is None:
     TRACKERS = {name: one for name, one in TRACKERS.items() if not name.startswith("Stone Soup")}
+if (norfair := optional("norfair")) is None:
+    del TRACKERS["norfair"]
 
 
 def report(title, found):
@@ -401,6 +434,7 @@ def report(title, found):
             f"  {name:<24}{row[0]:9.0f}{row[1]:10.2f}{row[2]:9.0f}{row[3]:11.2f}{row[4]:10.3f}"
             f"{row[4] / own[4]:9.0f} times"
         )
+    keep(work=f"tracker, {title}, a scan", unit="ms", costs={k: row[4] for k, row in found.items()})
     if peer is None:
         return
     verdict = "no worse" if own[0] <= peer[0] and own[1] <= peer[1] else "WORSE"

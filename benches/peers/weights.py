@@ -3,14 +3,12 @@
 Microseconds of CPU time, the least of several rounds on one thread, and the ratio to Tertia. The
 alternatives go through the paper's formulas or their closed form, or differentiate the weight
 itself and multiply the Jacobian into the covariance of the sample covariances. Everything must
-agree to 1e-9 before it is timed. What is not installed is left out; compilation is not timed. The
-last lines fit cost = a m^b to Tertia's times: b approaches 4 slowly, because terms of m³ and less
-matter up to m = 16, and long rows are cheaper per element.
+agree to 1e-9 before it is timed. What is not installed is left out; compilation is not timed.
 """
 
 from functools import partial
 
-from timing import fit_growth, least, optional, report
+from timing import least, optional, report
 
 # isort: split
 import numpy as np
@@ -25,8 +23,6 @@ N = 30
 C = (1 / (N - 1), 1 / (N - 1))
 TOLERANCE = 1e-9
 BATCH = 10_000
-# elements of the result that fit into a cache
-RESULTS_IN_CACHE = 2**17
 
 
 def tertia_covariance(s):
@@ -203,26 +199,10 @@ def compare(title, functions, s):
     report(title, least({name: (partial(f, s), 1) for name, f in everything.items()}), "µs")
 
 
-def growth():
-    orders = np.arange(2, 17)
-    problems = [covariances(m, (max(1, RESULTS_IN_CACHE // m**4),)) for m in orders]
-    calls = {len(s[0, 0]): (partial(tertia_covariance, s), len(s)) for s in problems}
-    costs = np.array(list(least(calls).values()))
-    print("\nweight_covariance, one problem of a batch that fits into a cache")
-    for m, cost in zip(orders, costs, strict=True):
-        print(f"  m = {m:<3}{cost / 1e3:10.3f} µs {cost / m**4:8.2f} ns per element")
-    # from 7 on the order is a number at run time
-    for first, last in [(2, 16), (2, 6), (7, 16)]:
-        chosen = (orders >= first) & (orders <= last)
-        factor, exponent = fit_growth(orders[chosen], costs[chosen])
-        print(f"m = {first} to {last}: {factor:.2f} ns m^{exponent:.2f}")
-
-
 def main():
     for m in (3, 6, 9):
-        compare(f"one problem, m = {m}", ALTERNATIVES, covariances(m))
-    compare(f"{BATCH} problems, m = 3", BATCHED, covariances(3, (BATCH,)))
-    growth()
+        compare(f"weight_covariance, m = {m}", ALTERNATIVES, covariances(m))
+    compare(f"weight_covariance, m = 3, {BATCH:,} at once", BATCHED, covariances(3, (BATCH,)))
 
 
 if __name__ == "__main__":

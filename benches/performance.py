@@ -1,0 +1,182 @@
+"""Everything that the pages cite, in one run, and the tables of `docs/performance.md` from it.
+
+    python benches/performance.py              # ten minutes on two cores without other load
+    python benches/performance.py --steps kalman growth    # some of it; the page is not written
+
+Runs the comparisons with other libraries, Criterion's with the crate adskalman, pytest-benchmark's
+of small calls, and the growth of the times. What is not installed is left out, and the page says
+so. What fails is named, and nothing is written.
+"""
+
+import argparse
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import tertia
+
+BENCHES = Path(__file__).parent
+TOP = BENCHES.parent
+PAGE = "performance.md"
+sys.path.insert(0, str(TOP / "docs"))
+
+from studies.pages import markdown, write  # noqa: E402
+
+PEERS = ("kalman", "screening", "weights", "location", "smoothing", "association")
+# enough to compare times; the page of the tracker has all encounters
+SCENES = ("--clutter", "0", "50", "--radars", "1", "--aircraft", "4", "--encounters", "crossing")
+TRACKERS = ("Tertia", "Stone Soup GNN", "Stone Soup JPDA", "norfair")
+
+
+def steps(folder):
+    """Commands by name."""
+    python = [sys.executable]
+    found = {name: [*python, str(BENCHES / "peers" / f"{name}.py")] for name in PEERS}
+    tracker = [*python, str(BENCHES / "peers" / "tracker.py"), *SCENES, "--trackers", *TRACKERS]
+    found["tracker"] = tracker
+    calls = [*python, "-m", "pytest", "-q", str(BENCHES / "test_calls.py")]
+    found["calls"] = [*calls, f"--benchmark-json={folder / 'calls.json'}"]
+    # without plots, which take longer than the runs
+    found["criterion"] = ["cargo", "bench", "--bench", "kalman", "--", "one series", "--noplot"]
+    found["growth"] = [*python, str(BENCHES / "growth.py")]
+    return found
+
+
+def run(names, folder):
+    """Run steps; return everything kept, and the names of those that failed."""
+    kept, failed = folder / "kept.jsonl", []
+    kept.touch()
+    environment = os.environ | {"TERTIA_BENCHES": str(kept)}
+    for name, command in steps(folder).items():
+        if name not in names:
+            continue
+        start = time.perf_counter()
+        print(f"\n== {name}", flush=True)
+        if subprocess.run(command, cwd=TOP, env=environment, check=False).returncode:
+            failed.append(name)
+        print(f"== {name}: {time.perf_counter() - start:.0f} s", flush=True)
+    found = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()]
+    calls = folder / "calls.json"
+    found += small_calls(calls) if calls.exists() else []
+    found += one_series() if "criterion" in names else []
+    return found, failed
+
+
+def small_calls(path):
+    """What pytest-benchmark measured."""
+    for one in json.loads(path.read_text(encoding="utf-8"))["benchmarks"]:
+        costs = {"Tertia": 1e6 * one["stats"]["min"]}
+        yield {"work": one["extra_info"]["work"], "unit": "µs", "costs": costs}
+
+
+def one_series():
+    """What Criterion measured of a series, beside adskalman."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", TOP / "target"))
+    costs = {}
+    for path in sorted(target.glob("criterion/kalman, one series/*/new")):
+        about = json.loads((path / "benchmark.json").read_text(encoding="utf-8"))
+        nanoseconds = json.loads((path / "estimates.json").read_text(encoding="utf-8"))
+        name, count = about["function_id"], about["throughput"]["Elements"]
+        costs[name] = nanoseconds["median"]["point_estimate"] / count
+    if costs:
+        own = {"Tertia": costs.pop("Tertia")}
+        work = "filter in Rust, 1 × 10,000, equal noise, all states, a step"
+        yield {"work": work, "unit": "ns", "costs": own | costs}
+
+
+def comparison(found):
+    """The one table: Tertia, then the others, the fastest first; bold: faster than Tertia."""
+    rows = []
+    for one in found:
+        if "exponent" in one or "costs" not in one:
+            continue
+        own = one["costs"]["Tertia"]
+        others = {name: cost for name, cost in one["costs"].items() if name != "Tertia"}
+        # what is in brackets or Tertia's is no other library
+        listed = [cell(name, cost, own) for name, cost in sorted(others.items(), key=by_cost)]
+        unit = one["unit"]
+        rows.append([one["work"], f"{number(own)} {unit}", ", ".join(listed) or "–"])
+    return markdown(["work", "Tertia", "others"], rows)
+
+
+def by_cost(item):
+    name, cost = item
+    return name.startswith(("(", "Tertia")), cost
+
+
+def cell(name, cost, own):
+    faster = cost < own and not name.startswith(("(", "Tertia"))
+    return f"**{name} {number(cost)}**" if faster else f"{name} {number(cost)}"
+
+
+def number(value):
+    """Two digits, or all of a larger number, with blanks between thousands."""
+    if value >= 100:
+        return f"{float(f'{value:.2g}'):,.0f}".replace(",", " ")
+    return f"{value:#.2g}".rstrip(".")
+
+
+def growth(found):
+    rows = []
+    for one in found:
+        if "exponent" in one:
+            pairs = zip(one["sizes"], one["costs"], strict=True)
+            each = ", ".join(f"{number(n)}: {number(cost)}" for n, cost in pairs)
+            law = f"{one['quantity']}^{one['exponent']:.2f}"
+            rows.append([one["work"], law, f"{each} {one['unit']}"])
+    return markdown(["work", "time grows as", "at"], rows)
+
+
+def memory(found):
+    rows = [[one["memory"], f"{one['peak']:.0f} MB"] for one in found if "memory" in one]
+    return markdown(["work", "peak memory of the process"], rows)
+
+
+def machine(found):
+    """What the tables were made on, and what was not there."""
+    try:
+        info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        info = ""
+    model = re.search(r"model name\s*: (.*)", info)
+    flags = set(info.split())
+    levels = {"avx512f": "AVX-512", "avx2": "AVX2"}
+    level = next((name for flag, name in levels.items() if flag in flags), "SSE2")
+    cores = f"{os.cpu_count()} cores of {model[1] if model else platform.machine()}, {level}"
+    absent = sorted({one["missing"] for one in found if "missing" in one})
+    left_out = f" Not installed, and left out: {', '.join(absent)}." if absent else ""
+    return f"Version {tertia.__version__}, {time.strftime('%d %B %Y')}, {cores}.{left_out}\n"
+
+
+TABLES = {
+    "machine": machine,
+    "comparison": comparison,
+    "growth": growth,
+    "memory": memory,
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    with tempfile.TemporaryDirectory() as folder:
+        every = list(steps(Path(folder)))
+        parser.add_argument("--steps", nargs="+", choices=every, default=every)
+        chosen = parser.parse_args().steps
+        found, failed = run(chosen, Path(folder))
+    for name, table in TABLES.items():
+        text = table(found)
+        print(f"\n{text}", end="")
+        if chosen == every and not failed:
+            write(PAGE, name, text)
+    if failed:
+        sys.exit(f"failed: {', '.join(failed)}; {PAGE} is as it was")
+
+
+if __name__ == "__main__":
+    main()
