@@ -285,7 +285,7 @@ fn tracks() -> Kernel {
         let mut tracker = Tracker::try_new(settings.clone()).unwrap();
         for plots in black_box(&scans) {
             rows.clear();
-            tracker.track(plots, None, &mut statuses, &mut rows, ONE).unwrap();
+            tracker.track(&plots[..], None, &mut statuses, &mut rows, ONE).unwrap();
         }
     })
 }

@@ -22,7 +22,7 @@ fn tracker(criterion: &mut Criterion) {
             let mut ready = Tracker::try_new(settings).expect("they are right");
             for plots in &scans[..SCANS - 1] {
                 ready
-                    .track(plots, None, &mut statuses, &mut rows, NonZero::new(1))
+                    .track(&plots[..], None, &mut statuses, &mut rows, NonZero::new(1))
                     .expect("they are right");
             }
             let last = &scans[SCANS - 1];
@@ -33,7 +33,7 @@ fn tracker(criterion: &mut Criterion) {
                     |tracker| {
                         rows.clear();
                         tracker.track(
-                            black_box(last),
+                            black_box(&last[..]),
                             None,
                             &mut statuses,
                             &mut rows,
