@@ -255,7 +255,7 @@ class Bias:
         --------
         >>> from tertia.sensors import Bias
         >>> from tertia.tracker import Plots
-        >>> Bias(range=[0.0, 150.0]).correct(Plots(0.0, 9150.0, 1.0, sensor=1)).range
+        >>> Bias(range=[0.0, 150.0]).correct(Plots([0.0], 9150.0, 1.0, sensor=1)).range
         array([9000.])
         """
         most = int(np.max(plots.sensor, initial=-1))

@@ -10,6 +10,7 @@ mod location;
 mod metrics;
 mod registration;
 mod screening;
+mod sensors;
 mod simulate;
 mod smoothing;
 mod tracker;
@@ -57,13 +58,14 @@ mod core_module {
         z_test,
     };
     #[pymodule_export]
+    use super::sensors::Radar;
+    #[pymodule_export]
     use super::simulate::{Flights, beam_meetings, traffic_states};
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]
     use super::tracker::{
-        Motion, PlotTracker, Radar, TrackColumns, TrackerSettings, plots_to_cartesian,
-        track_columns,
+        Motion, PlotTracker, TrackColumns, TrackerSettings, plots_to_cartesian, track_columns,
     };
     #[pymodule_export]
     use super::trajectory::arrivals::{group_arrivals, reconstruct_arrivals};

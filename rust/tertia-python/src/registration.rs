@@ -1,7 +1,7 @@
 //! Bindings of `tertia::registration`.
 
 use crate::arrays::{Array, Input, Integers, array, release};
-use crate::tracker::Radar;
+use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -3,13 +3,14 @@
 mod settings;
 mod table;
 
-pub use settings::{Motion, Radar, TrackerSettings};
+pub use settings::{Motion, TrackerSettings};
 pub use table::{TrackColumns, track_columns};
 
 use crate::arrays::{
     Array, Input, Integers, Output, Threads, array, release, room_for, value_error,
 };
 use crate::flightplan::Route;
+use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -1,39 +1,10 @@
-//! Radars, motions and settings, as typed objects.
+//! Motions and settings, as typed objects.
 
 use crate::arrays::value_error;
 use crate::kalman;
 use pyo3::prelude::*;
 use tertia::association::gate;
 use tertia::tracker::{self, ImmModel, WindowModel};
-
-/// A radar, checked.
-#[pyclass(frozen, module = "tertia._core")]
-pub struct Radar(pub tracker::Radar);
-
-#[pymethods]
-impl Radar {
-    #[new]
-    #[pyo3(signature = (*, position, range_sigma, azimuth_sigma, scan_period, max_range, detection_probability))]
-    fn new(
-        position: [f64; 3],
-        range_sigma: f64,
-        azimuth_sigma: f64,
-        scan_period: f64,
-        max_range: f64,
-        detection_probability: f64,
-    ) -> PyResult<Self> {
-        let radar = tracker::Radar {
-            position,
-            range_sigma,
-            azimuth_sigma,
-            scan_period,
-            max_range,
-            detection_probability,
-        };
-        radar.check().map_err(value_error)?;
-        Ok(Self(radar))
-    }
-}
 
 /// A model of how targets move, by the name of the constructor.
 #[pyclass(frozen, module = "tertia._core")]
