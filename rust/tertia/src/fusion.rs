@@ -6,9 +6,11 @@
 
 mod belief;
 mod centre;
+mod clusters;
 mod effects;
 mod estimates;
 mod fused;
+mod hypotheses;
 mod independent;
 mod intersection;
 mod joint;

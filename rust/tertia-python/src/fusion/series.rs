@@ -11,7 +11,7 @@ use tertia::kalman::{Filter, Innovation, PerStep, Series, Singer, State, Transit
 /// Cost of a step for one radar, for the choice of threads.
 const FUSE_NS: f64 = 300.0;
 /// The same of the rule that follows hypotheses.
-const ROBUST_NS: f64 = 1200.0;
+const ROBUST_NS: f64 = 500.0;
 
 /// Series of several radars (..., K, steps); `variance` (one radar for all or K, and then one or all
 /// steps), `dt` and `initial` (one state for all or K: mean, then covariance row by row) may have a

@@ -4,7 +4,7 @@
 //! (1973). The factor and the wanted part of the inverse fill the same envelope as the matrix. Costs
 //! the sum of the squares of the column heights.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// The lower triangle, row after row.
 #[derive(Clone, Debug)]
@@ -14,6 +14,32 @@ pub(crate) struct Skyline {
     /// Where column 0 of each row would lie in `values`, were it stored.
     start: Vec<usize>,
     values: Vec<f64>,
+}
+
+// Not closures: these would be compiled as functions of their own, without the vectors of `simd`.
+
+/// [`Skyline::factorise`] for the widest vectors of the processor.
+struct Factorise<'a>(&'a mut Skyline);
+
+impl WithSimd for Factorise<'_> {
+    type Output = Result<(), usize>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        self.0.factorise_here()
+    }
+}
+
+/// [`Skyline::inverse`] likewise.
+struct Inverse<'a>(&'a Skyline);
+
+impl WithSimd for Inverse<'_> {
+    type Output = Skyline;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Skyline {
+        self.0.inverse_here()
+    }
 }
 
 impl Skyline {
@@ -70,7 +96,7 @@ impl Skyline {
 
     /// Replaces A by the factor L of A = L L'; otherwise the row at which A is not positive.
     pub fn factorise(&mut self) -> Result<(), usize> {
-        Arch::new().dispatch(|| self.factorise_here())
+        Arch::new().dispatch(Factorise(self))
     }
 
     #[inline(always)]
@@ -115,7 +141,7 @@ impl Skyline {
 
     /// Of the factor L: the elements of (L L')^-1 within the envelope.
     pub fn inverse(&self) -> Self {
-        Arch::new().dispatch(|| self.inverse_here())
+        Arch::new().dispatch(Inverse(self))
     }
 
     #[inline(always)]

@@ -10,30 +10,21 @@
 //! whose plots contradict each other, a track that follows the worse one is soon contradicted by its
 //! own predictions. One common track would not be, because its covariance includes both.
 
-use super::levels::{MANOEUVRES, NOISE};
+use super::clusters::Clusters;
+use super::hypotheses::{Followed, Row, Spread, trace};
+use super::levels::{EXCESSES, MANOEUVRES, NOISE};
 use super::mixture::{Component, reduce, united};
 use crate::kalman::{Filter, Transition, residual};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Their probabilities where nothing is known of a radar: mostly as stated.
 const AT_FIRST: [f64; NOISE.len()] = [0.125, 0.5, 0.125, 0.125, 0.125];
-/// Those of a plot: its radar's, and a single outlier's.
-const EXCESSES: [f64; NOISE.len() + 1] = [0.25, 1.0, 4.0, 16.0, 64.0, 256.0];
 /// Their probabilities where nothing is known.
 const MOSTLY_NONE: [f64; MANOEUVRES.len()] = [0.999, 0.001];
 /// Chance that a manoeuvre is over by the next step.
 const MANOEUVRE_ENDS: f64 = 0.1;
-/// So many hypotheses are followed from one plot of a step to the next, at most.
-const FOLLOWED: usize = 12;
-/// Those with this share of the most probable one's probability, or less, are not.
-const NEGLIGIBLE: f64 = 1e-5;
 /// The variance of e after the step is below that of the prediction by more than this share.
 const LEAST_GAIN: f64 = 1e-3;
-/// Hypotheses disagree if the square of their distance is above so many sums of their variances.
-const DISAGREEMENT: f64 = 1.0;
-/// Only hypotheses with this share of the most probable one's probability begin a cluster.
-const LEAST_SHARE: f64 = 0.02;
-/// So many clusters are made in a step.
-const CLUSTERS: usize = 5;
 /// So many components are followed from one step to the next.
 const COMPONENTS: usize = 3;
 /// Components are united if that loses so little of their information, in nats.
@@ -46,9 +37,14 @@ pub(super) struct Robust {
     components: Vec<Component>,
     change: f64,
     plots: Vec<Plot>,
-    hypotheses: Vec<Hypothesis>,
-    clusters: Vec<Cluster>,
-    /// Probabilities of each plot's levels, cluster by cluster.
+    /// The hypotheses before each plot.
+    followed: Vec<Followed>,
+    /// Those after the last one.
+    last: Box<Spread>,
+    clusters: Clusters,
+    /// Variances of e under the hypotheses after the last plot, times their probabilities.
+    effects: Vec<Row>,
+    /// Of each plot's levels.
     of_levels: Vec<[f64; EXCESSES.len()]>,
 }
 
@@ -65,80 +61,22 @@ struct Plot {
     radar: usize,
     innovation: f64,
     r: f64,
-    /// Where the hypotheses of its levels begin.
-    first: usize,
-    /// Of each level: the variance of e under it, times its probability.
-    effects: [f64; EXCESSES.len()],
-    /// Probability that it is one.
+    /// Probability that it is an outlier.
     outlier: f64,
-}
-
-impl Plot {
     /// What a unit of its innovation moves e by.
-    fn pull(&self) -> f64 {
-        self.effects.iter().zip(EXCESSES).map(|(effect, excess)| effect / (self.r * excess)).sum()
-    }
+    pull: f64,
 }
 
-/// A component, and levels of its prediction and of the plots so far.
-#[derive(Clone, Copy, Debug)]
-struct Hypothesis {
-    component: usize,
-    /// The hypothesis of the plots before.
-    parent: usize,
-    /// Of the last plot.
-    level: usize,
-    /// Probability of levels and plots, over that of the most probable one.
-    weight: f64,
-    /// Square of the last plot's distance, over its variance.
-    square: f64,
-    /// Of e.
-    mean: f64,
-    variance: f64,
-    /// After the last plot.
-    cluster: Option<usize>,
-}
+/// [`Robust::judge`] for the widest vectors of the processor.
+struct Judge<'a>(&'a mut Robust);
 
-impl Hypothesis {
-    /// With one more plot, whose noise has the variance r and this probability. How well the plot
-    /// fits is in `square` alone.
-    fn with(&self, parent: usize, level: usize, chance: f64, innovation: f64, r: f64) -> Self {
-        let s = self.variance + r;
-        let away = innovation - self.mean;
-        let share = self.variance / s;
-        Self {
-            parent,
-            level,
-            weight: self.weight * chance / s.sqrt(),
-            square: away * away / s,
-            mean: self.mean + share * away,
-            variance: share * r,
-            ..*self
-        }
+impl WithSimd for Judge<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.judge();
     }
-
-    /// Square of the distance from another one, over the sum of the variances.
-    fn distance(&self, other: &Self) -> f64 {
-        (self.mean - other.mean).powi(2) / (self.variance + other.variance)
-    }
-
-    /// Whether their e differ significantly.
-    fn disagrees(&self, other: &Self) -> bool {
-        self.distance(other) > DISAGREEMENT
-    }
-}
-
-/// Hypotheses of one component that agree on e.
-#[derive(Clone, Copy, Debug)]
-struct Cluster {
-    /// The most probable one.
-    centre: Hypothesis,
-    /// The component that it becomes.
-    component: usize,
-    /// Probability, and what it says of e.
-    weight: f64,
-    mean: f64,
-    variance: f64,
 }
 
 /// The probabilities before a step, if with this chance everything is as at first.
@@ -158,8 +96,10 @@ impl Robust {
             components: vec![component],
             change,
             plots: Vec::with_capacity(radars),
-            hypotheses: Vec::new(),
-            clusters: Vec::with_capacity(CLUSTERS),
+            followed: vec![Followed::NONE; radars],
+            last: Box::new(Spread::NONE),
+            clusters: Clusters::default(),
+            effects: Vec::new(),
             of_levels: Vec::with_capacity(radars),
         }
     }
@@ -212,17 +152,16 @@ impl Robust {
             return;
         }
         self.begin(predicted, period);
-        self.follow();
-        self.divide();
-        self.sum_up();
-        self.assign();
-        self.learn();
+        Arch::new().dispatch(Judge(self));
+        if self.clusters.all.is_empty() {
+            return;
+        }
         self.correct();
         reduce(&mut self.components, COMPONENTS, AGREEMENT, period);
         *filter = united(&self.components, period);
-        let total: f64 = self.plots.iter().map(Plot::pull).sum();
+        let total: f64 = self.plots.iter().map(|plot| plot.pull).sum();
         for plot in &self.plots {
-            let judgement = Judgement { outlier: plot.outlier > 0.5, share: plot.pull() / total };
+            let judgement = Judgement { outlier: plot.outlier > 0.5, share: plot.pull / total };
             tell(plot.radar, judgement);
         }
     }
@@ -234,8 +173,7 @@ impl Robust {
         self.plots.clear();
         for (radar, (&z, &r)) in z.iter().zip(r).enumerate().filter(|(_, (z, _))| !z.is_nan()) {
             let innovation = residual(z, predicted, period);
-            let effects = [0.0; EXCESSES.len()];
-            self.plots.push(Plot { radar, innovation, r, first: 0, effects, outlier: 0.0 });
+            self.plots.push(Plot { radar, innovation, r, outlier: 0.0, pull: 0.0 });
         }
         let size = |plot: &Plot| plot.innovation.abs();
         self.plots.sort_by(|a, b| size(a).total_cmp(&size(b)));
@@ -249,7 +187,8 @@ impl Robust {
 
     /// The hypotheses before the plots: each component with each level of its prediction.
     fn begin(&mut self, predicted: f64, period: Option<f64>) {
-        self.hypotheses.clear();
+        let first = &mut self.followed[0];
+        first.count = 0;
         for (index, component) in self.components.iter_mut().enumerate() {
             component.motion = renewed(&component.motion, &MOSTLY_NONE, MANOEUVRE_ENDS);
             for plot in &self.plots {
@@ -257,113 +196,44 @@ impl Robust {
                 *noise = renewed(noise, &AT_FIRST, self.change);
             }
             let state = component.filter.state();
+            let away = residual(state.mean[0], predicted, period);
             for (level, (p, excess)) in component.motion.iter().zip(MANOEUVRES).enumerate() {
-                self.hypotheses.push(Hypothesis {
-                    component: index,
-                    parent: 0,
+                first.begin(
+                    index,
                     level,
-                    weight: component.weight * p,
-                    square: 0.0,
-                    mean: residual(state.mean[0], predicted, period),
-                    variance: state.covariance[0] * excess,
-                    cluster: None,
-                });
+                    component.weight * p,
+                    (away, state.covariance[0] * excess),
+                );
             }
         }
     }
 
+    /// What the plots say of e and of all levels.
+    #[inline(always)]
+    fn judge(&mut self) {
+        self.follow();
+        let whole = |index: usize| self.components[index].filter.plain().is_none();
+        self.clusters.divide(&self.last, &self.followed[self.plots.len() - 1], whole);
+        self.assign();
+        self.learn();
+    }
+
     /// All hypotheses about the plots, those that are followed.
+    #[inline(always)]
     fn follow(&mut self) {
-        let mut start = 0;
-        for plot in &mut self.plots {
-            if self.hypotheses.len() - start > FOLLOWED {
-                let last = &mut self.hypotheses[start..];
-                last.select_nth_unstable_by(FOLLOWED - 1, |a, b| b.weight.total_cmp(&a.weight));
-                self.hypotheses.truncate(start + FOLLOWED);
-            }
-            plot.first = self.hypotheses.len();
-            let mut chances = [[self.change; NOISE.len() + 1]; COMPONENTS];
+        for (at, plot) in self.plots.iter().enumerate() {
+            let mut chances: [Row; COMPONENTS] = [[0.0; _]; COMPONENTS];
             for (chances, component) in chances.iter_mut().zip(&self.components) {
                 for (chance, p) in chances.iter_mut().zip(component.noise[plot.radar]) {
                     *chance = (1.0 - self.change) * p;
                 }
+                chances[NOISE.len()] = self.change;
             }
-            let noise = EXCESSES.map(|excess| plot.r * excess);
-            for parent in start..plot.first {
-                let before = self.hypotheses[parent];
-                let all = chances[before.component].into_iter().zip(noise).enumerate();
-                self.hypotheses.extend(all.map(|(level, (chance, r))| {
-                    before.with(parent, level, chance, plot.innovation, r)
-                }));
+            let (before, after) = self.followed[..self.plots.len()].split_at_mut(at + 1);
+            self.last.fill(&before[at], plot.innovation, plot.r, &chances);
+            if let Some(after) = after.first_mut() {
+                after.choose(&self.last, &before[at]);
             }
-            weigh(&mut self.hypotheses[plot.first..]);
-            self.hypotheses.extract_if(plot.first.., |h| h.weight <= NEGLIGIBLE).for_each(drop);
-            start = plot.first;
-        }
-    }
-
-    /// Where the hypotheses of all plots begin.
-    fn last(&self) -> usize {
-        self.plots.last().map_or(0, |plot| plot.first)
-    }
-
-    /// Makes clusters of the hypotheses of each component: around the most probable one, and around
-    /// the most probable of those that disagree with it. Those that are left belong to the nearest;
-    /// components that begin none are given up. A covariance that is kept as factors is not divided.
-    fn divide(&mut self) {
-        self.clusters.clear();
-        let start = self.last();
-        let last = &mut self.hypotheses[start..];
-        while self.clusters.len() < CLUSTERS {
-            let least = self.clusters.first().map(|first| LEAST_SHARE * first.centre.weight);
-            let left = last
-                .iter()
-                .filter(|h| h.cluster.is_none() && least.is_none_or(|least| h.weight > least));
-            let most_probable = left.max_by(|a, b| a.weight.total_cmp(&b.weight));
-            let Some(&centre) = most_probable else { break };
-            let component = centre.component;
-            let whole = self.components[component].filter.plain().is_none();
-            for h in last.iter_mut().filter(|h| h.component == component && h.cluster.is_none()) {
-                if whole || !h.disagrees(&centre) {
-                    h.cluster = Some(self.clusters.len());
-                }
-            }
-            self.clusters.push(Cluster {
-                centre,
-                component,
-                weight: 0.0,
-                mean: 0.0,
-                variance: 0.0,
-            });
-        }
-        for h in last.iter_mut().filter(|h| h.cluster.is_none()) {
-            let own = |(_, cluster): &(usize, &Cluster)| cluster.component == h.component;
-            let distance = |cluster: &Cluster| h.distance(&cluster.centre);
-            let of_component = self.clusters.iter().enumerate().filter(own);
-            let nearest = of_component.min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
-            h.cluster = nearest.map(|(index, _)| index);
-        }
-    }
-
-    /// Turns weights into probabilities; probability, mean and variance of the clusters.
-    fn sum_up(&mut self) {
-        let start = self.last();
-        let kept = || self.hypotheses[start..].iter().filter(|h| h.cluster.is_some());
-        let total: f64 = kept().map(|h| h.weight).sum();
-        for h in &mut self.hypotheses[start..] {
-            let Some(index) = h.cluster else { continue };
-            h.weight /= total;
-            let cluster = &mut self.clusters[index];
-            let away = h.mean - cluster.centre.mean;
-            cluster.weight += h.weight;
-            cluster.mean += h.weight * away;
-            cluster.variance += h.weight * (h.variance + away * away);
-        }
-        for cluster in &mut self.clusters {
-            let away = cluster.mean / cluster.weight;
-            let predicted = self.hypotheses[MANOEUVRES.len() * cluster.component].mean;
-            cluster.mean = cluster.centre.mean - predicted + away;
-            cluster.variance = cluster.variance / cluster.weight - away * away;
         }
     }
 
@@ -372,9 +242,13 @@ impl Robust {
         for component in &mut self.components {
             component.weight = 0.0;
         }
-        for cluster in &mut self.clusters {
-            if self.components[cluster.component].weight != 0.0 {
-                let copy = self.components[cluster.component].clone();
+        for cluster in &mut self.clusters.all {
+            // from its component's prediction on
+            let (component, count) = (cluster.component, self.followed[0].count);
+            let own = |i: &usize| usize::from(self.followed[0].component[*i]) == component;
+            cluster.mean -= (0..count).find(own).map_or(0.0, |i| self.followed[0].mean[i]);
+            if self.components[component].weight != 0.0 {
+                let copy = self.components[component].clone();
                 cluster.component = self.components.len();
                 self.components.push(copy);
             }
@@ -387,36 +261,44 @@ impl Robust {
     /// Updates the probabilities of levels, of the clusters' components and of the plots. An outlier
     /// says nothing about its radar's level.
     fn learn(&mut self) {
-        let (start, width) = (self.last(), self.plots.len());
-        self.of_levels.clear();
-        self.of_levels.resize(width * self.clusters.len(), [0.0; EXCESSES.len()]);
-        for h in &self.hypotheses[start..] {
-            let Some(index) = h.cluster else { continue };
-            let cluster = &self.clusters[index];
-            let (share, effect) = (h.weight / cluster.weight, h.weight * h.variance);
-            let of_levels = &mut self.of_levels[width * index..][..width];
-            let mut at = h;
-            for (plot, of_levels) in self.plots.iter_mut().zip(of_levels).rev() {
-                of_levels[at.level] += share;
-                plot.effects[at.level] += effect;
-                at = &self.hypotheses[at.parent];
-            }
-            self.components[cluster.component].motion[at.level] += share;
-        }
-        for (cluster, of_levels) in self.clusters.iter().zip(self.of_levels.chunks(width)) {
+        let followed = &self.followed[..self.plots.len()];
+        self.effects.clear();
+        self.effects.resize(self.last.weights().len(), Row::default());
+        for (cluster, members) in self.clusters.members() {
             let component = &mut self.components[cluster.component];
-            for (plot, [of_levels @ .., outlier]) in self.plots.iter_mut().zip(of_levels) {
+            let mut motion = [0.0; MANOEUVRES.len()];
+            self.of_levels.clear();
+            self.of_levels.resize(followed.len(), [0.0; EXCESSES.len()]);
+            trace(followed, members, &mut self.of_levels, &mut motion);
+            component.motion = motion.map(|p| p / cluster.weight);
+            for (plot, of_levels) in self.plots.iter_mut().zip(&self.of_levels) {
+                let [of_levels @ .., outlier] = of_levels.map(|p| p / cluster.weight);
                 plot.outlier += outlier * cluster.weight;
                 let noise = &mut component.noise[plot.radar];
                 *noise = std::array::from_fn(|level| of_levels[level] + outlier * noise[level]);
             }
+            let errors = self.last.errors();
+            for (effects, (of, (_, variances))) in
+                self.effects.iter_mut().zip(members.iter().zip(errors))
+            {
+                for l in 0..of.len() {
+                    effects[l] += of[l] * variances[l];
+                }
+            }
+        }
+        self.of_levels.fill([0.0; EXCESSES.len()]);
+        trace(followed, &self.effects, &mut self.of_levels, &mut [0.0; MANOEUVRES.len()]);
+        for (plot, effects) in self.plots.iter_mut().zip(&self.of_levels) {
+            let pull: f64 =
+                effects.iter().zip(EXCESSES).map(|(effect, excess)| effect / excess).sum();
+            plot.pull = pull / plot.r;
         }
     }
 
     /// Corrects the components by their clusters; without one they are given up. An angle that is
     /// known exactly needs no correction.
     fn correct(&mut self) {
-        for cluster in &self.clusters {
+        for cluster in &self.clusters.all {
             let Component { filter, motion, .. } = &mut self.components[cluster.component];
             let prior = filter.state().covariance[0];
             if prior == 0.0 {
@@ -430,19 +312,5 @@ impl Robust {
             filter.correct(cluster.mean / gain, cluster.variance / gain, inflation);
         }
         self.components.retain(|component| component.weight != 0.0);
-    }
-}
-
-/// Multiplies the weights by how well the last plot fits, and divides them by the largest.
-fn weigh(hypotheses: &mut [Hypothesis]) {
-    let possible = hypotheses.iter().filter(|h| h.weight > 0.0);
-    let least = possible.map(|h| h.square).fold(f64::INFINITY, f64::min);
-    let mut largest = 0.0;
-    for h in &mut *hypotheses {
-        h.weight *= (0.5 * (least - h.square)).exp();
-        largest = h.weight.max(largest);
-    }
-    for h in hypotheses {
-        h.weight /= largest;
     }
 }
