@@ -17,6 +17,7 @@ from tertia.tables._fuse_series import fuse_series
 from tertia.tables._locate import locate
 from tertia.tables._reconstruct import reconstruct
 from tertia.tables._records import ColumnError, RecordError, RecordWarning
+from tertia.tables._register import register
 from tertia.tables._screen import Rule, screen
 from tertia.tables._sensors import Sensors
 from tertia.tables._smooth import smooth
@@ -36,6 +37,7 @@ __all__ = [
     "fuse_series",
     "locate",
     "reconstruct",
+    "register",
     "screen",
     "smooth",
     "stream",

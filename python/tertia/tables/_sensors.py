@@ -46,7 +46,9 @@ _POSITION_SIGMA = "position_sigma_m"
 # its systematic errors, and whether there are none
 _BIAS = {
     "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
+    "range_gain": ("range_gain", "range_gain_sigma", 1.0),
     "azimuth": ("azimuth_bias_deg", "azimuth_bias_sigma_deg", math.pi / 180),
+    "time": ("time_bias_s", "time_bias_sigma_s", 1.0),
     "elevation": ("elevation_bias_deg", "elevation_bias_sigma_deg", math.pi / 180),
 }
 _TRUSTED = "trusted"
@@ -154,6 +156,30 @@ def radars(
         positions[:, 2:] = [[one.number(GEODETIC[2]) or 0.0] for one in cells]
     items = [_radar(one, place) for one, place in zip(cells, positions, strict=True)]
     return Sensors(items, norths, np.full(len(items), np.nan), frame, file)
+
+
+def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
+    """Return the rows that describe radars, from which `radars` makes them again."""
+    import polars as pl  # noqa: PLC0415  # slow to import
+
+    position = np.array([np.pad(one.position, (0, 3 - len(one.position))) for one in sensors.items])
+    if sensors.frame is None:
+        places = dict(zip(LOCAL, position.T, strict=True))
+    else:
+        # heights are above the sea, not above the plane
+        latitude, longitude = _on_the_ellipsoid(sensors.frame, position[:, :2])
+        places = dict(zip(GEODETIC, (latitude, longitude, position[:, 2]), strict=True))
+    columns: dict[str, Any] = {"name": sensors.names} | places
+    for key, (column, unit) in _RADAR.items():
+        columns[column] = [getattr(one, key) / unit for one in sensors.items]
+    for key, column in _OPTIONAL.items():
+        columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
+    for kind, (*pair, unit) in _BIAS.items():
+        for column, name in zip(pair, (kind, f"{kind}_sigma"), strict=True):
+            values = [getattr(one.bias, name, None) for one in sensors.items]
+            if kind != "elevation":
+                columns[column] = [None if one is None else one / unit for one in values]
+    return pl.DataFrame(columns)
 
 
 def stations(
@@ -272,6 +298,7 @@ def _radar(cells: _Cells, place: FloatArray) -> Radar:
         value = cells.number(column)
         if value is not None:
             options[key] = value
+    options["bias"] = _bias(cells)
     sigma = math.degrees(options["azimuth_sigma"])
     if sigma < _DOUBTFUL_SIGMA:
         doubt(
@@ -282,7 +309,7 @@ def _radar(cells: _Cells, place: FloatArray) -> Radar:
 
 
 def _bias(cells: _Cells) -> Bias | None:
-    """Return the systematic errors of a station, None if nothing is known of them.
+    """Return the systematic errors of a sensor, None if nothing is known of them.
 
     Those of kinds without a cell are to be estimated.
     """

@@ -1,0 +1,75 @@
+"""`tertia register`: systematic errors and noise of radars."""
+
+from typing import Any
+
+import polars as pl
+
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    ClockPeriod,
+    ColumnNames,
+    Output,
+    PlotFiles,
+    SensorFile,
+    Threads,
+    column_names,
+)
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
+from tertia.tables._register import Registered, registered
+from tertia.tables._track import recording_of
+
+EXAMPLES = (
+    "tertia register plots.csv --sensors sensors.toml --output found.csv",
+    "tertia track plots.csv --sensors found.csv --output tracks.csv",
+)
+# what is shown of each radar: the column, that of its sigma, the heading
+_SHOWN = (
+    ("range", "range_bias_m", "range_bias_sigma_m"),
+    ("range_gain", "range_gain", "range_gain_sigma"),
+    ("azimuth", "azimuth_bias_deg", "azimuth_bias_sigma_deg"),
+    ("time", "time_bias_s", "time_bias_sigma_s"),
+)
+
+
+def register(
+    files: PlotFiles = None,
+    *,
+    sensors: SensorFile,
+    column: ColumnNames = None,
+    clock_period: ClockPeriod = None,
+    n_threads: Threads = None,
+    output: Output = None,
+) -> dict[str, Any]:
+    """Estimate range, gain, azimuth and clock errors of radars from targets they share.
+
+    Plots are as for track. The output describes the radars with the errors and the noise that were
+    found; as --sensors of track it takes the errors out. An error that the plots do not determine
+    keeps the limits of EUROCONTROL's standard, or those of the sensors file.
+    """
+    if not files:
+        fail("give files of plots", WRONG_USAGE)
+    write.check_suffixes(output)
+    plots = read.plots(*files)
+    radars = read.read_radars(sensors, plots)
+    recording = recording_of(plots, radars, column_names(column))
+    with working(f"Registering {counted(len(radars.items), 'radar')}"):
+        found = registered(recording, n_threads, clock_period=clock_period)
+    rows = found.rows
+    print_table(_shown(found, rows), text=["radar"], limited="radars are shown")
+    if not any(seen.any() for seen in found.registration.observable.values()):
+        note("the plots determine no error: two radars must see the same targets")
+    if output is not None:
+        write.write(rows, output)
+    return {"radars": rows.to_dicts()}
+
+
+def _shown(found: Registered, rows: pl.DataFrame) -> pl.DataFrame:
+    """Return the errors that the plots determine, and the noise."""
+    seen = found.registration.observable
+    columns: dict[str, pl.Series] = {"radar": rows["name"]}
+    for kind, value, sigma in _SHOWN:
+        for name in (value, sigma):
+            columns[name] = pl.select(pl.when(pl.Series(seen[kind])).then(rows[name])).to_series()
+    for name in ("range_noise_factor", "azimuth_noise_factor"):
+        columns[name] = rows[name]
+    return pl.DataFrame(columns)

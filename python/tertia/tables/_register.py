@@ -1,0 +1,109 @@
+"""Systematic errors and noise of radars from their plots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia import registration
+from tertia.registration import Registration
+from tertia.sensors import Radar
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import known
+from tertia.tables._records import source_of
+from tertia.tables._sensors import Sensors, radar_rows
+from tertia.tables._track import Recording, recording_of
+
+# what is found of a radar, and whether the plots determine it
+_ERRORS = ("range", "range_gain", "azimuth", "time")
+
+
+@dataclass(frozen=True, slots=True)
+class Registered:
+    """A recording, and what its plots say of the radars."""
+
+    recording: Recording
+    registration: Registration
+
+    @property
+    def rows(self) -> pl.DataFrame:
+        """One row per radar, as files describe radars."""
+        found = self.registration
+        rows = radar_rows(replace(self.recording.sensors, items=found.sensors))
+        factors = {
+            f"{kind}_noise_factor": known(np.asarray(getattr(found.noise_factor, kind)))
+            for kind in ("range", "azimuth")
+        }
+        seen = {f"{kind}_observable": found.observable[kind] for kind in _ERRORS}
+        return rows.with_columns(**factors, **seen)
+
+
+def register(
+    table: Table,
+    *,
+    sensors: Sequence[Radar] | Sensors[Radar],
+    columns: Mapping[str, str] | None = None,
+    n_threads: int | None = None,
+    **options: Any,
+) -> Table:
+    """Estimate systematic errors and noise of radars, as the command `tertia register` does.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        One row per plot; see `track`.
+    sensors : sequence of Radar
+        The radars. A radar without a name has its index as name.
+    columns : mapping of str to str, optional
+        Column names in this table, keyed by standard name.
+    n_threads : int, optional
+        Number of threads; by default one for small tasks and all cores for large ones.
+    **options
+        See `tertia.tracker.Tracker`.
+
+    Returns
+    -------
+    table of the same kind
+        One row per radar, with the columns by which files describe radars: place, `range_sigma_m`
+        and `azimuth_sigma_deg` as found, `range_bias_m`, `range_gain`, `azimuth_bias_deg` and
+        `time_bias_s` with their sigmas; further `range_noise_factor` and `azimuth_noise_factor`,
+        the noise found over the noise stated, and for each error whether the plots determine it, as
+        `time_observable`.
+
+    Raises
+    ------
+    RecordError
+        A missing column, a time that is missing, a sensor that is not among `sensors`, or a cell
+        that cannot be understood.
+    ValueError, TypeError
+        An option outside its domain, or of the wrong type.
+
+    Examples
+    --------
+    >>> import numpy as np, polars as pl
+    >>> from tertia import simulate, tables
+    >>> from tertia.sensors import Bias, Radar
+    >>> numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.0015, "scan_period": 4.0}
+    >>> radars = [Radar([east, 0.0], **numbers) for east in (-4e4, 4e4)]
+    >>> traffic = simulate.dense_traffic(30, area=(1e5, 1e5), rng=1)
+    >>> bias = Bias(azimuth=[0.0, 0.3], degrees=True)
+    >>> plots = simulate.radar_plots(traffic, radars, bias=bias, rng=2).plots
+    >>> rows = {"time_s": plots.time, "sensor": plots.sensor.astype(str), "range_m": plots.range}
+    >>> rows |= {"azimuth_deg": np.degrees(plots.azimuth), "height_m": plots.height}
+    >>> found = tables.register(pl.DataFrame(rows), sensors=radars)
+    >>> found["azimuth_bias_deg"].round(2).to_list()
+    [-0.0, 0.3]
+    """
+    recording = recording_of(source_of(table), sensors, columns)
+    return result(table, registered(recording, n_threads, **options).rows)  # type: ignore[no-any-return]
+
+
+def registered(recording: Recording, n_threads: int | None = None, **options: Any) -> Registered:
+    """Return what the plots of a recording say of its radars."""
+    radars = recording.sensors.items
+    found = registration.register(recording.plots, radars, n_threads=n_threads, **options)
+    return Registered(recording, found)
