@@ -27,7 +27,7 @@ CALLS = {
     "filter_series, 10 plots": lambda: filter_series(PLOTS[0], 1.0, MODEL),
     "fuse_series, 2 × 10 plots": lambda: fuse_series(PLOTS, 1.0, MODEL),
     "smooth, 10 × 2": lambda: smooth(PLOTS.T, 1.0),
-    "associate, 4 × 4": lambda: associate(PLACES, 1e4 * np.eye(2), PLACES + 1.0),
+    "associate, 4 × 4": lambda: associate(PLACES, 1e4 * np.eye(2), PLACES + 1.0, score="paper"),
     "locate, 4 stations": lambda: locate(STATIONS, **RECORD.measurements),
 }
 

