@@ -186,8 +186,6 @@ def spoil(name: str, command: Command, path: Path) -> Path:
         path.write_text("\n".join([*lines[:3], lines[3][:-5], *lines[4:]]), encoding="utf-8")
     elif kind == "folder":
         path.mkdir()
-    elif kind == "semicolons":
-        path.write_text(frame.write_csv(separator=";"), encoding="utf-8")
     else:
         assert kind == "absent"
     return path
@@ -197,7 +195,6 @@ MISTAKES = {
     "column.csv": (2, "has no column"),
     "column.arrow": (2, "has no column"),
     "column.jsonl": (2, "has no column"),
-    "semicolons.csv": (2, "put commas between columns, not semicolons"),
     "text.csv": (1, r"line 4: \w+ is 'about 12'; it must be a finite number"),
     "text.parquet": (1, r"row 3: \w+ is 'about 12'; it must be a finite number"),
     "text.jsonl": (1, r"line 3: \w+ is 'about 12'; it must be a finite number"),

@@ -14,22 +14,21 @@ from tertia._arrays import FloatArray, IntArray, positive_number, real
 from tertia.metrics import Audit, Indicator, Truth, match_tracks
 from tertia.metrics import audit as audit_errors
 from tertia.metrics._indicator import share_text
-from tertia.tables._frames import Table, names, result, series
+from tertia.tables._frames import Table, names, result
 from tertia.tables._groups import as_names, column_name, layout, split_unit
 from tertia.tables._records import (
-    Clock,
     ColumnError,
     Field,
     RecordError,
     Records,
     Schema,
     Source,
-    kind_of_times,
     number,
     read,
     source_of,
 )
 from tertia.tables._sensors import GEODETIC, LOCAL
+from tertia.tables._times import Clock, kind_of_times
 
 _AXES = ("east", "north", "up")
 _TURN = 360.0
@@ -338,7 +337,7 @@ def _strata(source: Source, called: Mapping[str, str], parts: Sequence[str]) -> 
         columns = []
         for part in source:
             part.require(called.get(name, name))
-            columns.append(series(part.table, called.get(name, name)))
+            columns.append(part.series(called.get(name, name)))
         frames = [one.to_frame(name) for one in columns]
         whole = pl.concat(frames, how="vertical_relaxed")[name]
         if whole.dtype == pl.String and not whole.cast(pl.Float64, strict=False).is_null().any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -12,23 +12,28 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray, positive_number
 from tertia.metrics import Truth
 from tertia.metrics._evaluation import Judged, Rows, figures, judge, rmse, usual_periods
-from tertia.tables._frames import Table, names, result
+from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._records import (
     TIME,
-    Clock,
     Field,
     RecordError,
     Records,
     Schema,
     Source,
-    kind_of_times,
+    doubt,
     number,
     read,
     source_of,
 )
 from tertia.tables._sensors import GEODETIC, LOCAL
+from tertia.tables._times import Clock, kind_of_times
 
+if TYPE_CHECKING:
+    from tertia.geo import LocalFrame
+
+# in metres; so far from its origin nobody tracks
+_FAR = 1e6
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _SPREAD = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 _PLACE = {name: number(name, required=True, whole=True) for name in LOCAL[:2]}
@@ -179,9 +184,8 @@ def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = 
 
 
 def _read_truth(source: Source) -> Records:
-    there = set(names(source[0].table))
-    local = set(LOCAL[:2]) <= there or not set(GEODETIC[:2]) <= there
-    return read(source, TRUTH if local else _TRUTH_ON_EARTH)
+    local, geodetic = (all(map(source[0].has, form[:2])) for form in (LOCAL, GEODETIC))
+    return read(source, TRUTH if local or not geodetic else _TRUTH_ON_EARTH)
 
 
 def _truth(records: Records, clock: Clock, origin: tuple[float, float] | None) -> Truth:
@@ -211,8 +215,24 @@ def _in_the_plane(
             f"{GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'"
         ) from error
     latitude, longitude, height = (rows[name].to_numpy() for name in GEODETIC)
-    local: FloatArray = LocalFrame(*origin).to_local(latitude, longitude, np.nan_to_num(height))
+    frame = LocalFrame(*origin)
+    local: FloatArray = frame.to_local(latitude, longitude, np.nan_to_num(height))
+    _doubt_swapped(frame, latitude, longitude, local)
     return local[:, :2]
+
+
+def _doubt_swapped(
+    frame: LocalFrame, latitude: FloatArray, longitude: FloatArray, local: FloatArray
+) -> None:
+    """Warn where places are far from the origin, and near it if latitude and longitude swap."""
+    away = float(np.median(np.linalg.norm(local, axis=-1)))
+    if away < _FAR or np.any(np.abs(longitude) > 90):
+        return
+    if np.median(np.linalg.norm(frame.to_local(longitude, latitude), axis=-1)) < _FAR:
+        doubt(
+            f"the truth is {away / 1e3:.0f} km from the origin: are latitude_deg and longitude_deg "
+            "swapped?"
+        )
 
 
 def _numbers(column: pl.Series) -> IntArray:

@@ -28,7 +28,6 @@ from tertia.tables._noise import Fitted, Given, Noise, Target, settle
 from tertia.tables._records import (
     SENSOR,
     TIME,
-    Clock,
     ColumnError,
     Field,
     RecordError,
@@ -37,6 +36,7 @@ from tertia.tables._records import (
     read,
     source_of,
 )
+from tertia.tables._times import Clock
 
 # plots that are fused in one call
 _MOST_AT_ONCE = 200_000

@@ -55,7 +55,8 @@ def locate(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, in any order: `time_s` (seconds, or dates with time), `sensor`,
+        One row per sensor and time, in any order: `time_s` (seconds, or dates with time; without
+        it all rows of a target are of one instant, at 0), `sensor`,
         and any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (from the first
         sensor) and `arrival_time_s` (from any origin, preferably from `time_s`: seconds since 1970
         have steps of .2 µs), with their sigmas (`range_sigma_m`) if they differ from those of the
@@ -151,7 +152,9 @@ def locations_of(
 ) -> Positions[Location]:
     """Return the positions of all targets with their measurements; see `locate`."""
     stations = sensors_of(sensors)
-    targets = read_targets(source, stations, columns=columns, by=by, results=result_names())
+    targets = read_targets(
+        source, stations, columns=columns, by=by, results=result_names(), timed=False
+    )
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk
     located = [_locate(one, stations, start, asked, **options) for one in progress(targets)]

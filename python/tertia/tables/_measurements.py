@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
-from tertia.tables._frames import names
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._records import (
     SENSOR,
     TIME,
-    Clock,
     ColumnError,
     Field,
     Part,
@@ -29,6 +27,7 @@ from tertia.tables._records import (
     read,
 )
 from tertia.tables._sensors import Sensors
+from tertia.tables._times import Clock
 
 # what one unit of the columns is in those of the library
 UNITS: dict[Kind, tuple[str, float]] = {
@@ -122,13 +121,16 @@ def read_targets(
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     results: Sequence[str] = (),
+    timed: bool = True,
 ) -> list[Target]:
     """Return the measurements of each target, sorted by time.
 
-    A row without measurements keeps its time.
+    A row without measurements keeps its time. If they need not be `timed`, those of a table without
+    times are of one instant.
     """
+    schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     records = read(
-        source, SCHEMA, columns=columns, by=as_names(by), sensors=sensors.names, results=results
+        source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )
     for part in source:
         _require_kinds(part, columns or {})
@@ -155,10 +157,9 @@ def read_targets(
 
 def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
     """Refuse a table without any column of measurements."""
-    there = names(part.table)
 
     def has(name: str) -> bool:
-        return columns.get(name, name) in there
+        return part.has(columns.get(name, name))
 
     if not any(has(name) for name in VALUES.values()) and not (has("kind") and has("value")):
         raise ColumnError(
@@ -200,6 +201,11 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
     kind, value = pl.col("kind"), pl.col("value")
     one.refuse((kind == "range") & (value <= 0), "range is {value:g}; it must be positive", "range")
     one.refuse(
+        (kind == "azimuth") & (value.abs() > 720),
+        "azimuth is {value:g}; it must be between -720 and 720 degrees",
+        "azimuth",
+    )
+    one.refuse(
         (kind == "elevation") & (value.abs() > 180),
         "elevation is {value:g}; it must be between -180 and 180 degrees",
     )
@@ -215,6 +221,9 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
         how="horizontal",
     )
     again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
+    if "time" not in records.column and again.any():
+        # several instants, of which nothing is told
+        records.source[0].require(*TIME.columns)
     reason = (
         "a second {kind} of the same sensor at time_s {time}: group several targets by a column"
     )

@@ -7,6 +7,7 @@ A schema lists the quantities of a record, the columns that may hold each, and t
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,23 +17,19 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import IntArray
 from tertia.tables._frames import height, names, series
+from tertia.tables._times import kind_of_times, moments, seconds_of_day, seconds_of_text
 from tertia.tracker import NO_IDENTITY
 
-PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
 IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
+_HALF_DAY = 43_200.0
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 # cells of text that hold nothing
 MARKS = ("", "-", "na", "nan", "null", "none")
-_DAY = 86_400
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
-# %.f is a fraction of a second or nothing, %#z an offset or Z
-_LOCAL_TIMES = ("%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
-_ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z")
-_OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
 # so many values show whether a unit is right
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
 # medians above which a unit is hardly right, the unit, and the one that it probably is
@@ -154,9 +151,28 @@ class Part:
         line = None if place is None or self.line is None else place + self.line
         return RecordError(reason, file=self.file, row=place, line=line, column=column)
 
+    def column(self, name: str) -> str:
+        """Return the column of this name, or the one that differs in case, spaces or brackets."""
+        there = names(self.table)
+        alike = [one for one in there if _plain(one) == _plain(name)]
+        if name in there or not alike:
+            return name
+        if len(alike) > 1:
+            listed = " and ".join(map(str, alike))
+            raise ColumnError(f"{self.called} has the columns {listed} for {name}", column=name)
+        return str(alike[0])
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a column of this name, or nearly."""
+        return self.column(name) in names(self.table)
+
+    def series(self, name: str) -> pl.Series:
+        """Return the column of this name, or nearly."""
+        return series(self.table, self.column(name))
+
     def require(self, *columns: str) -> None:
         """Refuse a table without any of the columns."""
-        if not any(column in names(self.table) for column in columns):
+        if not any(self.has(column) for column in columns):
             raise ColumnError(
                 f"{self.called} has no column {' or '.join(columns)}; {self.listed()}",
                 column=columns[0],
@@ -164,12 +180,12 @@ class Part:
 
     def listed(self) -> str:
         """Return the available columns, in words."""
-        there = [str(name) for name in names(self.table)]
-        listed = f"it has {', '.join(there)}"
-        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-            if len(there) == 1 and separator in there[0]:
-                listed += f": put commas between columns, not {name}"
-        return listed
+        return f"it has {', '.join(map(str, names(self.table)))}"
+
+
+def _plain(name: object) -> str:
+    """Return a name without what is written in different ways: `Azimuth [deg]` is azimuth_deg."""
+    return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
 
 
 Source: TypeAlias = Sequence[Part]
@@ -264,7 +280,7 @@ def _require_alike(first: Reader, other: Reader) -> None:
     """Refuse files whose times or identities are of different kinds."""
     one, two = first.part.called, other.part.called
     if first.times_are != other.times_are:
-        name = first.taken["time"]
+        name = first.taken.get("time", "time_s")
         reason = f"{name} of {one} holds {first.times_are}, that of {two} {other.times_are}"
         raise RecordError(reason, column=name)
     kinds = [each.taken.get("identity") for each in (first, other)]
@@ -281,13 +297,6 @@ def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
         if len({frame[name].dtype for frame in frames}) > 1:
             frames = [frame.with_columns(pl.col(name).cast(pl.String)) for frame in frames]
     return frames
-
-
-def kind_of_times(times: pl.Series) -> str:
-    """Return the kind of times, in words."""
-    if not isinstance(times.dtype, pl.Datetime):
-        return "numbers"
-    return "dates" if times.dtype.time_zone is None else "dates with a time zone"
 
 
 class Reader:
@@ -310,7 +319,7 @@ class Reader:
         self.part, self.schema, self.called, self.sensors = part, schema, called, sensors
         self.like, self.problems = like, problems
         self.taken: dict[str, str] = {}
-        self.times_are = ""
+        self.times_are = "no times"
 
     def rows(self, number: int = 0) -> pl.DataFrame:
         """Return the quantities of all rows, with the number of the part and the row."""
@@ -326,16 +335,14 @@ class Reader:
         """Return the columns that group the rows, unchanged."""
         for name in by:
             self.part.require(self.called.get(name, name))
-        return pl.DataFrame(
-            {name: series(self.part.table, self.called.get(name, name)) for name in by}
-        )
+        return pl.DataFrame({name: self.part.series(self.called.get(name, name)) for name in by})
 
     def _column(self, quantity: str, one: Field, count: int) -> pl.Series:
         given = [name for name in one.columns if name in self.called]
-        there = names(self.part.table)
-        if given or (one.required and not set(one.columns) & set(there)):
+        there = [name for name in one.columns if self.part.has(name)]
+        if given or (one.required and not there):
             self.part.require(*(self.called.get(name, name) for name in given or one.columns))
-        name = next(iter(given or [name for name in one.columns if name in there]), None)
+        name = next(iter(given or there), None)
         if quantity == "sensor" and self.sensors is not None:
             return self._sensors(name, count)
         if name is None and quantity == "sensor":
@@ -345,7 +352,7 @@ class Reader:
             return pl.repeat(self.part.name, count, dtype=pl.String, eager=True)
         if name is None:
             return _absent(one.kind, count)
-        column = self.called.get(name, name)
+        column = self.part.column(self.called.get(name, name))
         self.taken[quantity] = name if one.kind == "identity" else column
         values = series(self.part.table, column).alias(column)
         return self._values(values, one, name)
@@ -378,7 +385,7 @@ class Reader:
             if len(known) != 1:
                 self.part.require(*(self.called.get(one, one) for one in SENSOR.columns))
             return pl.repeat(0, count, dtype=pl.Int64, eager=True)
-        column = self.called.get(name, name)
+        column = self.part.column(self.called.get(name, name))
         found = _names(series(self.part.table, column).cast(pl.String))
         self.refuse(found.is_null(), f"{column} is missing", column)
         unknown = ~found.is_in(known) & found.is_not_null()
@@ -431,11 +438,13 @@ class Reader:
         """Return times as numbers or as dates, null where missing."""
         name = values.name
         if isinstance(values.dtype, (pl.Date, pl.Datetime)):
-            moments = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
+            dates = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
             # zones of several files may differ
-            if self.part.file is None or kind_of_times(moments) == "dates":
-                return moments
-            return moments.dt.convert_time_zone("UTC")
+            if self.part.file is None or kind_of_times(dates) == "dates":
+                return dates
+            return dates.dt.convert_time_zone("UTC")
+        if isinstance(values.dtype, (pl.Time, pl.Duration)):
+            return seconds_of_day(values)
         if values.dtype != pl.String:
             if not (values.dtype.is_numeric() or values.dtype == pl.Null):
                 raise self.part.error(
@@ -448,19 +457,29 @@ class Reader:
             return found.cast(pl.Float64) if found.dtype == pl.Null else found
         values = without_marks(values)
         first = values.drop_nulls().head(1)
-        numeric = not first.cast(pl.Float64, strict=False).null_count()
+        numeric = not seconds_of_text(first).null_count()
         if self.like is not None:
             numeric = not isinstance(self.like, pl.Datetime)
         if numeric:
-            found = values.cast(pl.Float64, strict=False)
+            found = seconds_of_text(values)
             known = found.is_finite()
+            self._doubt_midnight(first, found)
         else:
             zoned = self.like.time_zone is not None if isinstance(self.like, pl.Datetime) else None
-            found = _moments(values, first.item(), zoned)
+            found = moments(values, first.item(), zoned)
             known = found.is_not_null()
         bad = values.is_not_null() & ~known.fill_null(False)
         self.refuse(bad, f"{name} is {{!r}}; it must be {_AS_OTHERS}", values)
         return found
+
+    def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:
+        """Warn where times of day may have passed midnight."""
+        is_of_day = len(first) and first.cast(pl.Float64, strict=False).null_count()
+        if self.problems is None and is_of_day and (seconds.diff() < -_HALF_DAY).any():
+            doubt(
+                f"{self.part.called}: times of day fall by more than 12 hours: if midnight has "
+                "passed, write dates"
+            )
 
     def identities(self, values: pl.Series, name: str) -> pl.Series:
         """Return identities as numbers, -1 where there is none."""
@@ -468,7 +487,8 @@ class Reader:
             values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
         text = without_marks(values.cast(pl.String)).alias(values.name)
         base = IDENTITIES[name]
-        found = text.str.to_integer(base=base, strict=False)
+        # programs that know numbers alone write 4204.0
+        found = text.str.replace(r"\.0+$", "").str.to_integer(base=base, strict=False)
         bad = text.is_not_null() & ~(found >= 0).fill_null(False)
         self.refuse(bad, f"{text.name} is {{!r}}; it must be {_SPELLING[base]}", text)
         return found.set(bad, None).fill_null(NO_IDENTITY)
@@ -476,24 +496,13 @@ class Reader:
 
 def _absent(kind: Kind, count: int) -> pl.Series:
     """Return the cells of a missing column."""
-    if kind == "number":
-        return pl.repeat(math.nan, count, dtype=pl.Float64, eager=True)
+    if kind in {"number", "time"}:
+        # without times all is one instant
+        value = 0.0 if kind == "time" else math.nan
+        return pl.repeat(value, count, dtype=pl.Float64, eager=True)
     if kind == "identity":
         return pl.repeat(NO_IDENTITY, count, dtype=pl.Int64, eager=True)
     return pl.repeat(None, count, dtype=pl.Boolean if kind == "flag" else pl.String, eager=True)
-
-
-def _moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Series:
-    """Return ISO 8601 dates with times, of the same kind as the first one; null elsewhere."""
-    column = column.str.replace(" ", "T", literal=True)
-    if zoned is None:
-        zoned = pl.Series([(first or "").replace(" ", "T")]).str.contains(_OFFSET)[0]
-    column = column.set((column.str.contains(_OFFSET) != zoned).fill_null(False), None)
-    tried = [
-        column.str.to_datetime(form, time_unit="us", strict=False)
-        for form in (_ZONED_TIMES if zoned else _LOCAL_TIMES)
-    ]
-    return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
 
 
 def without_marks(column: pl.Series) -> pl.Series:
@@ -537,45 +546,6 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
         doubt(f"{name} is {typical:.6g} in the median: is it in {other}? It should be in {unit}")
-
-
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """Times of records, and the corresponding seconds: since `origin`, if they are dates."""
-
-    dtype: Any
-    origin: int = 0
-    ticks: float = 1.0
-
-    @property
-    def dated(self) -> bool:
-        """Whether the times are dates."""
-        return isinstance(self.dtype, pl.Datetime)
-
-    @classmethod
-    def of(cls, moments: pl.Series, *, midnight: bool = False) -> Clock:
-        """Return the clock that begins with the first of some dates, or the midnight before it."""
-        if not isinstance(moments.dtype, pl.Datetime) or moments.is_empty():
-            return cls(moments.dtype)
-        ticks = PER_SECOND[moments.dtype.time_unit]
-        first, day = int(moments.to_physical().to_numpy().min()), int(_DAY * ticks)
-        return cls(moments.dtype, first // day * day if midnight else first, ticks)
-
-    def seconds(self, moments: pl.Series) -> FloatArray:
-        """Return times as seconds."""
-        if not self.dated:
-            return np.asarray(moments.to_numpy(), dtype=np.float64)
-        same = moments if moments.dtype == self.dtype else moments.cast(self.dtype)
-        since: FloatArray = (same.to_physical().to_numpy() - self.origin) / self.ticks
-        return since
-
-    def moments(self, seconds: FloatArray) -> pl.Series:
-        """Return seconds as times."""
-        if not self.dated:
-            return pl.Series(seconds)
-        ticks = self.origin + np.rint(seconds * self.ticks).astype(np.int64)
-        moments: pl.Series = pl.Series(ticks).cast(self.dtype)
-        return moments
 
 
 def identity_texts(numbers: IntArray, name: str) -> pl.Series:

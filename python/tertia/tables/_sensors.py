@@ -227,8 +227,9 @@ class _Cells:
             raise self.error(f"{column} of {self.name} is {value!r}; it must be a finite number")
         low, high = _DOMAINS.get(column, (-math.inf, math.inf))
         if not low <= found <= high:
+            hint = "; are latitude and longitude swapped?" if column == GEODETIC[0] else ""
             raise self.error(
-                f"{column} of {self.name} is {found:g}; it must be between {low} and {high}"
+                f"{column} of {self.name} is {found:g}; it must be between {low} and {high}{hint}"
             )
         return found
 

@@ -12,7 +12,8 @@ from tertia import smoothing
 from tertia._arrays import FloatArray, IntArray, finite, real
 from tertia.tables._frames import Table, extended
 from tertia.tables._groups import as_names, by_length, column_name, known, layout
-from tertia.tables._records import TIME, Clock, Field, Schema, read, source_of
+from tertia.tables._records import TIME, Field, Schema, read, source_of
+from tertia.tables._times import Clock
 
 # what becomes of a quantity, and what its unit is divided by
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}

@@ -21,7 +21,6 @@ from tertia.tables._records import (
     IDENTITIES,
     SENSOR,
     TIME,
-    Clock,
     Field,
     RecordError,
     Schema,
@@ -31,6 +30,7 @@ from tertia.tables._records import (
     source_of,
 )
 from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tables._times import Clock
 from tertia.tracker import Plots, PlotStatus, TrackTable
 
 PLOTS: Schema = {

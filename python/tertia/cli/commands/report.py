@@ -32,8 +32,9 @@ from tertia.report import Emitter, Report
 from tertia.sensors import Station
 from tertia.tables._evaluate import truth_of
 from tertia.tables._measurements import read_targets
-from tertia.tables._records import Clock, Source
+from tertia.tables._records import Source
 from tertia.tables._sensors import Sensors
+from tertia.tables._times import Clock
 from tertia.tables._track import recording_of
 from tertia.tracker import MotionName
 

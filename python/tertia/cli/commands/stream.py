@@ -15,13 +15,15 @@ import polars as pl
 import typer
 
 from tertia.cli.files.read import has_lines
+from tertia.cli.files.text import separator_of, with_point
 from tertia.cli.files.write import as_lines
 from tertia.cli.terminal.pipe import Lines, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
-from tertia.tables._records import Clock, Part, Reader, doubt_unit
+from tertia.tables._records import Part, Reader, doubt_unit
 from tertia.tables._sensors import Sensors
+from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS, plots_of, track_rows
 from tertia.tracker import PlotStatus, Tracker, TrackTable
 
@@ -94,6 +96,7 @@ class _Plots:
         }
         self._chosen: dict[str, str] = {}
         self._header: list[str] | None = None
+        self._separator = ","
         self._doubted: list[pl.DataFrame] | None = []
 
     @property
@@ -139,7 +142,7 @@ class _Plots:
         """Yield the cells of each line, or the reason why there are none."""
         for line in lines:
             self.line += 1
-            text = line.decode("utf-8-sig" if self.line == 1 else "utf-8", "replace").strip()
+            text = line.decode("utf-8-sig" if self.line == 1 else "utf-8", "replace").strip(" \r\n")
             if not text:
                 continue
             if self.kind is None:
@@ -147,11 +150,22 @@ class _Plots:
                 if self.kind == "csv":
                     self._begin(text)
                     continue
-            yield _of_json(text) if self._header is None else _of_csv(text, self._header)
+            if self._header is None:
+                yield _of_json(text)
+            else:
+                yield _of_csv(text, self._header, self._separator)
 
     def _begin(self, line: str) -> None:
         """Read the header, which must have the required columns."""
-        self._header = [name.strip() for name in next(csv.reader([line]))]
+        self._separator = separator_of(line)
+        self._header = [
+            name.strip() for name in next(csv.reader([line], delimiter=self._separator))
+        ]
+        part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
+        # by the names that are looked for, as in files
+        looked_for = [name for names in self._choices.values() for name in names]
+        standard = {part.column(name): name for name in looked_for if part.has(name)}
+        self._header = [standard.get(name, name) for name in self._header]
         part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
         Reader(part, PLOTS, self._columns, self.sensors.names).rows()
         for quantity, choices in self._choices.items():
@@ -231,8 +245,10 @@ def _of_json(text: str) -> Cells | str:
     return cells if isinstance(cells, dict) else "it is no JSON object"
 
 
-def _of_csv(text: str, header: Sequence[str]) -> Cells | str:
-    cells = next(csv.reader([text]))
+def _of_csv(text: str, header: Sequence[str], separator: str) -> Cells | str:
+    cells = next(csv.reader([text], delimiter=separator))
+    if separator != ",":
+        cells = list(map(with_point, cells))
     if len(cells) != len(header):
         return f"it has {counted(len(cells), 'field')}, the header has {len(header)}"
     return dict(zip(header, cells, strict=True))

@@ -12,6 +12,7 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
+from tertia.cli.files.text import Dialect, read_text
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.tables._records import Part, Source
 from tertia.tables._sensors import Sensors, radars, stations
@@ -63,7 +64,7 @@ def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         rows = pl.scan_parquet(path, glob=False)
     elif kind in ARROW:
         rows = pl.scan_ipc(path, glob=False)
-    elif kind == ".csv" and has_lines(path):
+    elif kind == ".csv" and has_lines(path) and Dialect.of(path).is_plain:
         rows = pl.scan_csv(path, infer_schema=False, glob=False)
         # a blank line is no row
         rows = rows.filter(~pl.all_horizontal(pl.all().is_null()))
@@ -137,7 +138,7 @@ def _frame(path: Path) -> pl.DataFrame:
                 return pl.read_ipc(file)
         if kind in _BINARY:
             return pl.read_parquet(path, glob=False)
-        return pl.read_csv(path, infer_schema=False, glob=False)
+        return read_text(path)
     except FileNotFoundError:
         fail(f"there is no file {path}", WRONG_USAGE)
     except OSError as error:

@@ -82,6 +82,11 @@ def _mistakes() -> Iterator[None]:
             fail(str(error), WRONG_USAGE)
         except (RecordError, np.linalg.LinAlgError, ImportError) as error:
             fail(str(error))
+        except OSError as error:
+            # what has no name is a pipe
+            if error.filename is None:
+                raise
+            fail(f"cannot use {error.filename}: {error.strerror}")
         except ValueError as error:
             fail(str(error), WRONG_USAGE)
 

@@ -1,0 +1,104 @@
+"""Times as text and as dates: seconds of the day, ISO 8601, and the clock of records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray
+
+PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+_DAY = 86_400
+# %.f is a fraction of a second or nothing, %#z an offset or Z; the last ones are compact
+_LOCAL_TIMES = (
+    "%Y-%m-%dT%H:%M:%S%.f",
+    "%Y-%m-%dT%H:%M",
+    "%Y-%m-%d",
+    "%Y%m%dT%H%M%S%.f",
+)
+_ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z", "%Y%m%dT%H%M%S%.f%#z")
+_OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
+_OF_DAY = r"^(?<h>\d{1,2}):(?<m>[0-5]\d)(?::(?<s>[0-5]\d(?:\.\d+)?))?$"
+
+
+def kind_of_times(times: pl.Series) -> str:
+    """Return the kind of times, in words."""
+    if not isinstance(times.dtype, pl.Datetime):
+        return "numbers"
+    return "dates" if times.dtype.time_zone is None else "dates with a time zone"
+
+
+def seconds_of_text(column: pl.Series) -> pl.Series:
+    """Return numbers of seconds, or seconds of the day where a cell is like 12:34:56.7."""
+    part = column.str.extract_groups(_OF_DAY).struct
+    hours, minutes, rest = (part.field(name).cast(pl.Float64) for name in "hms")
+    of_day = 3600 * hours + 60 * minutes + rest.fill_null(0.0)
+    seconds: pl.Series = column.cast(pl.Float64, strict=False).fill_null(of_day)
+    return seconds
+
+
+def seconds_of_day(column: pl.Series) -> pl.Series:
+    """Return times of day or durations as seconds."""
+    ticks = column.cast(pl.Duration("ns")) if column.dtype == pl.Time else column
+    seconds: pl.Series = ticks.dt.total_microseconds() / PER_SECOND["us"]
+    return seconds
+
+
+def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Series:
+    """Return ISO 8601 dates with times, of the same kind as the first one; null elsewhere."""
+    column, begin = (
+        one.str.replace(r"\s*(UTC|GMT|Z)$", "Z")
+        .str.replace(r"\s+([+-]\d\d)", "$1")
+        .str.replace(" ", "T", literal=True)
+        for one in (column, pl.Series([first or ""]))
+    )
+    if zoned is None:
+        zoned = begin.str.contains(_OFFSET)[0]
+    column = column.set((column.str.contains(_OFFSET) != zoned).fill_null(False), None)
+    tried = [
+        column.str.to_datetime(form, time_unit="us", strict=False)
+        for form in (_ZONED_TIMES if zoned else _LOCAL_TIMES)
+    ]
+    return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Times of records, and the corresponding seconds: since `origin`, if they are dates."""
+
+    dtype: Any
+    origin: int = 0
+    ticks: float = 1.0
+
+    @property
+    def dated(self) -> bool:
+        """Whether the times are dates."""
+        return isinstance(self.dtype, pl.Datetime)
+
+    @classmethod
+    def of(cls, moments: pl.Series, *, midnight: bool = False) -> Clock:
+        """Return the clock that begins with the first of some dates, or the midnight before it."""
+        if not isinstance(moments.dtype, pl.Datetime) or moments.is_empty():
+            return cls(moments.dtype)
+        ticks = PER_SECOND[moments.dtype.time_unit]
+        first, day = int(moments.to_physical().to_numpy().min()), int(_DAY * ticks)
+        return cls(moments.dtype, first // day * day if midnight else first, ticks)
+
+    def seconds(self, moments: pl.Series) -> FloatArray:
+        """Return times as seconds."""
+        if not self.dated:
+            return np.asarray(moments.to_numpy(), dtype=np.float64)
+        same = moments if moments.dtype == self.dtype else moments.cast(self.dtype)
+        since: FloatArray = (same.to_physical().to_numpy() - self.origin) / self.ticks
+        return since
+
+    def moments(self, seconds: FloatArray) -> pl.Series:
+        """Return seconds as times."""
+        if not self.dated:
+            return pl.Series(seconds)
+        ticks = self.origin + np.rint(seconds * self.ticks).astype(np.int64)
+        moments: pl.Series = pl.Series(ticks).cast(self.dtype)
+        return moments
