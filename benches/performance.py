@@ -13,6 +13,7 @@ import json
 import os
 import platform
 import re
+import resource
 import subprocess
 import sys
 import tempfile
@@ -56,16 +57,23 @@ def run(names, folder):
     for name, command in steps(folder).items():
         if name not in names:
             continue
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), of_children()
         print(f"\n== {name}", flush=True)
         if subprocess.run(command, cwd=TOP, env=environment, check=False).returncode:
             failed.append(name)
-        print(f"== {name}: {time.perf_counter() - start:.0f} s", flush=True)
+        seconds, used = time.perf_counter() - start, of_children() - cpu
+        print(f"== {name}: {seconds:.0f} s, {used:.0f} s of CPU", flush=True)
     found = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()]
     calls = folder / "calls.json"
     found += small_calls(calls) if calls.exists() else []
     found += one_series() if "criterion" in names else []
     return found, failed
+
+
+def of_children():
+    """CPU time of the steps so far, in seconds."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def small_calls(path):
