@@ -109,7 +109,7 @@ def comparison(found):
         # what is in brackets or Tertia's is no other library
         listed = [cell(name, cost, own) for name, cost in sorted(others.items(), key=by_cost)]
         unit = one["unit"]
-        rows.append([one["work"], f"{number(own)} {unit}", ", ".join(listed) or "–"])
+        rows.append([one["work"], f"{number(own)} {unit}", "; ".join(listed) or "–"])
     return markdown(["work", "Tertia", "others"], rows)
 
 
@@ -124,9 +124,9 @@ def cell(name, cost, own):
 
 
 def number(value):
-    """Two digits, or all of a larger number, with blanks between thousands."""
+    """Two digits."""
     if value >= 100:
-        return f"{float(f'{value:.2g}'):,.0f}".replace(",", " ")
+        return f"{float(f'{value:.2g}'):,.0f}"
     return f"{value:#.2g}".rstrip(".")
 
 
