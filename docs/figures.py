@@ -23,6 +23,7 @@ from studies import (
     contamination,
     flightplan,
     fusion,
+    geo,
     honest_series,
     instant,
     location,
@@ -58,6 +59,10 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "correlation": contamination.correlation,
         "groups": contamination.groups,
         "claims": paper.claims,
+    },
+    "geo.md": {
+        "views": geo.views,
+        "export": geo.export,
     },
     "weights.md": {
         "readings": weights.readings,

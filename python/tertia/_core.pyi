@@ -11,6 +11,7 @@ __all__ = [
     "AngleFilter",
     "AngleFusion",
     "Flights",
+    "Frame",
     "Motion",
     "PlotTracker",
     "Radar",
@@ -20,6 +21,7 @@ __all__ = [
     "beam_meetings",
     "bursts",
     "calibrate",
+    "cartesian_states",
     "chi_square_quantile",
     "cochran",
     "common_states",
@@ -28,6 +30,7 @@ __all__ = [
     "correct_states",
     "correlate",
     "critical_value",
+    "ecef_to_geodetic",
     "estimate_bearing",
     "false_alarm_probability",
     "filter_series",
@@ -38,6 +41,7 @@ __all__ = [
     "gate_pairs",
     "gate_sectors",
     "gate_threshold",
+    "geodetic_to_ecef",
     "group_arrivals",
     "grubbs",
     "indicator_powers",
@@ -57,10 +61,14 @@ __all__ = [
     "mean_interval",
     "paper_score",
     "plan_speeds",
+    "plots_flattened",
+    "plots_in_plane",
     "plots_to_cartesian",
+    "polar_states",
     "posterior_radii",
     "posterior_regions",
     "predicted",
+    "pressure_heights",
     "protection_levels",
     "rank_interval",
     "reconstruct",
@@ -527,3 +535,27 @@ def rank_interval(
 ) -> list[float]: ...
 def indicator_powers(axes: int, probability: float) -> list[float]: ...
 def chi_square_quantile(probability: float, degrees_of_freedom: int) -> float: ...
+
+@final
+class Frame:
+    def __new__(cls, origin: list[float], is_plane: bool) -> Frame: ...
+    def from_ecef(self, points: FloatArray) -> FloatArray: ...
+    def to_ecef(self, points: FloatArray) -> FloatArray: ...
+    def polar_to_geodetic(self, points: FloatArray) -> FloatArray: ...
+    def geodetic_to_polar(self, points: FloatArray) -> FloatArray: ...
+    def scale_and_convergence(self, points: FloatArray) -> FloatArray: ...
+    def transform(
+        self, target: Frame, states: FloatArray, covariance: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]: ...
+
+def geodetic_to_ecef(points: FloatArray) -> FloatArray: ...
+def ecef_to_geodetic(points: FloatArray) -> FloatArray: ...
+def polar_states(points: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+def cartesian_states(points: FloatArray) -> FloatArray: ...
+def pressure_heights(altitude: FloatArray, atmosphere: list[float]) -> FloatArray: ...
+def plots_in_plane(
+    sites: FloatArray, plane: Frame, sensor: IntArray, plots: FloatArray
+) -> FloatArray: ...
+def plots_flattened(
+    sites: FloatArray, plane: Frame, sensor: IntArray, plots: FloatArray, level: FloatArray
+) -> FloatArray: ...

@@ -279,7 +279,7 @@ def test_radars_on_the_earth(write: Write, tmp_path: Path) -> None:
     )
     # without the convergence of the meridians it is 1.2 degrees, more than a kilometre
     assert off.max() < 60.0
-    assert "origin of east, north and up: latitude 50" in run(seen, "--sensors", path).out
+    assert "origin of east and north: latitude 50" in run(seen, "--sensors", path).out
     # plans are in the same frame
     header = "name,longitude_deg,latitude_deg,speed_m_s"
     plan = write(["A,2.7,50.5,111.2", "A,2.7,51.0,111.2"], header, "plans.csv")

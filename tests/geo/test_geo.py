@@ -1,7 +1,6 @@
 """Geo: against formulas with 50 digits, and against itself."""
 
 import csv
-import sys
 from datetime import datetime
 
 import mpmath
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from places import DATA
 
-from tertia import geo, simulate
+from tertia import simulate
 from tertia.geo import LocalFrame
 from tertia.location import Station, locate
 from tertia.trajectory import reconstruct
@@ -219,10 +218,3 @@ def test_errors(call, message):
 def test_a_string_is_no_latitude():
     with pytest.raises(TypeError, match="latitude is '50 N'"):
         LocalFrame("50 N", 14.0)
-
-
-def test_missing_pyproj(monkeypatch):
-    geo._transformer.cache_clear()
-    monkeypatch.setitem(sys.modules, "pyproj", None)
-    with pytest.raises(ImportError, match=r"needs pyproj: pip install 'tertia\[geo\]'"):
-        LocalFrame(50.0, 14.0)

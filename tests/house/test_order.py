@@ -1,9 +1,10 @@
 """Concepts import those to their left, on every floor; nothing imports in circles; files are short.
 
-`base <- screening <- bearing <- weights <- sensors <- location <- kalman <- smoothing <-
+`base <- screening <- bearing <- weights <- sensors, geo <- location <- kalman <- smoothing <-
 trajectory <- fusion <- association <- flightplan <- registration <- tracker`, and outside
-`simulate, geo, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration` is
-right of the tracker, because it takes recordings, and makes tracks of them first.
+`simulate, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration` is
+right of the tracker, because it takes recordings, and makes tracks of them first. `geo` is beside
+the sensors: it makes sensors in Python, and their plots go through it.
 """
 
 import ast
@@ -22,7 +23,7 @@ ORDER = [
     {"screening"},
     {"bearing"},
     {"weights"},
-    {"sensors"},
+    {"sensors", "geo"},
     {"location"},
     {"kalman"},
     {"smoothing"},
@@ -32,7 +33,7 @@ ORDER = [
     {"flightplan"},
     {"registration"},
     {"tracker"},
-    {"simulate", "geo", "metrics"},
+    {"simulate", "metrics"},
     {"plot", "tables", "io", "interop"},
     {"report"},
     {"cli"},

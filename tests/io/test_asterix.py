@@ -268,7 +268,7 @@ def test_positions_and_periods_come_from_the_recording(
     output = tmp_path / "tracks.parquet"
     code, out, err = run("track", save(flight()), "--sensors", radars, "--output", output)
     assert (code, err) == (0, "")
-    assert "origin of east, north and up: latitude 43.57" in out
+    assert "origin of east and north: latitude 43.57" in out
     found = pl.read_parquet(output)
     assert set(found["icao_address"].drop_nulls()) == {"4BAACD"}
     assert set(found["sensor"]) == {"25/12", "25/13"}

@@ -12,7 +12,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray, real
 from tertia.flightplan import FlightPlan
-from tertia.geo import LocalFrame
+from tertia.geo import LocalFrame, SystemPlane
 
 __all__ = ["read_plans"]
 
@@ -26,7 +26,7 @@ _PLURAL = {"height_m": "heights_m", "time_s": "times_s", "speed_m_s": "speeds_m_
 def read_plans(
     path: str | Path,
     *,
-    frame: LocalFrame | None = None,
+    frame: LocalFrame | SystemPlane | None = None,
     types: Mapping[str, float] | None = None,
     speed: float | None = None,
 ) -> list[FlightPlan]:
@@ -36,7 +36,7 @@ def read_plans(
     ----------
     path : str or Path
         A file whose name ends in `.csv`, `.json` or `.geojson`.
-    frame : tertia.geo.LocalFrame, optional
+    frame : tertia.geo.LocalFrame or SystemPlane, optional
         Local coordinates, required if the file has geodetic positions.
     types : mapping of str to float, optional
         Bank angles in radians by aircraft type, for plans that have a type and no bank.
@@ -97,7 +97,7 @@ def read_plans(
 
 def _plan(
     fields: dict[str, Any],
-    frame: LocalFrame | None,
+    frame: LocalFrame | SystemPlane | None,
     types: Mapping[str, float],
     speed: float | None,
 ) -> FlightPlan:
@@ -135,12 +135,11 @@ def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
     return np.asarray(value, dtype=np.float64)[kept[1:] if of_legs else kept]
 
 
-def _local(degrees: FloatArray, frame: LocalFrame | None) -> FloatArray:
+def _local(degrees: FloatArray, frame: LocalFrame | SystemPlane | None) -> FloatArray:
     """Return east and north of longitudes and latitudes."""
     if frame is None:
         raise ValueError("its positions are geodetic: give a frame, or the origin of one")
-    local: FloatArray = frame.to_local(degrees[:, 1], degrees[:, 0])[:, :2]
-    return local
+    return frame.to_local(degrees[:, 1], degrees[:, 0])[:, :2]
 
 
 def _read_json(path: Path) -> Iterable[dict[str, Any]]:

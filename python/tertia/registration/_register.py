@@ -16,6 +16,7 @@ from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone, common
 from tertia.sensors import ByKind, Radar
 from tertia.tracker import Plots, TrackTable, track
+from tertia.tracker._earth import in_plane
 
 # rounds of tracking, each with the noise found in the one before
 _ROUNDS = 3
@@ -96,8 +97,8 @@ def register(
     by which residuals of the blocks are larger multiplies it: the scatter of a radar that smooths
     its plots is less than their error.
 
-    Errors are assumed to be constant. On a flat plane the curvature of the earth counts as a gain
-    of the range. Cost O(N log N + N K^2) in plots.
+    Errors are assumed to be constant. Without a `frame` of the radars, the curvature of the earth
+    counts as a gain of the range. Cost O(N log N + N K^2) in plots.
 
     Examples
     --------
@@ -181,11 +182,12 @@ def _systematic(
     plots of two radars. So plots are tracked again without the errors found, until these stay.
     """
     prior = bias = start(alone, sensors)
+    projected, _ = in_plane(plots, sensors)
     noise = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])
     for _ in range(_ROUNDS):
         if joint is None:
             joint = run(plots, [replace(one, bias=bias[k]) for k, one in enumerate(sensors)])
-        known = errors(plots, joint, sensors, prior, bias)
+        known = errors(projected, joint, sensors, prior, bias)
         moved = columns_of(known.bias)[:, [0, 2]] - columns_of(bias)[:, [0, 2]]
         bias = known.bias
         if np.all(np.abs(moved) < _STAYS * noise):

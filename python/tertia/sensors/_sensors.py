@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from tertia._arrays import (
 )
 from tertia.sensors._bias import ERRORS, RADAR_LIMITS, Bias
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
+
+if TYPE_CHECKING:
+    from tertia.geo import LocalFrame, SystemPlane
 
 # largest element by which axes times their transpose may differ from the identity
 _ORTHONORMAL = 1e-9
@@ -125,6 +128,10 @@ class Station:
 class Radar:
     """A radar: its position, scan period and accuracy.
 
+    In a flat plane the height of a target counts from that of the radar. With a `frame`, as
+    `tertia.geo.SystemPlane.radar` sets it, the radar is on the earth, its azimuths are relative to
+    true north there, and heights are above the ellipsoid.
+
     Parameters
     ----------
     degrees : bool
@@ -149,6 +156,8 @@ class Radar:
         known. None: nothing is known but `RADAR_LIMITS`; `Bias()`: there are none.
     name : str or None
         Its label in plots and reports.
+    frame : tertia.geo.SystemPlane or None
+        The plane of its position on the earth; None: the earth is flat.
 
     Raises
     ------
@@ -170,6 +179,7 @@ class Radar:
     detection_probability: float
     bias: Bias | None
     name: str | None
+    frame: SystemPlane | None
 
     def __init__(
         self,
@@ -182,9 +192,12 @@ class Radar:
         detection_probability: float = 0.9,
         bias: Bias | None = None,
         name: str | None = None,
+        frame: SystemPlane | None = None,
         degrees: bool = False,
     ) -> None:
         place = finite(position, "position")
+        if frame is not None and not hasattr(frame, "scale_and_convergence"):
+            raise TypeError(f"frame is {frame!r}; it must be a SystemPlane")
         if place.shape not in {(2,), (3,)}:
             raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
         detected = probability(detection_probability, "detection_probability")
@@ -212,6 +225,12 @@ class Radar:
         object.__setattr__(self, "detection_probability", detected)
         object.__setattr__(self, "bias", _own_bias(bias))
         object.__setattr__(self, "name", name)
+        object.__setattr__(self, "frame", frame)
+
+    @property
+    def site(self) -> LocalFrame | None:
+        """East, north and up at the radar; None if the earth is flat."""
+        return None if self.frame is None else self.frame.site(self.position)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

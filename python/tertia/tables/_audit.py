@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, IntArray, positive_number, real
+from tertia.geo import LocalFrame
 from tertia.metrics import Audit, Indicator, Truth, match_tracks
 from tertia.metrics import audit as audit_errors
 from tertia.metrics._indicator import share_text
@@ -469,14 +470,8 @@ def _common_places(
     return found[0], found[1]
 
 
-def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> Any:
+def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame:
     """Return the plane at the origin, by default in the middle of the positions."""
-    try:
-        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
-    except ImportError as error:
-        raise ImportError(
-            f"{GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'"
-        ) from error
     if origin is None:
         middle = rows.select(pl.col(GEODETIC[:2]).fill_nan(None).median()).row(0)
         if None in middle:

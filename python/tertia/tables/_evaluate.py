@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, IntArray, positive_number
+from tertia.geo import SystemPlane
 from tertia.metrics import Truth
 from tertia.metrics._evaluation import Judged, Rows, figures, judge, rmse, usual_periods
 from tertia.tables._frames import Table, result
@@ -28,9 +29,6 @@ from tertia.tables._records import (
 )
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock, kind_of_times
-
-if TYPE_CHECKING:
-    from tertia.geo import LocalFrame
 
 # in metres; so far from its origin nobody tracks
 _FAR = 1e6
@@ -208,21 +206,15 @@ def _in_the_plane(
             f"{source[0].called} has latitudes and longitudes: give origin, where east and north "
             "of the tracks are zero"
         )
-    try:
-        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
-    except ImportError as error:
-        raise ImportError(
-            f"{GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'"
-        ) from error
     latitude, longitude, height = (rows[name].to_numpy() for name in GEODETIC)
-    frame = LocalFrame(*origin)
-    local: FloatArray = frame.to_local(latitude, longitude, np.nan_to_num(height))
+    frame = SystemPlane(*origin)
+    local = frame.to_local(latitude, longitude, np.nan_to_num(height))
     _doubt_swapped(frame, latitude, longitude, local)
     return local[:, :2]
 
 
 def _doubt_swapped(
-    frame: LocalFrame, latitude: FloatArray, longitude: FloatArray, local: FloatArray
+    frame: SystemPlane, latitude: FloatArray, longitude: FloatArray, local: FloatArray
 ) -> None:
     """Warn where places are far from the origin, and near it if latitude and longitude swap."""
     away = float(np.median(np.linalg.norm(local, axis=-1)))

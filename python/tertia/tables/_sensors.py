@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from tertia._arrays import FloatArray
+from tertia.geo import LocalFrame, SystemPlane
 from tertia.sensors import Bias, Radar, Station
 from tertia.tables._groups import known
 from tertia.tables._records import RecordError, doubt, is_mark
 
 if TYPE_CHECKING:
     import polars as pl
-
-    from tertia.geo import LocalFrame
 
 # the cells of one sensor, by column
 Row: TypeAlias = Mapping[str, Any]
@@ -61,15 +60,15 @@ _DOUBTFUL_SIGMA = 0.005
 class Sensors(Generic[S]):
     """Radars or stations, with further properties that their classes do not have.
 
-    `norths` are radians to add to azimuths, for radars on the earth whose north differs from that
-    of the plane. `range_difference_sigma` is in metres, nan if none is stated. `frame` converts
-    latitudes and longitudes. `file` is the source.
+    `norths` are radians to add to azimuths, for radars in a flat plane whose north differs from
+    that of the plane. `range_difference_sigma` is in metres, nan if none is stated. `frame`
+    converts latitudes and longitudes. `file` is the source.
     """
 
     items: Sequence[S]
     norths: FloatArray
     range_difference_sigma: FloatArray
-    frame: LocalFrame | None = None
+    frame: LocalFrame | SystemPlane | None = None
     file: str | None = None
 
     @property
@@ -86,16 +85,21 @@ class Sensors(Generic[S]):
         """Return an error in the description of the sensors."""
         return RecordError(reason, file=self.file)
 
-    def geodetic(self, position: FloatArray) -> dict[str, pl.Series]:
+    def geodetic(
+        self, position: FloatArray, height: FloatArray | None = None
+    ) -> dict[str, pl.Series]:
         """Return latitude, longitude and in space height of positions, (N, D), by column.
 
-        Positions in the plane are on the ellipsoid; null for positions that are not on the earth.
-        Without a frame there are no columns.
+        Positions in a system plane are at their height; without it, and in a tangent plane, they
+        are on the ellipsoid; null for positions that are not on the earth. Without a frame there
+        are no columns.
         """
         if self.frame is None:
             return {}
-        if position.shape[1] == len(LOCAL):
-            found: Iterable[Any] = self.frame.to_geodetic(position)
+        if isinstance(self.frame, SystemPlane):
+            found: Iterable[Any] = self.frame.to_geodetic(lifted(position, height))[:2]
+        elif position.shape[1] == len(LOCAL):
+            found = self.frame.to_geodetic(position)
         else:
             found = _on_the_ellipsoid(self.frame, position)
         return {name: known(cells) for name, cells in zip(GEODETIC, found, strict=False)}
@@ -105,7 +109,7 @@ class Sensors(Generic[S]):
         if self.frame is None:
             return None
         place = f"latitude {self.frame.latitude:.10g}, longitude {self.frame.longitude:.10g}"
-        if self.dimension < len(LOCAL):
+        if self.dimension < len(LOCAL) or isinstance(self.frame, SystemPlane):
             return f"origin of east and north: {place}"
         return f"origin of east, north and up: {place}, height {self.frame.height:.10g} m"
 
@@ -126,7 +130,14 @@ def sensors_of(items: Sequence[S] | Sensors[S]) -> Sensors[S]:
     """Return sensors, which may also be given as a plain sequence."""
     if isinstance(items, Sensors):
         return items
-    return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan))
+    frame = getattr(items[0], "frame", None) if items else None
+    return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan), frame)
+
+
+def lifted(position: FloatArray, height: FloatArray | None) -> FloatArray:
+    """Return positions in a system plane, (N, 3); those without a height are on the ellipsoid."""
+    up = np.zeros(len(position)) if height is None else np.nan_to_num(height)
+    return np.column_stack([position[:, :2], up])
 
 
 def radars(
@@ -135,11 +146,13 @@ def radars(
     origin: Row | None = None,
     file: str = "the table",
     found: Mapping[str, Row] | None = None,
+    flat: bool = False,
 ) -> Sensors[Radar]:
     """Return the radars that rows describe.
 
     `origin` is the place where east and north are zero. Positions and scan periods from recordings
-    (`found`) are used if the rows do not give them.
+    (`found`) are used if the rows do not give them. With latitudes and longitudes they are on the
+    earth, or, where it is `flat`, in the plane that touches it.
     """
     described = _named(rows, "radar", file)
     if found is not None:
@@ -148,6 +161,8 @@ def radars(
             for name, row in described.items()
         }
     cells = [_Cells(row, name, file) for name, row in described.items()]
+    if not flat and _are_geodetic(cells, origin, file):
+        return _in_a_system_plane(cells, origin, file)
     positions, axes, frame = _places(cells, origin, file)
     norths = np.zeros(len(cells))
     if axes is not None:
@@ -290,8 +305,17 @@ def _completed(cells: _Cells, found: Row) -> Row:
     return {**cells.row, **added}
 
 
-def _radar(cells: _Cells, place: FloatArray) -> Radar:
-    options: dict[str, Any] = {}
+def _in_a_system_plane(cells: Sequence[_Cells], origin: Row | None, file: str) -> Sensors[Radar]:
+    """Return radars on the earth; the centre is the origin, by default the first radar."""
+    centre = cells[0] if origin is None else _Cells(origin, "the origin", file)
+    plane = SystemPlane(*(centre.required(column) for column in GEODETIC[:2]))
+    positions = [plane.to_local(*place) for place in _coordinates(cells, GEODETIC)]
+    items = [_radar(one, place, plane) for one, place in zip(cells, positions, strict=True)]
+    return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan), plane, file)
+
+
+def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -> Radar:
+    options: dict[str, Any] = {"frame": frame}
     for key, (column, unit) in _RADAR.items():
         cells.required(column)
         options[key] = (cells.sigma(column) or 0.0) * unit
@@ -344,18 +368,23 @@ def _places(
     For latitudes and longitudes, the frame is at the origin, by default at the first sensor, and
     `axes`, (K, D, D), has the east, north and up of each sensor as rows; otherwise there are none.
     """
+    if _are_geodetic(cells, origin, file):
+        return _on_the_earth(cells, origin, file)
+    return _coordinates(cells, LOCAL), None, None
+
+
+def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> bool:
+    """Tell whether places are latitudes and longitudes."""
     local, geodetic = (_first_given(cells, form) for form in (LOCAL, GEODETIC))
     if local and geodetic:
         raise RecordError(
             f"there are {local} and {geodetic}; all places must be given in the same form",
             file=file,
         )
-    if geodetic:
-        return _on_the_earth(cells, origin, file)
-    if origin is not None:
+    if geodetic is None and origin is not None:
         reason = f"an origin needs places with {GEODETIC[0]} and {GEODETIC[1]}"
         raise RecordError(reason, file=file)
-    return _coordinates(cells, LOCAL), None, None
+    return geodetic is not None
 
 
 def _first_given(cells: Sequence[_Cells], form: Iterable[str]) -> str | None:
@@ -381,8 +410,6 @@ def _on_the_earth(
 ) -> tuple[FloatArray, FloatArray, LocalFrame]:
     if find_spec("pyproj") is None:
         raise ImportError(f"{file}: {GEODETIC[0]} needs the extra geo: pip install 'tertia[geo]'")
-    from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
-
     given = _coordinates(cells, GEODETIC)
     at = given[0]
     if origin is not None:

@@ -14,6 +14,7 @@ from tertia import tracker
 from tertia._arrays import FloatArray
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
+from tertia.geo import SystemPlane
 from tertia.sensors import Radar
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
@@ -29,7 +30,7 @@ from tertia.tables._records import (
     read,
     source_of,
 )
-from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
 from tertia.tracker import Plots, PlotStatus, TrackTable
 
@@ -260,6 +261,7 @@ def track_rows(
 ) -> pl.DataFrame:
     """Return one row per row of the track table; unknown values are null."""
     followed = table.plan >= 0
+    course, speed = _movement(table, sensors)
     return pl.DataFrame(
         {
             "time_s": clock.moments(table.time),
@@ -267,9 +269,9 @@ def track_rows(
             "sensor": named(table.sensor, sensors.names),
             "plot": known(table.plot, table.plot >= 0),
             **_state(table),
-            **sensors.geodetic(table.position),
-            "course_deg": np.degrees(np.arctan2(*table.velocity.T)) % 360.0,
-            "speed_m_s": np.hypot(*table.velocity.T),
+            **sensors.geodetic(table.position, table.height),
+            "course_deg": np.degrees(course) % 360.0,
+            "speed_m_s": speed,
             "turn_probability": table.turn_probability,
             "height_m": known(table.height),
             "vertical_rate_m_s": known(table.vertical_rate),
@@ -279,6 +281,16 @@ def track_rows(
             "confirmed": table.confirmed,
         }
     )
+
+
+def _movement(table: TrackTable, sensors: Sensors[Radar]) -> tuple[FloatArray, FloatArray]:
+    """Return courses and speeds; on the earth the true ones."""
+    course, speed = np.arctan2(*table.velocity.T), np.hypot(*table.velocity.T)
+    if not isinstance(sensors.frame, SystemPlane):
+        return course, speed
+    places = lifted(table.position, table.height)
+    scale, convergence = sensors.frame.scale_and_convergence(places)
+    return course - convergence, speed / scale
 
 
 def covariance_columns() -> dict[tuple[int, int], str]:

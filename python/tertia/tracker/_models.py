@@ -12,6 +12,7 @@ from tertia import _core
 from tertia._arrays import finite, integer, positive, real
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
+from tertia.tracker._earth import reach
 
 MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
 Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
@@ -158,7 +159,7 @@ def core_radar(radar: Radar) -> _core.Radar:
         range_sigma=radar.range_sigma,
         azimuth_sigma=radar.azimuth_sigma,
         scan_period=radar.scan_period,
-        max_range=radar.max_range,
+        max_range=reach(radar),
         detection_probability=radar.detection_probability,
     )
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, array_of, radians, samples, sequence_of
 from tertia.sensors import Radar
+from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._models import core_radar
 
 # identity of a plot that has none
@@ -112,6 +113,9 @@ class Plots:
     def to_cartesian(self, sensors: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
         """Return the plots as positions in the plane, as used by the tracker.
 
+        Radars on the earth (`Radar.frame`) have their plots in the system plane. Those without a
+        height are then at the mean level of the others, whose error is in the covariance.
+
         Parameters
         ----------
         sensors : sequence of Radar
@@ -143,8 +147,19 @@ class Plots:
         >>> position.round(1)
         array([[ 75000.1, 129904. ]])
         """
-        radars = [core_radar(radar) for radar in sequence_of(sensors, Radar, "sensors")]
-        return _core.plots_to_cartesian(radars, self)
+        radars = sequence_of(sensors, Radar, "sensors")
+        plane = plane_of(radars)
+        # of sensors that do not exist the core tells
+        if plane is None or np.any((self.sensor < 0) | (self.sensor >= len(radars))):
+            return _core.plots_to_cartesian([core_radar(radar) for radar in radars], self)
+        return positions(self, radars, plane)
+
+    def _moved(self, range: FloatArray, azimuth: FloatArray, height: FloatArray) -> Plots:  # noqa: A002
+        """Return the same plots with other measurements."""
+        some = self[:]
+        for name, column in (("range", range), ("azimuth", azimuth), ("height", height)):
+            object.__setattr__(some, name, column)
+        return some
 
 
 class PlotStatus(enum.IntEnum):

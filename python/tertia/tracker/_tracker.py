@@ -24,12 +24,13 @@ from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._earth import Level, in_plane, plane_of
 from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
 from tertia.tracker._plots import Plots
 from tertia.tracker._table import TrackTable
 
 _State: TypeAlias = (
-    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, bytes]"
+    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, Level, bytes]"
 )
 
 
@@ -91,7 +92,9 @@ class Tracker:
     Parameters
     ----------
     sensors : sequence of Radar
-        The radars; plots refer to them by their index.
+        The radars; plots refer to them by their index. With a `frame`, as
+        `tertia.geo.SystemPlane.radar` sets it, tracks are in that plane, and heights are above the
+        ellipsoid; all radars must have the same one, or none.
     motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
         How confirmed targets move: interacting multiple models of straight flight, turns and what
         their flight plans say (default); straight flight; acceleration that fades; or least squares
@@ -162,7 +165,7 @@ class Tracker:
     True
     """
 
-    __slots__ = ("_core", "clock_period", "n_threads", "plans", "sensors")
+    __slots__ = ("_core", "_level", "clock_period", "n_threads", "plans", "sensors")
 
     def __init__(
         self,
@@ -190,6 +193,8 @@ class Tracker:
             self.clock_period = positive_number(clock_period, "clock_period")
         if not self.sensors:
             raise ValueError("sensors is empty; there must be at least one")
+        plane_of(self.sensors)
+        self._level = Level()
         settings = core_settings(
             motion=motion,
             plan_model=plan_model,
@@ -241,6 +246,7 @@ class Tracker:
         if any(radar.bias is not None for radar in self.sensors):
             plots = own_biases(self.sensors).correct(plots)
         instants, end = plots.time, None if time is None else real(time, "time")
+        plots, self._level = in_plane(plots, self.sensors, self._level)
         if self.clock_period is not None:
             instants = self._continuous(instants, self.clock_period)
             if end is not None:
@@ -336,11 +342,11 @@ class Tracker:
     def __getstate__(self) -> _State:
         """Return the complete state of the tracker."""
         saved = self._core.__getstate__()
-        return self.sensors, self.plans, self.clock_period, self.n_threads, saved
+        return self.sensors, self.plans, self.clock_period, self.n_threads, self._level, saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""
-        self.sensors, self.plans, self.clock_period, self.n_threads, saved = state
+        self.sensors, self.plans, self.clock_period, self.n_threads, self._level, saved = state
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:

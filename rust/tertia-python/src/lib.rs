@@ -5,6 +5,7 @@ mod association;
 mod bearing;
 mod flightplan;
 mod fusion;
+mod geo;
 mod kalman;
 mod location;
 mod metrics;
@@ -32,6 +33,11 @@ mod core_module {
     use super::flightplan::{Route, conformance, correlate, plan_speeds, times_over};
     #[pymodule_export]
     use super::fusion::{AngleFusion, fuse, fuse_scalar, fuse_series};
+    #[pymodule_export]
+    use super::geo::{
+        Frame, cartesian_states, ecef_to_geodetic, geodetic_to_ecef, plots_flattened,
+        plots_in_plane, polar_states, pressure_heights,
+    };
     #[pymodule_export]
     use super::kalman::{
         AngleFilter, consistency_bounds, filter_series, fit_noise, singer_transition,

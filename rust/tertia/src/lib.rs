@@ -17,6 +17,7 @@
 //! | [`screening`] | which measurements of a sample are anomalous; tests with exact thresholds |
 //! | [`bearing`] | one bearing with its standard deviation of a record |
 //! | [`weights`] | estimates fused by their covariances, and how well the weights are known |
+//! | [`geo`] | the earth: local frames, the system plane, plots of radars in it |
 //! | [`location`] | a position of ranges, azimuths, elevations and range differences |
 //! | [`kalman`] | angle, rate and acceleration along a series: filter, smoother, steady state |
 //! | [`smoothing`] | local polynomials; position, velocity and acceleration of all plots |
@@ -32,8 +33,8 @@
 //!
 //! # Order
 //!
-//! `base <- screening <- bearing <- weights <- location <- kalman <- smoothing <- fusion <-
-//! association <- flightplan <- registration <- tracker`: a module uses those to its left only.
+//! `base <- screening <- bearing <- weights <- geo <- location <- kalman <- smoothing <-
+//! fusion <- association <- flightplan <- registration <- tracker`: a module uses those to its left only.
 //! [`simulate`] and [`metrics`] stand outside. [`batch`] and [`missing`] are for callers.
 //! Kernels take slices and fill the caller's outputs.
 //!
@@ -82,6 +83,7 @@ mod base;
 pub mod bearing;
 pub mod flightplan;
 pub mod fusion;
+pub mod geo;
 pub mod kalman;
 pub mod location;
 pub mod metrics;

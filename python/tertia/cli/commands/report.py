@@ -18,6 +18,7 @@ from tertia.cli.terminal.options import (
     By,
     ClockPeriod,
     ColumnNames,
+    Flat,
     MaxDistance,
     Origin,
     PlanFile,
@@ -69,6 +70,7 @@ def report(
     ] = None,
     by: By = None,
     origin: Origin = None,
+    flat: Flat = False,
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
     clock_period: ClockPeriod = None,
@@ -90,7 +92,7 @@ def report(
         fail("give files of plots", WRONG_USAGE)
     place = pair(origin, "--origin", float)
     plots = read.plots(*files)
-    radars = read.read_radars(sensors, plots)
+    radars = read.read_radars(sensors, plots, flat=flat)
     filed = read.read_plans(plans, place, radars)
     recording = recording_of(plots, radars, column_names(column))
     clock = recording.clock

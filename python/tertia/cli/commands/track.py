@@ -11,6 +11,7 @@ from tertia.cli.files import maps, read, write
 from tertia.cli.terminal.options import (
     ClockPeriod,
     ColumnNames,
+    Flat,
     MapOutput,
     Origin,
     PlanFile,
@@ -40,6 +41,7 @@ def track(
     sensors: SensorFile,
     plans: PlanFile = None,
     origin: Origin = None,
+    flat: Flat = False,
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
     flown_probability: Annotated[
@@ -113,7 +115,7 @@ def track(
         if output is not None or plot_file is not None:
             fail("a stream goes to standard output; it has no --output or --plot")
         source = streams.source(given, latency)
-        radars = read.read_radars(sensors)
+        radars = read.read_radars(sensors, flat=flat)
         filed = read.read_plans(plans, place, radars)
         streams.run(source, radars, filed, columns, options, latency=latency, rows=rows)
         return {}
@@ -123,7 +125,7 @@ def track(
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
     write.check_suffixes(output, plot_file, maps=maps.SUFFIXES)
     plots = read.plots(*given)
-    radars = read.read_radars(sensors, plots)
+    radars = read.read_radars(sensors, plots, flat=flat)
     maps.check(output, radars)
     filed = read.read_plans(plans, place, radars)
     recording = recording_of(plots, radars, columns)

@@ -14,6 +14,7 @@ from tertia import io
 from tertia.cli.files import asterix
 from tertia.cli.files.text import Dialect, read_text
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
+from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._records import Part, Source
 from tertia.tables._sensors import Sensors, radars, stations
 
@@ -170,12 +171,12 @@ def _is_object(line: bytes) -> bool:
         return False
 
 
-def read_radars(path: Path, source: Source = ()) -> Sensors[Radar]:
-    """Return the radars of a sensors file, completed from recordings."""
+def read_radars(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Radar]:
+    """Return the radars of a sensors file, completed from recordings; the earth may be flat."""
     rows, origin = _described(path, "radar")
     # the first recording counts
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
-    sensors = radars(rows, origin=origin, file=str(path), found=found or None)
+    sensors = radars(rows, origin=origin, file=str(path), found=found or None, flat=flat)
     for part in source:
         seen = part.table["sensor"].unique().drop_nulls() if part.sensors else ()
         unknown = sorted(name for name in seen if name not in sensors.names)
@@ -223,9 +224,7 @@ def read_plans(
         return []
     frame = sensors.frame
     if origin is not None:
-        from tertia.geo import LocalFrame  # noqa: PLC0415  # only here is pyproj needed
-
-        frame = LocalFrame(*origin)
+        frame = SystemPlane(*origin) if isinstance(frame, SystemPlane) else LocalFrame(*origin)
     try:
         with reading(path):
             plans = io.read_plans(path, frame=frame)

@@ -64,6 +64,12 @@ Origin: TypeAlias = Annotated[
         help="Where east and north are zero, in degrees; by default as for the sensors.",
     ),
 ]
+Flat: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--flat", help="Radars with latitudes are in a plane that touches the earth at the origin."
+    ),
+]
 ClockPeriod: TypeAlias = Annotated[
     float | None, typer.Option(help="Seconds after which the times begin again, as 86400.")
 ]

@@ -1,39 +1,29 @@
-"""Geo: conversion between latitude and longitude and the east, north and up of a local frame.
-
-A frame is tangent to the WGS 84 ellipsoid at its origin. Far from the origin, the local vertical
-and north differ from the axes of the frame: the vertical by one degree per 111 km, and north by the
-convergence of the meridians. The azimuths and elevations of a station therefore refer to its own
-axes.
-
-Latitudes and longitudes are in degrees, as in receivers and maps; heights are in metres above the
-ellipsoid. All other quantities are in metres and radians, as elsewhere. Needs the extra `geo`
-(pyproj).
-"""
+"""Local frames of east, north and up."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, real, require_each, samples, scalar_or_array
+from tertia import _core
+from tertia._arrays import FloatArray, radians
+from tertia.geo._arrays import (
+    axes_of,
+    batch,
+    columns,
+    degrees_of,
+    ecef_of,
+    geodetic,
+    numbers,
+    origin,
+    places_of,
+    positions,
+    set_origin,
+    stacked,
+)
 from tertia.sensors import Station
-
-if TYPE_CHECKING:
-    from pyproj import Transformer
-
-__all__ = ["LocalFrame"]
-
-# latitude, longitude, height on WGS 84, and its geocentric x, y, z
-_GEODETIC, _GEOCENTRIC = "EPSG:4979", "EPSG:4978"
-# equatorial radius in metres, and flattening f as f (2 - f)
-_RADIUS, _FLATTENING = 6378137.0, 1 / 298.257223563
-_ECCENTRICITY_SQUARED = _FLATTENING * (2 - _FLATTENING)
-_POLE = 90.0
-_LARGEST = np.finfo(np.float64).max
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -71,12 +61,7 @@ class LocalFrame:
     height: float
 
     def __init__(self, latitude: float, longitude: float, height: float = 0.0) -> None:
-        values = {"latitude": latitude, "longitude": longitude, "height": height}
-        for name, value in values.items():
-            object.__setattr__(self, name, float(finite(real(value, name), name)))
-        _numbers(self.latitude, "latitude")
-        # fails here where pyproj is missing
-        _transformer()
+        set_origin(self, latitude, longitude, height)
 
     def to_local(
         self,
@@ -109,7 +94,7 @@ class LocalFrame:
         >>> LocalFrame(50.0, 14.0).to_local(50.0, 15.0, 0.0).round()
         array([71692.,   479.,  -402.])
         """
-        return self.from_ecef(_to_ecef(latitude, longitude, height))
+        return self.from_ecef(ecef_of(geodetic(latitude, longitude, height)))
 
     def to_geodetic(
         self, position: npt.ArrayLike
@@ -138,9 +123,7 @@ class LocalFrame:
         >>> round(latitude, 9), round(longitude, 9), round(height, 6)
         (50.0, 14.0, 100.0)
         """
-        found = _to_geodetic(self.to_ecef(position))
-        latitude, longitude, height = (scalar_or_array(found[..., i].copy()) for i in (0, 1, 2))
-        return latitude, longitude, height
+        return columns(places_of(self.to_ecef(position)))
 
     def from_ecef(self, ecef: npt.ArrayLike) -> FloatArray:
         """Return east, north and up of geocentric positions.
@@ -166,8 +149,7 @@ class LocalFrame:
         >>> LocalFrame(0.0, 0.0).from_ecef([6378137.0, 10.0, 20.0])
         array([10., 20.,  0.])
         """
-        local: FloatArray = (_points(ecef, "ecef") - self._origin()) @ self._rotation().T
-        return local
+        return batch(self._frame.from_ecef, positions(ecef, "ecef"))
 
     def to_ecef(self, position: npt.ArrayLike) -> FloatArray:
         """Return geocentric positions.
@@ -193,7 +175,86 @@ class LocalFrame:
         >>> LocalFrame(0.0, 0.0).to_ecef([10.0, 20.0, 0.0])
         array([6.378137e+06, 1.000000e+01, 2.000000e+01])
         """
-        return self._origin() + _points(position, "position") @ self._rotation()
+        return batch(self._frame.to_ecef, positions(position, "position"))
+
+    def polar_to_geodetic(
+        self,
+        range: npt.ArrayLike,  # noqa: A002  # its name everywhere
+        azimuth: npt.ArrayLike,
+        height: npt.ArrayLike,
+    ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
+        """Return the places of plots of a radar at the origin.
+
+        The elevation, which the radar does not measure, is that at which the target has its height.
+
+        Parameters
+        ----------
+        range : array_like of shape (...)
+            Slant ranges in metres; refraction is the radar's business.
+        azimuth : array_like of shape (...)
+            Radians, clockwise from true north: neither magnetic nor that of a grid.
+        height : array_like of shape (...)
+            Heights of the targets above the ellipsoid in metres.
+
+        Returns
+        -------
+        tuple of three float or ndarray of shape (...)
+            Latitude, longitude and height; nan where no elevation leads to the height, because the
+            range is less than the difference of the heights, or beyond the earth.
+
+        Raises
+        ------
+        ValueError
+            Azimuths that are degrees, an infinite number, or shapes that do not fit.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from tertia.geo import LocalFrame
+        >>> site = LocalFrame(50.1, 14.26, 380.0)
+        >>> latitude, longitude, height = site.polar_to_geodetic(100e3, np.radians(60.0), 10_500.0)
+        >>> round(latitude, 9), round(longitude, 9)
+        (50.540507038, 15.47441808)
+        """
+        plots = stacked(
+            range=numbers(range, "range"),
+            azimuth=numbers(radians(azimuth, "azimuth"), "azimuth"),
+            height=numbers(height, "height"),
+        )
+        return columns(degrees_of(batch(self._frame.polar_to_geodetic, plots)))
+
+    def geodetic_to_polar(
+        self, latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike
+    ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
+        """Return how a radar at the origin sees places.
+
+        Parameters
+        ----------
+        latitude, longitude : array_like of shape (...)
+            Degrees.
+        height : array_like of shape (...)
+            Metres above the ellipsoid.
+
+        Returns
+        -------
+        tuple of three float or ndarray of shape (...)
+            Slant range in metres, azimuth from 0 to 2π, and elevation in radians.
+
+        Raises
+        ------
+        ValueError
+            A latitude beyond the poles, an infinite number, or shapes that do not fit.
+
+        Examples
+        --------
+        >>> from tertia.geo import LocalFrame
+        >>> site = LocalFrame(50.1, 14.26, 380.0)
+        >>> seen = site.geodetic_to_polar(50.540507037672, 15.474418080426, 10.5e3)
+        >>> [round(value, 6) for value in seen]
+        [100000.0, 1.047198, 0.093588]
+        """
+        places = geodetic(latitude, longitude, height)
+        return columns(batch(self._frame.geodetic_to_polar, places))
 
     def axes(self, latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
         """Return the east, north and up axes of other places, as rows, in this frame.
@@ -221,7 +282,8 @@ class LocalFrame:
         >>> LocalFrame(50.0, 14.0).axes(50.5, 14.0)[2, 1:].round(5)
         array([0.00873, 0.99996])
         """
-        axes: FloatArray = _rotation(latitude, longitude) @ self._rotation().T
+        own = axes_of(self.latitude, self.longitude)
+        axes: FloatArray = axes_of(latitude, longitude) @ own.T
         return axes
 
     def station(
@@ -276,79 +338,6 @@ class LocalFrame:
             axes=np.broadcast_to(axes, (*position.shape, 3)),
         )
 
-    def _origin(self) -> FloatArray:
-        return _to_ecef(self.latitude, self.longitude, self.height)
-
-    def _rotation(self) -> FloatArray:
-        return _rotation(self.latitude, self.longitude)
-
-
-@cache
-def _transformer() -> Transformer:
-    """Return the transformation from latitude, longitude and height to geocentric coordinates."""
-    try:
-        from pyproj import Transformer  # noqa: PLC0415  # only here is pyproj needed
-    except ImportError as error:
-        raise ImportError("tertia.geo needs pyproj: pip install 'tertia[geo]'") from error
-    return Transformer.from_crs(_GEODETIC, _GEOCENTRIC)
-
-
-def _to_ecef(
-    latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike
-) -> FloatArray:
-    given = {"latitude": latitude, "longitude": longitude, "height": height}
-    arrays = {name: _numbers(value, name) for name, value in given.items()}
-    try:
-        places = np.stack(np.broadcast_arrays(*arrays.values()), axis=-1)
-    except ValueError:
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-        raise ValueError(f"the shapes do not fit together: {shapes}") from None
-    known = ~np.isnan(places).any(axis=-1)
-    ecef = np.full(places.shape, np.nan)
-    ecef[known] = np.stack(_transformer().transform(*places[known].T), axis=-1)
-    return ecef
-
-
-def _to_geodetic(ecef: FloatArray) -> FloatArray:
-    """Return latitude, longitude and height as columns."""
-    known = ~np.isnan(ecef).any(axis=-1)
-    x, y, z = ecef[known].T
-    latitude, longitude, height = _transformer().transform(x, y, z, direction="INVERSE")
-    # pyproj takes one step of an iteration: .4 m are left 36,000 km high
-    missed = ecef[known] - _to_ecef(latitude, longitude, height)
-    _, north, up = np.moveaxis(_rotation(latitude, longitude) @ missed[..., np.newaxis], 1, 0)
-    squeezed = 1 - _ECCENTRICITY_SQUARED * np.sin(np.radians(latitude)) ** 2
-    radius = _RADIUS * (1 - _ECCENTRICITY_SQUARED) / squeezed**1.5
-    latitude = np.clip(latitude + np.degrees(north[:, 0] / (radius + height)), -_POLE, _POLE)
-    found = np.full(ecef.shape, np.nan)
-    found[known] = np.stack([latitude, longitude, height + up[:, 0]], axis=-1)
-    return found
-
-
-def _rotation(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-    """Return east, north and up of places as rows, in geocentric coordinates."""
-    angles = np.broadcast_arrays(_numbers(latitude, "latitude"), _numbers(longitude, "longitude"))
-    phi, theta = np.radians(angles)
-    zero = np.zeros(phi.shape)
-    rows = [
-        [-np.sin(theta), np.cos(theta), zero],
-        [-np.sin(phi) * np.cos(theta), -np.sin(phi) * np.sin(theta), np.cos(phi)],
-        [np.cos(phi) * np.cos(theta), np.cos(phi) * np.sin(theta), np.sin(phi)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def _points(value: npt.ArrayLike, name: str) -> FloatArray:
-    array = _numbers(value, name)
-    if array.shape[-1:] != (3,):
-        raise ValueError(f"{name} has shape {array.shape}; it must be (..., 3)")
-    return array
-
-
-def _numbers(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return numbers after checking that they are within their domain; nan means missing."""
-    array = samples(value, name)
-    most = _POLE if name == "latitude" else _LARGEST
-    domain = "between -90 and 90 degrees" if name == "latitude" else "a finite number"
-    require_each(array, ~(np.abs(array) > most), name, domain)
-    return array
+    @property
+    def _frame(self) -> _core.Frame:
+        return _core.Frame(origin(self), is_plane=False)

@@ -1,0 +1,136 @@
+"""Figures of docs/geo.md. Truth is from pyproj, which knows nothing of the kernels here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pyproj
+
+from studies.pages import markdown, repetitions
+from tertia._arrays import FloatArray
+from tertia.sensors import Radar
+from tertia.tables._sensors import Sensors, radars
+from tertia.tracker import Plots
+
+SEED = 41
+EARTH = pyproj.Geod(ellps="WGS84")
+AIRCRAFT = repetitions(4000, 200)
+# the radars are so far from the first, in these directions; heights of aircraft
+PLACES = ((0.0, 0.0, 300.0), (150e3, 60.0, 450.0), (270e3, 130.0, 600.0))
+HEIGHTS = (5e3, 11e3)
+# the radars see aircraft within this distance of the middle of all three
+WITHIN = 200e3
+ROUNDING = 1e-6
+FORMS = {"flat": True, "system plane": False}
+
+
+def sites() -> FloatArray:
+    """Return latitudes, longitudes and heights of three radars, (3, 3)."""
+    rows = []
+    for distance, azimuth, height in PLACES:
+        longitude, latitude, _ = EARTH.fwd(14.0, 50.0, azimuth, distance)
+        rows.append((latitude, longitude, height))
+    return np.array(rows)
+
+
+def sensors(places: FloatArray, *, flat: bool) -> Sensors[Radar]:
+    """Return radars as a file describes them."""
+    names = ("latitude_deg", "longitude_deg", "height_m")
+    numbers = {"range_sigma_m": 50.0, "azimuth_sigma_deg": 0.1, "scan_period_s": 4.0}
+    rows = [
+        {"name": str(k), **dict(zip(names, place, strict=True)), **numbers}
+        for k, place in enumerate(places.tolist())
+    ]
+    found = radars(rows, flat=flat)
+    # positions are corrected for the noise of azimuths; here there is none
+    return replace(found, items=[replace(one, azimuth_sigma=1e-9) for one in found.items])
+
+
+def metres(value: float) -> str:
+    """Format a distance that may be nothing but rounding."""
+    return "below 1e-6 m" if value < ROUNDING else f"{value:.0f} m"
+
+
+def aircraft(middle: FloatArray, within: float, seed: int) -> FloatArray:
+    """Return places uniform over a disk, (3, N)."""
+    random = np.random.default_rng([SEED, seed])
+    distance = within * np.sqrt(random.uniform(size=AIRCRAFT))
+    azimuth = random.uniform(0.0, 360.0, AIRCRAFT)
+    start = np.full(AIRCRAFT, middle[1]), np.full(AIRCRAFT, middle[0])
+    longitude, latitude, _ = EARTH.fwd(*start, azimuth, distance)
+    return np.array([latitude, longitude, random.uniform(*HEIGHTS, AIRCRAFT)])
+
+
+def view(site: FloatArray, places: FloatArray) -> FloatArray:
+    """Return range and azimuth of places without noise, (2, N), by pyproj."""
+    pipeline = pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+        "+step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "
+        f"+lat_0={site[0]} +lon_0={site[1]} +h_0={site[2]}"
+    )
+    east, north, up = pipeline.transform(places[1], places[0], places[2])
+    return np.array([np.sqrt(east**2 + north**2 + up**2), np.arctan2(east, north)])
+
+
+def plane_positions(places: FloatArray, found: Sensors[Radar], seen: FloatArray) -> FloatArray:
+    """Return what the radars make of an aircraft each in their plane, (K, N, 2)."""
+    rows = []
+    for k, (rho, azimuth) in enumerate(seen):
+        plots = Plots(
+            np.zeros(len(rho)),
+            rho,
+            azimuth + found.norths[k],
+            sensor=np.full(len(rho), k),
+            height=places[2],
+        )
+        rows.append(plots.to_cartesian(found.items)[0])
+    return np.array(rows)
+
+
+@cache
+def positions(*, flat: bool) -> FloatArray:
+    """Return what three radars make of each aircraft, (3, N, 2)."""
+    own = sites()
+    places = aircraft(own.mean(axis=0), WITHIN, 0)
+    seen = np.array([view(site, places) for site in own])
+    return plane_positions(places, sensors(own, flat=flat), seen)
+
+
+def views() -> str:
+    """Return how far apart the views of three radars are."""
+    rows = []
+    for name, flat in FORMS.items():
+        found = positions(flat=flat)
+        pairs = [np.linalg.norm(found[i] - found[j], axis=-1) for i, j in ((0, 1), (0, 2), (1, 2))]
+        every = np.max(pairs, axis=0)
+        cells = [np.median(pair) for pair in pairs] + [np.median(every), np.quantile(every, 0.95)]
+        rows.append([name, *map(metres, cells)])
+    head = ["plane", "first, second", "first, third", "second, third", "largest", "of 95 %"]
+    return markdown(head, rows)
+
+
+def export() -> str:
+    """Return how far latitudes and longitudes are off that become of plots."""
+    rows = []
+    site = sites()[:1]
+    for distance in (100e3, 200e3, 400e3):
+        longitude, latitude, _ = EARTH.fwd(
+            np.full(360, site[0, 1]),
+            np.full(360, site[0, 0]),
+            np.arange(360.0),
+            np.full(360, distance),
+        )
+        places = np.array([latitude, longitude, np.full(360, 10e3)])
+        seen = view(site[0], places)[np.newaxis]
+        cells = []
+        for flat in FORMS.values():
+            found = sensors(site, flat=flat)
+            columns = found.geodetic(plane_positions(places, found, seen)[0], places[2])
+            _, _, off = EARTH.inv(
+                longitude, latitude, columns["longitude_deg"], columns["latitude_deg"]
+            )
+            cells.append(metres(np.max(off)))
+        rows.append([f"{distance / 1e3:.0f} km", *cells])
+    return markdown(["distance", *FORMS], rows)

@@ -1,0 +1,26 @@
+"""Geo: the earth, local frames on it, the system plane of several radars, and states in them.
+
+A `LocalFrame` is tangent to the WGS 84 ellipsoid at its origin. Far from the origin, the local
+vertical and north differ from the axes of the frame: the vertical by one degree per 111 km, and
+north by the convergence of the meridians. The azimuths and elevations of a station therefore refer
+to its own axes. A `SystemPlane` is the stereographic plane in which tracks of several radars are
+exchanged.
+
+Latitudes and longitudes are in degrees, as in receivers and maps; heights are in metres above the
+ellipsoid: neither above the sea nor by pressure (see `Atmosphere`). All other quantities are in
+metres and radians, as elsewhere.
+"""
+
+from tertia.geo._atmosphere import Atmosphere
+from tertia.geo._local import LocalFrame
+from tertia.geo._plane import SystemPlane
+from tertia.geo._states import cartesian_to_polar, polar_to_cartesian, transform
+
+__all__ = [
+    "Atmosphere",
+    "LocalFrame",
+    "SystemPlane",
+    "cartesian_to_polar",
+    "polar_to_cartesian",
+    "transform",
+]

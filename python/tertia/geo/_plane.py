@@ -1,0 +1,247 @@
+"""The system plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, finite, scalar_or_array
+from tertia.geo._arrays import (
+    batch,
+    columns,
+    ecef_of,
+    geodetic,
+    origin,
+    places_of,
+    positions,
+    set_origin,
+)
+from tertia.geo._local import LocalFrame
+from tertia.sensors import Radar
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class SystemPlane:
+    """The stereographic plane of system tracks: where tracks of several radars are.
+
+    The oblique stereographic projection of a sphere with the radius of the meridian, as it is
+    common in air traffic control (TransLib, ARTAS) and in category 62, item 100. It is not the
+    `sterea` of PROJ (EPSG 9809), which differs by up to 1 m within 450 km, nor its `stere` (9 to 51
+    m); a file made by another system may mean one of these.
+
+    Lengths are .15 % too short 100 km from the centre and 10 km high, and .06 % too short at 400
+    km: see `scale_and_convergence`.
+
+    Attributes
+    ----------
+    latitude, longitude : float
+        Centre in degrees.
+    height : float
+        Height of the centre above the ellipsoid in metres.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A latitude beyond the poles, or a number that is not finite.
+
+    Examples
+    --------
+    Two radars, and an aircraft that both see at one place:
+
+    >>> import numpy as np
+    >>> from tertia.geo import SystemPlane
+    >>> from tertia.tracker import Plots
+    >>> plane = SystemPlane(50.0, 14.0)
+    >>> kind = {"range_sigma": 50.0, "azimuth_sigma": 1e-4, "scan_period": 4.0}
+    >>> radars = [plane.radar(50.1, 14.26, 380.0, **kind), plane.radar(51.2, 15.0, 600.0, **kind)]
+    >>> seen = [radar.site.geodetic_to_polar(50.5, 15.0, 10e3) for radar in radars]
+    >>> plots = Plots(0.0 * np.arange(2), *np.transpose(seen)[:2], sensor=[0, 1], height=10e3)
+    >>> position, covariance = plots.to_cartesian(radars)
+    >>> position.round(2)
+    array([[70949.09, 56093.33],
+           [70949.09, 56093.33]])
+    """
+
+    latitude: float
+    longitude: float
+    height: float
+
+    def __init__(self, latitude: float, longitude: float, height: float = 0.0) -> None:
+        set_origin(self, latitude, longitude, height)
+
+    def to_local(
+        self,
+        latitude: npt.ArrayLike,
+        longitude: npt.ArrayLike,
+        height: npt.ArrayLike = 0.0,
+    ) -> FloatArray:
+        """Return places in the plane.
+
+        Parameters
+        ----------
+        latitude, longitude : array_like of shape (...)
+            Degrees; nan where there is no place.
+        height : array_like of shape (...)
+            Metres above the ellipsoid.
+
+        Returns
+        -------
+        ndarray of shape (..., 3)
+            East and north of the plane, and the height, in metres; nan where there is no place.
+
+        Raises
+        ------
+        ValueError
+            A latitude beyond the poles, an infinite number, or shapes that do not fit.
+
+        Examples
+        --------
+        >>> from tertia.geo import SystemPlane
+        >>> SystemPlane(50.0, 14.0).to_local(51.0, 16.0, 10e3).round(3)
+        array([140394.214, 113132.46 ,  10000.   ])
+        """
+        return self.from_ecef(ecef_of(geodetic(latitude, longitude, height)))
+
+    def to_geodetic(
+        self, position: npt.ArrayLike
+    ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
+        """Return latitude, longitude and height of positions in the plane.
+
+        Parameters
+        ----------
+        position : array_like of shape (..., 3)
+            East and north of the plane, and the height above the ellipsoid, in metres; nan where
+            there is none.
+
+        Returns
+        -------
+        tuple of three float or ndarray of shape (...)
+            Degrees, degrees from -180 to 180, and metres above the ellipsoid.
+
+        Raises
+        ------
+        ValueError
+            Positions without a height, or an infinite number.
+
+        Examples
+        --------
+        >>> from tertia.geo import SystemPlane
+        >>> found = SystemPlane(50.0, 14.0).to_geodetic([140394.213511, 113132.460435, 10e3])
+        >>> [round(value, 6) for value in found]
+        [51.0, 16.0, 10000.0]
+        """
+        return columns(places_of(self.to_ecef(position)))
+
+    def from_ecef(self, ecef: npt.ArrayLike) -> FloatArray:
+        """Return geocentric positions, (..., 3), in the plane; see `LocalFrame.from_ecef`."""
+        return batch(self._frame.from_ecef, positions(ecef, "ecef"))
+
+    def to_ecef(self, position: npt.ArrayLike) -> FloatArray:
+        """Return positions in the plane, (..., 3), as geocentric ones."""
+        return batch(self._frame.to_ecef, positions(position, "position"))
+
+    def scale_and_convergence(
+        self, position: npt.ArrayLike
+    ) -> tuple[float | FloatArray, float | FloatArray]:
+        """Return what lengths and courses in the plane are there on the earth.
+
+        Parameters
+        ----------
+        position : array_like of shape (..., 3)
+            East and north of the plane, and the height above the ellipsoid, in metres.
+
+        Returns
+        -------
+        scale : float or ndarray of shape (...)
+            Lengths in the plane over true ones: true speeds are those of the plane divided by it.
+        convergence : float or ndarray of shape (...)
+            Direction of true north in the plane in radians: true courses are those of the plane
+            less it.
+
+        Raises
+        ------
+        ValueError
+            Positions without a height, or an infinite number.
+
+        Examples
+        --------
+        >>> from tertia.geo import SystemPlane
+        >>> scale, convergence = SystemPlane(50.0, 14.0).scale_and_convergence([200e3, 0.0, 10e3])
+        >>> round(scale, 5), round(convergence, 5)
+        (0.99868, -0.03727)
+        """
+        found = batch(self._frame.scale_and_convergence, positions(position, "position"))
+        scale, convergence = (scalar_or_array(found[..., i].copy()) for i in (0, 1))
+        return scale, convergence
+
+    def radar(
+        self, latitude: float, longitude: float, height: float = 0.0, **properties: Any
+    ) -> Radar:
+        """Return a radar at a place.
+
+        Parameters
+        ----------
+        latitude, longitude : float
+            Degrees.
+        height : float
+            Metres above the ellipsoid: 45 m more than above the sea in Central Europe.
+        **properties
+            See `tertia.sensors.Radar`.
+
+        Returns
+        -------
+        Radar
+            Its azimuths are relative to true north. A tracker has its tracks in this plane.
+
+        Raises
+        ------
+        ValueError, TypeError
+            As for `Radar`.
+
+        Examples
+        --------
+        >>> from tertia.geo import SystemPlane
+        >>> SystemPlane(50.0, 14.0).radar(
+        ...     50.1, 14.26, 380.0, range_sigma=50.0, azimuth_sigma=1e-3, scan_period=4.0
+        ... ).position.round()
+        array([18602., 11155.,   380.])
+        """
+        return Radar(self.to_local(latitude, longitude, height), frame=self, **properties)
+
+    def site(self, position: npt.ArrayLike) -> LocalFrame:
+        """Return the local frame of a place in the plane, as the position of a radar is.
+
+        Parameters
+        ----------
+        position : array_like of shape (3,) or (2,)
+            East and north of the plane, and the height, without which it is 0.
+
+        Returns
+        -------
+        LocalFrame
+            Its origin is the place.
+
+        Raises
+        ------
+        ValueError
+            A wrong shape or a number that is not finite.
+
+        Examples
+        --------
+        >>> from tertia.geo import SystemPlane
+        >>> site = SystemPlane(50.0, 14.0).site([0.0, 0.0, 300.0])
+        >>> round(site.latitude, 9), round(site.longitude, 9), round(site.height, 6)
+        (50.0, 14.0, 300.0)
+        """
+        place = finite(position, "position")
+        if place.shape not in {(2,), (3,)}:
+            raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
+        return LocalFrame(*self.to_geodetic(np.append(place, 0.0)[:3]))  # type: ignore[arg-type]
+
+    @property
+    def _frame(self) -> _core.Frame:
+        return _core.Frame(origin(self), is_plane=True)

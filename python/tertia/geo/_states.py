@@ -1,0 +1,237 @@
+"""States of targets: polar ones, and from one frame to another."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import FloatArray, finite, instance, radians
+from tertia.geo._arrays import AXES, numbers, rows
+from tertia.geo._local import LocalFrame
+from tertia.geo._plane import SystemPlane
+
+_SIZES = (4, 6)
+
+
+def polar_to_cartesian(
+    state: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+    *,
+    origin: npt.ArrayLike = (0.0, 0.0),
+) -> FloatArray | tuple[FloatArray, FloatArray]:
+    """Return east, north and their rates from range, azimuth and theirs.
+
+    Parameters
+    ----------
+    state : array_like of shape (..., 4) or (..., 6)
+        Range and its rate, perhaps its acceleration, then azimuth and as many rates: metres and
+        radians, per second, and per second squared. The range is horizontal.
+    covariance : array_like of shape (..., n, n), optional
+        Of the states.
+    origin : array_like of shape (2,)
+        East and north of the sensor in metres.
+
+    Returns
+    -------
+    state : ndarray of shape (..., 4) or (..., 6)
+        Position and velocity, perhaps acceleration, east before north.
+    covariance : ndarray of shape (..., n, n)
+        `J P J'`; only if a covariance is given.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A wrong shape, an infinite number, or azimuths that are degrees.
+
+    Examples
+    --------
+    Straight flight past a radar: its azimuth accelerates although it does not.
+
+    >>> import numpy as np
+    >>> from tertia.geo import cartesian_to_polar, polar_to_cartesian
+    >>> polar = cartesian_to_polar([10e3, 20e3, -200.0, 0.0, 0.0, 0.0])
+    >>> [round(value, 4) for value in np.degrees(polar[3:]).tolist()]
+    [26.5651, -0.4584, -0.0037]
+    >>> polar_to_cartesian(polar).round(6)[:4]
+    array([10000., 20000.,  -200.,     0.])
+    """
+    given, half = _states(state, "state")
+    radians(given[..., half], "azimuth")
+    found, slopes = _core.polar_states(_padded(given, half, _POLAR))
+    centre = _origin(origin)
+    found[:, :2] += centre
+    chosen = [*range(2 * half)]
+    taken = found[:, chosen].reshape(given.shape)
+    if covariance is None:
+        return taken
+    return taken, _moved(slopes[:, chosen][:, :, _polar(half)], covariance, given)
+
+
+def cartesian_to_polar(
+    state: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+    *,
+    origin: npt.ArrayLike = (0.0, 0.0),
+) -> FloatArray | tuple[FloatArray, FloatArray]:
+    """Return range, azimuth and their rates from east, north and theirs.
+
+    Parameters
+    ----------
+    state : array_like of shape (..., 4) or (..., 6)
+        Position and velocity, perhaps acceleration, east before north: metres and seconds.
+    covariance : array_like of shape (..., n, n), optional
+        Of the states.
+    origin : array_like of shape (2,)
+        East and north of the sensor in metres.
+
+    Returns
+    -------
+    state : ndarray of shape (..., 4) or (..., 6)
+        Range and its rate, perhaps its acceleration, then azimuth from 0 to 2π and as many rates;
+        nan, with a warning, for a target at the sensor.
+    covariance : ndarray of shape (..., n, n)
+        `J P J'`; only if a covariance is given.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A wrong shape or an infinite number.
+
+    Examples
+    --------
+    >>> from tertia.geo import cartesian_to_polar
+    >>> cartesian_to_polar([3000.0, 4000.0, 30.0, 40.0], origin=(0.0, 0.0)).round(4)
+    array([5.000e+03, 5.000e+01, 6.435e-01, 0.000e+00])
+    """
+    given, half = _states(state, "state")
+    moved = given.copy()
+    moved[..., :2] -= _origin(origin)
+    found = _core.cartesian_states(_padded(moved, half, range(2 * half)))
+    if np.any(np.isnan(found) & ~np.isnan(rows(given)).any(axis=-1, keepdims=True)):
+        warnings.warn(
+            "a target is at the sensor: it has no azimuth there", RuntimeWarning, stacklevel=2
+        )
+    polar = _polar(half)
+    taken = found[:, polar].reshape(given.shape)
+    if covariance is None:
+        return taken
+    _, slopes = _core.polar_states(found)
+    known = np.isfinite(slopes).all(axis=(1, 2))
+    back = np.full((len(found), 2 * half, 2 * half), np.nan)
+    back[known] = np.linalg.inv(slopes[known][:, : 2 * half][:, :, polar])
+    return taken, _moved(back, covariance, given)
+
+
+def transform(
+    state: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+    *,
+    source: LocalFrame | SystemPlane,
+    target: LocalFrame | SystemPlane,
+) -> FloatArray | tuple[FloatArray, FloatArray]:
+    """Return states in another frame.
+
+    Positions turn and move, velocities and accelerations turn alone: all frames are fixed to the
+    earth. To and from a system plane they also change by its scale, and accelerations by what
+    straight flight bends in it.
+
+    Parameters
+    ----------
+    state : array_like of shape (..., 3), (..., 6) or (..., 9)
+        Position, perhaps velocity, perhaps acceleration, of three components each: east, north and
+        up, or the two of the plane and the height above the ellipsoid.
+    covariance : array_like of shape (..., n, n), optional
+        Of the states.
+    source, target : LocalFrame or SystemPlane
+        The frame of `state`, and that of the result.
+
+    Returns
+    -------
+    state : ndarray of shape (..., n)
+        The same in the frame `target`.
+    covariance : ndarray of shape (..., n, n)
+        Only if a covariance is given.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A wrong shape, an infinite number, or something that is no frame.
+
+    Examples
+    --------
+    The same aircraft in the frames of two radars:
+
+    >>> from tertia.geo import LocalFrame, transform
+    >>> here, there = LocalFrame(50.1, 14.26, 380.0), LocalFrame(50.45, 15.3, 250.0)
+    >>> state = [30e3, 40e3, 9000.0, 120.0, -180.0, 5.0]
+    >>> [round(value, 3) for value in transform(state, source=here, target=there).tolist()]
+    [-43961.896, 1107.879, 9174.572, 117.416, -181.689, 5.272]
+    """
+    for name, frame in (("source", source), ("target", target)):
+        instance(frame, name, LocalFrame, SystemPlane)
+    given = numbers(state, "state")
+    n = given.shape[-1] if given.ndim else 0
+    if n not in (AXES, 2 * AXES, 3 * AXES):
+        raise ValueError(
+            f"state has shape {given.shape}; it must be (..., 3), (..., 6) or (..., 9)"
+        )
+    spread = None if covariance is None else _covariances(covariance, given)
+    moved, turned = source._frame.transform(target._frame, rows(given), spread)
+    found = moved.reshape(given.shape)
+    if turned is None:
+        return found
+    return found, turned.reshape(*given.shape, n)
+
+
+# where the numbers of a polar state of four are among those of one of six
+_POLAR = (0, 1, 3, 4)
+
+
+def _polar(half: int) -> list[int]:
+    return list(_POLAR) if half == 2 else list(range(6))
+
+
+def _states(state: npt.ArrayLike, name: str) -> tuple[FloatArray, int]:
+    """Return states, and how many numbers a coordinate has."""
+    array = numbers(state, name)
+    if array.ndim == 0 or array.shape[-1] not in _SIZES:
+        raise ValueError(f"{name} has shape {array.shape}; it must be (..., 4) or (..., 6)")
+    return array, array.shape[-1] // 2
+
+
+def _padded(array: FloatArray, half: int, at: range | tuple[int, ...]) -> FloatArray:
+    """Return rows of six numbers, of which those that are not known are 0."""
+    full = np.zeros((array.size // (2 * half), 6))
+    full[:, list(at) if half == 2 else slice(None)] = rows(array)
+    return full
+
+
+def _origin(origin: npt.ArrayLike) -> FloatArray:
+    place = finite(origin, "origin")
+    if place.shape != (2,):
+        raise ValueError(f"origin has shape {place.shape}; it must be (2,)")
+    return place
+
+
+def _covariances(covariance: npt.ArrayLike, state: FloatArray) -> FloatArray:
+    """Return covariances as a batch of matrices."""
+    spread, n = numbers(covariance, "covariance"), state.shape[-1]
+    try:
+        fitted = np.broadcast_to(spread, (*state.shape, n))
+    except ValueError:
+        raise ValueError(
+            f"covariance has shape {spread.shape}; it must be {(*state.shape, n)}"
+        ) from None
+    return np.ascontiguousarray(fitted).reshape(-1, n, n)
+
+
+def _moved(slopes: FloatArray, covariance: npt.ArrayLike, state: FloatArray) -> FloatArray:
+    """Return `J P J'` of each state."""
+    spread = slopes @ _covariances(covariance, state) @ np.swapaxes(slopes, -1, -2)
+    whole: FloatArray = (0.5 * (spread + np.swapaxes(spread, -1, -2))).reshape(
+        *state.shape, state.shape[-1]
+    )
+    return whole

@@ -1,0 +1,136 @@
+"""Plots of radars on the earth: their positions in the system plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import FloatArray
+from tertia.sensors import Radar
+
+if TYPE_CHECKING:
+    from tertia.geo import SystemPlane
+    from tertia.tracker._plots import Plots
+
+# standard deviation of a reported height: hundreds of feet, rounded, and the encoder
+_HEIGHT_SIGMA = 15.0
+# of heights that are not known, before those of other plots tell: anywhere up to 12 km
+_LEVEL_SIGMA = 12_000.0 / np.sqrt(12.0).item()
+# of the range: so much nearer than its height a plot is still straight above the radar
+_OVERHEAD_SIGMAS = 3.0
+# meridional radius at the equator, the smallest, in metres
+_RADIUS = 6.33e6
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """The mean level of the traffic so far: number and sum of the heights."""
+
+    count: int = 0
+    total: float = 0.0
+
+    def follow(self, height: FloatArray, low: FloatArray) -> tuple[FloatArray, Level]:
+        """Return the level at each plot, (N,), and that after them.
+
+        Before any height is known it is `low`.
+        """
+        known = np.isfinite(height)
+        count = self.count + np.cumsum(known)
+        total = self.total + np.cumsum(np.where(known, height, 0.0))
+        last = Level(int(count[-1]), float(total[-1])) if len(height) else self
+        return np.where(count > 0, total / np.maximum(count, 1), low), last
+
+
+def plane_of(sensors: Sequence[Radar]) -> SystemPlane | None:
+    """Return the plane of the sensors, None if the earth is flat."""
+    frames = [sensor.frame for sensor in sensors]
+    for k, frame in enumerate(frames):
+        if frame != frames[0]:
+            raise ValueError(f"sensors[{k}] has the frame {frame}, sensors[0] has {frames[0]}")
+    return frames[0] if frames else None
+
+
+def positions(
+    plots: Plots, sensors: Sequence[Radar], plane: SystemPlane
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions, (N, 2), and their covariances, (N, 2, 2); nan where there are none.
+
+    Plots without a height are at the mean level of those with one, and its error is in their
+    covariance. Where none has one, ranges are horizontal.
+    """
+    sites, known = _sites(sensors), np.isfinite(plots.height)
+    heights = plots.height[known]
+    level, spread = sites[plots.sensor, 2], 0.0
+    if len(heights):
+        level = np.full(len(plots), np.mean(heights))
+        spread = (_LEVEL_SIGMA**2 + np.sum((heights - level[0]) ** 2)) / (1 + len(heights))
+    sigma = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])[plots.sensor]
+    height_sigma = np.where(known, _HEIGHT_SIGMA, np.sqrt(spread))
+    columns = np.column_stack([plots.range, plots.azimuth, np.where(known, plots.height, level)])
+    seen = _core.plots_in_plane(sites, plane._frame, plots.sensor, columns)
+    jacobian = seen[:, 2:].reshape(-1, 3, 2).swapaxes(1, 2)
+    scaled = jacobian * np.column_stack([sigma, height_sigma])[:, np.newaxis]
+    # sine and cosine of a noisy azimuth are smaller by exp(-sigma^2 / 2) on average
+    places = np.array([one.position[:2] for one in sensors])[plots.sensor]
+    offset = (seen[:, :2] - places) * np.exp(0.5 * sigma[:, 1:] ** 2)
+    return places + offset, scaled @ scaled.swapaxes(1, 2)
+
+
+def flattened(
+    plots: Plots, sensors: Sequence[Radar], plane: SystemPlane, level: Level
+) -> tuple[FloatArray, FloatArray, FloatArray, Level]:
+    """Return range, azimuth and height as radars in a flat plane would measure them.
+
+    The kernel of the tracker takes these to the exact positions. A plot that is too near for its
+    height is used without it, unless it may be straight above the radar.
+    """
+    sites = _sites(sensors)
+    up = plots.height - sites[plots.sensor, 2]
+    sigma = np.array([one.range_sigma for one in sensors])[plots.sensor]
+    excess = np.abs(up) - plots.range
+    overhead = (excess >= 0.0) & (excess < _OVERHEAD_SIGMAS * sigma)
+    height = np.where((excess >= 0.0) & ~overhead, np.nan, plots.height)
+    levels, last = level.follow(height, sites[plots.sensor, 2])
+    columns = np.column_stack([plots.range, plots.azimuth, height])
+    flat = _core.plots_flattened(sites, plane._frame, plots.sensor, columns, levels)
+    # what is straight above the radar, or no plot at all, is for the kernel to say
+    kept = overhead | np.isnan(flat[:, 0])
+    flat[kept] = columns[kept, :2]
+    limit = np.array([one.max_range for one in sensors])[plots.sensor]
+    beyond = plots.range > limit
+    flat[beyond, 0] = 2.0 * limit[beyond]
+    return flat[:, 0].copy(), flat[:, 1].copy(), height, last
+
+
+def in_plane(
+    plots: Plots, sensors: Sequence[Radar], level: Level | None = None
+) -> tuple[Plots, Level]:
+    """Return plots of radars on the earth as those of radars in the plane, and the level."""
+    level = Level() if level is None else level
+    plane = plane_of(sensors)
+    unknown = (plots.sensor < 0) | (plots.sensor >= len(sensors))
+    if plane is None or np.any(unknown):
+        # of sensors that do not exist the core tells
+        return plots, level
+    *polar, level = flattened(plots, sensors, plane, level)
+    return plots._moved(*polar), level
+
+
+def reach(radar: Radar) -> float:
+    """Return the largest range in the plane, where lengths far from the centre are too long."""
+    if radar.frame is None:
+        return radar.max_range
+    far = float(np.hypot(*radar.position[:2])) + radar.max_range
+    return radar.max_range * (1.0 + (far / (2.0 * _RADIUS)) ** 2)
+
+
+def _sites(sensors: Sequence[Radar]) -> FloatArray:
+    """Return latitudes and longitudes in radians, and heights, (K, 3)."""
+    sites = [one.site for one in sensors]
+    return np.array(
+        [[np.radians(s.latitude), np.radians(s.longitude), s.height] for s in sites if s]
+    )

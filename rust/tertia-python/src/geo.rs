@@ -1,0 +1,264 @@
+//! Bindings of `tertia::geo`. Latitudes and longitudes are radians.
+
+use crate::arrays::{Array, Input, Output, array, release};
+use numpy::PyReadonlyArray1;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use tertia::geo::{self as core, Geodetic, LocalFrame, SystemPlane, View, ellipsoid, states};
+
+/// Cost of a point, for the choice of releasing the interpreter's lock.
+const POINT_NS: f64 = 200.0;
+
+/// Calls `work` on each row of M numbers and returns the K of each.
+fn each<'py, const M: usize, const K: usize>(
+    py: Python<'py>,
+    points: &Input<'_>,
+    work: impl Fn([f64; M]) -> [f64; K] + Send + Sync,
+) -> PyResult<Output<'py>> {
+    let rows = points.points::<M>("points", 1)?;
+    let mut out = Output::new(py, &[rows.len()], &[K])?;
+    let values = out.values()?;
+    release(py, POINT_NS * rows.len() as f64, || {
+        for (point, result) in rows.iter().zip(values.as_chunks_mut::<K>().0) {
+            *result = work(*point);
+        }
+    });
+    Ok(out)
+}
+
+fn place([latitude, longitude, height]: [f64; 3]) -> Geodetic {
+    Geodetic { latitude, longitude, height }
+}
+
+fn numbers(place: Geodetic) -> [f64; 3] {
+    [place.latitude, place.longitude, place.height]
+}
+
+/// Geocentric positions of latitudes, longitudes and heights.
+#[pyfunction]
+pub fn geodetic_to_ecef<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+    each(py, &points, |point| ellipsoid::to_ecef(&place(point)))
+}
+
+/// Latitudes, longitudes and heights of geocentric positions.
+#[pyfunction]
+pub fn ecef_to_geodetic<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+    each(py, &points, |point: [f64; 3]| {
+        if point.iter().any(|x| x.is_nan()) {
+            return [f64::NAN; 3];
+        }
+        numbers(ellipsoid::from_ecef(&point))
+    })
+}
+
+/// A local frame, or a system plane.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct Frame(core::Frame);
+
+impl Frame {
+    /// The local frame of its origin.
+    fn site(&self) -> LocalFrame {
+        LocalFrame::new(self.0.origin())
+    }
+
+    fn plane(&self) -> PyResult<SystemPlane> {
+        match self.0 {
+            core::Frame::Plane(plane) => Ok(plane),
+            core::Frame::Local(_) => Err(PyValueError::new_err("this is no system plane")),
+        }
+    }
+}
+
+#[pymethods]
+impl Frame {
+    #[new]
+    fn new(origin: [f64; 3], is_plane: bool) -> Self {
+        Self(if is_plane {
+            core::Frame::Plane(SystemPlane::new(place(origin)))
+        } else {
+            core::Frame::Local(LocalFrame::new(place(origin)))
+        })
+    }
+
+    /// Coordinates of geocentric positions, (N, 3).
+    fn from_ecef<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+        each(py, &points, |point| self.0.from_ecef(&point))
+    }
+
+    /// Geocentric positions of coordinates, (N, 3).
+    fn to_ecef<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+        each(py, &points, |point| self.0.to_ecef(point))
+    }
+
+    /// Latitudes, longitudes and heights of ranges, azimuths and heights, (N, 3); nan where there
+    /// are none.
+    fn polar_to_geodetic<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+        let site = self.site();
+        each(py, &points, |[range, azimuth, height]| {
+            site.polar_to_geodetic(range, azimuth, height).map_or([f64::NAN; 3], numbers)
+        })
+    }
+
+    /// Ranges, azimuths and elevations of latitudes, longitudes and heights, (N, 3).
+    fn geodetic_to_polar<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+        let site = self.site();
+        each(py, &points, |point| site.geodetic_to_polar(&place(point)))
+    }
+
+    /// Scale and azimuth of true north at coordinates of a plane, (N, 2).
+    fn scale_and_convergence<'py>(
+        &self,
+        py: Python<'py>,
+        points: Input<'py>,
+    ) -> PyResult<Output<'py>> {
+        let plane = self.plane()?;
+        each(py, &points, |[u, v, height]| plane.scale_and_convergence(u, v, height))
+    }
+
+    /// Moves states (N, 3, 6 or 9) to another frame, with their covariances where there are any.
+    fn transform<'py>(
+        &self,
+        py: Python<'py>,
+        target: &Self,
+        states: Input<'py>,
+        covariance: Option<Input<'py>>,
+    ) -> PyResult<(Output<'py>, Option<Output<'py>>)> {
+        let states = states.rows("state", 3)?;
+        let (count, n) = (states.count(), states.len());
+        if ![3, 6, 9].contains(&n) {
+            return Err(PyValueError::new_err("a state has 3, 6 or 9 components"));
+        }
+        let mut moved = Output::new(py, &[count], &[n])?;
+        moved.values()?.copy_from_slice(&states.values);
+        let mut turned = match covariance {
+            None => None,
+            Some(covariance) => {
+                let given = covariance.blocks("covariance", 2)?;
+                given.require(n * n, count)?;
+                let mut turned = Output::new(py, &[count], &[n, n])?;
+                turned.values()?.copy_from_slice(&given.values);
+                Some(turned)
+            }
+        };
+        let rows = moved.values()?;
+        let mut blocks = match &mut turned {
+            None => None,
+            Some(turned) => Some(turned.values()?),
+        };
+        release(py, 5.0 * POINT_NS * count as f64, || {
+            for (i, state) in rows.chunks_exact_mut(n).enumerate() {
+                let turn = self.0.transform(&target.0, state);
+                if let Some(blocks) = &mut blocks {
+                    let own = &mut blocks[i * n * n..(i + 1) * n * n];
+                    core::Frame::transform_covariance(&turn, own);
+                }
+            }
+        });
+        Ok((moved, turned))
+    }
+}
+
+/// Polar states (N, 6) about the radar as those of east and north, and the derivatives (N, 6, 6).
+#[pyfunction]
+pub fn polar_states<'py>(
+    py: Python<'py>,
+    points: Input<'py>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let rows = points.points::<{ states::SIZE }>("state", 1)?;
+    let (found, slopes): (Vec<_>, Vec<_>) = rows.iter().map(states::to_cartesian).unzip();
+    let n = rows.len();
+    let slopes = slopes.into_iter().flatten().flatten();
+    Ok((
+        array(py, &[n, states::SIZE], found.into_iter().flatten())?,
+        array(py, &[n, states::SIZE, states::SIZE], slopes)?,
+    ))
+}
+
+/// The reverse; nan at the radar.
+#[pyfunction]
+pub fn cartesian_states<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
+    each(py, &points, |state| states::to_polar(&state).unwrap_or([f64::NAN; states::SIZE]))
+}
+
+/// Heights of pressure altitudes (N,), with QNH, deviation from the standard, and undulation.
+#[pyfunction]
+pub fn pressure_heights<'py>(
+    py: Python<'py>,
+    altitude: Input<'py>,
+    atmosphere: [f64; 3],
+) -> PyResult<Array<'py>> {
+    let [qnh, isa_deviation, undulation] = atmosphere;
+    let air = core::Atmosphere { qnh, isa_deviation, undulation };
+    let altitude = altitude.numbers("altitude")?;
+    array(py, &[altitude.len()], altitude.iter().map(|&altitude| air.height(altitude)))
+}
+
+/// The views of sites, as latitude, longitude and height, in a plane.
+fn views(sites: &Input<'_>, plane: &Frame) -> PyResult<Vec<View>> {
+    let plane = plane.plane()?;
+    let sites = sites.points::<3>("sites", 1)?;
+    Ok(sites.into_iter().map(|site| View::new(LocalFrame::new(place(site)), plane)).collect())
+}
+
+fn chosen<'a>(
+    sensor: &'a PyReadonlyArray1<'_, i64>,
+    count: usize,
+    sites: usize,
+) -> PyResult<&'a [i64]> {
+    let sensor = sensor.as_slice()?;
+    if sensor.len() == count && sensor.iter().all(|&k| (0..sites as i64).contains(&k)) {
+        return Ok(sensor);
+    }
+    Err(PyValueError::new_err("there must be the index of a site for each plot"))
+}
+
+/// Plots (N, 3) of range, azimuth and height in a system plane: u and v, and their derivatives by
+/// range, azimuth and height; (N, 8), nan where there are none.
+#[pyfunction]
+pub fn plots_in_plane<'py>(
+    py: Python<'py>,
+    sites: Input<'py>,
+    plane: &Frame,
+    sensor: PyReadonlyArray1<'py, i64>,
+    plots: Input<'py>,
+) -> PyResult<Output<'py>> {
+    let (views, plots) = (views(&sites, plane)?, plots.points::<3>("plots", 1)?);
+    let sensor = chosen(&sensor, plots.len(), views.len())?;
+    let mut out = Output::new(py, &[plots.len()], &[8])?;
+    let rows = out.values()?.as_chunks_mut::<8>().0;
+    release(py, POINT_NS * plots.len() as f64, || {
+        for ((&[range, azimuth, height], &k), row) in plots.iter().zip(sensor).zip(rows) {
+            *row = views[k as usize].see(range, azimuth, height).map_or([f64::NAN; 8], |seen| {
+                let [[a, b], [c, d], [e, f]] = seen.by;
+                [seen.position[0], seen.position[1], a, b, c, d, e, f]
+            });
+        }
+    });
+    Ok(out)
+}
+
+/// Plots (N, 3) as radars in the flat plane at their sites would measure them: range and azimuth,
+/// (N, 2); those without a height are taken to be at `level`, (N,).
+#[pyfunction]
+pub fn plots_flattened<'py>(
+    py: Python<'py>,
+    sites: Input<'py>,
+    plane: &Frame,
+    sensor: PyReadonlyArray1<'py, i64>,
+    plots: Input<'py>,
+    level: Input<'py>,
+) -> PyResult<Output<'py>> {
+    let (views, plots) = (views(&sites, plane)?, plots.points::<3>("plots", 1)?);
+    let (sensor, level) = (chosen(&sensor, plots.len(), views.len())?, level.numbers("level")?);
+    if level.len() != plots.len() {
+        return Err(PyValueError::new_err("there must be a level for each plot"));
+    }
+    let mut out = Output::new(py, &[plots.len()], &[2])?;
+    let rows = out.values()?.as_chunks_mut::<2>().0;
+    release(py, POINT_NS * plots.len() as f64, || {
+        for (((plot, &k), &level), row) in plots.iter().zip(sensor).zip(&level).zip(rows) {
+            *row = views[k as usize].flattened(*plot, level).unwrap_or([f64::NAN; 2]);
+        }
+    });
+    Ok(out)
+}

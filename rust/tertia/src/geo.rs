@@ -1,0 +1,36 @@
+//! The earth: WGS 84, local frames that are tangent to it, and the system plane of tracks of several
+//! radars.
+//!
+//! Latitudes and longitudes are radians here, heights metres above the ellipsoid, azimuths radians
+//! clockwise from true north. Geocentric positions are earth-centred and earth-fixed x, y, z.
+//!
+//! `ellipsoid <- local <- plane <- frame; local, plane <- view`
+//!
+//! | part | what | cost |
+//! |---|---|---|
+//! | [`ellipsoid`] | geodetic and geocentric coordinates | O(1), 60 to 150 ns |
+//! | [`LocalFrame`] | east, north, up; range and azimuth with a height | O(1), 150 ns |
+//! | [`SystemPlane`] | oblique stereographic plane, as system tracks of category 62 use it | O(1) |
+//! | [`View`] | plots of a radar in the system plane, with their derivatives | O(1), 150 ns |
+//! | [`Frame`] | states and their covariances from one frame to another | O(1) |
+//! | [`states`] | polar states of position, velocity and acceleration | O(1) |
+//! | [`Atmosphere`] | pressure altitudes and heights above the ellipsoid | O(1) |
+//!
+//! # Trap
+//! A height above the sea is not one above the ellipsoid: they differ by the undulation of the geoid,
+//! 45 m in Central Europe.
+
+mod atmosphere;
+pub mod ellipsoid;
+mod frame;
+mod local;
+mod plane;
+pub mod states;
+mod view;
+
+pub use atmosphere::Atmosphere;
+pub use ellipsoid::Geodetic;
+pub use frame::Frame;
+pub use local::LocalFrame;
+pub use plane::SystemPlane;
+pub use view::{Seen, View};
