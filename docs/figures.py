@@ -63,6 +63,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "geo.md": {
         "views": geo.views,
         "export": geo.export,
+        "tracking": geo.tracking,
     },
     "weights.md": {
         "readings": weights.readings,

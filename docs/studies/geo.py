@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 import pyproj
 
 from studies.pages import markdown, repetitions
+from tertia import simulate
 from tertia._arrays import FloatArray
-from tertia.sensors import Radar
+from tertia.geo import LocalFrame, SystemPlane
+from tertia.metrics import nees
+from tertia.registration import register
+from tertia.sensors import Bias, Radar
 from tertia.tables._sensors import Sensors, radars
-from tertia.tracker import Plots
+from tertia.tracker import Plots, track
 
 SEED = 41
 EARTH = pyproj.Geod(ellps="WGS84")
@@ -23,6 +27,9 @@ HEIGHTS = (5e3, 11e3)
 # the radars see aircraft within this distance of the middle of all three
 WITHIN = 200e3
 ROUNDING = 1e-6
+SCENES = repetitions(20)
+# seconds until tracks have settled; of chi-squared of two degrees of freedom
+SETTLED, INSIDE = 120.0, 5.991464547107979
 FORMS = {"flat": True, "system plane": False}
 
 
@@ -134,3 +141,94 @@ def export() -> str:
             cells.append(metres(np.max(off)))
         rows.append([f"{distance / 1e3:.0f} km", *cells])
     return markdown(["distance", *FORMS], rows)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a tracker and a registration make of one scene."""
+
+    rmse: float
+    claimed: float
+    nees: float
+    inside: float
+    # biases of the ranges in metres, and all biases over their standard deviations
+    bias: FloatArray
+    deviations: FloatArray
+
+
+@cache
+def scenes(*, flat: bool) -> list[Scene]:
+    """Return scenes of perfect radars: 30 straight flights, 10 minutes, no clutter."""
+    return [scene(seed, flat=flat) for seed in range(SCENES)]
+
+
+def scene(seed: int, *, flat: bool) -> Scene:
+    """Simulate on the ellipsoid, and track in the plane that was chosen."""
+    numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.08, "scan_period": 4.0, "degrees": True}
+    places, plane = sites(), SystemPlane(*sites()[0, :2])
+    earth = [plane.radar(*place, **numbers) for place in places]
+    traffic = simulate.dense_traffic(
+        30, area=(200e3, 200e3), turning_share=0.0, duration=600.0, rng=[SEED, seed]
+    )
+    # the middle of the three radars
+    middle = np.mean([radar.position[:2] for radar in earth], axis=0)
+    traffic = replace(traffic, position=traffic.position + middle)
+    record = simulate.radar_plots(traffic, earth, rng=[SEED, seed, 1])
+    plots, used = record.plots, earth
+    if flat:
+        found = sensors(places, flat=True)
+        used = [
+            replace(radar, position=own.position, frame=None)
+            for radar, own in zip(earth, found.items, strict=True)
+        ]
+        azimuth = plots.azimuth + found.norths[plots.sensor]
+        plots = Plots(
+            plots.time, plots.range, azimuth, sensor=plots.sensor, height=plots.height,
+            identity=plots.identity,
+        )  # fmt: skip
+    table = track(plots, [replace(one, bias=Bias()) for one in used], motion="cv")
+    table = table[(table.plot >= 0) & (table.time > SETTLED)]
+    flight = record.target[table.plot]
+    truth, _ = traffic.at(flight, table.time)
+    if flat:
+        latitude, longitude, _ = plane.to_geodetic(np.c_[truth, traffic.height[flight, 0]])
+        truth = LocalFrame(*places[0]).to_local(latitude, longitude, 0.0)[:, :2]
+    error, covariance = table.position - truth, table.covariance[:, :2, :2]
+    known = np.isfinite(error).all(axis=1)
+    square = nees(error[known], covariance[known])
+    bias = register(plots, used).bias
+    deviations = np.r_[bias.range / bias.range_sigma, bias.azimuth / bias.azimuth_sigma]
+    return Scene(
+        np.sqrt(np.mean(np.sum(error[known] ** 2, axis=1))).item(),
+        np.sqrt(np.mean(np.trace(covariance[known], axis1=1, axis2=2))).item(),
+        np.mean(square).item() / 2,
+        np.mean(square < INSIDE).item(),
+        np.asarray(bias.range),
+        deviations,
+    )
+
+
+def tracking() -> str:
+    """Return errors of tracks and the biases that are found where there are none."""
+    rows = []
+    for name, flat in FORMS.items():
+        found = scenes(flat=flat)
+        rmse, claimed, square, inside = (
+            np.mean([getattr(one, field) for one in found])
+            for field in ("rmse", "claimed", "nees", "inside")
+        )
+        largest = np.max([np.max(np.abs(one.bias)) for one in found])
+        deviation = np.max([np.max(np.abs(one.deviations)) for one in found])
+        rows.append(
+            [
+                name,
+                f"{rmse:.1f} m",
+                f"{claimed:.1f} m",
+                f"{square:.2f}",
+                f"{inside:.1%}",
+                f"{largest:.0f} m",
+                f"{deviation:.1f}",
+            ]
+        )
+    head = ["plane", "RMSE", "claimed", "NEES per axis", "inside 95 %"]
+    return markdown([*head, "largest range bias found", "over its sigma"], rows)

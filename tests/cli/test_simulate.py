@@ -9,6 +9,8 @@ import polars as pl
 import pytest
 from terminal import run
 
+from tertia.geo import SystemPlane
+
 OPTIONS = ("--set-up", "tma", "--aircraft", "10", "--radar-count", "2", "--duration", "400")
 
 
@@ -40,6 +42,29 @@ def test_the_other_commands_read_the_files(
     done = run(*command.format(folder, place).split())
     assert done.code == 0, done.err
     assert done.err == ""
+
+
+def test_a_scene_on_the_earth(tmp_path: Path) -> None:
+    """Tracks have latitudes, true courses and true speeds."""
+    folder = scene(tmp_path / "earth", "--origin", "50.1,14.26", "--clutter", "0", "--seed", "3")
+    sensors = folder / "sensors.toml"
+    place = "latitude_deg = 50.1\nlongitude_deg = 14.26\nheight_m = 50.0"
+    assert place in sensors.read_text(encoding="utf-8")
+    tracks = tmp_path / "earth.csv"
+    done = run("track", folder / "plots.csv", "--sensors", sensors, "--output", tracks)
+    assert (done.code, done.err) == (0, "")
+    assert run("evaluate", tracks, "--truth", folder / "truth.csv").code == 0
+    rows = pl.read_csv(tracks, infer_schema_length=None)
+    plane = SystemPlane(50.1, 14.26)
+    places = rows.select("east_m", "north_m", pl.col("height_m").fill_null(0.0)).to_numpy()
+    latitude, longitude, _ = plane.to_geodetic(places)
+    np.testing.assert_allclose(rows["latitude_deg"], latitude, atol=1e-7)
+    np.testing.assert_allclose(rows["longitude_deg"], longitude, atol=1e-7)
+    scale, convergence = plane.scale_and_convergence(places)
+    east, north = rows["velocity_east_m_s"].to_numpy(), rows["velocity_north_m_s"].to_numpy()
+    np.testing.assert_allclose(rows["speed_m_s"], np.hypot(east, north) / scale, rtol=1e-6)
+    turned = np.arctan2(east, north) - convergence - np.radians(rows["course_deg"].to_numpy())
+    np.testing.assert_allclose(np.sin(turned), 0.0, atol=1e-6)
 
 
 def test_faults_are_what_the_scene_says(folder: Path) -> None:

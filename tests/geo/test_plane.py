@@ -226,7 +226,7 @@ def test_heights_that_cannot_be():
 
 
 def test_scale_and_convergence():
-    """Speeds are .3 m/s too small at 250 m/s; true courses are those of the plane less the north."""
+    """Speeds are .3 m/s too small at 250 m/s; true courses are those there less the north."""
     positions = [[100e3, 0.0, 10e3], [0.0, 200e3, 10e3], [400e3, 0.0, 10e3]]
     scale, convergence = PLANE.scale_and_convergence(positions)
     np.testing.assert_allclose(scale - 1, [-0.0015, -0.0013, -0.0006], atol=7e-5)

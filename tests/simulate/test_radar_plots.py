@@ -6,6 +6,7 @@ from checks import assert_refused
 from scipy import stats
 from simulate.aircraft import radar, zigzag
 
+from tertia.geo import SystemPlane
 from tertia.sensors import Bias, Radar
 from tertia.simulate import (
     dense_traffic,
@@ -37,6 +38,35 @@ def test_a_plot_is_where_the_beam_and_the_aircraft_are():
         assert np.max(np.abs(wrong)) < 1e-9
         height = traffic.height[record.target[own], 0]
         np.testing.assert_allclose(plots.range[own], np.hypot(distance, height), rtol=1e-9)
+
+
+def test_radars_on_the_earth_see_what_pyproj_says():
+    """The beam points to true north at its phase; range and azimuth are those on the ellipsoid."""
+    pyproj = pytest.importorskip("pyproj")
+    plane = SystemPlane(50.0, 14.0)
+    traffic = dense_traffic(100, area=(400e3, 400e3), rng=32)
+    numbers = {"range_sigma": 1e-6, "azimuth_sigma": 1e-12, "scan_period": 4.0}
+    places = [(50.0, 14.0, 300.0), (51.5, 17.0, 500.0)]
+    record = radar_plots(
+        traffic, [plane.radar(*place, **numbers) for place in places], phase=[1.0, 2.0], rng=1
+    )
+    plots = record.plots
+    position, _ = traffic.at(record.target, plots.time)
+    there = plane.to_geodetic(np.c_[position, traffic.height[record.target, 0]])
+    for k, place in enumerate(places):
+        own = plots.sensor == k
+        local = pyproj.Transformer.from_pipeline(
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+            "+step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "
+            f"+lat_0={place[0]} +lon_0={place[1]} +h_0={place[2]}"
+        ).transform(there[1][own], there[0][own], there[2][own])
+        np.testing.assert_allclose(plots.range[own], np.linalg.norm(local, axis=0), atol=1e-4)
+        azimuth = np.arctan2(local[0], local[1])
+        np.testing.assert_allclose(np.sin(plots.azimuth[own] - azimuth), 0.0, atol=1e-9)
+        # straight lines in the plane are not those of sight: a millisecond of the beam
+        beam = 2 * np.pi * (plots.time[own] - record.phase[k]) / 4.0
+        lag = (azimuth - beam + np.pi) % (2 * np.pi) - np.pi
+        assert np.max(np.abs(lag)[np.hypot(*local[:2]) > 5e3]) < 2e-3
 
 
 def test_every_scan_sees_every_aircraft_once():

@@ -103,6 +103,9 @@ def radar_plots(
     the flight has a height, the range is the slant range, even if the plot has no height. Clutter
     has a Poisson number, is uniform over the area within range, and has no identity.
 
+    Radars with a `frame` are on the earth: the traffic is in that plane, its heights are above the
+    ellipsoid, and each radar sees it by its own vertical and true north.
+
     Parameters
     ----------
     traffic : Traffic
@@ -220,7 +223,25 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
     if not len(traffic):
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     place = radar.position[:2].tolist()
+    if radar.frame is not None:
+        # the beam points north where true north is in the plane
+        _, convergence = radar.frame.scale_and_convergence(np.append(radar.position, 0.0)[:3])
+        north -= float(convergence) * radar.scan_period / (2 * np.pi)
     return _core.beam_meetings(traffic._columns(), place, radar.scan_period, north)
+
+
+def _polar(radar: Radar, position: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return ranges, slant where there is a height, and azimuths."""
+    if radar.frame is not None and radar.site is not None:
+        # flights without a height are on the ellipsoid
+        places = radar.frame.to_geodetic(np.column_stack([position, np.nan_to_num(height)]))
+        slant, turned, _ = radar.site.geodetic_to_polar(*places)
+        return np.asarray(slant), np.asarray(turned)
+    offset = position - radar.position[:2]
+    place = radar.position[2] if len(radar.position) == 3 else 0.0
+    ground = np.hypot(*offset.T)
+    distance = np.where(np.isnan(height), ground, np.hypot(ground, height - place))
+    return distance, np.arctan2(*offset.T)
 
 
 def _beam(radar: Radar, north: float, time: FloatArray) -> FloatArray:
@@ -252,10 +273,7 @@ def _seen(
 ) -> dict[str, npt.NDArray[np.generic]]:
     """Return the plots of aircraft that are within range and detected."""
     position, _, height = traffic._state(flight, time)
-    offset = position - radar.position[:2]
-    place = radar.position[2] if len(radar.position) == 3 else 0.0
-    distance = np.hypot(*offset.T)
-    distance = np.where(np.isnan(height), distance, np.hypot(distance, height - place))
+    distance, direction = _polar(radar, position, height)
     seen = random.uniform(size=len(flight)) < radar.detection_probability
     seen &= distance <= radar.max_range
     twice = seen & (random.uniform(size=len(flight)) < defects.duplicate)
@@ -264,7 +282,7 @@ def _seen(
     outlier = random.uniform(size=n) < defects.outlier
     error = random.standard_normal((2, n)) * np.where(outlier, defects.size, 1.0)
     late = time[rows] >= since
-    azimuth = np.arctan2(*offset[rows].T) + late * bias.azimuth + radar.azimuth_sigma * error[1]
+    azimuth = direction[rows] + late * bias.azimuth + radar.azimuth_sigma * error[1]
     slant = distance[rows] * (1.0 + late * bias.range_gain) + late * bias.range
     # transponders report hundreds of feet
     reported = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL

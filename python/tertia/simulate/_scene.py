@@ -10,6 +10,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray, generator, integer, positive, real
 from tertia.flightplan import FlightPlan
+from tertia.geo import SystemPlane
 from tertia.sensors import Bias, Radar, Station
 from tertia.simulate._bearings import direction_finder
 from tertia.simulate._flights import flights
@@ -89,6 +90,7 @@ def scene(
     station_count: int = 4,
     duration: float = 900.0,
     clutter: float = 3.0,
+    frame: SystemPlane | None = None,
     rng: np.random.Generator | int | None = None,
 ) -> Scene:
     """Simulate air traffic as radars see it, and emitters as direction finders hear them.
@@ -107,6 +109,9 @@ def scene(
         Duration of the recording in seconds.
     clutter : float
         Mean number of false plots per scan of a radar.
+    frame : SystemPlane, optional
+        Plane on the earth in which the aircraft fly; the radars are on the ellipsoid. By default
+        the earth is flat.
     rng : numpy.random.Generator or int, optional
         Source of randomness, or its seed.
 
@@ -133,7 +138,7 @@ def scene(
     _require(count <= _CODES, "aircraft_count", count, f"not above {_CODES}")
     seconds = float(positive(real(duration, "duration"), "duration"))
     random, air = generator(rng), set_up(name)
-    radars = _radars(air, integer(radar_count, "radar_count", 1))
+    radars = _radars(air, integer(radar_count, "radar_count", 1), frame)
     stations = _stations(integer(station_count, "station_count", 1))
     plans = _plans(name, count, seconds, random)
     scenarios: list[FlightScenario] = [
@@ -147,7 +152,7 @@ def scene(
     return Scene(radars, traffic, record, stations, dict(_EMITTERS), bearings, faults, worse)
 
 
-def _radars(air: SetUp, count: int) -> list[Radar]:
+def _radars(air: SetUp, count: int, frame: SystemPlane | None) -> list[Radar]:
     """Return the radars as they are stated: the first at the origin, the others around it."""
     first, found = air.radar, []
     for k in range(count):
@@ -162,6 +167,7 @@ def _radars(air: SetUp, count: int) -> list[Radar]:
                 azimuth_sigma=np.radians(noise * np.degrees(first.azimuth_sigma)).item(),
                 scan_period=_PACES[k % len(_PACES)] * first.scan_period,
                 name=f"radar-{k + 1}",
+                frame=frame,
             )
         )
     return found

@@ -12,16 +12,21 @@ import typer
 from tertia import simulate as simulated
 from tertia._units import FLIGHT_LEVEL
 from tertia.cli.files import write
+from tertia.cli.terminal.options import pair
 from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, working
 from tertia.flightplan import FlightPlan
 from tertia.fusion import common_azimuth
+from tertia.geo import SystemPlane
 from tertia.sensors import Radar, Station
 from tertia.simulate import Scene, SetUpName, Traffic
 from tertia.tables._groups import named
 from tertia.tables._records import identity_texts
+from tertia.tables._sensors import GEODETIC, LOCAL
+from tertia.tracker._earth import in_plane
 
 EXAMPLES = (
     "tertia simulate scene",
+    "tertia simulate scene --origin 50.1,14.26",
     "tertia simulate scene --set-up tma --aircraft 40 --radar-count 2 --duration 1200 --seed 7",
 )
 _TRUTH_STEP = 2.0
@@ -44,6 +49,13 @@ def simulate(
     clutter: Annotated[
         float, typer.Option(min=0.0, max=10_000.0, help="False plots per scan of a radar.")
     ] = 3.0,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON",
+            help="Where the first radar is on the earth, in degrees; without it the earth is flat.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 1,
 ) -> dict[str, Any]:
     """Simulate air traffic observed by radars, and emitters observed by direction finders.
@@ -55,6 +67,7 @@ def simulate(
     """
     if folder.exists() and not folder.is_dir():
         fail(f"cannot write {folder}: it is no folder", WRONG_USAGE)
+    place = pair(origin, "--origin", float)
     with working("Simulating"):
         scene = simulated.scene(
             set_up,
@@ -63,6 +76,7 @@ def simulate(
             station_count=station_count,
             duration=duration,
             clutter=clutter,
+            frame=None if place is None else SystemPlane(*place),
             rng=seed,
         )
         tables = {
@@ -127,7 +141,7 @@ def _azimuths(scene: Scene) -> pl.DataFrame:
     names = [str(plan.name) for plan in scene.traffic.plans]
     for k, radar in enumerate(scene.radars):
         own = record[known & (record.plots.sensor == k)]
-        plots = own.plots
+        plots, _ = in_plane(own.plots, scene.radars)
         # along the ground
         rise = plots.height - radar.position[2]
         polar, covariance = common_azimuth(
@@ -213,7 +227,12 @@ def _degrees(angle: float) -> float:
 
 
 def _toml(noun: str, sensor: Radar | Station, **numbers: float) -> str:
-    place = dict(zip(("east_m", "north_m", "up_m"), sensor.position.tolist(), strict=False))
+    site = sensor.site if isinstance(sensor, Radar) else None
+    if site is None:
+        place = dict(zip(LOCAL, sensor.position.tolist(), strict=False))
+    else:
+        values = (round(site.latitude, 9), round(site.longitude, 9), round(site.height, 3))
+        place = dict(zip(GEODETIC, values, strict=True))
     cells = {"name": sensor.name, **place, **numbers}
     lines = [f"{name} = {json.dumps(value)}" for name, value in cells.items()]
     return "\n".join([f"[[{noun}]]", *lines])
