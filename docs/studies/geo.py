@@ -168,12 +168,16 @@ def scene(seed: int, *, flat: bool) -> Scene:
     places, plane = sites(), SystemPlane(*sites()[0, :2])
     earth = [plane.radar(*place, **numbers) for place in places]
     traffic = simulate.dense_traffic(
-        30, area=(200e3, 200e3), turning_share=0.0, duration=600.0, rng=[SEED, seed]
+        30,
+        area=(200e3, 200e3),
+        turning_share=0.0,
+        duration=600.0,
+        rng=np.random.default_rng([SEED, seed]),
     )
     # the middle of the three radars
     middle = np.mean([radar.position[:2] for radar in earth], axis=0)
     traffic = replace(traffic, position=traffic.position + middle)
-    record = simulate.radar_plots(traffic, earth, rng=[SEED, seed, 1])
+    record = simulate.radar_plots(traffic, earth, rng=np.random.default_rng([SEED, seed, 1]))
     plots, used = record.plots, earth
     if flat:
         found = sensors(places, flat=True)
@@ -197,7 +201,12 @@ def scene(seed: int, *, flat: bool) -> Scene:
     known = np.isfinite(error).all(axis=1)
     square = nees(error[known], covariance[known])
     bias = register(plots, used).bias
-    deviations = np.r_[bias.range / bias.range_sigma, bias.azimuth / bias.azimuth_sigma]
+    deviations = np.concatenate(
+        [
+            np.asarray(getattr(bias, kind)) / np.asarray(getattr(bias, f"{kind}_sigma"))
+            for kind in ("range", "azimuth")
+        ]
+    )
     return Scene(
         np.sqrt(np.mean(np.sum(error[known] ** 2, axis=1))).item(),
         np.sqrt(np.mean(np.trace(covariance[known], axis1=1, axis2=2))).item(),

@@ -167,7 +167,7 @@ def radars(
     norths = np.zeros(len(cells))
     if axes is not None:
         norths = np.arctan2(axes[:, 1, 0], axes[:, 1, 1])
-        # heights are those above the sea, as plots have them, not above the plane
+        # heights are above the ellipsoid, as those of plots, not above the plane
         positions[:, 2:] = [[one.number(GEODETIC[2]) or 0.0] for one in cells]
     items = [_radar(one, place) for one, place in zip(cells, positions, strict=True)]
     return Sensors(items, norths, np.full(len(items), np.nan), frame, file)
@@ -180,8 +180,10 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
     position = np.array([np.pad(one.position, (0, 3 - len(one.position))) for one in sensors.items])
     if sensors.frame is None:
         places = dict(zip(LOCAL, position.T, strict=True))
+    elif isinstance(sensors.frame, SystemPlane):
+        places = dict(zip(GEODETIC, sensors.frame.to_geodetic(position), strict=True))
     else:
-        # heights are above the sea, not above the plane
+        # heights are not above the plane
         latitude, longitude = _on_the_ellipsoid(sensors.frame, position[:, :2])
         places = dict(zip(GEODETIC, (latitude, longitude, position[:, 2]), strict=True))
     columns: dict[str, Any] = {"name": sensors.names} | places

@@ -8,6 +8,7 @@ from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
     ClockPeriod,
     ColumnNames,
+    Flat,
     Output,
     PlotFiles,
     SensorFile,
@@ -35,6 +36,7 @@ def register(
     files: PlotFiles = None,
     *,
     sensors: SensorFile,
+    flat: Flat = False,
     column: ColumnNames = None,
     clock_period: ClockPeriod = None,
     n_threads: Threads = None,
@@ -50,7 +52,7 @@ def register(
         fail("give files of plots", WRONG_USAGE)
     write.check_suffixes(output)
     plots = read.plots(*files)
-    radars = read.read_radars(sensors, plots)
+    radars = read.read_radars(sensors, plots, flat=flat)
     recording = recording_of(plots, radars, column_names(column))
     with working(f"Registering {counted(len(radars.items), 'radar')}"):
         found = registered(recording, n_threads, clock_period=clock_period)
