@@ -1,5 +1,6 @@
 """ASTERIX: what a decoder written from the documents finds, and clear errors."""
 
+import contextlib
 import os
 import struct
 from collections.abc import Callable
@@ -67,7 +68,7 @@ def test_plots(save: Save) -> None:
         ("25/13", None, None, None, None, 20),
     ]
     assert (found.skipped, found.repeated, found.other_packets) == ({}, 0, 0)
-    assert repr(found) == "AsterixRecording(40 plots, 2 sensors, 0 tracks, 0 reports)"
+    assert repr(found) == "AsterixRecording(40 plots, 2 sensors, 0 tracks, 0 reports, 0 positions)"
 
 
 def test_what_is_garbled_or_not_validated_is_unknown(save: Save) -> None:
@@ -177,21 +178,153 @@ def test_packets(save: Save) -> None:
     [
         (b"", "plots.ast is empty"),
         (b"time_s,range_m\n1,2\n", "byte 0: there is no data block of ASTERIX, but 74696d655f732c"),
-        (flight()[:-1], "cut off; what is before it can be had with head -c 800"),
-        (flight()[:2], "byte 0: the last data block is cut off"),
-        (flight() + b"\xff\x00\x10", "byte 841: there is no data block"),
+        (flight()[:2], "byte 0: the last data block is cut off; no other record can be decoded"),
         (flight() + b"\x30\x00\x02", "byte 841: there is no data block"),
+        (b"\xff\x00\x10" + flight(), "byte 0: there is no data block"),
         (
-            reference.block(
-                48, reference.plot(RADAR, 1, 1, 1), reference.plot(RADAR, 2, 2, 2)[:-1]
-            ),
-            "byte 14: record 2, of category 48, is damaged",
+            reference.block(48, b"\xff\xff"),
+            "byte 3: a record of category 48 is damaged: .*; no other",
         ),
     ],
 )
 def test_damaged_files(contents: bytes, message: str, save: Save) -> None:
     with pytest.raises(ValueError, match=message):
         read_asterix(save(contents))
+
+
+BROKEN = reference.block(48, reference.plot(RADAR, 1, 1, 1), reference.plot(RADAR, 2, 2, 2)[:-1])
+
+
+@pytest.mark.parametrize(
+    ("contents", "plots", "place"),
+    [
+        (flight()[:-1], 38, "byte 800: the last data block is cut off"),
+        (flight() + b"\xff\x00\x10", 40, "byte 841: the last data block is cut off"),
+        (BROKEN + flight(), 41, "byte 14: a record of category 48 is damaged"),
+    ],
+)
+def test_what_is_damaged_is_left_out_and_counted(
+    contents: bytes, plots: int, place: str, save: Save, radars: Path
+) -> None:
+    found = read_asterix(save(contents))
+    assert (found.plots.height, found.damaged) == (plots, 1)
+    assert place in found.first_damage
+    pytest.importorskip("pyproj")
+    code, _, err = run("track", save(contents), "--sensors", radars)
+    assert code == 0
+    assert f"1 damaged data block left out in part; the first: {found.first_damage}\n" in err
+
+
+def test_mutated_recordings_are_read_or_refused(save: Save) -> None:
+    random = np.random.default_rng(18)
+    for _ in range(150):
+        contents = bytearray(flight())
+        for at in random.integers(0, len(contents), 3):
+            contents[at] = random.integers(256)
+        with contextlib.suppress(ValueError):
+            assert read_asterix(save(bytes(contents))).plots.height <= 60
+
+
+def test_other_categories_are_named_and_counted(save: Save, radars: Path) -> None:
+    pytest.importorskip("pyproj")
+    others = reference.block(65, b"\x00") + 2 * reference.block(253, b"\x00")
+    path = save(flight() + others)
+    assert read_asterix(path).skipped == {65: 1, 253: 2}
+    code, _, err = run("track", path, "--sensors", radars)
+    assert code == 0
+    assert (
+        f"{path}: not read are 1 blocks of category 65 (tracker service), 2 blocks of category 253 "
+        "(unknown)\n"
+    ) in err
+
+
+def angles(bits: int, *degrees: float) -> bytes:
+    return b"".join(struct.pack(">i", round(a / (180 / 2**bits))) for a in degrees)
+
+
+def test_multilateration(save: Save) -> None:
+    target = {
+        1: bytes([25, 60]),
+        2: b"\x40",
+        3: reference.time_of_day(100.0),
+        4: angles(25, 45.5, -15.25),
+        5: (2000).to_bytes(3, "big") + (-3000).to_bytes(3, "big", signed=True),
+        6: struct.pack(">H", 77),
+        8: struct.pack(">H", 0o1275),
+        9: struct.pack(">hh", 4 * 30, 4 * -40),
+        10: struct.pack(">h", 4 * 12),
+        12: bytes.fromhex("4BAACD"),
+        15: struct.pack(">h", 160),
+        19: b"\x40" + struct.pack(">HHh", 4 * 6, 4 * 8, -2),
+    }
+    service = {1: bytes([25, 60]), 2: b"\x02", 3: reference.time_of_day(99.0)}
+    service |= {8: angles(30, 45.25, -15.5), 9: struct.pack(">h", 4 * 120)}
+    contents = reference.block(19, reference.record(service))
+    found = read_asterix(save(contents + reference.block(20, reference.record(target))))
+    row = found.positions.row(0, named=True)
+    assert (row["time_s"], row["sensor"], row["target"]) == (100.0, "25/60", "77")
+    assert (row["latitude_deg"], row["longitude_deg"]) == pytest.approx((45.5, -15.25), abs=6e-6)
+    assert (row["east_m"], row["north_m"]) == (1000.0, -1500.0)
+    assert (row["mode_3a"], row["icao_address"], row["flight_level"]) == ("1275", "4BAACD", 12.0)
+    assert (row["speed_m_s"], row["course_deg"]) == pytest.approx((50.0, 143.13010235415598))
+    assert row["height_m"] == pytest.approx(1000 * 0.3048)
+    assert (row["east_sigma_m"], row["north_sigma_m"]) == (6.0, 8.0)
+    assert row["covariance_east_north_m2"] == -0.5 * 6.0 * 8.0
+    assert found.sensors.select("sensor", "latitude_deg", "longitude_deg", "height_m").row(0) == (
+        "25/60",
+        pytest.approx(45.25, abs=1e-6),
+        pytest.approx(-15.5, abs=1e-6),
+        120.0,
+    )
+
+
+def test_surface_movement(save: Save) -> None:
+    target = {
+        1: bytes([25, 70]),
+        2: b"\x01",
+        3: b"\x60",
+        4: reference.time_of_day(50.0),
+        6: struct.pack(">HH", 1852, 16384),
+        7: struct.pack(">hh", 300, -400),
+        8: struct.pack(">HH", 1024, 16384),
+        10: struct.pack(">H", 9),
+        22: bytes([4 * 2, 4 * 3]) + struct.pack(">h", -4),
+    }
+    status = {1: bytes([25, 70]), 2: b"\x03", 4: reference.time_of_day(51.0)}
+    records = reference.record(target), reference.record(status)
+    found = read_asterix(save(reference.block(10, *records)))
+    row = found.positions.row(0, named=True)
+    assert found.positions.height == 1
+    assert (row["time_s"], row["target"], row["east_m"], row["north_m"]) == (50, "9", 300, -400)
+    assert (row["speed_m_s"], row["course_deg"]) == (pytest.approx(1024 / 2**14 * 1852), 90.0)
+    assert (row["east_sigma_m"], row["north_sigma_m"]) == (2.0, 3.0)
+    assert row["covariance_east_north_m2"] == -1.0
+    plot = found.plots.select("sensor", "range_nm", "azimuth_deg", "detection").row(0)
+    assert plot == ("25/70", 1.0, 90.0, "psr")
+
+
+def test_old_reports_are_read_by_their_edition(save: Save) -> None:
+    records = [
+        reference.record(
+            {
+                1: bytes([25, 50]),
+                2: b"\x00\x00",
+                3: reference.time_of_day(200.0 + at),
+                4: angles(25, -45.25, 15.5),
+                5: bytes.fromhex("4BAACD"),
+                6: struct.pack(">h", 1000),
+                10: struct.pack(">h", 4 * 350),
+                16: struct.pack(">HH", 1024, 16384),
+            }
+        )
+        for at in range(4)
+    ]
+    found = read_asterix(save(b"".join(reference.block(21, one) for one in records)))
+    assert found.editions == {21: "0.26"}
+    assert found.reports["time_s"].to_list() == [200.0, 201.0, 202.0, 203.0]
+    row = found.reports.row(0, named=True)
+    assert (row["target"], row["flight_level"], row["course_deg"]) == ("4BAACD", 350.0, 90.0)
+    assert (row["latitude_deg"], row["longitude_deg"]) == pytest.approx((-45.25, 15.5), abs=6e-6)
 
 
 @real
@@ -320,7 +453,10 @@ def test_what_is_missing_is_told_in_one_line(
 def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
     code, out, err = run("track", save(reference.block(65, b"\x00")), "--sensors", radars)
     assert (code, out, err.count("\n")) == (1, "", 1)
-    assert "has no plots (category 48) of targets, but 1 blocks of category 65" in err
+    assert (
+        "has no plots (category 48) of targets, but 1 blocks of category 65 (tracker service)"
+        in err
+    )
 
 
 def test_codes_count_where_nobody_has_an_address(save: Save, tmp_path: Path) -> None:

@@ -6,35 +6,48 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from math import cos, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tertia._units import FOOT, NAUTICAL_MILE
+from tertia.io._asterix_rows import (
+    MULTILATERATION,
+    PLOTS,
+    REPORTS,
+    ROWS,
+    SERVICES,
+    SURFACE,
+    TIMES,
+    TRACKS,
+    Items,
+    is_of_target,
+    surface_plot,
+)
 from tertia.io._packets import MAGIC, udp_payloads
 
 if TYPE_CHECKING:
     import polars as pl
 
-_PLOTS, _SERVICE, _TRACKS, _REPORTS = 48, 34, 62, 21
+# so many data blocks of a category choose the edition by which it is decoded
+_BLOCKS = 20
+# titles of what is not read
+_TITLES = {
+    1: "radar plots, old",
+    2: "radar service, old",
+    4: "safety nets",
+    8: "weather of a radar",
+    11: "surface movement, fused",
+    23: "ADS-B service",
+    25: "ground system status",
+    63: "sensor status",
+    65: "tracker service",
+    240: "radar video",
+    247: "versions",
+}
 _HEADER = 3
 _DAY = 86_400.0
 _NORTH_MARKER = 1
-# metres of a degree of latitude, of which an accuracy needs three digits
-_DEGREE = 1852.0 * 60.0
-# of I048/020
-_DETECTIONS = (
-    "none",
-    "psr",
-    "ssr",
-    "ssr+psr",
-    "mode-s-all-call",
-    "mode-s-roll-call",
-    "mode-s-all-call+psr",
-    "mode-s-roll-call+psr",
-)
 _TEXT, _NUMBER, _FLAG = "String", "Float64", "Boolean"
 _COMMON = {"time_s": _NUMBER, "sensor": _TEXT}
 _IDENTITY = {"icao_address": _TEXT, "mode_3a": _TEXT, "callsign": _TEXT}
@@ -42,7 +55,7 @@ _PLACE = {"latitude_deg": _NUMBER, "longitude_deg": _NUMBER, "height_m": _NUMBER
 _MOTION = {"speed_m_s": _NUMBER, "course_deg": _NUMBER}
 # columns of the tables, and what they hold
 _COLUMNS = {
-    _PLOTS: {
+    PLOTS: {
         **_COMMON,
         "range_nm": _NUMBER,
         "azimuth_deg": _NUMBER,
@@ -54,7 +67,7 @@ _COLUMNS = {
         "track_number": "Int64",
         **_MOTION,
     },
-    _TRACKS: {
+    TRACKS: {
         **_COMMON,
         "target": _TEXT,
         **_PLACE,
@@ -67,7 +80,7 @@ _COLUMNS = {
         **_MOTION,
         **_IDENTITY,
     },
-    _REPORTS: {
+    REPORTS: {
         **_COMMON,
         "target": _TEXT,
         **_PLACE,
@@ -77,6 +90,8 @@ _COLUMNS = {
         "callsign": _TEXT,
     },
 }
+for _category in (SURFACE, MULTILATERATION):
+    _COLUMNS[_category] = _COLUMNS[TRACKS]
 _SENSORS = {"sensor": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plot_count": "Int64"}
 
 
@@ -102,8 +117,18 @@ class AsterixRecording:
         ADS-B reports (category 21): `time_s`, `sensor`, `target`, `latitude_deg`,
         `longitude_deg`, `height_m`, `flight_level`, `speed_m_s`, `course_deg`, `icao_address`,
         `callsign`.
+    positions : DataFrame
+        Target reports of surface movement and multilateration systems (categories 10 and 20), with
+        the columns of `tracks`; `target` is the track number.
     skipped : dict of int to int
         Data blocks of other categories, by category.
+    damaged : int
+        Number of data blocks that are cut off or have a record that cannot be decoded: this and
+        what follows it in the block are left out.
+    first_damage : str
+        Where the first of these is, and what is wrong; empty without.
+    editions : dict of int to str
+        The edition by which each category was decoded.
     repeated : int
         Number of duplicate plots, for example from two network lines; each is in the table once.
     other_packets : int
@@ -114,9 +139,20 @@ class AsterixRecording:
     sensors: pl.DataFrame
     tracks: pl.DataFrame
     reports: pl.DataFrame
+    positions: pl.DataFrame
     skipped: dict[int, int]
+    damaged: int
+    first_damage: str
+    editions: dict[int, str]
     repeated: int
     other_packets: int
+
+    def skipped_text(self) -> str:
+        """Return which categories were not read, in words."""
+        return ", ".join(
+            f"{count} blocks of category {number} ({_TITLES.get(number, 'unknown')})"
+            for number, count in self.skipped.items()
+        )
 
     def __repr__(self) -> str:
         """Return the numbers of rows."""
@@ -125,6 +161,7 @@ class AsterixRecording:
             "sensors": self.sensors,
             "tracks": self.tracks,
             "reports": self.reports,
+            "positions": self.positions,
         }
         listed = ", ".join(f"{table.height} {name}" for name, table in parts.items())
         return f"AsterixRecording({listed})"
@@ -146,7 +183,8 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     Raises
     ------
     ValueError
-        A file that is truncated, damaged or not ASTERIX; the message gives the byte.
+        A file that is not ASTERIX, of which no record can be decoded, or that is damaged between
+        data blocks; the message gives the byte.
     ImportError
         A library that is not installed.
     OSError
@@ -158,7 +196,8 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     beyond 86400 if a recording passes midnight. Mode 3/A codes and flight levels that are garbled
     or not validated are null. Duplicates, for example from two network lines, are removed.
 
-    Decoded by libasterix, by the newest edition of each category that it knows.
+    Decoded by libasterix, each category by the edition that decodes most of its first twenty data
+    blocks; of equal ones by the newest.
 
     Examples
     --------
@@ -170,7 +209,7 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     ...     _ = path.write_bytes(block)
     ...     recording = read_asterix(path)
     >>> recording
-    AsterixRecording(1 plots, 1 sensors, 0 tracks, 0 reports)
+    AsterixRecording(1 plots, 1 sensors, 0 tracks, 0 reports, 0 positions)
     >>> recording.plots.select("sensor", "range_nm", "azimuth_deg", "mode_3a").row(0)
     ('23/2', 64.0, 45.0, '2322')
     """
@@ -221,7 +260,11 @@ class _Reader:
         self.known = generated.manifest["CATS"]
         self.rows: dict[int, list[dict[str, Any]]] = {category: [] for category in _COLUMNS}
         self.skipped: Counter[int] = Counter()
-        self.other_packets = self.blocks = self.records = 0
+        self.other_packets = self.blocks = self.records = self.damaged = 0
+        self.first_damage = ""
+        self.editions: dict[int, Any] = {}
+        # data blocks with their places, which wait for the choice of editions
+        self.waiting: list[tuple[int, bytes, tuple[str, int]]] = []
         self.now: float | None = None
         self.places: dict[str, dict[str, float]] = {}
         self.norths: dict[str, list[float]] = defaultdict(list)
@@ -244,53 +287,95 @@ class _Reader:
             category, left = contents[at], len(contents) - at
             length = int.from_bytes(contents[at + 1 : at + _HEADER], "big")
             place = f"{self.path}, {where}byte {at}"
-            if category in self.known and left < max(length, _HEADER):
-                raise ValueError(
-                    f"{place}: the last data block is cut off; what is before it can be had with "
-                    f"head -c {at}"
-                )
-            if category not in self.known or length <= _HEADER:
+            # other categories count only among those that are known
+            known = category in self.known or self.blocks > 0
+            if known and left < max(length, _HEADER):
+                self._damage(f"{place}: the last data block is cut off")
+                return
+            if not known or length <= _HEADER:
                 there = contents[at : at + 8].hex()
                 raise ValueError(
                     f"{place}: there is no data block of ASTERIX, but {there}; the file is "
                     "damaged, or in another format"
                 )
             self.blocks += 1
-            if category in _COLUMNS or category == _SERVICE:
+            if category in _COLUMNS or category in SERVICES:
                 records = contents[at + _HEADER : at + length]
-                self._take_block(category, records, (where, at + _HEADER))
+                self.waiting.append((category, records, (where, at + _HEADER)))
             else:
                 self.skipped[category] += 1
             at += length
 
-    def _take_block(self, category: int, block: bytes, begin: tuple[str, int]) -> None:
-        records = self.known[category][-1].cv_record
+    def _damage(self, what: str) -> None:
+        self.damaged += 1
+        self.first_damage = self.first_damage or what
+
+    def _decode(self) -> None:
+        """Take the records of all data blocks."""
+        for category in {block[0] for block in self.waiting}:
+            sample = [block[1] for block in self.waiting if block[0] == category][:_BLOCKS]
+            self.editions[category] = self._edition(category, sample)
+        for category, block, begin in self.waiting:
+            self._take_block(category, block, begin)
+        if self.damaged and not self.records:
+            raise ValueError(f"{self.first_damage}; no other record can be decoded")
+
+    def _edition(self, category: int, blocks: list[bytes]) -> Any:
+        """Return the edition that decodes most data blocks, of equal ones the newest."""
+        best, most = None, -1
+        for edition in reversed(self.known[category]):
+            count = self._decodable(edition, blocks)
+            if count > most:
+                best, most = edition, count
+            if most == len(blocks):
+                break
+        return best
+
+    def _decodable(self, edition: Any, blocks: list[bytes]) -> int:
+        """Return how many data blocks can be decoded by an edition."""
+        return sum(self._parsed(edition, block)[1] == len(block) for block in blocks)
+
+    def _parsed(self, edition: Any, block: bytes) -> tuple[list[Any], int, str]:
+        """Return the records of a data block, where they end, and why they do not go on."""
         strict = self.base.ParsingMode.StrictParsing
         rest = self.base.Bits.from_bytes(block)
+        records: list[Any] = []
         while len(rest):
-            self.records += 1
-            at = begin[1] + len(block) - len(rest) // 8
-            found = records.parse(strict, rest)
+            found = edition.cv_record.parse(strict, rest)
             if isinstance(found, ValueError):
-                raise ValueError(
-                    f"{self.path}, {begin[0]}byte {at}: record {self.records}, of category "
-                    f"{category}, is damaged: {found}"
-                )
+                return records, len(block) - len(rest) // 8, str(found)
             record, rest = found
-            self._take_record(category, _Items(record))
+            records.append(record)
+        return records, len(block), ""
 
-    def _take_record(self, category: int, items: _Items) -> None:
-        times = (items.number(item, "s") for item in _TIMES[category])
+    def _take_block(self, category: int, block: bytes, begin: tuple[str, int]) -> None:
+        records, end, reason = self._parsed(self.editions[category], block)
+        for record in records:
+            self._take_record(category, Items(record))
+        self.records += len(records)
+        if reason:
+            self._damage(
+                f"{self.path}, {begin[0]}byte {begin[1] + end}: a record of category {category} is "
+                f"damaged: {reason}"
+            )
+
+    def _take_record(self, category: int, items: Items) -> None:
+        times = (items.number(item, "s") for item in TIMES[category])
         time = next((one for one in times if one is not None), None)
         time = None if time is None else self._since_the_first_day(time)
         source = items.whole("010", "SAC"), items.whole("010", "SIC")
         radar = None if None in source else "{}/{}".format(*source)
-        if category == _SERVICE:
+        if category in SERVICES:
             if radar is not None:
                 self._take_service(radar, time, items)
             return
-        row = {"time_s": time, "sensor": radar, **_ROWS[category](items)}
-        self.rows[category].append(row)
+        if not is_of_target(category, items):
+            return
+        common = {"time_s": time, "sensor": radar}
+        self.rows[category].append(common | ROWS[category](items))
+        plot = surface_plot(items) if category == SURFACE else None
+        if plot is not None:
+            self.rows[PLOTS].append(common | plot)
 
     def _since_the_first_day(self, time: float) -> float:
         if self.now is not None:
@@ -298,13 +383,20 @@ class _Reader:
         self.now = time
         return time
 
-    def _take_service(self, radar: str, time: float | None, items: _Items) -> None:
+    def _take_service(self, radar: str, time: float | None, items: Items) -> None:
         place = self.places.setdefault(radar, {})
         found = {
             "latitude_deg": items.number("120", "°", "LAT"),
             "longitude_deg": items.number("120", "°", "LON"),
             "height_m": items.number("120", "m", "HGT"),
         }
+        if found["latitude_deg"] is None:
+            # of a multilateration system
+            found = {
+                "latitude_deg": items.number("600", "°", "LAT"),
+                "longitude_deg": items.number("600", "°", "LON"),
+                "height_m": items.number("610", "m"),
+            }
         place.update({name: value for name, value in found.items() if value is not None})
         turn = items.number("041", "s")
         if turn:
@@ -314,6 +406,7 @@ class _Reader:
 
     def recording(self) -> AsterixRecording:
         """Return the recording."""
+        self._decode()
         import polars as pl  # noqa: PLC0415  # only here is Polars needed
 
         tables = {
@@ -322,7 +415,8 @@ class _Reader:
             )
             for category, columns in _COLUMNS.items()
         }
-        counts = Counter(tables[_PLOTS]["sensor"].drop_nulls().to_list())
+        positions = pl.concat([tables[SURFACE], tables[MULTILATERATION]])
+        counts = Counter(tables[PLOTS]["sensor"].drop_nulls().to_list())
         rows = [
             {
                 "sensor": radar,
@@ -333,12 +427,19 @@ class _Reader:
             for radar in sorted({*counts, *self.places}, key=_codes)
         ]
         return AsterixRecording(
-            plots=tables[_PLOTS],
+            plots=tables[PLOTS],
             sensors=pl.DataFrame(rows, _schema(_SENSORS)),
-            tracks=tables[_TRACKS],
-            reports=tables[_REPORTS],
+            tracks=tables[TRACKS],
+            reports=tables[REPORTS],
+            positions=positions,
             skipped=dict(sorted(self.skipped.items())),
-            repeated=len(self.rows[_PLOTS]) - tables[_PLOTS].height,
+            damaged=self.damaged,
+            first_damage=self.first_damage,
+            editions={
+                category: ".".join(map(str, one.cv_edition))
+                for category, one in sorted(self.editions.items())
+            },
+            repeated=len(self.rows[PLOTS]) - tables[PLOTS].height,
             other_packets=self.other_packets,
         )
 
@@ -357,138 +458,3 @@ def _schema(columns: Mapping[str, str]) -> Any:
 
 def _codes(radar: str) -> tuple[int, ...]:
     return tuple(map(int, radar.split("/")))
-
-
-class _Items:
-    """A record, and access to its items; missing items are None."""
-
-    def __init__(self, record: Any) -> None:
-        self.record = record
-
-    def _content(self, names: tuple[str, ...]) -> Any:
-        item = self.record.get_item(names[0])
-        for name in names[1:]:
-            item = None if item is None else item.variation.get_item(name)
-        return None if item is None else item.variation.content
-
-    def whole(self, *names: str) -> int | None:
-        """Return an item as a number without a unit."""
-        content = self._content(names)
-        return None if content is None else int(content.as_uint())
-
-    def number(self, item: str, unit: str, *parts: str) -> float | None:
-        """Return an item in a unit."""
-        content = self._content((item, *parts))
-        return None if content is None else float(content.as_quantity(unit))
-
-    def text(self, *names: str) -> str | None:
-        """Return an item as text."""
-        content = self._content(names)
-        return None if content is None else str(content.as_string()).strip() or None
-
-    def sound(self, item: str, part: str) -> Any:
-        """Return a part of an item, None if it is garbled or not validated."""
-        return (
-            None if self.whole(item, "V") or self.whole(item, "G") else self._content((item, part))
-        )
-
-    def address(self, *names: str) -> str | None:
-        """Return an address in hexadecimal digits."""
-        number = self.whole(*names)
-        return None if number is None else f"{number:06X}"
-
-    def code(self, item: str) -> str | None:
-        """Return a mode 3/A code."""
-        content = self.sound(item, "MODE3A")
-        return None if content is None else str(content.as_string())
-
-
-# where the time of day is; that of the position comes first
-_TIMES = {_PLOTS: ("140",), _SERVICE: ("030",), _TRACKS: ("070",), _REPORTS: ("071", "073", "077")}
-
-
-def _plot(items: _Items) -> dict[str, Any]:
-    level = items.sound("090", "FL")
-    kind = items.whole("020", "TYP")
-    speed = items.number("200", "NM/s", "GSP")
-    return {
-        "range_nm": items.number("040", "NM", "RHO"),
-        "azimuth_deg": items.number("040", "°", "THETA"),
-        "flight_level": None if level is None else float(level.as_quantity("FL")),
-        "icao_address": items.address("220"),
-        "mode_3a": items.code("070"),
-        "callsign": items.text("240"),
-        "detection": None if kind is None else _DETECTIONS[kind],
-        "simulated": bool(items.whole("020", "SIM") or items.whole("020", "TST")),
-        "field_monitor": bool(items.whole("020", "RAB")),
-        "track_number": items.whole("161", "TRN"),
-        "speed_m_s": _times(speed, NAUTICAL_MILE),
-        "course_deg": items.number("200", "°", "HDG"),
-    }
-
-
-def _track(items: _Items) -> dict[str, Any]:
-    number = items.whole("040")
-    velocity = items.number("185", "m/s", "VX"), items.number("185", "m/s", "VY")
-    speed, course = _polar(*velocity)
-    return {
-        "target": None if number is None else str(number),
-        "latitude_deg": items.number("105", "°", "LAT"),
-        "longitude_deg": items.number("105", "°", "LON"),
-        "height_m": _times(items.number("130", "ft"), FOOT),
-        "flight_level": items.number("136", "FL"),
-        "east_m": items.number("100", "m", "X"),
-        "north_m": items.number("100", "m", "Y"),
-        **_accuracy(items),
-        "speed_m_s": speed,
-        "course_deg": course,
-        "icao_address": items.address("380", "ADR"),
-        "mode_3a": items.code("060"),
-        "callsign": items.text("380", "ID") or items.text("245", "CHR"),
-    }
-
-
-def _accuracy(items: _Items) -> dict[str, float | None]:
-    """Return the estimated accuracy of a position: Cartesian or, without that, of WGS 84."""
-    east, north = items.number("500", "m", "APC", "X"), items.number("500", "m", "APC", "Y")
-    root = items.number("500", "m", "COV")
-    latitude = items.number("105", "°", "LAT")
-    if east is None and latitude is not None:
-        east = _times(items.number("500", "°", "APW", "LON"), _DEGREE * cos(radians(latitude)))
-        north = _times(items.number("500", "°", "APW", "LAT"), _DEGREE)
-    return {
-        "east_sigma_m": east,
-        "north_sigma_m": north,
-        # transmitted as the root of its size, with its sign
-        "covariance_east_north_m2": None if root is None else root * abs(root),
-    }
-
-
-def _report(items: _Items) -> dict[str, Any]:
-    address = items.address("080")
-    # the finer one first
-    place = next((item for item in ("131", "130") if items.whole(item, "LAT") is not None), "130")
-    return {
-        "target": address,
-        "latitude_deg": items.number(place, "°", "LAT"),
-        "longitude_deg": items.number(place, "°", "LON"),
-        "height_m": _times(items.number("140", "ft"), FOOT),
-        "flight_level": items.number("145", "FL"),
-        "speed_m_s": _times(items.number("160", "NM/s", "GS"), NAUTICAL_MILE),
-        "course_deg": items.number("160", "°", "TA"),
-        "icao_address": address,
-        "callsign": items.text("170"),
-    }
-
-
-_ROWS = {_PLOTS: _plot, _TRACKS: _track, _REPORTS: _report}
-
-
-def _times(value: float | None, unit: float) -> float | None:
-    return None if value is None else value * unit
-
-
-def _polar(east: float | None, north: float | None) -> tuple[float | None, float | None]:
-    if east is None or north is None:
-        return None, None
-    return float(np.hypot(east, north)), float(np.degrees(np.arctan2(east, north)) % 360.0)

@@ -23,6 +23,17 @@ def _read(path: Path) -> AsterixRecording:
         fail(str(error))
 
 
+def _doubt_rest(path: Path, found: AsterixRecording) -> None:
+    """Print what of a recording is not read."""
+    if found.skipped:
+        doubt(f"{path}: not read are {found.skipped_text()}")
+    if found.damaged:
+        doubt(
+            f"{path}: {counted(found.damaged, 'damaged data block')} left out in part; the first: "
+            f"{found.first_damage}"
+        )
+
+
 def plots(path: Path) -> Part:
     """Return the measured plots of a recording, and its information about radars."""
     found = _read(path)
@@ -30,6 +41,7 @@ def plots(path: Path) -> Part:
     measured = found.plots.filter(~left_out.fill_null(False))
     if measured.is_empty():
         fail(f"{path} has no plots (category 48) of targets, but {_contents(found)}")
+    _doubt_rest(path, found)
     for count, noun, why in (
         (found.repeated, "plot", "the same as one before"),
         (
@@ -52,16 +64,18 @@ def plots(path: Path) -> Part:
 
 def tracks(path: Path) -> Part:
     """Return the system tracks of a recording, with their estimated accuracies."""
-    found = _read(path).tracks
+    recording = _read(path)
+    found = recording.positions if recording.tracks.is_empty() else recording.tracks
     if found.is_empty():
-        fail(f"{path} has no system tracks (category 62)")
+        fail(f"{path} has no system tracks (category 62) nor positions (10, 20)")
+    _doubt_rest(path, recording)
     columns = [
         one
         for one in ("time_s", "target", *_ESTIMATED, *GEODETIC, *_IDENTITIES)
         if found[one].null_count() < found.height
     ]
     if "east_sigma_m" not in columns:
-        fail(f"{path} has no accuracies of system tracks (I062/500)")
+        fail(f"{path} has no accuracies (I062/500, I010/500, I020/500)")
     rows = found.select(columns).drop_nulls(["time_s", "target", "east_sigma_m", "north_sigma_m"])
     return Part(rows, str(path), path.stem)
 
@@ -69,9 +83,14 @@ def tracks(path: Path) -> Part:
 def truth(path: Path) -> Part:
     """Return the positions of targets from ADS-B reports, or else from system tracks."""
     found = _read(path)
-    rows = found.tracks if found.reports.is_empty() else found.reports
-    if rows.is_empty():
-        fail(f"{path} has neither ADS-B reports (category 21) nor system tracks (62)")
+    tables = (found.reports, found.tracks, found.positions)
+    rows = next((one for one in tables if not one.is_empty()), None)
+    if rows is None:
+        fail(
+            f"{path} has neither ADS-B reports (category 21) nor system tracks (62) nor positions "
+            "(10, 20)"
+        )
+    _doubt_rest(path, found)
     rows = rows.drop_nulls(["time_s", "target", *GEODETIC[:2]])
     if rows.is_empty():
         fail(f"{path} has no latitudes and longitudes of targets")
@@ -86,6 +105,7 @@ def _contents(found: AsterixRecording) -> str:
         "simulated or fixed": found.plots.height,
         "system tracks (62)": found.tracks.height,
         "ADS-B reports (21)": found.reports.height,
-        **{f"blocks of category {number}": count for number, count in found.skipped.items()},
+        "positions (10, 20)": found.positions.height,
     }
-    return ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "nothing else"
+    listed = [f"{count} {name}" for name, count in counts.items() if count]
+    return ", ".join(filter(None, [*listed, found.skipped_text()])) or "nothing else"
