@@ -5,6 +5,7 @@ use super::plot::{Measured, PlotStatus, Plots};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
+use super::share::{SHARES_PER_THREAD, run};
 use super::track::Track;
 use crate::base::error::{Error, Result, require};
 use crate::sensors::Radar;
@@ -118,7 +119,7 @@ impl Tracker {
     ///
     /// # Errors
     /// The index of a radar that does not exist, or an end that is not finite.
-    pub fn track<P: Plots + ?Sized, R: Rows>(
+    pub fn track<P: Plots + Sync + ?Sized, R: Rows>(
         &mut self,
         plots: &P,
         end: Option<f64>,
@@ -144,13 +145,15 @@ impl Tracker {
             // with the plots that wait no more than a scan: no target is in it twice
             until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
             let (now, later) = rest.split_at(rest.partition_point(|(time, _)| *time < until));
-            self.finish(next.min(end), rows);
+            let threads = threads(n_threads, waiting.len() + now.len());
+            self.finish(next.min(end), rows, threads);
             self.bury();
-            waiting.extend(now.iter().map(|&(_, index)| {
+            let convert = |&(_, index): &(f64, usize)| {
                 let plot = plots.get(index);
                 let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
                 Measured::new(first + index, &plot, radar, stretch)
-            }));
+            };
+            extend(&mut waiting, now, threads, convert);
             rest = later;
             let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
             let mut sky = Sky {
@@ -159,14 +162,14 @@ impl Tracker {
                 clutter: &mut self.clutter,
                 next_number: &mut self.next_number,
                 rows,
-                threads: threads(n_threads, waiting.len()),
+                threads,
             };
             let oldest = hold - WAITING * period;
             let report = |plot: usize, status| statuses[plot - first] = status;
             scan.process(&mut sky, &mut waiting, [oldest, hold], report);
-            self.finish(hold.min(end), rows);
+            self.finish(hold.min(end), rows, threads);
         }
-        self.finish(end, rows);
+        self.finish(end, rows, 1);
         self.bury();
         Ok(())
     }
@@ -240,14 +243,21 @@ impl Tracker {
     }
 
     /// Counts missed detections until `end`.
-    fn finish<R: Rows>(&mut self, end: f64, rows: &mut R) {
-        for track in &mut self.tracks {
-            track.miss(end, &self.settings, |track, radar| {
-                if track.is_confirmed() {
-                    rows.push(&Row::of(track, radar, None));
-                }
-            });
-        }
+    fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
+        let Self { settings, tracks, .. } = self;
+        let part = part(tracks.len(), threads);
+        let mut missed = vec![Vec::new(); tracks.len().div_ceil(part)];
+        let parts = tracks.chunks_mut(part).zip(&mut missed).collect();
+        run(threads, parts, |(tracks, rows): (&mut [Track], &mut Vec<Row>)| {
+            for track in tracks {
+                track.miss(end, settings, |track, radar| {
+                    if track.is_confirmed() {
+                        rows.push(Row::of(track, radar, None));
+                    }
+                });
+            }
+        });
+        missed.iter().flatten().for_each(|row| rows.push(row));
         self.time = self.time.max(end);
     }
 
@@ -255,6 +265,31 @@ impl Tracker {
     fn bury(&mut self) {
         self.tracks.retain(|track| track.is_alive(&self.settings));
     }
+}
+
+/// Items of a part, where each thread takes several parts, or all of them.
+fn part(items: usize, threads: usize) -> usize {
+    let parts = if threads > 1 { threads * SHARES_PER_THREAD } else { 1 };
+    items.div_ceil(parts).max(1)
+}
+
+/// Adds what is made of each of the items.
+fn extend<T: Sync>(
+    found: &mut Vec<Measured>,
+    items: &[T],
+    threads: usize,
+    make: impl Fn(&T) -> Measured + Sync,
+) {
+    if threads == 1 {
+        return found.extend(items.iter().map(make));
+    }
+    let start = found.len();
+    found.resize(start + items.len(), Measured::default());
+    let part = part(items.len(), threads);
+    let parts = items.chunks(part).zip(found[start..].chunks_mut(part)).collect();
+    run(threads, parts, |(items, room): (&[T], &mut [Measured])| {
+        items.iter().zip(room).for_each(|(item, room)| *room = make(item));
+    });
 }
 
 /// FNV-1a of a saved state: no value in it can be trusted if one of its bits has changed.

@@ -117,7 +117,7 @@ impl PlotStatus {
 }
 
 /// A plot in the plane.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Measured {
     /// Index among the plots that were given.
     pub index: usize,

@@ -11,7 +11,7 @@ use crate::base::batch::for_each_row;
 use std::num::NonZero;
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
-const SHARES_PER_THREAD: usize = 8;
+pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Nothing was given to a claim.
 const NOTHING: u32 = u32::MAX;
 
