@@ -57,7 +57,7 @@ fn main() -> Result<()> {
     let (mut statuses, mut rows): (Vec<PlotStatus>, _) = (Vec::new(), Vec::new());
     for k in 0..30 {
         rows.clear();
-        tracker.track(&scan(k, &mut random), None, &mut statuses, &mut rows, None)?;
+        tracker.track(&scan(k, &mut random)[..], None, &mut statuses, &mut rows, None)?;
         for row in rows.iter().filter(|row| row.confirmed && k % 10 == 9) {
             let (east, north) = (row.estimate.mean[0], row.estimate.mean[1]);
             let sigma = row.estimate.covariance[(0, 0)].sqrt();
