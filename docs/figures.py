@@ -29,6 +29,7 @@ from studies import (
     location,
     location_arrivals,
     paper,
+    recordings,
     regions,
     registration,
     screening,
@@ -94,6 +95,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "fused and smoothed": honest_series.coverage,
         "unsynchronised": arrivals.honesty,
         "reconstruct": trajectory.coverage,
+        "recordings": recordings.table,
+        "fireball": recordings.fireball,
     },
     "location.md": {
         "faults": location.faults,
@@ -165,6 +168,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "arrivals.md": {
         "nets": arrivals.nets,
+        "recording": arrivals.recording,
     },
     "trajectory.md": {
         "faults": trajectory.faults,

@@ -8,14 +8,16 @@ import numpy.typing as npt
 
 from studies.honesty import Draw, coverage_table
 from studies.montecarlo import FloatArray, generator
-from studies.pages import markdown, repetitions
-from tertia.sensors import Station
+from studies.pages import DATA, markdown, repetitions, table_of
+from tertia.sensors import Bias, Station
 from tertia.trajectory import Arrivals, ArrivalTrajectory, reconstruct_arrivals
 
 RUNS = repetitions(20)
 HONEST_RUNS = repetitions(8)
 # 95 % of a chi-square of two degrees of freedom
 LIMIT = 5.991
+# of the recording: standard deviations of the boat's GPS in metres, and by how much it is late
+GPS_SIGMAS, GPS_LATE = (2.0, 2.5), 3.0
 BoolArray = npt.NDArray[np.bool_]
 Errors = Callable[[tuple[int, int], FloatArray], FloatArray]
 
@@ -214,3 +216,76 @@ def honesty() -> str:
         },
         91,
     )
+
+
+def recording() -> str:
+    """Compare a tag that a boat tows with the boat's GPS, in the recording that comes with YAPS.
+
+    Without the recording, the table is that of the page.
+    """
+    folder = DATA / "ssu1"
+    if not folder.is_dir():
+        return table_of("arrivals.md", "recording")
+    detections, hydros, gps, yaps = (
+        np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
+        for name in ("detections", "hydros", "gps", "yaps_track")
+    )
+    places = np.column_stack([hydros["x"], hydros["y"]])
+    middle, start = places.mean(axis=0), np.floor(gps["ts"][0])
+    # the clock of the fifth is the one that agrees with the boat's
+    stations = [
+        Station(place - middle, position_sigma=3.0, bias=Bias() if at == 4 else None)
+        for at, place in enumerate(places)
+    ]
+    number = {serial: at for at, serial in enumerate(hydros["serial"])}
+    track = reconstruct_arrivals(
+        stations,
+        Arrivals(
+            detections["epo"] - start + detections["frac"],
+            [number[serial] for serial in detections["serial"]],
+            detections["tag"].astype(int),
+        ),
+        beacons={int(tag): at for at, tag in enumerate(hydros["sync_tag"]) if np.isfinite(tag)},
+        propagation_speed=1548.0,
+        propagation_speed_sigma=8.0,
+    )
+    found = track.time + start, track.position + middle, track.covariance[:, :2, :2]
+    published = yaps["top"], np.column_stack([yaps["x"], yaps["y"]]), None
+    head = ["positions against GPS", "number", "p50, m", "p90, m", "p99, m"]
+    head += [f"inside 95 %, GPS ± {sigma:g} m" for sigma in GPS_SIGMAS]
+    rows = [
+        ["as it is", *_against(gps, *found)],
+        [f"GPS {GPS_LATE:g} s later", *_against(gps, *found, late=GPS_LATE)],
+        ["YAPS, as stored with the recording", *_against(gps, *published)],
+    ]
+    return markdown([*head, "scale"], rows)
+
+
+def _against(
+    gps: npt.NDArray[np.void],
+    time: FloatArray,
+    position: FloatArray,
+    covariance: FloatArray | None,
+    late: float = 0.0,
+) -> list[str]:
+    """Return percentiles of the errors, coverage, and the scale of the way."""
+    known = (time > gps["ts"][0]) & (time < gps["ts"][-1])
+    truth = np.column_stack(
+        [np.interp(time[known] + late, gps["ts"], gps[axis]) for axis in ("utm_x", "utm_y")]
+    )
+    found = position[known]
+    error = found - truth
+    cells = [f"{len(error)}"]
+    cells += [
+        f"{part:.1f}" for part in np.quantile(np.linalg.norm(error, axis=1), [0.5, 0.9, 0.99])
+    ]
+    for sigma in GPS_SIGMAS:
+        if covariance is None:
+            cells.append("–")
+            continue
+        whole = covariance[known] + sigma**2 * np.eye(2)
+        squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(whole), error)
+        cells.append(f"{np.mean(squares < LIMIT):.0%}")
+    about = truth - truth.mean(axis=0)
+    scale = np.sum(about * (found - found.mean(axis=0))) / np.sum(about**2)
+    return [*cells, f"{scale:.3f}"]

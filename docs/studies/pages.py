@@ -11,6 +11,8 @@ DOCS = Path(__file__).parents[1]
 # Okabe and Ito: distinct for colour-blind readers
 BLUE, GREEN, ORANGE, PURPLE, SKY = "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 GREY = "#888888"
+# recordings that do not belong to the project
+DATA = Path(os.environ.get("TERTIA_DATA", DOCS.parents[1] / "shared" / "data"))
 # of the runs of each study that are made; the tests make few, to see whether tables are stale
 SHARE = float(os.environ.get("TERTIA_STUDY_SHARE", "1"))
 
@@ -30,6 +32,15 @@ def write(page: str, name: str, text: str) -> None:
     if found != 1:
         raise ValueError(f"{page} has {found} places for the table {name}, not 1")
     path.write_text(replaced, "utf-8")
+
+
+def table_of(page: str, name: str) -> str:
+    """Return a table as it stands in a page: of a recording that is not at hand."""
+    text = (DOCS / page).read_text("utf-8")
+    found = re.search(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", text, flags=re.DOTALL)
+    if found is None:
+        raise ValueError(f"{page} has no table {name}")
+    return found[1]
 
 
 def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

@@ -343,7 +343,7 @@ def locate(
     FloatArray,
     BoolArray,
     list[FloatArray],
-    tuple[list[float], list[float], list[float]],
+    list[list[float]],
 ]: ...
 def locate_posterior(
     stations: FloatArray,

@@ -247,3 +247,29 @@ class TestGeometry:
     def test_it_is_told(self):
         with pytest.raises(ValueError, match="region that holds the target with 95 % has no end"):
             locate([[0, 0], [10, 0]], azimuth=[0.010, 0.0], azimuth_sigma=0.02)
+
+
+def test_what_does_not_scatter_is_common_to_all_stations():
+    """Ranges that are too long together move a distant target away from all of them."""
+    rng = np.random.default_rng(77)
+    places = np.array([[0.0, 0.0], [60.0, 10.0], [20.0, 80.0], [90.0, 70.0], [40.0, 40.0]])
+    truth = np.array([400.0, 300.0]) + rng.uniform(-80, 80, (400, 2))
+    distance = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    common = 2.0 * rng.standard_normal((400, 1))
+    scatter = 0.5 * rng.standard_normal(distance.shape)
+    stations = [Station(place, range_sigma=2.0) for place in places]
+
+    def inside(bias, error):
+        fix = locate(stations, range=distance + error, bias=bias)
+        off = fix.position - truth
+        square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(fix.covariance), off)
+        return np.mean(square < 5.991)
+
+    assert inside(Bias(), common + scatter) < 0.8
+    assert inside(None, common + scatter) > 0.9
+    found = locate(stations, range=distance + common + scatter).bias
+    assert np.all(found.range_sigma > 1.5)
+    # and nothing changes where errors scatter as stated
+    healthy = distance + 2.0 * rng.standard_normal(distance.shape)
+    trusted, default = (locate(stations, range=healthy, bias=bias) for bias in (Bias(), None))
+    assert np.nanmedian(default.covariance / trusted.covariance) < 1.05

@@ -53,6 +53,7 @@ def net(
     heard: float = 0.95,
     extent: float = 400.0,
     late: float = 0.0,
+    lasting: float = 0.0,
 ) -> Net:
     """Simulate tags on curves and beacons at the first receivers, heard by drifting clocks."""
     rng = np.random.default_rng(seed)
@@ -72,6 +73,9 @@ def net(
     clock = offset + rate * time[:, np.newaxis]
     travel = np.linalg.norm(source[:, np.newaxis] - place, axis=-1) / speed
     error = noise * rng.standard_normal(travel.shape)
+    own = error.reshape(len(names), emissions, k)
+    for i in range(1, emissions):
+        own[:, i] = lasting * own[:, i - 1] + np.sqrt(1 - lasting**2) * own[:, i]
     error += np.where(rng.random(travel.shape) < late, 30 * noise, 0.0)
     row, sensor = np.nonzero(rng.random(travel.shape) < heard)
     reading = (time[:, np.newaxis] + travel + clock + error)[row, sensor]
@@ -376,6 +380,27 @@ def test_wrong_columns() -> None:
         Arrivals([1.0], [0], [0.5])
     with pytest.raises(ValueError, match="emission is -2"):
         Arrivals([1.0], [0], [1], [-2])
+
+
+def test_errors_that_last_widen_the_regions() -> None:
+    inside, sigma = {}, {}
+    for lasting in (0.0, 0.9):
+        held, sizes = [], []
+        for run in range(4):
+            scene = net(120 + run, survey=0.0, emissions=80, lasting=lasting)
+            track = reconstruct_arrivals(
+                scene.stations, scene.arrivals, beacons=scene.beacons, propagation_speed=SPEED
+            )
+            rows = np.flatnonzero(scene.identity == TAG)
+            gaps = np.abs(scene.time[rows] - track.time[:, np.newaxis])
+            error = track.position - scene.source[rows[np.argmin(gaps, axis=1)]]
+            inverse = np.linalg.inv(track.covariance[:, :2, :2])
+            held.append(np.einsum("ni,nij,nj->n", error, inverse, error) < 5.991)
+            sizes.append(np.median(track.sigma))
+        inside[lasting], sigma[lasting] = np.mean(np.concatenate(held)), np.mean(sizes)
+    assert 0.9 < inside[0.0] < 0.99
+    assert inside[0.9] > 0.65
+    assert sigma[0.9] > 1.5 * sigma[0.0]
 
 
 @needs_data

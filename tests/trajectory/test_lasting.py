@@ -141,6 +141,45 @@ def test_two_given_bearings_have_the_covariance_of_the_formula():
     np.testing.assert_allclose(track.covariance[:, :2, :2], expected, rtol=1e-6)
 
 
+def test_errors_of_the_survey_have_the_covariance_of_the_formula():
+    """Ranges of stations whose places are off by s in each coordinate are off by s."""
+    places = np.array([[-1000.0, 0.0], [0.0, -1200.0], [900.0, 700.0]])
+    offset = np.array([100.0, 50.0]) - places
+    measured = np.tile(np.linalg.norm(offset, axis=1), (20, 1))
+    without, track = (
+        reconstruct(
+            [Station(place, range_sigma=2.0, position_sigma=sigma) for place in places],
+            np.arange(20.0),
+            range=measured,
+            bias=Bias(),
+            jerk=0.0,
+        )
+        for sigma in (0.0, 1.5)
+    )
+    units = offset / np.linalg.norm(offset, axis=1)[:, np.newaxis]
+    expected = without.covariance[:, :2, :2] + 1.5**2 * np.linalg.inv(units.T @ units)
+    np.testing.assert_allclose(track.covariance[:, :2, :2], expected, rtol=5e-3)
+    with pytest.raises(ValueError, match="position_sigma of stations needs order"):
+        reconstruct(
+            [Station(place, range_sigma=2.0, position_sigma=1.0) for place in places],
+            np.arange(20.0),
+            range=measured,
+            order="temporal-first",
+        )
+
+
+def test_calls_in_bursts_are_no_longer_records():
+    """Errors of a stop last longer than its calls take, however long the ways between stops."""
+    held = []
+    for run in range(12):
+        rng = np.random.default_rng([47, run])
+        truth = way(rng)
+        times = TIMES / 30.0 + 600.0 * (np.arange(120) // 20)
+        measured = directions(truth) + SIGMA * errors("per stop", rng, directions(truth))
+        held.append(inside(reconstruct(finders(), times, azimuth=measured), truth))
+    assert np.mean(held) > 0.85
+
+
 def test_a_calibrated_deviation_is_used():
     rng = np.random.default_rng(44)
     runs = np.linspace(0, 4 * np.pi, 240)

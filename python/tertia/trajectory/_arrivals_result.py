@@ -14,7 +14,7 @@ from tertia.trajectory._clocks import ClockBias
 
 # deviation of the speed from what was given, in sigmas, above which it is not believed
 ALARM = 3.0
-# correlation of successive residuals above which regions are too small
+# correlation of successive residuals above which it is told
 CORRELATED = 0.2
 
 
@@ -184,8 +184,8 @@ class ArrivalTrajectory:
     def correlation(self) -> float:
         """Correlation of residuals of successive emissions of a moving identity at a receiver.
 
-        Errors that last, as those that depend on the direction, are not in the covariance. Where
-        the correlation is .2 and more, regions of smooth paths are too small.
+        Where it is more than chance, arrivals of an identity count as fewer in the covariance, the
+        correlation r as (1 - r) / (1 + r) of them. What the path took of the errors is not in it.
         """
         rows = np.flatnonzero(
             np.isin(self.arrivals.identity, self.target) & ~np.isnan(self.residual)

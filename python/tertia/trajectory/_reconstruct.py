@@ -27,7 +27,7 @@ from tertia.location._readers import checked, correlation_of
 from tertia.location._result import location_of
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
-from tertia.sensors._sensors import by_kind, stack_stations
+from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._result import Trajectory
 
@@ -70,7 +70,8 @@ def reconstruct(
     ----------
     stations : sequence of K Station
         Positions and standard deviations of the stations; positions of shape (D,) or, if they move,
-        (N, D). If their axes change over time, the order must be "spatial-first".
+        (N, D). If their axes change over time, the order must be "spatial-first". With a
+        `position_sigma`, which is that of an error common to all instants, also the smoother "rts".
     time : array_like of shape (N,)
         Times of the instants, not decreasing.
     range, azimuth, elevation : array_like of shape (N, K), optional
@@ -192,6 +193,11 @@ def reconstruct(
         raise ValueError("elevation needs stations with three coordinates")
     if order == "temporal-first" and axes is not None and axes.ndim > 3:
         raise ValueError("axes of stations change along time; order must be 'spatial-first'")
+    surveys = survey_sigmas(stations)
+    if surveys is not None and (order, smoother) != ("spatial-first", "rts"):
+        raise ValueError(
+            "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
+        )
     curves, sources, bias = _deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
     prior = _prior(given, bias, sources, measured, (order, smoother))
@@ -214,6 +220,7 @@ def reconstruct(
     record = {
         "stations": places,
         "axes": axes,
+        "surveys": None if surveys is None else surveys.tolist(),
         "time": instants,
         "values": values,
         "sigmas": deviations,

@@ -13,14 +13,8 @@ use tertia::batch::for_each_row;
 use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Workspace};
 use tertia::sensors::{KINDS, predict};
 
-type Located<'py> = (
-    Output<'py>,
-    Output<'py>,
-    Output<'py>,
-    Output<'py, bool>,
-    [Array<'py>; 8],
-    ([f64; KINDS], [f64; KINDS], [f64; KINDS]),
-);
+type Located<'py> =
+    (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 8], [[f64; KINDS]; 4]);
 
 /// Cost of an instant per measurement, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
@@ -151,6 +145,7 @@ pub fn locate<'py>(
         if contradiction.is_any() {
             contradiction.apply(sigmas.values.to_mut(), &free);
         }
+        locator = locator.with_common(contradiction.common);
     }
     let size = location::BLOCK;
     let outputs = position
@@ -198,8 +193,15 @@ pub fn locate<'py>(
     });
     done.map_err(|failure| rows.error(failure))?;
     let found = fix_columns(py, rows.batch(), &fixes)?;
-    let Contradiction { growth, factor, degrees_of_freedom } = contradiction;
-    Ok((position, covariance, residual, outlier, found, (growth, factor, degrees_of_freedom)))
+    let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;
+    Ok((
+        position,
+        covariance,
+        residual,
+        outlier,
+        found,
+        [growth, factor, degrees_of_freedom, common],
+    ))
 }
 
 /// Covariances and dilutions at positions, of stations with their axes, and of the standard deviations

@@ -33,13 +33,14 @@ pub struct Reconstructed<'py> {
     bias: Option<Lasting>,
 }
 
-/// What stations measured: positions (K, D) or (N, K, D), axes, times, values (N, 5, K) and
-/// standard deviations (5, K).
+/// What stations measured: positions (K, D) or (N, K, D), axes, standard deviations of the
+/// positions (K), times, values (N, 5, K) and standard deviations (5, K).
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
     stations: Input<'py>,
     axes: Option<Input<'py>>,
+    surveys: Option<Vec<f64>>,
     time: Input<'py>,
     values: Input<'py>,
     sigmas: Input<'py>,
@@ -85,6 +86,7 @@ pub fn reconstruct<'py>(
     let record = Record {
         stations: &stations.values,
         axes: axes.as_ref().map(|axes| &*axes.values),
+        surveys: measured.surveys.as_deref(),
         time: &time.values,
         values: &values.values,
         sigmas: &sigmas.values,
@@ -97,6 +99,7 @@ pub fn reconstruct<'py>(
     let k = record.sigmas.len() / KINDS;
     let shapes = record.values.len() == n * KINDS * k
         && fits(record.stations.len(), k * d)
+        && record.surveys.is_none_or(|surveys| surveys.len() == k)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
         && steps.flat.iter().flatten().all(|kind| *kind < KINDS)
         && [&steps.bias_sigma, &steps.drift_share, &steps.drift_time]

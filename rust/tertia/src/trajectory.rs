@@ -23,6 +23,7 @@ mod prior;
 mod result;
 mod series;
 mod spatial;
+mod survey;
 mod temporal;
 mod tukey;
 mod weight;
@@ -96,6 +97,9 @@ pub fn reconstruct<const D: usize, const N: usize>(
     }
     if let Systematic::Lasting(Prior { deviation: Some(sigma), .. }) = systematic {
         lasting::add_deviation(&mut setting, &found, sigma, best.fit.jerk, &mut covariance)?;
+    }
+    if let Some(sigma) = record.surveys {
+        survey::add_errors(&mut setting, &found, sigma, best.fit.jerk, &mut covariance)?;
     }
     let outlier = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
     let residual = residuals::<D, N>(record, found.measured.values.clone(), &best.mean);

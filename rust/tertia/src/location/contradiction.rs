@@ -10,6 +10,9 @@
 //! of least squares, and where that leads elsewhere, the larger restricted likelihood counts, of
 //! normal errors and a share of outliers.
 //!
+//! What is stated of a variance but does not scatter is an error that all stations share: position
+//! and stations do not tell it apart from none, so it is part of the covariance.
+//!
 //! An error that lasts is the same contradiction again and again. With the correlation `ρ_l` of
 //! residuals that are l instants apart, about zero, n instants count as `n / (1 + 2 Σ ρ_l²)`
 //! (Bartlett 1935, for squares).
@@ -35,6 +38,9 @@ const OUTSIDE: f64 = 0.05;
 /// Degrees of freedom for which sigmas of one kind count that are as wrong as those of the others:
 /// the few residuals of a kind that others hardly check may agree by chance.
 const ALIKE: f64 = 10.0;
+/// One-sided 99 % of a normal variable; the scatter, in stated variances, below which there is none.
+const SURELY: f64 = 2.326;
+const LEAST_SCATTER: f64 = 1e-6;
 /// Share of outliers from which on they may be sigmas that are too small.
 const MANY: f64 = 0.03;
 /// Shares of outliers, spread evenly over 30 σ: their density over that of a normal number at 0.
@@ -55,12 +61,18 @@ pub struct Contradiction {
     pub factor: [f64; KINDS],
     /// Degrees of freedom of the factor, less for errors that last.
     pub degrees_of_freedom: [f64; KINDS],
+    /// Share of the stated variance that does not scatter, and must be common to all stations.
+    pub common: [f64; KINDS],
 }
 
 impl Contradiction {
     /// Nothing contradicts.
-    pub const NONE: Self =
-        Self { growth: [1.0; KINDS], factor: [1.0; KINDS], degrees_of_freedom: [0.0; KINDS] };
+    pub const NONE: Self = Self {
+        growth: [1.0; KINDS],
+        factor: [1.0; KINDS],
+        degrees_of_freedom: [0.0; KINDS],
+        common: [0.0; KINDS],
+    };
 
     /// Multiplies standard deviations, of the 5 K measurements of each instant, where they are
     /// `free`. Those that are not known are taken as 1.
@@ -146,8 +158,14 @@ impl Locator {
                 found.factor[kind] = 1.0;
                 continue;
             }
-            let effective = freedom * sums.independent(kind, count) + others(freedom);
+            let own = freedom * sums.independent(kind, count);
+            let effective = own + others(freedom);
             found.degrees_of_freedom[kind] = effective;
+            let scatter = sums.square[kind] / freedom;
+            if !pooled && factor[kind] == 1.0 && scatter > LEAST_SCATTER {
+                let most = scatter * (1.0 + SURELY * (2.0 / own).sqrt());
+                found.common[kind] = (1.0 - most).max(0.0);
+            }
             found.growth[kind] = if pooled {
                 factor[kind] * student::<D>(effective)
             } else {

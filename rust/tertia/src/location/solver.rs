@@ -10,7 +10,7 @@ use super::record::{NOWHERE, Record, Room};
 use super::search::{Minimum, position};
 use super::summary::Spread;
 use crate::base::distribution::chi_square_upper;
-use crate::base::small::{Factor, Matrix, Vector, norm, undetermined};
+use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
 use crate::sensors::KINDS;
 
 /// The same from a start that is trusted.
@@ -45,12 +45,21 @@ pub struct Locator {
     multipath: bool,
     /// That of range differences.
     correlation: f64,
+    /// Shares of the variances of the kinds that all stations have in common.
+    common: [f64; KINDS],
 }
 
 impl Locator {
     /// An estimator by this method.
     pub fn new(method: Method) -> Self {
-        Self { method, grows: false, profiles: false, multipath: true, correlation: 0.5 }
+        Self {
+            method,
+            grows: false,
+            profiles: false,
+            multipath: true,
+            correlation: 0.5,
+            common: [0.0; KINDS],
+        }
     }
 
     /// The same, with covariances that grow where the residuals of an instant are larger than
@@ -74,6 +83,12 @@ impl Locator {
     /// 1: a share of their variance is that of the first station, which all have in common.
     pub fn with_correlation(self, correlation: f64) -> Self {
         Self { correlation, ..self }
+    }
+
+    /// The same, with covariances that have errors which all stations share: these parts of the
+    /// stated variances of each kind.
+    pub fn with_common(self, common: [f64; KINDS]) -> Self {
+        Self { common, ..self }
     }
 
     /// Estimates the positions of instants, [`location::BLOCK`](super::BLOCK) of them side by side
@@ -271,6 +286,9 @@ impl Locator {
                     return failed(Status::IllConditioned);
                 }
             }
+        }
+        if self.common != [0.0; KINDS] {
+            add(&mut covariance, &search.shared(&minimum, &record.rows, &self.common));
         }
         for (own, row) in out.covariance.chunks_exact_mut(D).zip(&covariance) {
             own.copy_from_slice(row);

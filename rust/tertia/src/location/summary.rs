@@ -5,7 +5,7 @@ use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::search::{Minimum, Search};
 use crate::base::small::{Factor, Matrix, add, undetermined};
-use crate::sensors::{Measurement, Row};
+use crate::sensors::{KINDS, Measurement, Row};
 
 /// Steps to the σ whose weighted residuals are as large as those found.
 const SPREAD_STEPS: usize = 20;
@@ -70,6 +70,35 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             add(&mut covariance, &doubt(rows, &inverse));
         }
         Summary { covariance, sigma: minimum.scale * sigma, dop, kept }
+    }
+
+    /// What errors add to the covariance that all measurements of a kind have in common, of these
+    /// shares of their variances: `Σ s r r'` with `r = (J' W J)^-1 J' W 1`. O(M).
+    pub fn shared(
+        &self,
+        minimum: &Minimum<N>,
+        rows: &[Row<N>],
+        shares: &[f64; KINDS],
+    ) -> Matrix<D> {
+        let mut sum = [[0.0; D]; D];
+        let Some(factor) = Factor::try_new(&minimum.normal.matrix, 0.0) else { return sum };
+        // heights come last, and have no share
+        let mut pulls = [[0.0; N]; KINDS + 1];
+        for (m, row) in self.problem.measurements.iter().zip(rows) {
+            let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
+            for (pull, gradient) in pulls[m.kind as usize].iter_mut().zip(&row.gradient) {
+                *pull += weight * gradient;
+            }
+        }
+        for (pull, share) in pulls.iter().zip(shares).filter(|(_, share)| **share > 0.0) {
+            let response = factor.solve(pull);
+            for i in 0..D {
+                for j in 0..D {
+                    sum[i][j] += share * response[i] * response[j];
+                }
+            }
+        }
+        sum
     }
 
     /// Whether a whitened residual is that of a fault.

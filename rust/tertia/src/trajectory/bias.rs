@@ -41,7 +41,7 @@ pub(super) struct Instant<const D: usize> {
     /// Number of the measurement, weight over σ², residual and derivatives.
     pub rows: Vec<(usize, f64, f64, Vector<D>)>,
     /// `(J' W J)^-1`
-    inverse: Option<Matrix<D>>,
+    pub inverse: Option<Matrix<D>>,
     /// `A` of each bias.
     solution: Vec<Vector<D>>,
     /// `I − H`, a row for each measurement.

@@ -16,11 +16,47 @@ pub(super) struct Blocks {
     pub count: usize,
 }
 
+/// How drifts change: in jumps, as from stop to stop, or smoothly, as with the direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kernel {
+    /// Gauss–Markov, `exp(−x)` of the time over the correlation time.
+    Markov,
+    /// Matérn's of order 3/2, `(1 + x) exp(−x)` of √3 times it.
+    Smooth,
+}
+
 /// Variances of constants and drifts, and correlation times.
 pub(super) struct Point {
     pub constant: Vec<f64>,
     pub drift: Vec<f64>,
     pub time: Vec<f64>,
+    pub kernel: Kernel,
+}
+
+impl Kernel {
+    /// Variance of the mean of a drift over so many correlation times, over its own.
+    pub fn averaged(self, times: f64) -> f64 {
+        match self {
+            _ if times < 1e-3 => 1.0,
+            Self::Markov => 2.0 / times * (1.0 + (-times).exp_m1() / times),
+            Self::Smooth => {
+                let x = 3_f64.sqrt() * times;
+                2.0 / (x * x) * (2.0 * x - 3.0 + (x + 3.0) * (-x).exp())
+            }
+        }
+    }
+
+    /// Numbers of a drift, with variances alike, and what they are after so many correlation times.
+    fn transition(self, times: f64) -> (usize, [[f64; 2]; 2]) {
+        match self {
+            Self::Markov => (1, [[(-times).exp(), 0.0], [0.0, 0.0]]),
+            Self::Smooth => {
+                let x = 3_f64.sqrt() * times;
+                let rest = (-x).exp();
+                (2, [[(1.0 + x) * rest, x * rest], [-x * rest, (1.0 - x) * rest]])
+            }
+        }
+    }
 }
 
 /// What is known of the constants.
@@ -29,6 +65,40 @@ pub(super) struct Filtered {
     log_determinant: f64,
     pub mean: Vec<f64>,
     pub covariance: DMatrix<f64>,
+}
+
+impl Point {
+    /// What is known of the drifts after a time.
+    fn advance(&self, step: f64, x: &mut [f64], p: &mut [f64]) {
+        let (n, c) = (x.len(), self.drift.len());
+        for i in 0..c {
+            let (size, f) = self.kernel.transition(step / self.time[i]);
+            let at: [usize; 2] = [c + i, if size == 2 { 2 * c + i } else { c + i }];
+            let apply = |v: [f64; 2], a: usize| f[a][0] * v[0] + f[a][1] * v[1];
+            let old = at.map(|at| x[at]);
+            let mut rows = Vec::with_capacity(size * n);
+            for a in 0..size {
+                x[at[a]] = apply(old, a);
+                rows.extend((0..n).map(|j| apply(at.map(|at| p[at * n + j]), a)));
+            }
+            for (a, row) in rows.chunks_exact(n).enumerate() {
+                p[at[a] * n..(at[a] + 1) * n].copy_from_slice(row);
+            }
+            for row in p.chunks_exact_mut(n) {
+                let old = at.map(|at| row[at]);
+                for a in 0..size {
+                    row[at[a]] = apply(old, a);
+                }
+            }
+            for a in 0..size {
+                for b in 0..size {
+                    let unit = f64::from(u8::from(a == b));
+                    let kept = f[a][0] * f[b][0] + f[a][1] * f[b][1];
+                    p[at[a] * n + at[b]] += self.drift[i] * (unit - kept);
+                }
+            }
+        }
+    }
 }
 
 impl Blocks {
@@ -68,29 +138,26 @@ impl Blocks {
     pub fn filter(&self, point: &Point) -> Filtered {
         let c = self.size;
         let drifts = point.drift.iter().any(|v| *v > 0.0);
-        let n = if drifts { 2 * c } else { c };
+        let n = match point.kernel {
+            _ if !drifts => c,
+            Kernel::Markov => 2 * c,
+            Kernel::Smooth => 3 * c,
+        };
         let (mut x, mut p) = (vec![0.0; n], vec![0.0; n * n]);
-        for i in 0..c {
-            p[i * n + i] = point.constant[i];
-            if drifts {
-                p[(c + i) * n + c + i] = point.drift[i];
-            }
+        for i in 0..n {
+            p[i * n + i] = if i < c { point.constant[i] } else { point.drift[i % c] };
         }
         let (mut squares, mut log_determinant) = (0.0, 0.0);
         let mut g = vec![0.0; n];
         for (k, rows) in self.rows.iter().enumerate() {
             if k > 0 && drifts {
-                for i in c..n {
-                    let rest = (-(self.time[k] - self.time[k - 1]) / point.time[i - c]).exp();
-                    x[i] *= rest;
-                    p[i * n..(i + 1) * n].iter_mut().for_each(|v| *v *= rest);
-                    p.iter_mut().skip(i).step_by(n).for_each(|v| *v *= rest);
-                    p[i * n + i] += (1.0 - rest * rest) * point.drift[i - c];
-                }
+                point.advance(self.time[k] - self.time[k - 1], &mut x, &mut p);
             }
             for row in rows.chunks_exact(c + 1) {
                 let (h, y) = (&row[..c], row[c]);
-                let along = |v: &[f64]| v.chunks_exact(c).map(|part| dot(h, part)).sum::<f64>();
+                // constants and drifts, not the rates of drifts
+                let along =
+                    |v: &[f64]| v.chunks_exact(c).take(2).map(|part| dot(h, part)).sum::<f64>();
                 for (g, row) in g.iter_mut().zip(p.chunks_exact(n)) {
                     *g = along(row);
                 }
@@ -163,10 +230,22 @@ mod tests {
     fn the_filter_is_the_joint_density() {
         let rows = vec![vec![1.0, -0.5, 0.3], vec![0.4, 2.0, -1.2], vec![-1.5, 0.7, 2.1]];
         let blocks = Blocks { size: 2, time: vec![0.0, 1.0, 3.5], rows: rows.clone(), count: 3 };
-        let point = Point { constant: vec![0.8, 1.3], drift: vec![0.5, 2.0], time: vec![2.0, 7.0] };
+        for kernel in [Kernel::Markov, Kernel::Smooth] {
+            check(&blocks, &rows, kernel);
+        }
+    }
+
+    fn check(blocks: &Blocks, rows: &[Vec<f64>], kernel: Kernel) {
+        let (constant, drift) = (vec![0.8, 1.3], vec![0.5, 2.0]);
+        let point = Point { constant, drift, time: vec![2.0, 7.0], kernel };
         let covariance = DMatrix::from_fn(3, 3, |a, b| {
             let own = |i: usize| {
-                let rest = (-(blocks.time[a] - blocks.time[b]).abs() / point.time[i]).exp();
+                let times = (blocks.time[a] - blocks.time[b]).abs() / point.time[i];
+                let x = 3_f64.sqrt() * times;
+                let rest = match kernel {
+                    Kernel::Markov => (-times).exp(),
+                    Kernel::Smooth => (1.0 + x) * (-x).exp(),
+                };
                 rows[a][i] * rows[b][i] * (point.constant[i] + point.drift[i] * rest)
             };
             own(0) + own(1) + f64::from(u8::from(a == b))
@@ -183,6 +262,22 @@ mod tests {
         for i in 0..2 {
             assert!((filtered.mean[i] - mean[i]).abs() < 1e-12);
             assert!((filtered.covariance[(i, i)] - rest[(i, i)]).abs() < 1e-12);
+        }
+    }
+
+    /// Against sums over many points.
+    #[test]
+    fn averages_of_drifts() {
+        let count = 2000;
+        for (kernel, times) in [(Kernel::Markov, 1.7), (Kernel::Smooth, 0.6), (Kernel::Smooth, 5.0)]
+        {
+            let mut sum = 0.0;
+            for i in 0..count {
+                let x = times * (i as f64 + 0.5) / count as f64;
+                let f = kernel.transition(x).1;
+                sum += 2.0 * (1.0 - x / times) * f[0][0] / count as f64;
+            }
+            assert!((kernel.averaged(times) - sum).abs() < 1e-6);
         }
     }
 

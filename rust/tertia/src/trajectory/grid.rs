@@ -1,6 +1,6 @@
 //! The grid of scales, shares and correlation times of lasting errors.
 
-use super::contradictions::{Blocks, Point};
+use super::contradictions::{Blocks, Kernel, Point};
 use super::measured::Record;
 use super::prior::Prior;
 use crate::sensors::KINDS;
@@ -24,6 +24,14 @@ const LEVELS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];
 const ALIKE: f64 = 0.6;
 /// ln of the likelihood ratio below which a point does not count.
 const FALL: f64 = 4.0;
+
+/// How large a part of lasting errors changes, and how.
+#[derive(Clone, Copy, Debug)]
+struct Drift {
+    share: f64,
+    time: f64,
+    kernel: Kernel,
+}
 
 /// Points at which the likelihood is asked for.
 pub(super) struct Grid<'a> {
@@ -77,8 +85,8 @@ impl<'a> Grid<'a> {
         Self { blocks, sigma, kind, kinds: found.len(), own, shares, times }
     }
 
-    fn point(&self, scales: &[f64], share: f64, time: f64) -> Point {
-        let mut point = Point { constant: Vec::new(), drift: Vec::new(), time: Vec::new() };
+    fn point(&self, scales: &[f64], Drift { share, time, kernel }: Drift) -> Point {
+        let mut point = Point { constant: Vec::new(), drift: Vec::new(), time: Vec::new(), kernel };
         for ((sigma, kind), own) in self.sigma.iter().zip(&self.kind).zip(&self.own) {
             let variance = (kind.map_or(1.0, |kind| scales[kind]) * sigma).powi(2);
             let time = own.1.unwrap_or(time);
@@ -93,8 +101,12 @@ impl<'a> Grid<'a> {
 
     /// Points that may count, with ln of their probabilities and the growth of the noise.
     pub fn searched(&self) -> Vec<(Point, f64, f64)> {
-        let own: Vec<(f64, f64)> =
-            self.shares.iter().flat_map(|s| self.times.iter().map(move |t| (*s, *t))).collect();
+        let mut own = Vec::new();
+        for kernel in [Kernel::Markov, Kernel::Smooth] {
+            for &share in &self.shares {
+                own.extend(self.times.iter().map(|&time| Drift { share, time, kernel }));
+            }
+        }
         let each = (own.len() as f64).ln();
         match self.kinds {
             0 => own.iter().map(|own| self.judged(&[], *own, 0.0)).collect(),
@@ -108,8 +120,8 @@ impl<'a> Grid<'a> {
         }
     }
 
-    fn judged(&self, scales: &[f64], (share, time): (f64, f64), prior: f64) -> (Point, f64, f64) {
-        let point = self.point(scales, share, time);
+    fn judged(&self, scales: &[f64], drift: Drift, prior: f64) -> (Point, f64, f64) {
+        let point = self.point(scales, drift);
         let (value, growth) = self.blocks.likelihood(&self.blocks.filter(&point));
         (point, value + prior, growth)
     }
@@ -117,8 +129,8 @@ impl<'a> Grid<'a> {
     /// Of several kinds: the scales with a likely share and time, and shares and times with the
     /// likeliest scales, as if these were independent. Scales of kinds are alike, or one kind would
     /// explain what others do as well.
-    fn several(&self, own: &[(f64, f64)]) -> Vec<(Point, f64, f64)> {
-        let middle = own[own.len() / 3];
+    fn several(&self, own: &[Drift]) -> Vec<(Point, f64, f64)> {
+        let middle = own[own.len() / 6];
         let value = |scales: &[f64], prior: f64| {
             let (_, value, growth) = self.judged(scales, middle, prior);
             (value, growth)
@@ -130,7 +142,7 @@ impl<'a> Grid<'a> {
             (0..self.kinds).map(one).chain(std::iter::once(vec![scale; self.kinds]))
         });
         if !probes.map(|scales: Vec<f64>| value(&scales, 0.0).0).any(|value| value > least.0) {
-            return vec![(self.point(&none, 0.0, middle.1), least.0, least.1)];
+            return vec![(self.point(&none, middle), least.0, least.1)];
         }
         let count = LEVELS.len().pow(self.kinds as u32);
         let scales = |number: usize| -> Vec<f64> {
@@ -153,13 +165,13 @@ impl<'a> Grid<'a> {
         let mut points = Vec::new();
         for (scales, value, growth) in found.into_iter().filter(|one| one.1 > top - FALL) {
             if scales.iter().all(|scale| *scale == 0.0) {
-                points.push((self.point(&scales, 0.0, middle.1), value, growth));
+                points.push((self.point(&scales, middle), value, growth));
                 continue;
             }
-            for ((share, time), part) in own.iter().zip(&values) {
+            for (drift, part) in own.iter().zip(&values) {
                 let value = value + part - total;
                 if value > top - FALL {
-                    points.push((self.point(&scales, *share, *time), value, growth));
+                    points.push((self.point(&scales, *drift), value, growth));
                 }
             }
         }

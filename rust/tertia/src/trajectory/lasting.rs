@@ -1,7 +1,7 @@
 //! Errors that last: how large they are, and how long they last, from contradictions between
 //! stations.
 //!
-//! What a station measures of a kind has an error `c + g(t) + e(t)`: c constant, g Gauss–Markov of a
+//! What a station measures of a kind has an error `c + g(t) + e(t)`: c constant, g a drift with a
 //! correlation time, e new each time. Of the residuals r of an instant about the path, with weights
 //! W and derivatives J, `Λ r` with `Λ = W − W J (J'WJ)^-1 J'W` does not depend on the position: it
 //! is `Λ (c + g + e)`. A Kalman filter of c and g over blocks of instants gives its likelihood. The
@@ -101,7 +101,8 @@ impl Lasting {
         let memory = memory(record, found);
         let length = length(record, memory, columns.len());
         let blocks = Blocks::new(record, &instants, before, length, taper);
-        let mut lasting = Self::of(record, &blocks, prior, columns, memory * step(record));
+        let memory = lasting(record, memory);
+        let mut lasting = Self::of(record, &blocks, prior, columns, memory);
         let variances = left(FALL_OF_VARIANCES);
         lasting.share_declared(record, found, &instants, before, variances, prior);
         lasting
@@ -154,7 +155,7 @@ impl Lasting {
             lasting.constant += filtered.covariance * (w * growth);
             for (at, own) in point.drift.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
-                let left = averaged(memory / point.time[at]);
+                let left = point.kernel.averaged(memory / point.time[at]);
                 lasting.smooth[at] += w * growth * own * left;
             }
             parts.push((w, mean));
@@ -333,15 +334,14 @@ fn length(record: &Record<'_>, memory: f64, columns: usize) -> usize {
     wished.min(n / LEAST_BLOCKS).max(n.div_ceil(MOST_NUMBERS / columns)).max(1)
 }
 
-/// Mean time between two instants.
-fn step(record: &Record<'_>) -> f64 {
-    let n = record.len();
-    (record.time[n - 1] - record.time[0]) / (n - 1).max(1) as f64
-}
-
-/// Variance of the mean of an error with a correlation time over `a` times of it, over its own.
-fn averaged(a: f64) -> f64 {
-    if a > 1e-4 { 2.0 / a * (1.0 + (-a).exp_m1() / a) } else { 1.0 }
+/// Time that so many instants take, mostly: they may come in bursts.
+fn lasting(record: &Record<'_>, instants: f64) -> f64 {
+    let count = (instants as usize).clamp(1, record.len() - 1);
+    let mut times: Vec<f64> = (count..record.len())
+        .map(|t| (record.time[t] - record.time[t - count]) * instants / count as f64)
+        .collect();
+    let middle = times.len() / 2;
+    *times.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Finds lasting errors, and removes the constant part until it hardly changes.

@@ -16,6 +16,9 @@ pub struct Record<'a> {
     pub stations: &'a [f64],
     /// East, north and up of each, K D² numbers or N K D²; those of the frame if there are none.
     pub axes: Option<&'a [f64]>,
+    /// Standard deviations of the coordinates of the stations, K numbers, the same errors at all
+    /// instants; none: 0.
+    pub surveys: Option<&'a [f64]>,
     /// Times of the instants, not decreasing.
     pub time: &'a [f64],
     /// Ranges, azimuths, elevations and range differences of each instant, N 5 K numbers, nan where

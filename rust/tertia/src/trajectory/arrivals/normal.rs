@@ -7,6 +7,12 @@ use crate::base::skyline::Skyline;
 /// Information of an arrival, over that of Student's distribution of the scale, which is believed.
 const INFORMATION: [f64; 2] = [0.3, 1.5];
 
+/// Sizes of residuals that count for their correlation, in standard deviations; one-sided 99 %, and
+/// the largest correlation.
+const CLIPPED: f64 = 3.0;
+const SURELY: f64 = 2.326;
+const MOST: f64 = 0.95;
+
 /// Weights of the arrivals: for the pull, and for the information.
 pub(super) struct Weights {
     pub pull: Vec<f64>,
@@ -55,6 +61,36 @@ impl Weights {
         let factor = found * n / mean;
         let information = pull.iter().map(|weight| factor * weight).collect();
         Self { pull, information, sigma: found.sqrt().recip() }
+    }
+
+    /// Errors of moving identities that last from one emission to the next, with the correlation ρ,
+    /// are worth `(1 − ρ) / (1 + ρ)` as many new ones. Beacons have their own, of the paths.
+    pub fn thin<const D: usize>(&mut self, problem: &Problem<'_, D>, rows: &[Row]) {
+        let scene = problem.scene;
+        let (k, identities) = (scene.is_base.len(), scene.beacon.len());
+        let mut last: Vec<Option<f64>> = vec![None; identities * k];
+        let (mut products, mut squares) = (vec![0.0; identities], vec![0.0; identities]);
+        let (mut pairs, mut count) = (vec![0.0; identities], vec![0.0; identities]);
+        for (row, arrival) in rows.iter().zip(&scene.rows) {
+            let (who, sigma) = (arrival.identity, self.sigma * scene.sigma[arrival.sensor]);
+            let size = (row.residual / sigma).clamp(-CLIPPED, CLIPPED);
+            if let Some(before) = last[who * k + arrival.sensor].replace(size) {
+                products[who] += before * size;
+                pairs[who] += 1.0;
+            }
+            squares[who] += size * size;
+            count[who] += 1.0;
+        }
+        let worth = |who: usize| {
+            let correlation = products[who] / pairs[who] / (squares[who] / count[who]);
+            let is_sure = scene.beacon[who].is_none() && correlation * pairs[who].sqrt() > SURELY;
+            let lasting = if is_sure { correlation.min(MOST) } else { 0.0 };
+            (1.0 - lasting) / (1.0 + lasting)
+        };
+        let worth: Vec<f64> = (0..identities).map(worth).collect();
+        for (information, arrival) in self.information.iter_mut().zip(&scene.rows) {
+            *information *= worth[arrival.identity];
+        }
     }
 }
 

@@ -34,6 +34,9 @@ const FREE: f64 = 0.05;
 /// First jerk: so many times the median squared step in units of the usual interval.
 const JERK: f64 = 20.0;
 
+/// Rows of the measurements and of the priors.
+type Linear = (Vec<Row>, Vec<(Row, Group)>);
+
 /// Sum of squares of a group of priors, the rows, and what their estimates leave uncertain.
 #[derive(Clone, Copy, Default)]
 struct Tally {
@@ -132,8 +135,7 @@ impl<const D: usize> Search<'_, '_, D> {
             let weights = Weights::new(problem, &rows, self.model.scale, self.free);
             let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
             let (step, emission, decrement) = normal.step()?;
-            self.move_along(&step, &emission, &rows, &priors);
-            (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
+            (rows, priors) = self.move_along(&step, &emission, &rows, &priors);
             // the inverse is the dearest part of a step, and intensities do not need more
             if iterations >= FIRST && (change >= CHANGE || iterations < FEWEST) {
                 let inverse = normal.matrix.inverse();
@@ -143,7 +145,8 @@ impl<const D: usize> Search<'_, '_, D> {
             iterations += 1;
             is_converged = iterations >= FEWEST && decrement < DECREMENT && change < CHANGE;
         }
-        let weights = Weights::new(problem, &rows, self.model.scale, self.free);
+        let mut weights = Weights::new(problem, &rows, self.model.scale, self.free);
+        weights.thin(problem, &rows);
         let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
         normal.step()?;
         let inverse = normal.matrix.inverse();
@@ -156,28 +159,31 @@ impl<const D: usize> Search<'_, '_, D> {
         self.problem.relocate(&mut self.state, &vec![true; sigmas.len()], finest);
     }
 
-    /// Takes the step, shorter where it is long or does not lower the cost.
+    /// Takes the step, shorter where it is long or does not lower the cost: the rows there.
     fn move_along(
         &mut self,
         step: &[f64],
         emission: &[f64],
         rows: &[Row],
         priors: &[(Row, Group)],
-    ) {
+    ) -> Linear {
         let problem = self.problem;
         let positions = problem.layout.motion.iter().flatten().flat_map(|&c| &step[c..c + D]);
         let sites = problem.layout.site.iter().flatten().flat_map(|&c| &step[c..c + D]);
         let longest = positions.chain(sites).fold(0.0_f64, |longest, x| longest.max(x.abs()));
         let mut length = (LONGEST * problem.extent / longest.max(f64::MIN_POSITIVE)).min(SHARE);
         let before = problem.cost(rows, priors, &self.model);
-        for halving in 0..=HALVINGS {
+        let mut halving = 0;
+        loop {
             let moved = problem.moved(&self.state, step, emission, length);
-            let cost = problem.cost(&problem.rows(&moved), &problem.priors(&moved), &self.model);
+            let (rows, priors) = (problem.rows(&moved), problem.priors(&moved));
+            let cost = problem.cost(&rows, &priors, &self.model);
             if cost <= before + 1e-9 * before.abs() || halving == HALVINGS {
                 self.state = moved;
-                break;
+                return (rows, priors);
             }
             length *= 0.5;
+            halving += 1;
         }
     }
 

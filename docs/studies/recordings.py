@@ -1,0 +1,125 @@
+"""What the error bars hold on recordings, which do not belong to the project."""
+
+import csv
+import gzip
+from collections.abc import Iterable
+
+import numpy as np
+
+from studies.montecarlo import FloatArray
+from studies.pages import DATA, markdown, table_of
+from tertia.location import Location, locate
+from tertia.sensors import Station
+from tertia.trajectory import Trajectory, reconstruct
+
+# of the sonobuoys in degrees, of the anchors of the radio tags in metres
+BEARING_SIGMAS, RANGE_SIGMA = (3.0, 5.0, 8.0), 0.15
+# metres a degree at 32.8 degrees north
+DEGREE, ORIGIN = np.array([93_570.0, 110_920.0]), np.array([-117.588, 32.818])
+BUOYS = ("NW", "NE", "SW", "SE")
+RUNS = ("LOS_A1", "LOS_A2")
+# ranges come in rounds of a tenth of a second
+ROUND = 0.1
+# 95 % of a chi-square of two degrees of freedom
+LIMIT = 5.991
+
+
+def table() -> str:
+    """Tabulate errors against the truth; without the recordings, the table is that of the page."""
+    if not (DATA / "difar").is_dir() or not (DATA / "uwb_ranges").is_dir():
+        return table_of("honesty.md", "recordings")
+    rows = [*_sonobuoys()]
+    for run in RUNS:
+        rows += _radio_tag(run)
+    head = ["recording", "number", "p50, m", "p90, m", "p99, m", "inside 95 %", "NEES per axis"]
+    return markdown(head, rows)
+
+
+def _sonobuoys() -> Iterable[list[str]]:
+    """Yield tracks of a boat among four drifting direction finders, where three heard it."""
+    with (DATA / "difar" / "bearings.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    calls = {key: i for i, key in enumerate(dict.fromkeys(row["call_id"] for row in rows))}
+    places = np.full((len(calls), len(BUOYS), 2), np.nan)
+    azimuth = np.full(places.shape[:2], np.nan)
+    time, truth = np.full(len(calls), np.inf), np.full((len(calls), 2), np.nan)
+    for row in rows:
+        at, buoy = calls[row["call_id"]], BUOYS.index(row["buoy"])
+        places[at, buoy] = DEGREE * (_pair(row, "buoy_lon", "buoy_lat") - ORIGIN)
+        truth[at] = DEGREE * (_pair(row, "boat_lon", "boat_lat") - ORIGIN)
+        azimuth[at, buoy] = np.radians(float(row["bearing_deg"] or "nan"))
+        time[at] = min(time[at], float(row["t_s"] or "inf"))
+    for column in np.moveaxis(places, 0, -1).reshape(-1, len(calls)):
+        known = ~np.isnan(column)
+        column[:] = np.interp(time, time[known], column[known])
+    enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
+    for sigma in BEARING_SIGMAS:
+        stations = [
+            Station(places[:, k], azimuth_sigma=np.radians(sigma)) for k in range(len(BUOYS))
+        ]
+        track = reconstruct(stations, time, azimuth=azimuth)
+        yield [f"sonobuoys, track, σ = {sigma:g}°", *_against(track, truth, enough)]
+
+
+def _radio_tag(run: str) -> Iterable[list[str]]:
+    """Yield the track and the single positions of a tag among four anchors."""
+    with gzip.open(DATA / "uwb_ranges" / "ranges.csv.gz", "rt") as file:
+        rows = [row for row in csv.DictReader(file) if row["run"] == run and row["true_x_m"]]
+    rows.sort(key=lambda row: float(row["t_s"]))
+    anchors = {row["anchor"]: _pair(row, "ax_m", "ay_m") for row in rows}
+    names = sorted(anchors)
+    time = np.array([float(row["t_s"]) for row in rows])
+    number, instant = np.unique(np.round((time - time[0]) / ROUND), return_inverse=True)
+    ranges = np.full((len(number), len(names)), np.nan)
+    ranges[instant, [names.index(row["anchor"]) for row in rows]] = [
+        float(row["range_m"]) for row in rows
+    ]
+    count = np.bincount(instant)
+    mean = lambda values: np.bincount(instant, values) / count  # noqa: E731  # of each round
+    truth = np.column_stack(
+        [mean([float(row[axis]) for row in rows]) for axis in ("true_x_m", "true_y_m")]
+    )
+    stations = [Station(anchors[name], range_sigma=RANGE_SIGMA) for name in names]
+    track = reconstruct(stations, mean(time), range=ranges)
+    yield [f"radio tag {run}, track", *_against(track, truth)]
+    yield [f"radio tag {run}, instants", *_against(locate(stations, range=ranges), truth)]
+
+
+def _pair(row: dict[str, str], first: str, second: str) -> FloatArray:
+    return np.array([float(row[first]), float(row[second])])
+
+
+def _against(
+    found: Trajectory | Location, truth: FloatArray, which: FloatArray | bool = True
+) -> list[str]:
+    """Return the number of positions, percentiles of their errors, coverage and NEES."""
+    known = np.isfinite(found.position).all(axis=-1) & which
+    error = (found.position - truth)[known]
+    covariance = found.covariance[known][:, :2, :2]
+    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+    sizes = np.quantile(np.linalg.norm(error, axis=1), [0.5, 0.9, 0.99])
+    cells = [f"{len(error)}", *(f"{size:.3g}" for size in sizes)]
+    return [*cells, f"{np.mean(squares < LIMIT):.0%}", f"{np.mean(squares) / 2:.2f}"]
+
+
+def fireball() -> str:
+    """Tabulate how far the published line of a fireball is from the sights it was made of."""
+    files = sorted((DATA / "dfn_fireball").glob("*.ecsv"))
+    if not files:
+        return table_of("honesty.md", "fireball")
+    rows = []
+    for file in files:
+        lines = [line for line in file.read_text("utf-8").splitlines() if not line.startswith("#")]
+        points = list(csv.DictReader(lines))
+        columns = ("cross_track_error", "range", "err_plus_altitude")
+        off, distance, sigma = (np.array([float(row[name]) for row in points]) for name in columns)
+        known = np.isfinite(off)
+        off, distance = np.abs(off[known]), distance[known]
+        stated = np.radians(sigma[known]) * distance
+        rows.append([
+            file.name[:2], f"{len(off)}", f"{np.median(distance) / 1000:.0f}",
+            *(f"{size:.0f}" for size in (np.median(stated), np.median(off), np.max(off))),
+            f"{np.sqrt(np.mean(np.square(off / stated))):.2f}",
+        ])  # fmt: skip
+    head = ["camera", "points", "distance, km", "stated σ, m", "off the line, m: median", "largest"]
+    return markdown([*head, "rms in σ"], rows)

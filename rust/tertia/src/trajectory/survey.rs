@@ -1,0 +1,77 @@
+//! What errors of the stations' own positions, the same at all instants, add to the covariance.
+
+use super::bias::{Instant, add_covariance, responses, smoothed, weights};
+use super::failure::Failure;
+use super::found::{Found, Setting};
+use super::measured::{Measured, Record};
+use crate::sensors::KINDS;
+use nalgebra::DMatrix;
+
+/// Adds to the covariance of the states (N, 3D, 3D) what errors of these standard deviations (K) in
+/// each coordinate of the stations add. O(N K²).
+pub(super) fn add_errors<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    found: &Found<D, N>,
+    sigma: &[f64],
+    jerk: f64,
+    covariance: &mut [f64],
+) -> Result<(), Failure> {
+    let record = setting.record;
+    let k = record.width() / KINDS;
+    let (weight, _) = weights(record, found);
+    let mut moves = Vec::new();
+    let mut spread = Vec::new();
+    for station in (0..k).filter(|&station| sigma[station] > 0.0) {
+        for axis in 0..D {
+            let own = moved::<D>(record, station * D + axis, sigma[station]);
+            let record = Record { stations: &own, ..*record };
+            let measured = Measured::<D>::new(&record, found.measured.values.clone());
+            let (response, inverse) = shifts(&record, found, &measured, &weight);
+            moves.push(response);
+            spread = inverse;
+        }
+    }
+    let means = smoothed(setting, &moves, &spread, jerk)?;
+    add_covariance::<N>(&means, &DMatrix::identity(moves.len(), moves.len()), covariance);
+    Ok(())
+}
+
+/// The stations with one coordinate moved, at all instants.
+fn moved<const D: usize>(record: &Record<'_>, coordinate: usize, by: f64) -> Vec<f64> {
+    let mut own = record.stations.to_vec();
+    let size = record.width() / KINDS * D;
+    own.iter_mut().skip(coordinate).step_by(size).for_each(|v| *v += by);
+    own
+}
+
+/// By how much positions move (N, D) if the stations are where `measured` has them, and the
+/// covariances of the positions (N, D, D).
+fn shifts<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    measured: &Measured<D>,
+    weight: &[f64],
+) -> (Vec<f64>, Vec<f64>) {
+    let instants: Vec<Instant<D>> = (0..record.len())
+        .map(|t| Instant::new(&found.measured, t, found.path.position::<D>(t), weight, &[]))
+        .collect();
+    let (_, spread) = responses(&instants, 0);
+    let mut shift = vec![f64::NAN; record.len() * D];
+    for (t, instant) in instants.iter().enumerate() {
+        let p = found.path.position::<D>(t);
+        let Some(inverse) = instant.inverse else { continue };
+        let mut pull = [0.0; D];
+        let pairs = measured.rows(t, p).zip(found.measured.rows(t, p));
+        for ((m, there), (_, here)) in pairs.filter(|((m, _), _)| weight[*m] > 0.0) {
+            let sigma = 1.0 / measured.precision(m);
+            let error = (there.residual - here.residual) * sigma;
+            for i in 0..D {
+                pull[i] += weight[m] * error * here.gradient[i] * sigma;
+            }
+        }
+        for i in 0..D {
+            shift[t * D + i] = (0..D).map(|j| inverse[i][j] * pull[j]).sum();
+        }
+    }
+    (shift, spread)
+}
