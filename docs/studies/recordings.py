@@ -5,6 +5,7 @@ import gzip
 from collections.abc import Iterable
 
 import numpy as np
+import numpy.typing as npt
 
 from studies.montecarlo import FloatArray
 from studies.pages import DATA, markdown, table_of
@@ -75,7 +76,11 @@ def _radio_tag(run: str) -> Iterable[list[str]]:
         float(row["range_m"]) for row in rows
     ]
     count = np.bincount(instant)
-    mean = lambda values: np.bincount(instant, values) / count  # noqa: E731  # of each round
+
+    def mean(values: npt.ArrayLike) -> FloatArray:
+        """Return the mean of each round."""
+        return np.asarray(np.bincount(instant, values) / count)
+
     truth = np.column_stack(
         [mean([float(row[axis]) for row in rows]) for axis in ("true_x_m", "true_y_m")]
     )
@@ -90,7 +95,7 @@ def _pair(row: dict[str, str], first: str, second: str) -> FloatArray:
 
 
 def _against(
-    found: Trajectory | Location, truth: FloatArray, which: FloatArray | bool = True
+    found: Trajectory | Location, truth: FloatArray, which: npt.NDArray[np.bool_] | bool = True
 ) -> list[str]:
     """Return the number of positions, percentiles of their errors, coverage and NEES."""
     known = np.isfinite(found.position).all(axis=-1) & which

@@ -277,7 +277,7 @@ def locate(
         arrivals=arrivals,
         systematic=said(free, tells=tells),
         bias=own.found(
-            {kind: sigma for kind, (_, sigma) in measured.items()}, np.add(growth, common)
+            {kind: sigma for kind, (_, sigma) in measured.items()}, np.add(growth, common).tolist()
         ),
         scene=Scene(
             *rows[:3],
