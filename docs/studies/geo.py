@@ -157,13 +157,14 @@ class Scene:
 
 
 @cache
-def scenes(*, flat: bool) -> list[Scene]:
+def scenes(name: str) -> list[Scene]:
     """Return scenes of perfect radars: 30 straight flights, 10 minutes, no clutter."""
-    return [scene(seed, flat=flat) for seed in range(SCENES)]
+    return [scene(seed, name) for seed in range(SCENES)]
 
 
-def scene(seed: int, *, flat: bool) -> Scene:
-    """Simulate on the ellipsoid, and track in the plane that was chosen."""
+def scene(seed: int, name: str) -> Scene:
+    """Simulate on the ellipsoid, and track in the plane that was chosen; or on a flat earth."""
+    flat = name == "flat"
     numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.08, "scan_period": 4.0, "degrees": True}
     places, plane = sites(), SystemPlane(*sites()[0, :2])
     earth = [plane.radar(*place, **numbers) for place in places]
@@ -177,6 +178,8 @@ def scene(seed: int, *, flat: bool) -> Scene:
     # the middle of the three radars
     middle = np.mean([radar.position[:2] for radar in earth], axis=0)
     traffic = replace(traffic, position=traffic.position + middle)
+    if name == "flat, of a flat earth":
+        earth = [replace(radar, frame=None) for radar in earth]
     record = simulate.radar_plots(traffic, earth, rng=np.random.default_rng([SEED, seed, 1]))
     plots, used = record.plots, earth
     if flat:
@@ -220,8 +223,8 @@ def scene(seed: int, *, flat: bool) -> Scene:
 def tracking() -> str:
     """Return errors of tracks and the biases that are found where there are none."""
     rows = []
-    for name, flat in FORMS.items():
-        found = scenes(flat=flat)
+    for name in (*FORMS, "flat, of a flat earth"):
+        found = scenes(name)
         rmse, claimed, square, inside = (
             np.mean([getattr(one, field) for one in found])
             for field in ("rmse", "claimed", "nees", "inside")
