@@ -747,7 +747,7 @@ FILES = {
         (
             ["m.csv", S, "pole.csv"],
             1,
-            "pole.csv: latitude_deg of B is 90.5; it must be between -90 and 90",
+            "pole.csv: latitude_deg of B is 90.5; it must be between -90 and 90; are .*swapped.",
         ),
         (["m.csv", S, "turn.csv"], 1, "turn.csv: longitude_deg of A is 361; it must be .* 360"),
         (

@@ -114,6 +114,7 @@ def register(
     >>> round(float(found.bias.range[1])), round(float(found.bias.range_sigma[1]))
     (198, 7)
     """
+    instance(plots, "plots", Plots)
     sites = list(sequence_of(sensors, Radar, "sensors"))
     if not sites:
         raise ValueError("sensors is empty; there must be one or more")
