@@ -16,6 +16,7 @@ __all__ = [
     "PlotTracker",
     "Radar",
     "Route",
+    "TrackColumns",
     "TrackerSettings",
     "assign_pairs",
     "beam_meetings",

@@ -8,10 +8,10 @@
 //!
 //! | part | what | cost |
 //! |---|---|---|
-//! | [`ellipsoid`] | geodetic and geocentric coordinates | O(1), 60 to 150 ns |
-//! | [`LocalFrame`] | east, north, up; range and azimuth with a height | O(1), 150 ns |
+//! | [`ellipsoid`] | geodetic and geocentric coordinates | O(1) |
+//! | [`LocalFrame`] | east, north, up; range and azimuth with a height | O(1) |
 //! | [`SystemPlane`] | oblique stereographic plane, as system tracks of category 62 use it | O(1) |
-//! | [`View`] | plots of a radar in the system plane, with their derivatives | O(1), 150 ns |
+//! | [`View`] | plots of a radar in the system plane, with their derivatives | O(1) |
 //! | [`Frame`] | states and their covariances from one frame to another | O(1) |
 //! | [`states`] | polar states of position, velocity and acceleration | O(1) |
 //! | [`Atmosphere`] | pressure altitudes and heights above the ellipsoid | O(1) |

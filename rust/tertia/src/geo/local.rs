@@ -101,9 +101,10 @@ impl LocalFrame {
             return None;
         }
         let mut cosine = (1.0 - sine * sine).sqrt();
+        let mut up = [0.0; 3];
         for _ in 0..STEPS {
-            let seen = self.seen(range, [sa, ca], [sine, cosine]);
-            let (h, up) = vertical(&seen);
+            let h;
+            (h, up) = vertical(&self.seen(range, [sa, ca], [sine, cosine]));
             // dh/de = ρ u · (cos e U − sin e g)
             let change = rotated(&self.axes, &up);
             let slope = range * (cosine * change[2] - sine * (sa * change[0] + ca * change[1]));
@@ -116,13 +117,13 @@ impl LocalFrame {
             let scale = 1.0 / (s * s + c * c).sqrt();
             (sine, cosine) = (s * scale, c * scale);
         }
-        let position = self.seen(range, [sa, ca], [sine, cosine]);
         Some(Sight {
-            position,
+            position: self.seen(range, [sa, ca], [sine, cosine]),
             along: [cosine * sa, cosine * ca, sine],
             rise: [-sine * sa, -sine * ca, cosine],
             turn: [cosine * ca, -cosine * sa, 0.0],
-            up: vertical(&position).1,
+            // of the step before, 5e-8 m away
+            up,
             elevation: [sine, cosine],
         })
     }

@@ -56,7 +56,7 @@ impl View {
 
     /// A plot of slant range, azimuth and height above the ellipsoid, in the plane. None where there
     /// is no elevation that leads to this height, or straight above the radar: not clamped in
-    /// silence. 150 ns.
+    /// silence. O(1).
     #[inline]
     pub fn see(&self, range: f64, azimuth: f64, height: f64) -> Option<Seen> {
         let sight = self.site.sight(range, azimuth, height)?;
