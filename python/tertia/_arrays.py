@@ -103,10 +103,10 @@ def points(value: npt.ArrayLike, name: str) -> FloatArray:
 
 def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
     """Fail with the first number for which the requirement does not hold."""
-    bad = np.argwhere(~holds)
-    if len(bad):
-        index = tuple(bad[0])
-        raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
+    if holds.all():
+        return
+    index = tuple(np.argwhere(~holds)[0])
+    raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
 
 
 def radians(
@@ -128,9 +128,9 @@ def radians(
     if degrees:
         array = np.radians(array)
     most = _UNIFORM_SIGMA if is_sigma else 4 * np.pi
-    bad = np.argwhere(np.isfinite(array) & (np.abs(array) > most))
-    if len(bad):
-        index = tuple(bad[0])
+    bad = np.isfinite(array) & (np.abs(array) > most)
+    if bad.any():
+        index = tuple(np.argwhere(bad)[0])
         given = np.degrees(array[index]) if degrees else array[index]
         if degrees:
             limit = f"at most {np.degrees(most):.4g} degrees"
@@ -222,6 +222,11 @@ def omits(nan_policy: NanPolicy) -> bool:
     if not isinstance(nan_policy, str) or nan_policy not in {"raise", "omit"}:
         raise ValueError(f"nan_policy is {nan_policy!r}; it must be 'raise' or 'omit'")
     return nan_policy == "omit"
+
+
+def spread(array: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return `array`, broadcast to a shape where it has another one."""
+    return array if array.shape == shape else np.broadcast_to(array, shape)
 
 
 def scalar_or_array(array: npt.NDArray[Any]) -> Any:

@@ -19,6 +19,7 @@ __all__ = [
     "TrackColumns",
     "TrackerSettings",
     "assign_pairs",
+    "associate",
     "beam_meetings",
     "bursts",
     "calibrate",
@@ -436,7 +437,17 @@ def likelihood_score(
     dimension: int,
     detection_probability: float,
     clutter_density: float,
-) -> tuple[FloatArray, float]: ...
+) -> FloatArray: ...
+def associate(
+    predicted: FloatArray,
+    covariance: FloatArray,
+    plots: FloatArray,
+    plot_covariance: FloatArray | None,
+    gate_probability: float,
+    likelihood: tuple[float, float] | None,
+    q: float,
+    method: str,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]: ...
 def gate_pairs(
     predicted: FloatArray,
     covariance: FloatArray,

@@ -21,9 +21,9 @@ from tertia._arrays import (
     IntArray,
     finite,
     integer,
-    points,
     real,
     require_each,
+    samples,
     scalar_or_array,
 )
 
@@ -318,7 +318,7 @@ def likelihood_score(
         raise ValueError(
             f"nis has shape {distance.shape} and covariance {s.shape}; their batches do not fit"
         ) from None
-    found, _ = _core.likelihood_score(
+    found = _core.likelihood_score(
         np.atleast_1d(distance),
         np.atleast_1d(volume),
         s.shape[-1],
@@ -377,16 +377,9 @@ def gate(
     >>> pairs.track, pairs.plot, pairs.nis
     (array([0, 1]), array([0, 1]), array([0.25, 4.  ]))
     """
-    tracks, scan = points(predicted, "predicted"), points(plots, "plots")
-    m = tracks.shape[-1]
-    if scan.shape[-1] != m:
-        raise ValueError(f"plots has shape {scan.shape}; it must be (N, {m}), as predicted")
-    sigmas = _matrices(covariance, "covariance", len(tracks), m)
-    noise = None
-    if plot_covariance is not None:
-        noise = _matrices(plot_covariance, "plot_covariance", len(scan), m)
-    threshold = _core.gate_threshold(_content(gate_probability), m)
-    return Pairs(*_core.gate_pairs(tracks, sigmas, scan, noise, threshold))
+    scene = _scene(predicted, covariance, plots, plot_covariance)
+    threshold = _core.gate_threshold(_content(gate_probability), scene[0].shape[-1])
+    return Pairs(*_core.gate_pairs(*scene, threshold))
 
 
 def associate(
@@ -455,38 +448,38 @@ def associate(
         raise ValueError(f"score is {score!r}; it must be 'likelihood' or 'paper'")
     if method not in ("gnn", "nearest"):
         raise ValueError(f"method is {method!r}; it must be 'gnn' or 'nearest'")
-    tracks, scan = points(predicted, "predicted"), points(plots, "plots")
-    pairs = gate(tracks, covariance, scan, plot_covariance, gate_probability=gate_probability)
-    m = tracks.shape[-1]
-    if score == "paper":
-        worth = _core.paper_score(pairs.nis, real(q, "q"), m)
-        edge = np.array([gate_threshold(gate_probability, m)])
-        gain = worth - _core.paper_score(edge, real(q, "q"), m)
-    else:
+    likelihood = None
+    if score == "likelihood":
         if clutter_density is None:
             raise ValueError("clutter_density is missing; score='likelihood' needs it")
-        worth, missed = _core.likelihood_score(
-            pairs.nis,
-            pairs.log_determinant,
-            m,
+        likelihood = (
             real(detection_probability, "detection_probability"),
             real(clutter_density, "clutter_density"),
         )
-        gain = worth - missed
-    chosen = _core.assign_pairs(pairs.track, pairs.plot, gain, len(tracks), len(scan), method)
-    return _association(pairs, worth, chosen, len(scan))
+    scene = _scene(predicted, covariance, plots, plot_covariance)
+    content = _content(gate_probability)
+    return Association(*_core.associate(*scene, content, likelihood, real(q, "q"), method))
 
 
-def _association(pairs: Pairs, worth: FloatArray, chosen: IntArray, plots: int) -> Association:
-    """Return the result, with the scores of the chosen pairs."""
-    track_of_plot = np.full(plots, _NONE, dtype=np.int64)
-    has_plot = np.flatnonzero(chosen >= 0)
-    track_of_plot[chosen[has_plot]] = has_plot
-    score, distance = (np.full(len(chosen), np.nan) for _ in range(2))
-    mine = chosen[pairs.track] == pairs.plot
-    score[pairs.track[mine]] = worth[mine]
-    distance[pairs.track[mine]] = pairs.nis[mine]
-    return Association(track_of_plot, chosen, score, distance)
+def _scene(
+    predicted: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    plots: npt.ArrayLike,
+    plot_covariance: npt.ArrayLike | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """Return predictions, covariances, plots and their covariances; the core checks the numbers."""
+    tracks, scan = samples(predicted, "predicted"), samples(plots, "plots")
+    for array, name in ((tracks, "predicted"), (scan, "plots")):
+        if array.ndim != 2 or array.shape[-1] not in (2, 3):
+            raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
+    m = tracks.shape[-1]
+    if scan.shape[-1] != m:
+        raise ValueError(f"plots has shape {scan.shape}; it must be (N, {m}), as predicted")
+    sigmas = _matrices(covariance, "covariance", len(tracks), m)
+    noise = None
+    if plot_covariance is not None:
+        noise = _matrices(plot_covariance, "plot_covariance", len(scan), m)
+    return tracks, sigmas, scan, noise
 
 
 def _content(gate_probability: float | Gate) -> float:
@@ -509,10 +502,10 @@ def _squares(nis: npt.ArrayLike) -> FloatArray:
 
 
 def _matrices(value: npt.ArrayLike, name: str, count: int, m: int) -> FloatArray:
-    """Return covariances, (count, m, m)."""
-    array = finite(value, name)
+    """Return covariances, (count, m, m) or (m, m)."""
+    array = samples(value, name)
     if array.shape not in {(count, m, m), (m, m)}:
         raise ValueError(
             f"{name} has shape {array.shape}; it must be ({count}, {m}, {m}) or ({m}, {m})"
         )
-    return np.broadcast_to(array, (count, m, m))
+    return array

@@ -10,6 +10,7 @@ jerk. Units are the caller's.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -390,7 +391,7 @@ def smooth(
     intensity = None
     if jerk is not None:
         intensity = finite(jerk, "jerk")
-        if np.any(intensity < 0):
+        if (intensity < 0).any():
             place = tuple(np.argwhere(intensity < 0)[0])
             where = f"[{', '.join(map(str, place))}]" if place else ""
             raise ValueError(f"jerk{where} is {intensity[place]}; it must not be negative")
@@ -436,7 +437,7 @@ def _shared(
     """Return one block of this shape for the whole batch, or one for each."""
     axes = len(shape)
     if array.shape[array.ndim - axes :] == shape and array.ndim >= axes:
-        if array.size == int(np.prod(shape)):
+        if array.size == math.prod(shape):
             return array.reshape(shape)
         try:
             return np.broadcast_to(array, (*batch, *shape))
@@ -460,7 +461,9 @@ def _covariances(
     array = samples(value, "covariance")
     square = (dimension, dimension)
     if array.shape in {(), (dimension,)}:
-        return np.diag(np.broadcast_to(array, dimension)), False
+        matrix = np.zeros(square)
+        matrix.flat[:: dimension + 1] = array
+        return matrix, False
     if array.shape == square:
         return array, False
     if array.shape[-3:] == (n, *square):

@@ -186,7 +186,8 @@ class TestTimes:
             PLACES, arrival_time=seconds, arrival_time_sigma=0.01, propagation_speed=speeds
         )
         np.testing.assert_allclose(fix.position, [TARGET] * 2, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(fix.sigma[1] / fix.sigma[0], 340 / 300, rtol=1e-4)
+        # where the cost is no parabola, sigmas are found by bisection
+        np.testing.assert_allclose(fix.sigma[1] / fix.sigma[0], 340 / 300, rtol=5e-4)
 
     def test_an_unknown_sigma_is_in_seconds(self):
         fix = heard(sigma=None, time=HEARD / 340.0, propagation_speed=340.0)

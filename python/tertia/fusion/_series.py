@@ -233,16 +233,15 @@ def fuse_series(
     }
     arrays, outlier = _core.fuse_series(arguments, threads(n_threads))
     mean, upper, weights, noise, innovation, innovation_variance = arrays
-    variance = np.broadcast_to(stated, plots.shape)
-    if time is None:
-        instants = np.broadcast_to(model.dt * np.arange(steps), (*batch, steps))
-    else:
-        instants = np.broadcast_to(finite(time, "time"), (*batch, steps))
+    if correlation_time is None or np.any(correlation_time):
+        variance = np.broadcast_to(stated, plots.shape)
+        own = model.dt * np.arange(steps) if time is None else finite(time, "time")
+        instants = np.broadcast_to(own, (*batch, steps))
     if correlation_time is None:
         lasting = correlation_times(plots, variance, instants, wrap)
     else:
         lasting = _correlation_times(correlation_time, tuple(batch), radars)
-    if np.any(lasting):
+    if lasting.any():
         phi = _correlations(lasting, instants, plots)
         factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
         upper = upper * factor[..., np.newaxis]
@@ -260,7 +259,8 @@ def _correlation_times(
             f"correlation_time has shape {lasting.shape}; it must be () or ({radars},)"
         )
     require_each(lasting, lasting >= 0, "correlation_time", "a number that is not negative")
-    each: FloatArray = np.broadcast_to(lasting, (*batch, radars)).copy()
+    each: FloatArray = np.empty((*batch, radars))
+    each[...] = lasting
     return each
 
 

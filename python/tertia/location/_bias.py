@@ -27,10 +27,12 @@ class Given:
 
     value: FloatArray
     sigma: FloatArray
+    # whether anything was
+    known: bool
 
     def corrected(self, kind: Kind, value: FloatArray) -> FloatArray:
         """Return measurements less the biases; nan where nothing is known of the bias."""
-        if kind not in STATION_KINDS:
+        if kind not in STATION_KINDS or not self.known:
             return value
         at = STATION_KINDS.index(kind)
         if not np.any(self.value[at]) and not np.any(np.isinf(self.sigma[at])):
@@ -39,7 +41,7 @@ class Given:
 
     def widened(self, kind: Kind, sigma: FloatArray) -> FloatArray:
         """Return standard deviations of random and systematic errors together."""
-        if kind not in STATION_KINDS:
+        if kind not in STATION_KINDS or not self.known:
             return sigma
         own = np.nan_to_num(self.sigma[STATION_KINDS.index(kind)], nan=0.0, posinf=0.0)
         if not np.any(own):
@@ -71,7 +73,7 @@ class Given:
                 demanded = np.nan_to_num(typical) * np.sqrt(growth[at] - 1.0)
             columns[kind] = self.value[at]
             columns[f"{kind}_sigma"] = np.where(np.isnan(self.sigma[at]), demanded, self.sigma[at])
-        return Bias(**columns)
+        return Bias._of(columns)
 
 
 def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike, k: int) -> Given:
@@ -85,6 +87,7 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
         own = [s.bias if isinstance(s, Station) else None for s in stations]
     else:
         own = [None] * k
+    known = any(one is not None for one in own)
     value, sigma = np.zeros((len(STATION_KINDS), k)), np.full((len(STATION_KINDS), k), np.nan)
     for j, one in enumerate(own):
         if one is None:
@@ -97,7 +100,7 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
             value[at, j] = getattr(one, kind)
             known = getattr(one, f"{kind}_sigma")
             sigma[at, j] = np.nan if known is None else known
-    return Given(value, sigma)
+    return Given(value, sigma, known)
 
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -10,7 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, flag, integer, scalar_or_array, threads
+from tertia._arrays import (
+    FloatArray,
+    finite,
+    flag,
+    integer,
+    scalar_or_array,
+    spread,
+    threads,
+)
 from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import given_biases, said
 from tertia.location._height import anywhere, read_height, without_height
@@ -397,9 +406,9 @@ def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
 def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray:
     """Return rows for each element of the batch, or the only one."""
     tail = array.shape[array.ndim - axes :]
-    if array.size == int(np.prod(tail)):
+    if array.size == math.prod(tail):
         return array.reshape(1, *tail)
-    return np.broadcast_to(array, (*batch, *tail))
+    return spread(array, (*batch, *tail))
 
 
 def _checked(location: Location) -> Location:

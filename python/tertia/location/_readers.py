@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, positive, radians, real, samples
+from tertia._arrays import FloatArray, positive, radians, real, require_each, samples
 from tertia.sensors._kinds import ANGLES, angle_sigma
 
 
@@ -22,10 +22,7 @@ def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -
             wrong, domain = np.abs(array) > np.pi, "between -pi and pi (radians)"
         else:
             wrong, domain = np.isinf(array), "a finite number"
-    bad = np.argwhere(wrong)
-    if len(bad):
-        place = ", ".join(map(str, bad[0]))
-        raise ValueError(f"{kind}[{place}] is {array[tuple(bad[0])]}; it must be {domain}, or nan")
+    require_each(array, ~wrong, kind, f"{domain}, or nan")
     return array
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -182,6 +183,17 @@ class Bias:
         object.__setattr__(self, "deviation_sigma", float(scale))
         object.__setattr__(self, "deviation", curve)
         object.__setattr__(self, "deviation_covariance", spread)
+
+    @classmethod
+    def _of(cls, columns: Mapping[str, FloatArray]) -> Bias:
+        """Return biases and their sigmas of several sensors, (K,), which nobody checks."""
+        bias: Bias = object.__new__(cls)
+        none = np.zeros(len(next(iter(columns.values()))))
+        alike: dict[str, Any] = dict.fromkeys(_ALIKE)
+        alike |= {"deviation_order": 0, "deviation_sigma": 0.0, "deviation": np.zeros(0)}
+        for name in Bias.__slots__:
+            object.__setattr__(bias, name, columns.get(name, alike.get(name, none)))
+        return bias
 
     def at(self, azimuth: npt.ArrayLike | None = None) -> tuple[Any, Any]:
         """Return the azimuth bias of one sensor in a direction, and its standard deviation.

@@ -1,16 +1,18 @@
 //! Bindings of `tertia::association`.
 
 use crate::arrays::{
-    Array, Input, Integers, Output, array, choice, columns, release, room_for, value_error,
+    Array, Input, Integers, Output, Rows, array, choice, columns, release, repeated, room_for,
+    value_error,
 };
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use std::num::NonZero;
 use tertia::Error;
 use tertia::association::gate::{self, Factor, GateSector, Scan, Thresholds};
 use tertia::association::score::{self, Surroundings};
-use tertia::association::{Assigner, Pair};
+use tertia::association::{Assigner, Association, Pair, Scoring};
 
 type Gated<'py> = (Integers<'py>, Integers<'py>, Array<'py>, Array<'py>);
 
@@ -19,6 +21,8 @@ const QUERY_NS: f64 = 100.0;
 const SECTOR_NS: f64 = 20.0;
 const SCORE_NS: f64 = 2.0;
 const PAIR_NS: f64 = 50.0;
+/// Ways of assigning, and whether they maximise the sum of the gains.
+const METHODS: [(&str, bool); 2] = [("gnn", true), ("nearest", false)];
 /// What a row without a column, or a column without a row, is called.
 const NONE: i64 = -1;
 
@@ -83,7 +87,7 @@ pub fn paper_score<'py>(
     Ok(out)
 }
 
-/// Log-likelihood ratios of any d² with `ln |Σ|` of the same shape, and that of a missed target.
+/// Log-likelihood ratios of any d² with `ln |Σ|` of the same shape.
 #[pyfunction]
 pub fn likelihood_score<'py>(
     py: Python<'py>,
@@ -92,7 +96,7 @@ pub fn likelihood_score<'py>(
     dimension: usize,
     detection_probability: f64,
     clutter_density: f64,
-) -> PyResult<(Output<'py>, f64)> {
+) -> PyResult<Output<'py>> {
     let surroundings =
         Surroundings::new(detection_probability, clutter_density).map_err(value_error)?;
     let (rows, volumes) = (d2.blocks("d2", 1)?, ln_determinant.blocks("ln_determinant", 1)?);
@@ -104,7 +108,110 @@ pub fn likelihood_score<'py>(
             *value = surroundings.likelihood(score::log_density(d2, volume, dimension));
         }
     });
-    Ok((out, surroundings.missed()))
+    Ok(out)
+}
+
+/// Predictions of tracks and plots of a scan, with a covariance of each or one for all.
+struct Scene<'a> {
+    tracks: Rows<'a>,
+    plots: Rows<'a>,
+    covariance: Cow<'a, [f64]>,
+    plot_covariance: Option<Cow<'a, [f64]>>,
+}
+
+impl<'a> Scene<'a> {
+    fn read(
+        predicted: &'a Input<'_>,
+        covariance: &'a Input<'_>,
+        plots: &'a Input<'_>,
+        plot_covariance: Option<&'a Input<'_>>,
+    ) -> PyResult<Self> {
+        let (tracks, plots) = (predicted.blocks("predicted", 1)?, plots.blocks("plots", 1)?);
+        let m = tracks.len();
+        plots.require(m, plots.count())?;
+        let matrices = |input: &'a Input<'_>, name, count| {
+            let rows = input.blocks(name, 2)?;
+            rows.require_shared(m * m, count)?;
+            PyResult::Ok(if rows.count() == count {
+                rows.values
+            } else {
+                Cow::Owned(rows.values.repeat(count))
+            })
+        };
+        let noise = plot_covariance.map(|n| matrices(n, "plot_covariance", plots.count()));
+        let covariance = matrices(covariance, "covariance", tracks.count())?;
+        Ok(Self { covariance, plot_covariance: noise.transpose()?, tracks, plots })
+    }
+
+    fn scan(&self) -> Scan<'_> {
+        Scan {
+            predicted: &self.tracks.values,
+            covariance: &self.covariance,
+            plots: &self.plots.values,
+            plot_covariance: self.plot_covariance.as_deref(),
+        }
+    }
+
+    /// Cost in nanoseconds.
+    fn cost(&self) -> f64 {
+        QUERY_NS * (self.tracks.count() + self.plots.count()) as f64
+    }
+}
+
+fn wrong_dimension<T>(m: usize) -> tertia::Result<T> {
+    Err(Error::InvalidParameter {
+        argument: "predicted",
+        value: m as f64,
+        requirement: "points of 2 or 3 coordinates",
+    })
+}
+
+/// The track of each plot and the plot of each track, -1 where there is none, its score and its d²;
+/// `likelihood` are probability of detection and density of clutter, without them the score is the
+/// paper's with `q`.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the Python signature
+pub fn associate<'py>(
+    py: Python<'py>,
+    predicted: Input<'py>,
+    covariance: Input<'py>,
+    plots: Input<'py>,
+    plot_covariance: Option<Input<'py>>,
+    gate_probability: f64,
+    likelihood: Option<(f64, f64)>,
+    q: f64,
+    method: &str,
+) -> PyResult<(Integers<'py>, Integers<'py>, Array<'py>, Array<'py>)> {
+    let global = choice("method", method, &METHODS)?;
+    let scene = Scene::read(&predicted, &covariance, &plots, plot_covariance.as_ref())?;
+    let m = scene.tracks.len();
+    let threshold = gate::threshold(gate_probability, m).map_err(value_error)?;
+    let scoring = match likelihood {
+        None => Scoring::Paper(q),
+        Some((pd, density)) => {
+            Scoring::Likelihood(Surroundings::new(pd, density).map_err(value_error)?)
+        }
+    };
+    let found = release(py, scene.cost(), || match m {
+        2 => tertia::association::associate::<2>(&scene.scan(), threshold, scoring, global),
+        3 => tertia::association::associate::<3>(&scene.scan(), threshold, scoring, global),
+        m => wrong_dimension(m),
+    });
+    let Association { plot_of_track, score, nis } = found.map_err(value_error)?;
+    let mut track_of_plot = repeated(NONE, scene.plots.count())?;
+    for (track, plot) in plot_of_track.iter().enumerate() {
+        if let Some(plot) = plot {
+            track_of_plot[*plot as usize] = track as i64;
+        }
+    }
+    let count = [plot_of_track.len()];
+    let plots = plot_of_track.iter().map(|plot| plot.map_or(NONE, i64::from));
+    Ok((
+        array(py, &[track_of_plot.len()], track_of_plot)?,
+        array(py, &count, plots)?,
+        array(py, &count, score)?,
+        array(py, &count, nis)?,
+    ))
 }
 
 /// Track, plot, d² and `ln |Σ|` of every plot within the gate of a track.
@@ -117,31 +224,11 @@ pub fn gate_pairs<'py>(
     plot_covariance: Option<Input<'py>>,
     threshold: f64,
 ) -> PyResult<Gated<'py>> {
-    let (tracks, plots) = (predicted.blocks("predicted", 1)?, plots.blocks("plots", 1)?);
-    let sigmas = covariance.blocks("covariance", 2)?;
-    let noise = plot_covariance.as_ref().map(|noise| noise.blocks("plot_covariance", 2));
-    let noise = noise.transpose()?;
-    let m = tracks.len();
-    sigmas.require(m * m, tracks.count())?;
-    plots.require(m, plots.count())?;
-    if let Some(noise) = &noise {
-        noise.require(m * m, plots.count())?;
-    }
-    let scan = Scan {
-        predicted: &tracks.values,
-        covariance: &sigmas.values,
-        plots: &plots.values,
-        plot_covariance: noise.as_ref().map(|noise| &*noise.values),
-    };
-    let cost = QUERY_NS * (tracks.count() + plots.count()) as f64;
-    let found = release(py, cost, || match m {
-        2 => gate::pairs::<2>(&scan, threshold),
-        3 => gate::pairs::<3>(&scan, threshold),
-        m => Err(Error::InvalidParameter {
-            argument: "predicted",
-            value: m as f64,
-            requirement: "points of 2 or 3 coordinates",
-        }),
+    let scene = Scene::read(&predicted, &covariance, &plots, plot_covariance.as_ref())?;
+    let found = release(py, scene.cost(), || match scene.tracks.len() {
+        2 => gate::pairs::<2>(&scene.scan(), threshold),
+        3 => gate::pairs::<3>(&scene.scan(), threshold),
+        m => wrong_dimension(m),
     });
     let found = found.map_err(value_error)?;
     let shape = [found.len()];
@@ -167,7 +254,7 @@ pub fn assign_pairs<'py>(
     if row.len() != gain.len() || column.len() != gain.len() {
         return Err(PyValueError::new_err("row, column and gain must have the same length"));
     }
-    let global = choice("method", method, &[("gnn", true), ("nearest", false)])?;
+    let global = choice("method", method, &METHODS)?;
     let mut pairs = room_for(row.len())?;
     for ((&row, &column), &gain) in row.iter().zip(column).zip(gain) {
         let (row, column) = (index(row, rows, "row")?, index(column, columns, "column")?);

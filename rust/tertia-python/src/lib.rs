@@ -25,7 +25,8 @@ use pyo3::prelude::*;
 mod core_module {
     #[pymodule_export]
     use super::association::{
-        assign_pairs, gate_pairs, gate_sectors, gate_threshold, likelihood_score, paper_score,
+        assign_pairs, associate, gate_pairs, gate_sectors, gate_threshold, likelihood_score,
+        paper_score,
     };
     #[pymodule_export]
     use super::bearing::estimate_bearing;

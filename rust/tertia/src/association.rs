@@ -9,12 +9,16 @@
 //! | `gate` | thresholds, sectors of a gate, all pairs of many tracks and many plots |
 //! | `score` | the paper's score, the likelihood ratio |
 //! | `grid` | a spatial index of points |
-//! | `assignment` | at most one plot for each track, and one track for each plot |
+//! | `assignment`, `dense` | at most one plot for each track, and one track for each plot |
+//! | `scan` | all of it for the plots of one scan |
 
 pub mod assignment;
+mod dense;
 pub mod gate;
 pub mod grid;
+mod scan;
 pub mod score;
 
 pub use assignment::{Assigner, Pair};
 pub use grid::Grid;
+pub use scan::{Association, Scoring, associate};

@@ -15,7 +15,8 @@
 //! | `candidates` | points that as many measurements as there are coordinates agree on |
 //! | `arrivals` | where times of arrival say that their emission was |
 //! | `descent` | Gauss–Newton with Levenberg's safeguard |
-//! | `block`, `lanes` | the same for several instants side by side |
+//! | `block`, `lanes`, `total` | the same for several instants side by side |
+//! | `starts` | what points to start from cost, several side by side |
 //! | `doubt` | what measurements that may be faults add to the covariance |
 //! | `growth` | what residuals add to it that are too large |
 //! | `contradiction` | the same for all instants together |
@@ -52,7 +53,9 @@ mod record;
 mod region;
 mod search;
 mod solver;
+mod starts;
 mod summary;
+mod total;
 
 pub use concentration::{Decay, STEPS, Weights};
 pub use contour::Outline;

@@ -4,7 +4,9 @@
 //! augmenting paths (Jonker, Volgenant 1987) over the given pairs only, so it costs little where few
 //! pairs compete, however many rows and columns there are. A path follows pairs, so independent
 //! components are solved separately, and a single pair or a row with free columns without a search.
+//! Where nearly all pairs are given, a matrix of them is faster than lists.
 
+use super::dense::{Dense, is_dense};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -105,6 +107,7 @@ pub struct Assigner {
     reached: Vec<u32>,
     heap: BinaryHeap<Reached>,
     order: Vec<u32>,
+    dense: Dense,
 }
 
 impl Assigner {
@@ -113,7 +116,22 @@ impl Assigner {
     /// # Panics
     /// An index that is not below `rows` or `columns`.
     pub fn assign(&mut self, pairs: &[Pair], rows: usize, columns: usize) -> &[Option<u32>] {
+        self.assign_all(pairs.iter().copied(), rows, columns)
+    }
+
+    /// The same of pairs that are made when they are asked for.
+    pub(super) fn assign_all(
+        &mut self,
+        pairs: impl ExactSizeIterator<Item = Pair> + DoubleEndedIterator + Clone,
+        rows: usize,
+        columns: usize,
+    ) -> &[Option<u32>] {
         self.reset(rows, columns);
+        if is_dense(pairs.len(), rows, columns) {
+            let pairs = pairs.filter(Pair::counts);
+            self.dense.assign(pairs, rows, columns, &mut self.result);
+            return &self.result;
+        }
         self.read(pairs);
         for row in 0..rows {
             self.place(row as u32);
@@ -149,7 +167,7 @@ impl Assigner {
     }
 
     /// Sorts the valid pairs by row and column.
-    fn read(&mut self, pairs: &[Pair]) {
+    fn read(&mut self, pairs: impl DoubleEndedIterator<Item = Pair> + Clone) {
         let (rows, columns) = (self.result.len(), self.row_of.len());
         refill(&mut self.start, rows + 1, 0);
         refill(&mut self.cost_of, rows, 0.0);
@@ -157,7 +175,7 @@ impl Assigner {
         refill(&mut self.distance, columns, f64::INFINITY);
         refill(&mut self.from, columns, NONE);
         refill(&mut self.settled, columns, false);
-        for pair in pairs.iter().filter(|pair| pair.counts()) {
+        for pair in pairs.clone().filter(Pair::counts) {
             assert!((pair.column as usize) < columns, "a column that is not there");
             self.start[..rows][pair.row as usize] += 1;
         }
@@ -167,7 +185,7 @@ impl Assigner {
             *start = end;
         }
         refill(&mut self.edges, end as usize, Edge { column: 0, cost: 0.0 });
-        for pair in pairs.iter().rev().filter(|pair| pair.counts()) {
+        for pair in pairs.rev().filter(Pair::counts) {
             let start = &mut self.start[pair.row as usize];
             *start -= 1;
             self.edges[*start as usize] = Edge { column: pair.column, cost: -pair.gain };
@@ -357,6 +375,33 @@ mod tests {
                     assert_eq!(result, assign(&pairs, rows, columns));
                     let greedy = assigner.nearest(&pairs, rows, columns).to_vec();
                     assert!(total(&pairs, &greedy, columns) <= found + 1e-12);
+                }
+            }
+        }
+    }
+
+    /// By lists and by the matrix: the same sum, and the same choice where no two sums are equal.
+    #[test]
+    fn dense_and_sparse_agree() {
+        let mut random = Random::new(5);
+        for (rows, columns) in [(64, 64), (70, 90), (90, 70), (64, 131)] {
+            for share in [0.3, 1.0] {
+                let mut pairs = drawn(&mut random, rows, columns, share);
+                for whole in [true, false] {
+                    if !whole {
+                        pairs.iter_mut().for_each(|p| p.gain += 1e-3 * random.uniform());
+                    }
+                    let mut assigner = Assigner::default();
+                    assigner.reset(rows, columns);
+                    let counting = pairs.iter().copied().filter(Pair::counts);
+                    assigner.dense.assign(counting, rows, columns, &mut assigner.result);
+                    let dense = assigner.result.clone();
+                    assigner.reset(rows, columns);
+                    assigner.read(pairs.iter().copied());
+                    (0..rows as u32).for_each(|row| assigner.place(row));
+                    let expected = total(&pairs, &assigner.result, columns);
+                    assert!((total(&pairs, &dense, columns) - expected).abs() < 1e-9);
+                    assert!(whole || dense == assigner.result);
                 }
             }
         }

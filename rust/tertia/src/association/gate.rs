@@ -225,18 +225,31 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
         near.clear();
         grid.within([position[0], position[1]], *half, &mut |plot| near.push(plot));
         near.sort_unstable();
+        let mut last: Option<Last<M>> = None;
         for &plot in &near {
-            let factor = sums.factor(track, plot)?;
+            let sum = match last.filter(|last| sums.is_same(last.plot, plot)) {
+                Some(last) => last,
+                None => sums.factor(track, plot)?,
+            };
+            last = Some(sum);
             let innovation = std::array::from_fn(|i| plots[plot][i] - position[i]);
-            let nis = factor.distance(&innovation);
+            let nis = sum.factor.distance(&innovation);
             if nis <= threshold {
-                let ln_determinant = factor.ln_determinant();
+                let ln_determinant = sum.ln_determinant;
                 let (track, plot) = (track as u32, plot as u32);
                 out.push(Gated { track, plot, nis, ln_determinant });
             }
         }
     }
     Ok(out)
+}
+
+/// The factor of an innovation, for this plot and those with the same covariance.
+#[derive(Clone, Copy)]
+struct Last<const M: usize> {
+    plot: usize,
+    factor: Factor<M>,
+    ln_determinant: f64,
 }
 
 /// Covariances of innovations.
@@ -262,15 +275,21 @@ impl<const M: usize> Sums<M> {
         Ok(Self { sigmas, noises, factors })
     }
 
-    fn factor(&self, track: usize, plot: usize) -> Result<Factor<M>> {
-        match &self.noises {
-            None => Ok(self.factors[track]),
+    /// Whether two plots have the same covariance.
+    fn is_same(&self, plot: usize, other: usize) -> bool {
+        self.noises.as_ref().is_none_or(|noises| noises[plot] == noises[other])
+    }
+
+    fn factor(&self, track: usize, plot: usize) -> Result<Last<M>> {
+        let factor = match &self.noises {
+            None => self.factors[track],
             Some(noises) => {
                 let (a, b) = (&self.sigmas[track], &noises[plot]);
                 let sum = std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]));
-                regular(&sum, track)
+                regular(&sum, track)?
             }
-        }
+        };
+        Ok(Last { plot, factor, ln_determinant: factor.ln_determinant() })
     }
 
     /// Half widths of a box around each gate, for any plot.

@@ -140,7 +140,7 @@ impl<const D: usize, const N: usize> WithSimd for Descent<'_, D, N> {
         let Self { block, loss, huber, tolerance } = self;
         block.rows.resize(block.measured.len(), ([0.0; LANES], [[0.0; LANES]; N]));
         for at in 0..LANES / S::F64_LANES {
-            let lanes = Lanes { simd, at };
+            let lanes = Lanes { simd, at, cut: false };
             let mut p = Vector::load_all(simd, &block.state, at);
             if loss != Loss::Square {
                 lanes.approach(&block.measured, &mut p, huber);
@@ -153,7 +153,7 @@ impl<const D: usize, const N: usize> WithSimd for Descent<'_, D, N> {
             normal.cost.store(&mut block.cost, at);
             found.store(&mut block.found, at);
             for (m, (residual, gradient)) in block.measured.iter().zip(&mut block.rows) {
-                let (u, slope) = lanes.row_at(m, &p);
+                let (u, slope) = lanes.row_at(&lanes.loaded(m), &p);
                 u.store(residual, at);
                 Vector::store_all(&slope, gradient, at);
             }

@@ -12,6 +12,9 @@ use crate::sensors::{Kind, Measurement};
 const MOST: usize = 64;
 /// Ranges whose spheres lines are drawn through, at most.
 const SPHERES: usize = 8;
+/// Stations whose measurements are combined: of more of them, some such groups.
+const GROUP: usize = 8;
+const GROUPS: usize = 3;
 /// Constants of Knuth's MMIX generator.
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
 const INCREMENT: u64 = 1_442_695_040_888_963_407;
@@ -63,6 +66,7 @@ struct Sight<const D: usize> {
 #[derive(Debug)]
 pub(super) struct Candidates<const D: usize> {
     sights: Vec<Sight<D>>,
+    all: Vec<Sight<D>>,
     planes: Vec<Plane<D>>,
     coordinates: Vec<f64>,
     pub points: Vec<Vector<D>>,
@@ -70,16 +74,44 @@ pub(super) struct Candidates<const D: usize> {
 
 impl<const D: usize> Default for Candidates<D> {
     fn default() -> Self {
-        Self { sights: Vec::new(), planes: Vec::new(), coordinates: Vec::new(), points: Vec::new() }
+        let (sights, all) = (Vec::new(), Vec::new());
+        Self { sights, all, planes: Vec::new(), coordinates: Vec::new(), points: Vec::new() }
     }
 }
 
 impl<const D: usize> Candidates<D> {
-    /// Takes the measurements, sorted by station.
-    pub fn read(&mut self, measurements: &[Measurement<D>]) {
+    /// Points of all sorts, of measurements sorted by station: what [`GROUP`] stations agree on, of
+    /// each of [`GROUPS`] groups of many. O(K).
+    pub fn find(&mut self, measurements: &[Measurement<D>], extent: f64) {
         self.points.clear();
-        self.sights.clear();
-        self.sights.extend(measurements.chunk_by(|a, b| a.index == b.index).map(Sight::of));
+        self.all.clear();
+        self.all.extend(measurements.chunk_by(|a, b| a.index == b.index).map(Sight::of));
+        let count = self.all.len();
+        let groups = (count / GROUP).clamp(1, GROUPS);
+        for group in 0..groups {
+            let Self { all, sights, .. } = self;
+            sights.clear();
+            if groups == 1 {
+                sights.extend_from_slice(all);
+            } else {
+                // evenly from all
+                let members = (0..GROUP).map(|i| (i * groups + group) * count / (GROUP * groups));
+                sights.extend(members.map(|at| all[at]));
+                let height = all.last().filter(|last| last.height.is_some());
+                let is_new = |own: &&Sight<D>| sights.last().is_none_or(|s| s.index != own.index);
+                let height = height.filter(is_new).copied();
+                sights.extend(height);
+            }
+            self.combine(MOST / groups);
+        }
+        if self.points.is_empty() && groups > 1 {
+            // where a few of many tell what the others do not
+            self.sights.clone_from(&self.all);
+            self.combine(MOST);
+        }
+        if self.points.is_empty() {
+            self.around(extent);
+        }
     }
 
     /// The median of the stations' own fixes, coordinate by coordinate, where all of three or more
@@ -100,27 +132,22 @@ impl<const D: usize> Candidates<D> {
         }))
     }
 
-    /// Points of all sorts.
-    pub fn all(&mut self, extent: f64) {
-        self.points.clear();
+    /// Points of the stations that are combined, so many of each sort at most.
+    fn combine(&mut self, most: usize) {
         self.points.extend(self.sights.iter().filter_map(Sight::polar));
         self.planes.clear();
         for sight in &self.sights {
             self.planes.extend(sight.planes().into_iter().flatten());
         }
         let angles = self.planes.len();
-        self.meet(D, MOST, |planes, points| {
+        self.meet(D, most, |planes, points| {
             if let Some((point, _)) = meeting(planes) {
                 points.push(point);
             }
         });
-        self.spheres(angles);
-        self.hyperbolas(angles);
-        self.arrivals(angles);
-        if self.points.is_empty() {
-            self.around(extent);
-        }
-        self.points.retain(|point| point.iter().all(|v| v.is_finite()));
+        self.spheres(angles, most);
+        self.hyperbolas(angles, most);
+        self.arrivals(angles, most);
     }
 
     /// Calls `make` with subsets of the planes.
@@ -141,11 +168,11 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// Lines of planes through the sphere of each range.
-    fn spheres(&mut self, angles: usize) {
+    fn spheres(&mut self, angles: usize, most: usize) {
         let ranges = self.sights.iter().filter(|sight| sight.range.is_some()).count();
         // a few spheres are enough
         let every = ranges.div_ceil(SPHERES).max(1);
-        let most = MOST / ranges.clamp(1, SPHERES);
+        let most = most / ranges.clamp(1, SPHERES);
         let mut number = 0;
         for at in 0..self.sights.len() {
             let sight = self.sights[at];
@@ -171,7 +198,7 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// Planes that depend on the range of the first station, which is the origin.
-    fn hyperbolas(&mut self, angles: usize) {
+    fn hyperbolas(&mut self, angles: usize, most: usize) {
         for sight in &self.sights {
             let Some(d) = sight.difference else { continue };
             let s = &sight.station;
@@ -180,15 +207,15 @@ impl<const D: usize> Candidates<D> {
         if self.planes.len() == angles {
             return;
         }
-        self.meet(D, MOST, |planes, points| hyperbolas(planes, &[0.0; D], points));
+        self.meet(D, most, |planes, points| hyperbolas(planes, &[0.0; D], points));
         self.planes.truncate(angles);
     }
 
     /// The same of arrivals, each difference of two of them once, or with a few of many.
-    fn arrivals(&mut self, angles: usize) {
+    fn arrivals(&mut self, angles: usize, most: usize) {
         let count = self.sights.iter().filter(|sight| sight.arrival.is_some()).count();
         let every = count.div_ceil(SPHERES).max(1);
-        let most = MOST / count.clamp(1, SPHERES);
+        let most = most / count.clamp(1, SPHERES);
         let mut number = 0;
         for at in 0..self.sights.len() {
             let sight = self.sights[at];

@@ -1,9 +1,10 @@
 //! Steps of several instants at once, in the lanes of vectors.
 
 use super::descent::{HUBER, Loss, ROUNDING};
+use super::total::Total;
 use crate::base::small::REGULAR;
 use crate::base::vector::Vector;
-use crate::sensors::{Kind, SMALL_TANGENT, TERMS};
+use crate::sensors::{Kind, Measurement};
 use pulp::Simd;
 
 /// Instants side by side: two vectors of AVX2, so that one works while the other waits.
@@ -23,10 +24,20 @@ pub(super) struct Measured<const D: usize> {
     pub axes: Option<[[Lane; D]; D]>,
 }
 
+/// The same in vectors.
+#[derive(Clone, Copy)]
+pub(super) struct Terms<S: Simd, const D: usize> {
+    kind: Kind,
+    station: [Vector<S>; D],
+    value: Vector<S>,
+    precision: Vector<S>,
+    sine: Vector<S>,
+    cosine: Vector<S>,
+    axes: Option<[[Vector<S>; D]; D]>,
+}
+
 /// Steps after which a lane is left to others.
 const STEPS: usize = 16;
-/// Likelihoods, each 2.5e-4 or more, whose product is a number.
-const FACTORS: usize = 64;
 /// What `e^−x` is computed for at most.
 const LARGEST_DECAY: f64 = 64.0;
 /// From 1/10 to 1.
@@ -48,6 +59,8 @@ pub(super) struct Normal<S: Simd, const D: usize> {
 pub(super) struct Lanes<S: Simd> {
     pub simd: S,
     pub at: usize,
+    /// Whether angles that are not small are infinite: whatever they are, they cost the same.
+    pub cut: bool,
 }
 
 impl<S: Simd> Lanes<S> {
@@ -157,21 +170,11 @@ impl<S: Simd> Lanes<S> {
         // elsewhere the weights are ψ', or stand for it
         let curved = matches!(loss, Loss::Tukey(_) | Loss::Mixture { .. });
         let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; N], cost: zero };
-        let is_mixture = matches!(loss, Loss::Mixture { .. });
-        let (mut likelihood, mut count) = (self.splat(1.0), 0);
+        let mut total = Total::new(self, loss);
         for m in measured {
-            let (u, gradient) = self.row_at(m, p);
+            let (u, gradient) = self.row_at(&self.loaded(m), p);
             let (weight, cost, curvature) = self.loss(u, loss.of(m.kind));
-            if is_mixture {
-                likelihood = likelihood * cost;
-                count += 1;
-                if count % FACTORS == 0 {
-                    normal.cost -= self.ln(likelihood);
-                    likelihood = self.splat(1.0);
-                }
-            } else {
-                normal.cost += cost;
-            }
+            total.add(cost);
             let weighted = weight * u;
             for i in 0..N {
                 normal.vector[i] += weighted * gradient[i];
@@ -187,9 +190,7 @@ impl<S: Simd> Lanes<S> {
                 }
             }
         }
-        if is_mixture {
-            normal.cost -= self.ln(likelihood);
-        }
+        normal.cost = total.finish();
         if !curved {
             normal.curvature = normal.matrix;
         }
@@ -198,7 +199,7 @@ impl<S: Simd> Lanes<S> {
 
     /// Weight, cost and ψ' of a residual; of a mixture the likelihood in place of the cost.
     #[inline(always)]
-    fn loss(self, u: Vector<S>, loss: Loss) -> (Vector<S>, Vector<S>, Vector<S>) {
+    pub fn loss(self, u: Vector<S>, loss: Loss) -> (Vector<S>, Vector<S>, Vector<S>) {
         let one = self.splat(1.0);
         match loss {
             Loss::Square => (one, self.splat(0.5) * u * u, one),
@@ -246,32 +247,70 @@ impl<S: Simd> Lanes<S> {
         sum
     }
 
+    /// One measurement of each lane.
     #[inline(always)]
-    fn ln(self, x: Vector<S>) -> Vector<S> {
-        let mut values = [1.0; LANES];
-        x.store(&mut values, 0);
-        for value in &mut values[..S::F64_LANES] {
-            *value = value.ln();
+    pub fn loaded<const D: usize>(self, m: &Measured<D>) -> Terms<S, D> {
+        let (simd, at) = (self.simd, self.at);
+        let mut axes = None;
+        if let Some(own) = &m.axes {
+            let mut all = [[self.splat(0.0); D]; D];
+            for i in 0..D {
+                all[i] = Vector::load_all(simd, &own[i], at);
+            }
+            axes = Some(all);
         }
-        Vector::load(self.simd, &values, 0)
+        Terms {
+            kind: m.kind,
+            station: Vector::load_all(simd, &m.station, at),
+            value: self.load(&m.value),
+            precision: self.load(&m.precision),
+            sine: self.load(&m.sine),
+            cosine: self.load(&m.cosine),
+            axes,
+        }
+    }
+
+    /// The same measurement in all lanes.
+    #[inline(always)]
+    pub fn repeated<const D: usize>(self, m: &Measurement<D>) -> Terms<S, D> {
+        let mut axes = None;
+        if let Some(own) = &m.axes {
+            let mut all = [[self.splat(0.0); D]; D];
+            for i in 0..D {
+                all[i] = Vector::splat_all(self.simd, &own[i]);
+            }
+            axes = Some(all);
+        }
+        Terms {
+            kind: m.kind,
+            station: Vector::splat_all(self.simd, &m.station),
+            value: self.splat(m.value),
+            precision: self.splat(m.precision),
+            sine: self.splat(m.sine),
+            cosine: self.splat(m.cosine),
+            axes,
+        }
     }
 
     /// The whitened residual and its gradient at a state: [`Measurement::row_at`].
     #[inline(always)]
     pub fn row_at<const D: usize, const N: usize>(
         self,
-        m: &Measured<D>,
+        m: &Terms<S, D>,
         x: &[Vector<S>; N],
     ) -> (Vector<S>, [Vector<S>; N]) {
         let mut p = [self.splat(0.0); D];
-        p.copy_from_slice(&x[..D]);
+        for i in 0..D {
+            p[i] = x[i];
+        }
         let (mut residual, slope) = self.row(m, &p);
         let mut gradient = [self.splat(0.0); N];
-        gradient[..D].copy_from_slice(&slope);
+        for i in 0..D {
+            gradient[i] = slope[i];
+        }
         if N > D && m.kind == Kind::Arrival {
-            let precision = self.load(&m.precision);
-            residual -= x[D] * precision;
-            gradient[D] = precision;
+            residual -= x[D] * m.precision;
+            gradient[D] = m.precision;
         }
         (residual, gradient)
     }
@@ -280,25 +319,25 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     fn row<const D: usize>(
         self,
-        m: &Measured<D>,
+        m: &Terms<S, D>,
         p: &[Vector<S>; D],
     ) -> (Vector<S>, [Vector<S>; D]) {
         let mut d = *p;
         for i in 0..D {
-            d[i] -= self.load(&m.station[i]);
+            d[i] -= m.station[i];
         }
         let Some(axes) = &m.axes else { return self.row_of(m, p, d) };
         let mut own = [self.splat(0.0); D];
         for i in 0..D {
             for j in 0..D {
-                own[i] += self.load(&axes[i][j]) * d[j];
+                own[i] += axes[i][j] * d[j];
             }
         }
         let (residual, slope) = self.row_of(m, p, own);
         let mut gradient = [self.splat(0.0); D];
         for i in 0..D {
             for j in 0..D {
-                gradient[j] += self.load(&axes[i][j]) * slope[i];
+                gradient[j] += axes[i][j] * slope[i];
             }
         }
         (residual, gradient)
@@ -308,11 +347,11 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     fn row_of<const D: usize>(
         self,
-        m: &Measured<D>,
+        m: &Terms<S, D>,
         p: &[Vector<S>; D],
         d: [Vector<S>; D],
     ) -> (Vector<S>, [Vector<S>; D]) {
-        let (value, precision) = (self.load(&m.value), self.load(&m.precision));
+        let (value, precision) = (m.value, m.precision);
         let mut gradient = [self.splat(0.0); D];
         match m.kind {
             Kind::Range | Kind::Arrival => {
@@ -329,16 +368,16 @@ impl<S: Simd> Lanes<S> {
             }
             Kind::RangeDifference => {
                 let (range, first) = (self.dot(&d, &d).sqrt(), self.dot(p, p).sqrt());
-                let station = Vector::load_all(self.simd, &m.station, self.at);
-                let twice = self.dot(&station, p);
-                let difference = (self.dot(&station, &station) - (twice + twice)) / (range + first);
+                let twice = self.dot(&m.station, p);
+                let square = self.dot(&m.station, &m.station);
+                let difference = (square - (twice + twice)) / (range + first);
                 for i in 0..D {
                     gradient[i] = (d[i] / range - p[i] / first) * precision;
                 }
                 ((value - difference) * precision, gradient)
             }
             Kind::Azimuth => {
-                let (sine, cosine) = (self.load(&m.sine), self.load(&m.cosine));
+                let (sine, cosine) = (m.sine, m.cosine);
                 let scale = precision / (d[0] * d[0] + d[1] * d[1]);
                 gradient[0] = d[1] * scale;
                 gradient[1] = -d[0] * scale;
@@ -346,7 +385,7 @@ impl<S: Simd> Lanes<S> {
                 (-angle * precision, gradient)
             }
             Kind::Elevation => {
-                let (sine, cosine) = (self.load(&m.sine), self.load(&m.cosine));
+                let (sine, cosine) = (m.sine, m.cosine);
                 let up = d[D - 1];
                 let horizontal = (d[0] * d[0] + d[1] * d[1]).sqrt();
                 let scale = precision / (horizontal * horizontal + up * up);
@@ -359,35 +398,6 @@ impl<S: Simd> Lanes<S> {
                 (-angle * precision, gradient)
             }
         }
-    }
-
-    /// The angle of a direction, by its series or, in lanes where it is not small, by the library.
-    #[inline(always)]
-    fn angle(self, sine: Vector<S>, cosine: Vector<S>) -> Vector<S> {
-        let t = sine / cosine;
-        let s = t * t;
-        let mut sum = self.splat(0.0);
-        for term in TERMS {
-            sum = s * (self.splat(term) - sum);
-        }
-        let angle = t - t * sum;
-        let small = sine.abs().at_most(self.splat(SMALL_TANGENT) * cosine);
-        let is_small = self.splat(1.0).or(small, self.splat(0.0));
-        if is_small.all_positive() {
-            return angle;
-        }
-        let zeros = [0.0; LANES];
-        let (mut angles, mut sines, mut cosines, mut marks) = (zeros, zeros, zeros, zeros);
-        angle.store(&mut angles, 0);
-        sine.store(&mut sines, 0);
-        cosine.store(&mut cosines, 0);
-        is_small.store(&mut marks, 0);
-        for lane in 0..S::F64_LANES {
-            if marks[lane] == 0.0 {
-                angles[lane] = sines[lane].atan2(cosines[lane]);
-            }
-        }
-        Vector::load(self.simd, &angles, 0)
     }
 
     #[inline(always)]

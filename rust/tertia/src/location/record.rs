@@ -5,8 +5,8 @@ use super::block::Block;
 use super::descent::{Loss, Problem};
 use super::fix::{Instant, Output};
 use super::lanes::LANES;
-use super::search::Buffers;
-use super::search::{Minimum, Search};
+use super::search::{Buffers, Minimum, Search, least, states};
+use super::starts;
 use crate::base::small::{Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
 
@@ -26,9 +26,12 @@ pub(super) struct Record<const D: usize, const N: usize> {
     pub unknown: bool,
     /// The variance that differences have from the first station, if they are read as arrivals.
     pub common: Option<f64>,
-    /// A start that is trusted, and the minimum it led to.
+    /// A start, and the minimum it led to.
     pub start: Option<Vector<N>>,
     pub first: Option<Minimum<N>>,
+    /// The points of which the start is the best, and their costs; none if it is trusted.
+    pub points: Vec<Vector<N>>,
+    pub costs: Vec<f64>,
     /// Residuals and their derivatives there.
     pub rows: Vec<Row<N>>,
 }
@@ -43,6 +46,8 @@ impl<const D: usize, const N: usize> Default for Record<D, N> {
             common: None,
             start: None,
             first: None,
+            points: Vec::new(),
+            costs: Vec::new(),
             rows: Vec::new(),
         }
     }
@@ -71,6 +76,8 @@ impl<const D: usize, const N: usize> Record<D, N> {
     pub fn clear(&mut self) {
         self.measurements.clear();
         self.places.clear();
+        self.points.clear();
+        self.costs.clear();
         (self.start, self.first, self.common) = (None, None, None);
         (self.extent, self.unknown) = (0.0, false);
     }
@@ -126,9 +133,9 @@ impl<const D: usize, const N: usize> Record<D, N> {
     }
 
     pub fn search(&self, loss: Loss) -> Search<'_, D, N> {
-        let Self { measurements, extent, unknown, first, .. } = self;
+        let Self { measurements, extent, unknown, start, first, .. } = self;
         let problem = Problem { measurements, extent: *extent };
-        Search { problem, loss, unknown: *unknown, first: *first }
+        Search { problem, loss, unknown: *unknown, start: *start, first: *first }
     }
 
     /// Whether errors of the stations' positions are errors of angles.
@@ -188,19 +195,36 @@ impl<const D: usize, const N: usize> Default for Room<D, N> {
 }
 
 impl<const D: usize, const N: usize> Room<D, N> {
-    /// Reads an instant, and with `start` looks for one that is trusted.
-    pub fn read(&mut self, at: usize, instant: &Instant<'_>, correlation: f64, start: bool) {
+    /// Reads an instant, and looks for a start for a loss of so many measurements if there is one:
+    /// where many measurements agree, or the best point of all where a few do.
+    pub fn read(
+        &mut self,
+        at: usize,
+        instant: &Instant<'_>,
+        correlation: f64,
+        loss: impl Fn(usize) -> Option<Loss>,
+    ) {
         let record = &mut self.records[at];
         record.read(instant, correlation);
-        if !start || instant.initial.is_some() || record.unknown {
+        let count = record.measurements.len();
+        if count < N || instant.initial.is_some() || record.unknown {
             return;
         }
+        let Some(loss) = loss(count) else { return };
+        let Buffers { candidates, scratch, .. } = &mut self.buffers;
         record.start = if N > D {
             arrivals::start(&record.measurements)
         } else {
-            let middle = self.buffers.candidates.middle(&record.measurements);
+            let middle = candidates.middle(&record.measurements);
             middle.map(|p| std::array::from_fn(|i| p[i]))
         };
+        if record.start.is_none() {
+            let Record { measurements, points, costs, .. } = record;
+            candidates.find(measurements, record.extent);
+            states(measurements, &candidates.points, points, scratch);
+            starts::costs(measurements, points, loss, costs);
+            record.start = least(costs).map(|at| points[at]);
+        }
     }
 
     pub fn clear(&mut self, count: usize) {

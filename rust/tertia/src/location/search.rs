@@ -8,7 +8,9 @@ use super::descent::{
 };
 use super::fix::Status;
 use super::lenth::{self, Weight};
+use super::starts;
 use crate::base::small::{Factor, Vector, norm, quadratic, undetermined};
+use crate::sensors::Measurement;
 
 const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;
@@ -24,11 +26,18 @@ const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 /// Points within so many standard deviations, squared, belong to one minimum.
 const SAME_MINIMUM: f64 = 25.0;
+/// What of a distance, squared, a point costs at least that is on the slopes of a minimum: of a
+/// parabola half of it.
+const SLOPE: f64 = 0.25;
 /// Other minima looked for.
 const RIVALS: usize = 3;
-/// Faults with which the median of the stations' own fixes is trusted as a start, and the best of
-/// them; beyond, other positions may explain as much.
-const TRUSTED_FAULTS: [f64; 2] = [1.0, 2.0];
+/// What a fault costs, and how many of them are trusted if no point to start from is better.
+const FAULT: f64 = TUKEY * TUKEY / 6.0;
+const TRUSTED_FAULTS: f64 = 2.0;
+/// What points cost more than the minimum they lead to, of a few measurements and of so many.
+const SLACK: f64 = 10.0;
+const SLACK_OF_MANY: f64 = 4.0;
+const MANY: usize = 8;
 /// Degrees of freedom from which on every start may lead to a minimum of its own. With fewer, any
 /// few measurements would, and those count that Huber's steps lead to.
 const RIVALRY: usize = 4;
@@ -56,7 +65,8 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
     pub problem: descent::Problem<'a, D, N>,
     pub loss: Loss,
     pub unknown: bool,
-    /// Where a start that is trusted led to.
+    /// A start, and where it led to.
+    pub start: Option<Vector<N>>,
     pub first: Option<Minimum<N>>,
 }
 
@@ -66,7 +76,7 @@ pub(super) struct Buffers<const D: usize, const N: usize> {
     pub candidates: Candidates<D>,
     points: Vec<Vector<N>>,
     costs: Vec<f64>,
-    scratch: Vec<f64>,
+    pub scratch: Vec<f64>,
 }
 
 impl<const D: usize, const N: usize> Default for Buffers<D, N> {
@@ -81,62 +91,76 @@ impl<const D: usize, const N: usize> Default for Buffers<D, N> {
 }
 
 impl<const D: usize, const N: usize> Search<'_, D, N> {
-    /// The best minimum, if no other explains the measurements as well.
+    /// The best minimum, if no other explains the measurements as well; with the points of which its
+    /// start is the best, and their costs, if it is.
     pub fn minimum(
         &self,
         initial: Option<Vector<D>>,
+        (own, own_costs): (&[Vector<N>], &[f64]),
         buffers: &mut Buffers<D, N>,
     ) -> Result<Minimum<N>, Status> {
         let Buffers { candidates, points, costs, scratch } = buffers;
+        let measurements = self.problem.measurements;
         if let Some(start) = initial {
-            let start = self.state(&start, scratch);
+            let start = state(measurements, &start, scratch);
             return Ok(self.refine(start, scratch));
         }
-        let count = self.problem.measurements.len() as f64;
-        let [few, more] = TRUSTED_FAULTS.map(|faults| faults * TUKEY * TUKEY / 6.0);
-        let limits = [0.5 * count + few, 0.5 * (count - N as f64) + more];
-        let first = self.first.filter(|_| N == D);
-        if let Some(minimum) = first.filter(|minimum| self.is_trusted(minimum, limits[0])) {
+        let first = self.start.map(|s| self.first.unwrap_or_else(|| self.refine_steadily(s)));
+        points.clear();
+        points.extend_from_slice(own);
+        costs.clear();
+        costs.extend_from_slice(own_costs);
+        if points.is_empty() {
+            if let Some(minimum) = first.filter(|minimum| self.is_trusted(minimum)) {
+                return Ok(minimum);
+            }
+            candidates.find(measurements, self.problem.extent);
+            states(measurements, &candidates.points, points, scratch);
+            points.extend(self.start);
+            self.cost_all(points, costs, scratch);
+        }
+        let at = least(costs).ok_or(Status::NoIntersection)?;
+        let better = |minimum: &Minimum<N>| minimum.normal.cost <= costs[at];
+        let converged = first.filter(|first| first.end == End::Converged);
+        let minimum = match converged.filter(better) {
+            Some(minimum) => minimum,
+            None => self.refine(points[at], scratch),
+        };
+        let most = 0.5 * (measurements.len() as f64 - N as f64) + TRUSTED_FAULTS * FAULT;
+        let from_most = N == D && own.is_empty() && self.start.is_some();
+        if from_most && minimum.end == End::Converged && minimum.normal.cost < most {
             return Ok(minimum);
         }
-        let heard = arrivals::start(self.problem.measurements);
-        if let Some(start) = heard.filter(|_| !self.unknown) {
-            let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
-            let limit = arrivals::trusted_cost(self.problem.measurements.len(), N);
-            if self.is_trusted(&minimum, limit) && self.is_on_its_side(&minimum, &start) {
-                return Ok(minimum);
-            }
-        }
-        let middle = candidates.middle(self.problem.measurements).filter(|_| N == D);
-        if let Some(start) = middle.filter(|_| !self.unknown) {
-            let start = self.state(&start, scratch);
-            let minimum = self.first.unwrap_or_else(|| self.refine_steadily(start));
-            if self.is_trusted(&minimum, limits[0]) {
-                return Ok(minimum);
-            }
-            self.states(&candidates.points, points, scratch);
-            let best = self.best(points, costs, scratch);
-            let other = best.map(|at| self.refine(points[at], scratch));
-            let better = |other: &Minimum<N>| other.normal.cost < minimum.normal.cost;
-            let minimum = other.filter(better).unwrap_or(minimum);
-            if self.is_trusted(&minimum, limits[1]) {
-                return Ok(minimum);
-            }
-        }
-        candidates.read(self.problem.measurements);
-        candidates.all(self.problem.extent);
-        self.states(&candidates.points, points, scratch);
-        points.extend(heard);
-        let Some(start) = self.best(points, costs, scratch) else {
-            return Err(Status::NoIntersection);
-        };
-        let minimum = self.refine(points[start], scratch);
-        if self.problem.measurements.iter().any(|m| m.kind.is_difference()) {
-            let mirrored = arrivals::mirrored(self.problem.measurements, &minimum.state);
+        if measurements.iter().any(|m| m.kind.is_difference()) {
+            let mirrored = arrivals::mirrored(measurements, &minimum.state);
             points.push(mirrored);
             costs.push(self.problem.cost(&mirrored, self.loss, minimum.scale));
         }
         self.rivalled(minimum, points, costs, scratch)
+    }
+
+    /// Whether the minimum that a start by most measurements led to needs no other starts.
+    fn is_trusted(&self, minimum: &Minimum<N>) -> bool {
+        if minimum.end != End::Converged || self.loss == Loss::Square && N == D {
+            return minimum.end == End::Converged;
+        }
+        let count = self.problem.measurements.len();
+        let cost = minimum.normal.cost;
+        if N > D {
+            let hardly = self.loss == Loss::Square || cost < arrivals::trusted_cost(count, N);
+            return hardly && self.start.is_some_and(|start| self.is_on_its_side(minimum, &start));
+        }
+        cost < 0.5 * count as f64 + FAULT || cost + AMBIGUOUS < FAULT * self.agreeing(minimum)
+    }
+
+    /// Number of stations of which no measurement is a fault. From any other position each has one
+    /// at least, if the stations locate the target alone.
+    fn agreeing(&self, minimum: &Minimum<N>) -> f64 {
+        let stations = self.problem.measurements.chunk_by(|a, b| a.index == b.index);
+        let agrees = |m: &Measurement<D>| {
+            !self.loss.of(m.kind).is_fault(m.row_at(&minimum.state).residual / minimum.scale)
+        };
+        stations.filter(|station| station.iter().all(agrees)).count() as f64
     }
 
     /// Whether a start tells a minimum from its mirror image.
@@ -146,44 +170,14 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         distance(&minimum.state) < CLEARLY * distance(&mirrored)
     }
 
-    /// A position with the emission that arrivals have from there.
-    fn state(&self, p: &Vector<D>, scratch: &mut Vec<f64>) -> Vector<N> {
-        let mut state = [0.0; N];
-        state[..D].copy_from_slice(p);
-        if N > D {
-            state[D] = arrivals::emission(self.problem.measurements, p, scratch);
+    /// The costs of points, or the scales that their residuals have.
+    fn cost_all(&self, points: &[Vector<N>], costs: &mut Vec<f64>, scratch: &mut Vec<f64>) {
+        if self.loss == Loss::Square || !self.unknown {
+            starts::costs(self.problem.measurements, points, self.loss, costs);
+        } else {
+            costs.clear();
+            costs.extend(points.iter().map(|point| self.median_scale(point, scratch)));
         }
-        state
-    }
-
-    fn states(&self, from: &[Vector<D>], to: &mut Vec<Vector<N>>, scratch: &mut Vec<f64>) {
-        to.clear();
-        to.extend(from.iter().map(|p| self.state(p, scratch)));
-    }
-
-    /// Whether a minimum needs no other starts: it costs less than so much.
-    fn is_trusted(&self, minimum: &Minimum<N>, limit: f64) -> bool {
-        let hardly = self.loss == Loss::Square || minimum.normal.cost < limit;
-        minimum.end == End::Converged && hardly
-    }
-
-    /// Index of the point with the least cost, and the costs of all.
-    fn best(
-        &self,
-        points: &[Vector<N>],
-        costs: &mut Vec<f64>,
-        scratch: &mut Vec<f64>,
-    ) -> Option<usize> {
-        costs.clear();
-        for point in points {
-            costs.push(match self.loss {
-                Loss::Tukey(_) | Loss::Mixture { .. } if self.unknown => {
-                    self.median_scale(point, scratch)
-                }
-                loss => self.problem.cost(point, loss, 1.0),
-            });
-        }
-        least(costs)
     }
 
     /// Goes down from a start that is trusted: Huber's steps are not compared with it.
@@ -281,17 +275,18 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             costs.clear();
             costs.extend(points.iter().map(|p| self.problem.cost(p, self.loss, best.scale)));
         }
+        let own = points.iter().zip(costs.iter()).filter(|(point, _)| best.is_same(point));
+        let nearest = own.map(|(_, &cost)| cost).fold(f64::INFINITY, f64::min);
         let mut rival: Option<Minimum<N>> = None;
         for _ in 0..RIVALS {
             for minimum in [Some(best), rival].into_iter().flatten() {
                 for (point, cost) in points.iter().zip(costs.iter_mut()) {
-                    if minimum.is_same(point) {
+                    if minimum.is_below(point, *cost) {
                         *cost = f64::INFINITY;
                     }
                 }
             }
-            let count = self.problem.measurements.len() as f64;
-            let limit = 2.0 * best.normal.cost + AMBIGUOUS + count + 10.0;
+            let limit = best.normal.cost + AMBIGUOUS + self.slack(&best, nearest);
             let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
             costs[at] = f64::INFINITY;
             let mut other = self.rival(points[at], scratch);
@@ -315,6 +310,17 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             }
             _ => Ok(best),
         }
+    }
+
+    /// By how much points cost more than the minimum they lead to: as a rule at most this, and of
+    /// many measurements not much more than the nearest of the best one.
+    fn slack(&self, best: &Minimum<N>, nearest: f64) -> f64 {
+        let count = self.problem.measurements.len();
+        let most = best.normal.cost + count as f64 + SLACK;
+        if count < MANY || self.unknown || self.loss == Loss::Square {
+            return most;
+        }
+        most.min(SLACK_OF_MANY + 2.0 * (nearest - best.normal.cost))
     }
 
     /// Whether a measurement has no direction within this share of the extent.
@@ -355,7 +361,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         weight: Weight,
         buffers: &mut Buffers<D, N>,
     ) -> Result<Minimum<N>, Status> {
-        let start = self.checked(self.minimum(initial, buffers)?)?;
+        let start = self.checked(self.minimum(initial, (&[], &[]), buffers)?)?;
         let measurements = self.problem.measurements;
         if self.unknown && measurements.len() == N {
             // nothing is left to estimate κ from
@@ -390,6 +396,13 @@ impl<const N: usize> Minimum<N> {
         let difference = std::array::from_fn(|i| point[i] - self.state[i]);
         quadratic(&self.normal.matrix, &difference) <= SAME_MINIMUM
     }
+
+    /// Whether a point with this cost is on the slopes above this one.
+    fn is_below(&self, point: &Vector<N>, cost: f64) -> bool {
+        let difference = std::array::from_fn(|i| point[i] - self.state[i]);
+        let square = quadratic(&self.normal.matrix, &difference);
+        square <= SAME_MINIMUM.max((cost - self.normal.cost) / SLOPE)
+    }
 }
 
 /// The coordinates of a state.
@@ -397,8 +410,39 @@ pub(super) fn position<const D: usize, const N: usize>(state: &Vector<N>) -> Vec
     std::array::from_fn(|i| state[i])
 }
 
-/// Index of the least number that is finite.
-fn least(costs: &[f64]) -> Option<usize> {
-    let finite = costs.iter().enumerate().filter(|(_, cost)| cost.is_finite());
-    finite.min_by(|a, b| a.1.total_cmp(b.1)).map(|(at, _)| at)
+/// A position with the emission that arrivals have from there.
+fn state<const D: usize, const N: usize>(
+    measurements: &[Measurement<D>],
+    p: &Vector<D>,
+    scratch: &mut Vec<f64>,
+) -> Vector<N> {
+    let mut state = [0.0; N];
+    state[..D].copy_from_slice(p);
+    if N > D {
+        state[D] = arrivals::emission(measurements, p, scratch);
+    }
+    state
+}
+
+/// The same of positions; of those that are numbers.
+pub(super) fn states<const D: usize, const N: usize>(
+    measurements: &[Measurement<D>],
+    from: &[Vector<D>],
+    to: &mut Vec<Vector<N>>,
+    scratch: &mut Vec<f64>,
+) {
+    to.clear();
+    let finite = from.iter().filter(|point| point.iter().all(|v| v.is_finite()));
+    to.extend(finite.map(|p| state(measurements, p, scratch)));
+}
+
+/// Index of the least number that is finite, if any is.
+pub(super) fn least(costs: &[f64]) -> Option<usize> {
+    let (mut at, mut least) = (None, f64::INFINITY);
+    for (i, &cost) in costs.iter().enumerate() {
+        if cost < least && cost > f64::NEG_INFINITY {
+            (at, least) = (Some(i), cost);
+        }
+    }
+    at
 }

@@ -177,12 +177,11 @@ impl Locator {
         own.clear(count);
         plane.clear(count);
         space.clear(count);
-        let start = self.lenth().is_none();
         for (at, instant) in instants.iter().enumerate() {
             match (D, self.has_arrivals(instant)) {
-                (_, false) => own.read(at, instant, self.correlation, start),
-                (2, true) => plane.read(at, instant, self.correlation, start),
-                _ => space.read(at, instant, self.correlation, start),
+                (_, false) => self.read(at, instant, own),
+                (2, true) => self.read(at, instant, plane),
+                _ => self.read(at, instant, space),
             }
         }
         self.descend_in(own, count);
@@ -190,18 +189,27 @@ impl Locator {
         self.descend_in(space, count);
     }
 
+    fn read<const D: usize, const N: usize>(
+        &self,
+        at: usize,
+        instant: &Instant<'_>,
+        room: &mut Room<D, N>,
+    ) {
+        let loss = |count| self.lenth().is_none().then(|| self.loss(count - N, N > D));
+        room.read(at, instant, self.correlation, loss);
+    }
+
     fn descend_in<const D: usize, const N: usize>(&self, room: &mut Room<D, N>, count: usize) {
         let Room { records, block, .. } = room;
         let records = &mut records[..count];
+        let mut tried = [false; LANES];
         for from in 0..records.len() {
-            let (first, start) = match &records[from] {
-                Record { start: Some(start), first: None, .. } => (&records[from], start),
-                _ => continue,
-            };
-            block.begin(&first.measurements, start);
+            let first = &records[from];
+            let Some(start) = first.start.filter(|_| !tried[from]) else { continue };
+            block.begin(&first.measurements, &start);
             let mut members = [false; LANES];
             for (lane, record) in records.iter().enumerate().skip(from) {
-                let Some(start) = record.start.filter(|_| record.first.is_none()) else { continue };
+                let Some(start) = record.start.filter(|_| !tried[lane]) else { continue };
                 members[lane] = block.fits(&record.measurements);
                 if members[lane] {
                     block.set(lane, &record.measurements, &start);
@@ -213,9 +221,9 @@ impl Locator {
             for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
             {
                 let arrival = block.arrival(lane, record.extent, &mut record.rows);
-                record.first = arrival.map(Minimum::of);
                 // others are left to the safeguards
-                record.start = record.start.filter(|_| arrival.is_some());
+                record.first = arrival.map(Minimum::of);
+                tried[lane] = true;
             }
         }
     }
@@ -245,7 +253,7 @@ impl Locator {
         let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
         let search = record.search(loss);
         let found = match self.lenth() {
-            None => search.minimum(initial, buffers),
+            None => search.minimum(initial, (&record.points, &record.costs), buffers),
             Some(weight) => search.lenth(initial, weight, buffers),
         };
         let mut minimum = match found.and_then(|minimum| search.checked(minimum)) {

@@ -1,0 +1,181 @@
+//! The best assignment where nearly all pairs compete: shortest augmenting paths (Jonker, Volgenant
+//! 1987) over a matrix, whose rows are scanned by vectors.
+
+use super::assignment::Pair;
+use crate::base::vector::{Vector, WIDEST};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Columns side by side.
+type Lane = [f64; WIDEST];
+
+/// Every so many possible pairs one makes a matrix, if it has this many elements.
+const SHARE: usize = 4;
+const LEAST: usize = 4096;
+/// No row, or no column.
+const NONE: u32 = u32::MAX;
+
+/// Whether a matrix is faster than lists of pairs.
+pub(super) fn is_dense(pairs: usize, rows: usize, columns: usize) -> bool {
+    let elements = rows.saturating_mul(columns);
+    elements >= LEAST && pairs >= elements / SHARE
+}
+
+/// Costs, and the buffers of a search.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Dense {
+    width: usize,
+    /// The gains with the other sign, row after row of `width` lanes; infinite where there is none.
+    costs: Vec<Lane>,
+    /// Price of a column in addition to its cost, never positive; 0 while it is free.
+    price: Vec<Lane>,
+    /// The same while it is not settled, afterwards minus infinity.
+    open: Vec<Lane>,
+    /// Of the columns that are not settled.
+    distance: Vec<Lane>,
+    /// The row from which a column was reached.
+    from: Vec<Lane>,
+    settled: Vec<(u32, f64)>,
+    row_of: Vec<u32>,
+    column_of: Vec<u32>,
+}
+
+impl Dense {
+    /// The column of each row such that the sum of the gains is largest. O(rows · columns) at best,
+    /// times the least of both at worst.
+    pub fn assign(
+        &mut self,
+        pairs: impl Iterator<Item = Pair>,
+        rows: usize,
+        columns: usize,
+        result: &mut [Option<u32>],
+    ) {
+        self.reset(rows, columns);
+        for pair in pairs {
+            assert!((pair.column as usize) < columns, "a column that is not there");
+            let (lane, at) = (pair.column as usize / WIDEST, pair.column as usize % WIDEST);
+            let cost = &mut self.costs[pair.row as usize * self.width + lane][at];
+            *cost = cost.min(-pair.gain);
+        }
+        Arch::new().dispatch(Placing(self));
+        for (result, &column) in result.iter_mut().zip(&self.column_of) {
+            *result = (column != NONE).then_some(column);
+        }
+    }
+
+    fn reset(&mut self, rows: usize, columns: usize) {
+        self.width = columns.div_ceil(WIDEST);
+        let infinite = [f64::INFINITY; WIDEST];
+        for (buffer, length, value) in [
+            (&mut self.costs, rows * self.width, infinite),
+            (&mut self.price, self.width, [0.0; WIDEST]),
+            (&mut self.open, self.width, [0.0; WIDEST]),
+            (&mut self.distance, self.width, infinite),
+            (&mut self.from, self.width, [0.0; WIDEST]),
+        ] {
+            buffer.clear();
+            buffer.resize(length, value);
+        }
+        for (buffer, length) in [(&mut self.row_of, columns), (&mut self.column_of, rows)] {
+            buffer.clear();
+            buffer.resize(length, NONE);
+        }
+    }
+
+    fn price(&self, column: u32) -> f64 {
+        self.price.as_flattened()[column as usize]
+    }
+
+    fn cost(&self, row: u32, column: u32) -> f64 {
+        let costs = &self.costs[row as usize * self.width..][..self.width];
+        costs.as_flattened()[column as usize]
+    }
+
+    /// Assigns one more row, if it gains.
+    #[inline(always)]
+    fn place<S: Simd>(&mut self, simd: S, first: u32) {
+        let (mut row, mut travelled, mut own) = (first, 0.0, 0.0);
+        let (mut exit, mut exit_row) = (f64::INFINITY, first);
+        self.open.copy_from_slice(&self.price);
+        self.distance.fill([f64::INFINITY; WIDEST]);
+        self.settled.clear();
+        let end = loop {
+            // a row that gives up its column and stays alone
+            if travelled - own < exit {
+                (exit, exit_row) = (travelled - own, row);
+            }
+            let (distance, column) = self.scan(simd, row, travelled - own);
+            if distance >= exit {
+                travelled = exit;
+                break NONE;
+            }
+            travelled = distance;
+            if self.row_of[column as usize] == NONE {
+                break column;
+            }
+            self.settled.push((column, distance));
+            self.open.as_flattened_mut()[column as usize] = f64::NEG_INFINITY;
+            self.distance.as_flattened_mut()[column as usize] = f64::INFINITY;
+            row = self.row_of[column as usize];
+            own = self.cost(row, column) - self.price(column);
+        };
+        for &(column, distance) in &self.settled {
+            self.price.as_flattened_mut()[column as usize] += distance - travelled;
+        }
+        let mut next = if end == NONE {
+            std::mem::replace(&mut self.column_of[exit_row as usize], NONE)
+        } else {
+            end
+        };
+        // every column on the way goes to the row before it
+        while next != NONE {
+            let row = self.from.as_flattened()[next as usize] as u32;
+            self.row_of[next as usize] = row;
+            next = std::mem::replace(&mut self.column_of[row as usize], next);
+            if row == first {
+                break;
+            }
+        }
+    }
+
+    /// Goes on from a row to all columns, and returns the nearest that is not settled, of equal ones
+    /// the first.
+    #[inline(always)]
+    fn scan<S: Simd>(&mut self, simd: S, row: u32, base: f64) -> (f64, u32) {
+        let splat = |value| Vector::splat(simd, value);
+        let (from, base) = (splat(f64::from(row)), splat(base));
+        let (mut least, mut place) = (splat(f64::INFINITY), splat(0.0));
+        let costs = &self.costs[row as usize * self.width..][..self.width];
+        let rest = self.open.iter().zip(&mut self.distance).zip(&mut self.from);
+        for (lane, (costs, ((open, distance), origin))) in costs.iter().zip(rest).enumerate() {
+            for at in 0..WIDEST / S::F64_LANES {
+                let through = base + (Vector::load(simd, costs, at) - Vector::load(simd, open, at));
+                let before = Vector::load(simd, distance, at);
+                let stays = before.at_most(through);
+                let nearest = before.or(stays, through);
+                nearest.store(distance, at);
+                Vector::load(simd, origin, at).or(stays, from).store(origin, at);
+                let later = least.at_most(nearest);
+                least = least.or(later, nearest);
+                place = place.or(later, splat((lane * WIDEST + at * S::F64_LANES) as f64));
+            }
+        }
+        let (mut distances, mut places) = ([f64::INFINITY; WIDEST], [0.0; WIDEST]);
+        least.store(&mut distances, 0);
+        place.store(&mut places, 0);
+        let columns = (0..S::F64_LANES).map(|i| (distances[i], places[i] as u32 + i as u32));
+        columns.fold((f64::INFINITY, NONE), |a, b| if (b.0, b.1) < a { b } else { a })
+    }
+}
+
+struct Placing<'a>(&'a mut Dense);
+
+impl WithSimd for Placing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for row in 0..self.0.column_of.len() {
+            self.0.place(simd, row as u32);
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! The plots of one scan and the tracks they belong to: gates, scores, assignment.
+
+use super::assignment::{Assigner, Pair};
+use super::gate::{self, Gated, Scan};
+use super::score::{self, Surroundings};
+use crate::base::error::Result;
+
+/// What a pair is worth.
+#[derive(Clone, Copy, Debug)]
+pub enum Scoring {
+    /// The log-likelihood ratio; it gains what a missed target and a false plot do not have.
+    Likelihood(Surroundings),
+    /// The paper's score with this ratio; it gains what it is worth beyond the edge of the gate.
+    Paper(f64),
+}
+
+/// Which plot belongs to which track.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Association {
+    /// The plot of each track.
+    pub plot_of_track: Vec<Option<u32>>,
+    /// Its score, nan without one.
+    pub score: Vec<f64>,
+    /// Its normalised innovation squared, nan without one.
+    pub nis: Vec<f64>,
+}
+
+/// Assigns plots within the gates of tracks: such that the sum of the gains is largest, or the best
+/// remaining pair first. Cost as [`gate::pairs`] and [`Assigner`].
+///
+/// # Errors
+/// As [`gate::pairs`], and a ratio that is not above 1.
+pub fn associate<const M: usize>(
+    scan: &Scan<'_>,
+    threshold: f64,
+    scoring: Scoring,
+    is_global: bool,
+) -> Result<Association> {
+    let found = gate::pairs::<M>(scan, threshold)?;
+    let base = match scoring {
+        Scoring::Likelihood(surroundings) => surroundings.missed(),
+        Scoring::Paper(q) => score::paper(threshold, q, M)?,
+    };
+    let worth = |pair: &Gated| match scoring {
+        Scoring::Likelihood(surroundings) => {
+            surroundings.likelihood(score::log_density(pair.nis, pair.ln_determinant, M))
+        }
+        Scoring::Paper(q) => score::paper(pair.nis, q, M).unwrap_or(f64::NAN),
+    };
+    let pair = |g: &Gated| Pair { row: g.track, column: g.plot, gain: worth(g) - base };
+    let (tracks, plots) = (scan.predicted.len() / M, scan.plots.len() / M);
+    let mut assigner = Assigner::default();
+    let plot_of_track = if is_global {
+        assigner.assign_all(found.iter().map(pair), tracks, plots).to_vec()
+    } else {
+        let pairs: Vec<_> = found.iter().map(pair).collect();
+        assigner.nearest(&pairs, tracks, plots).to_vec()
+    };
+    let (mut score, mut nis) = (vec![f64::NAN; tracks], vec![f64::NAN; tracks]);
+    for (track, plot) in plot_of_track.iter().enumerate() {
+        let Some(plot) = plot else { continue };
+        // pairs are sorted by track and plot
+        let at = found.partition_point(|g| (g.track as usize, g.plot) < (track, *plot));
+        (score[track], nis[track]) = (worth(&found[at]), found[at].nis);
+    }
+    Ok(Association { plot_of_track, score, nis })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_of_two_plots_goes_to_the_second_track() {
+        let scan = Scan {
+            predicted: &[0.0, 0.0, 3.0, 0.0],
+            covariance: &[1.0, 0.0, 0.0, 1.0].repeat(2),
+            plots: &[0.9, 0.0, 0.0, 0.5, 80.0, 0.0],
+            plot_covariance: None,
+        };
+        let likelihood = Scoring::Likelihood(Surroundings::new(0.9, 1e-3).unwrap());
+        for scoring in [likelihood, Scoring::Paper(2.0)] {
+            let found = associate::<2>(&scan, 12.4, scoring, true).unwrap();
+            assert_eq!(found.plot_of_track, [Some(1), Some(0)]);
+            assert!((found.nis[0] - 0.25).abs() < 1e-15 && (found.nis[1] - 4.41).abs() < 1e-14);
+        }
+        let greedy = associate::<2>(&scan, 12.4, likelihood, false).unwrap();
+        assert_eq!(greedy.plot_of_track[0], Some(1));
+        assert!(associate::<2>(&scan, 12.4, Scoring::Paper(0.5), true).is_err());
+    }
+}
