@@ -87,7 +87,7 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
         own = [s.bias if isinstance(s, Station) else None for s in stations]
     else:
         own = [None] * k
-    known = any(one is not None for one in own)
+    any_known = any(one is not None for one in own)
     value, sigma = np.zeros((len(STATION_KINDS), k)), np.full((len(STATION_KINDS), k), np.nan)
     for j, one in enumerate(own):
         if one is None:
@@ -100,7 +100,7 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
             value[at, j] = getattr(one, kind)
             known = getattr(one, f"{kind}_sigma")
             sigma[at, j] = np.nan if known is None else known
-    return Given(value, sigma, known)
+    return Given(value, sigma, any_known)
 
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:

@@ -162,13 +162,13 @@ def locate(
     of that loss, plus the same term for measurements in doubt. `Station.position_sigma` is part of
     the errors of all measurements of a station, unless their sigma is to be estimated.
 
-    The start is the best of the points where a minimal set of measurements agrees. Tukey's biweight
-    (4.685) is minimised from there and from the result of eight Huber steps (1.345), and the better
-    result is kept. Other starts are tried as well; two minima whose likelihoods differ by less than
-    a factor of 20 are an error. Faults have weight 0. The robust covariance is `0.963 (J' W J)^-1`,
-    which for normal errors is 5 % larger than that of least squares, plus `6 q (1 - q) d d'` for
-    each measurement that is a fault with probability q, where d is the change of the position if it
-    is left out. Cost O(M) per step, about ten steps.
+    The start is the best of the points where a minimal set of measurements agrees, or the median of
+    the stations' own fixes. Tukey's biweight (4.685) is minimised from the result of up to eight
+    Huber steps (1.345) from there. Other starts are tried as well; two minima whose likelihoods
+    differ by less than a factor of 20 are an error. Faults have weight 0. The robust covariance is
+    `0.963 (J' W J)^-1`, which for normal errors is 5 % larger than that of least squares, plus `6 q
+    (1 - q) d d'` for each measurement that is a fault with probability q, where d is the change of
+    the position if it is left out. Cost O(M) per step, about ten steps.
 
     Systematic errors (`bias=None`). In a batch, the variances of a kind grow by the factor of
     restricted maximum likelihood (Patterson, Thompson 1971) that makes the residuals of at most 256
