@@ -772,7 +772,7 @@ class TestLenthMethods:
         with pytest.raises(ValueError, match="azimuths alone, in the plane"):
             locate(TRIO, azimuth=[1, 1, 1], method=method)
         with pytest.raises(ValueError, match="the same azimuth_sigma"):
-            locate(SQUARE, azimuth=[1, 1, 1, 1], azimuth_sigma=[1, 1, 1, 2], method=method)
+            locate(SQUARE, azimuth=[1, 1, 1, 1], azimuth_sigma=[1, 1, 1, 1.5], method=method)
 
 
 @pytest.mark.skipif(not (DATA / "difar").is_dir(), reason="the recording is not there")
