@@ -18,9 +18,10 @@ use tertia::tracker::{ImmModel, Motion, Settings, Tracker};
 use traffic::{SPACING, radars, scans};
 
 type Kernel = Box<dyn FnMut()>;
+type Prepare = fn() -> Kernel;
 
 const ONE: Option<NonZero<usize>> = NonZero::new(1);
-const KERNELS: [(&str, fn() -> Kernel); 12] = [
+const KERNELS: [(&str, Prepare); 12] = [
     ("mask", || masks(1, 100_000)),
     ("mask batch", || masks(400, 100)),
     ("estimate_bearing", bearings),
