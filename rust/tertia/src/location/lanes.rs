@@ -300,14 +300,10 @@ impl<S: Simd> Lanes<S> {
         x: &[Vector<S>; N],
     ) -> (Vector<S>, [Vector<S>; N]) {
         let mut p = [self.splat(0.0); D];
-        for i in 0..D {
-            p[i] = x[i];
-        }
+        p.copy_from_slice(&x[..D]);
         let (mut residual, slope) = self.row(m, &p);
         let mut gradient = [self.splat(0.0); N];
-        for i in 0..D {
-            gradient[i] = slope[i];
-        }
+        gradient[..D].copy_from_slice(&slope);
         if N > D && m.kind == Kind::Arrival {
             residual -= x[D] * m.precision;
             gradient[D] = m.precision;

@@ -51,7 +51,7 @@ impl<S: Simd> Total<S> {
         }
         self.likelihood = self.likelihood * cost;
         self.count += 1;
-        if self.count % FACTORS == 0 {
+        if self.count.is_multiple_of(FACTORS) {
             self.sum -= self.lanes.ln(self.likelihood);
             self.likelihood = self.lanes.splat(1.0);
         }
