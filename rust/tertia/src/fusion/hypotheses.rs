@@ -256,3 +256,62 @@ impl Spread {
         count.iter().sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    /// Two hypotheses about the prediction, three plots of the variance 1.
+    fn followed() -> ([Followed; 3], Spread) {
+        let mut followed = [Followed::NONE; 3];
+        followed[0].begin(0, 0, 0.999, (0.0, 1.0));
+        followed[0].begin(0, 1, 0.001, (0.0, 64.0));
+        let chances = [[0.125, 0.5, 0.125, 0.125, 0.12, 0.005, 0.0, 0.0]];
+        let mut last = Spread::NONE;
+        for (at, innovation) in [0.3, -0.8, 2.0].into_iter().enumerate() {
+            last.fill(&followed[at], innovation, 1.0, &chances);
+            if let [before, after, ..] = &mut followed[at..] {
+                after.choose(&last, before);
+            }
+        }
+        (followed, last)
+    }
+
+    #[test]
+    fn the_most_probable_are_followed() {
+        let (mut followed, last) = followed();
+        assert_eq!(followed[2].count, FOLLOWED);
+        let before = followed[2];
+        followed[0].choose(&last, &before);
+        let mut weights: Vec<f64> = last.weights().as_flattened().to_vec();
+        weights.sort_by(|a, b| b.total_cmp(a));
+        let mut chosen = followed[0].weight;
+        chosen.sort_by(|a, b| b.total_cmp(a));
+        assert_eq!(chosen, weights[..FOLLOWED]);
+        assert_eq!(weights[0], 1.0);
+    }
+
+    /// What is added up for the levels of any plot is the sum over all hypotheses.
+    #[test]
+    fn nothing_is_lost_on_the_way_back() {
+        let (followed, last) = followed();
+        let total: f64 = last.weights().iter().map(sum).sum();
+        let (mut of_plots, mut of_prediction) = ([[0.0; EXCESSES.len()]; 3], [0.0; 2]);
+        trace(&followed, last.weights(), &mut of_plots, &mut of_prediction);
+        for of_levels in of_plots {
+            assert_within(1e-14, of_levels.iter().sum(), total);
+        }
+        assert_within(1e-14, of_prediction.iter().sum(), total);
+    }
+
+    /// Neither overflows nor fails.
+    #[test]
+    fn plots_as_far_as_can_be() {
+        let mut first = Followed::NONE;
+        first.begin(0, 0, 1.0, (0.0, 1e-100));
+        let mut last = Spread::NONE;
+        last.fill(&first, 1e150, 1e-100, &[[0.125; LANES]]);
+        assert!(largest(last.weights()) == 1.0);
+    }
+}
