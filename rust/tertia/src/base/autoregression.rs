@@ -2,11 +2,14 @@
 
 #[cfg(test)]
 use super::distribution::{student_two_sided, two_sigma};
+use std::sync::LazyLock;
 
 /// Values of φ = tanh u.
 const STEPS: usize = 48;
 const LOWEST: f64 = -0.55;
 const HIGHEST: f64 = 2.65;
+/// Gaps whose factors are kept.
+const SHORT: usize = 16;
 /// Prior probability of no correlation.
 const WHITE: f64 = 0.5;
 /// A correlation of less weight than this does not count.
@@ -39,6 +42,8 @@ pub struct Autoregression {
     sigma: Vec<f64>,
     /// ln of the evidence, less that of white noise.
     gain: f64,
+    /// Standard deviation of the mean with white noise.
+    white_sigma: f64,
 }
 
 impl Autoregression {
@@ -59,17 +64,21 @@ impl Autoregression {
         if self.count < 3 || !varies {
             return;
         }
-        let white = self.given(0.0);
+        let [white] = self.given(|gap| [Factor::of(0.0, gap)]);
+        self.white_sigma = white.sigma;
         if let Some(phi) = phi {
-            let found = self.given(phi);
+            let [found] = self.given(|gap| [Factor::of(phi, gap)]);
             self.gain = found.log_evidence - white.log_evidence;
             self.push(phi, 1.0, found);
             return;
         }
-        let (prior, phis) = prior();
-        let found = phis.map(|phi| self.given(phi));
+        let Grid { ln_prior, phis, factors } = &*GRID;
+        let found = self.given(|gap| match factors.get(gap - 1) {
+            Some(known) => *known,
+            None => phis.map(|phi| Factor::of(phi, gap)),
+        });
         let log: [f64; STEPS] =
-            std::array::from_fn(|i| prior[i].ln() + found[i].log_evidence - white.log_evidence);
+            std::array::from_fn(|i| ln_prior[i] + found[i].log_evidence - white.log_evidence);
         let highest = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let total: f64 = log.iter().map(|l| (l - highest).exp()).sum();
         self.gain = highest + total.ln();
@@ -121,23 +130,27 @@ impl Autoregression {
         &mut self.pairs[index]
     }
 
-    fn given(&self, phi: f64) -> Given {
-        let (mut a, mut top, mut log_v) = (1.0, self.start, 0.0);
-        let mut square = self.start * self.start;
+    /// The mean with each of M correlations, of which `factors` returns what depends on a gap.
+    fn given<const M: usize>(&self, factors: impl Fn(usize) -> [Factor; M]) -> [Given; M] {
+        let mut sums = [[1.0, self.start, self.start * self.start, 0.0]; M];
         for p in &self.pairs {
-            let f = power(phi, p.gap);
-            let v = 1.0 - f * f;
-            let e = p.second - f * p.first;
-            a += p.count * (1.0 - f).powi(2) / v;
-            top += (1.0 - f) * e / v;
-            square += (p.second_squared - 2.0 * f * p.product + f * f * p.first_squared) / v;
-            log_v += p.count * v.ln();
+            for (Factor { f, v, ln_v }, [a, top, square, log_v]) in
+                factors(p.gap).into_iter().zip(&mut sums)
+            {
+                let e = p.second - f * p.first;
+                *a += p.count * (1.0 - f).powi(2) / v;
+                *top += (1.0 - f) * e / v;
+                *square += (p.second_squared - 2.0 * f * p.product + f * f * p.first_squared) / v;
+                *log_v += p.count * ln_v;
+            }
         }
-        let mean = top / a;
         let degrees = self.count as f64 - 1.0;
-        let rss = (square - a * mean * mean).max(f64::MIN_POSITIVE);
-        let log_evidence = -0.5 * (log_v + a.ln() + degrees * rss.ln());
-        Given { mean, sigma: (rss / (degrees * a)).sqrt(), log_evidence }
+        sums.map(|[a, top, square, log_v]| {
+            let mean = top / a;
+            let rss = (square - a * mean * mean).max(f64::MIN_POSITIVE);
+            let log_evidence = -0.5 * (log_v + a.ln() + degrees * rss.ln());
+            Given { mean, sigma: (rss / (degrees * a)).sqrt(), log_evidence }
+        })
     }
 
     /// Logarithm of the evidence over that of white noise: 0 for fewer than three values, and for
@@ -174,7 +187,7 @@ impl Autoregression {
         }
         let shift = self.shift();
         let variance: f64 = self.terms().map(|(w, m, s)| w * (s * s + (m - shift).powi(2))).sum();
-        variance / self.given(0.0).sigma.powi(2)
+        variance / (self.white_sigma * self.white_sigma)
     }
 
     /// Half of the half-width of the interval about the mean that holds 95.45 % of the posterior.
@@ -202,13 +215,31 @@ struct Given {
     log_evidence: f64,
 }
 
-/// φ to the power of the gap.
-fn power(phi: f64, gap: usize) -> f64 {
-    phi.powi(i32::try_from(gap).unwrap_or(i32::MAX))
+/// f = φ^gap, v = 1 − f², ln v.
+#[derive(Clone, Copy, Debug)]
+struct Factor {
+    f: f64,
+    v: f64,
+    ln_v: f64,
 }
 
-/// Prior and values of φ: flat, and half of it more at the value nearest to zero.
-fn prior() -> ([f64; STEPS], [f64; STEPS]) {
+impl Factor {
+    fn of(phi: f64, gap: usize) -> Self {
+        let f = phi.powi(i32::try_from(gap).unwrap_or(i32::MAX));
+        let v = 1.0 - f * f;
+        Self { f, v, ln_v: v.ln() }
+    }
+}
+
+/// Values of φ with the logarithm of their prior: flat, and half of it more at the value nearest to
+/// zero; and the factors of short gaps.
+struct Grid {
+    phis: [f64; STEPS],
+    ln_prior: [f64; STEPS],
+    factors: [[Factor; STEPS]; SHORT],
+}
+
+static GRID: LazyLock<Grid> = LazyLock::new(|| {
     let step = (HIGHEST - LOWEST) / (STEPS - 1) as f64;
     let phis: [f64; STEPS] = std::array::from_fn(|i| (LOWEST + step * i as f64).tanh());
     // dφ = (1 − φ²) du
@@ -217,8 +248,9 @@ fn prior() -> ([f64; STEPS], [f64; STEPS]) {
     let mut prior = flat.map(|f| (1.0 - WHITE) * f / total);
     let nearest = (0..STEPS).fold(0, |a, b| if phis[b].abs() < phis[a].abs() { b } else { a });
     prior[nearest] += WHITE;
-    (prior, phis)
-}
+    let factors = std::array::from_fn(|gap| phis.map(|phi| Factor::of(phi, gap + 1)));
+    Grid { phis, ln_prior: prior.map(f64::ln), factors }
+});
 
 #[cfg(test)]
 mod tests {
