@@ -124,6 +124,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "registration.md": {
         "coverage": registration.coverage,
         "aligned": registration.aligned,
+        "live": registration.live,
     },
     "fusion.md": {
         "paper weights": fusion.paper_weights,

@@ -13,7 +13,7 @@ from tertia._arrays import FloatArray
 from tertia.metrics import nees
 from tertia.registration import Registration, register
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
-from tertia.tracker import track
+from tertia.tracker import Tracker, track
 
 SEED = 31
 SCENES, RADARS, FLIGHTS, DURATION = repetitions(40), 3, 15, 600.0
@@ -21,6 +21,10 @@ SET_UPS: tuple[simulate.SetUpName, ...] = ("tma", "middle", "en-route")
 NOISE = ("range", "azimuth")
 ERRORS = ("range", "range_gain", "azimuth", "time")
 ALIGNED = repetitions(3)
+LIVE, AIRCRAFT = repetitions(10), 20
+PERIODS = ((0.0, 60.0), (60.0, 180.0), (180.0, 300.0), (300.0, 600.0), (600.0, 900.0))
+# a row farther from its target is of another one, metres
+ASTRAY = 2000.0
 AZIMUTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 
@@ -35,17 +39,25 @@ def drawn(random: np.random.Generator, count: int) -> Bias:
     return Bias(range=value[:, 0], range_gain=value[:, 1], azimuth=value[:, 2], time=value[:, 3])
 
 
+def places(setting: simulate.SetUp, random: np.random.Generator) -> list[tuple[FloatArray, float]]:
+    """Return where the radars are, and their scan periods."""
+    found = []
+    for k in range(RADARS):
+        angle = 2 * np.pi * k / RADARS + random.uniform(0.0, 1.0)
+        place = 0.35 * setting.distance[1] * np.array([np.sin(angle), np.cos(angle)])
+        found.append((place, setting.radar.scan_period * (1.0 + 0.25 * k)))
+    return found
+
+
 def scene(name: simulate.SetUpName, seed: int) -> tuple[Registration, FloatArray, Bias]:
     """Return what is found, the true noise factors (K, 2) and the true errors."""
     random = np.random.default_rng([SEED, SET_UPS.index(name), seed])
     setting = simulate.set_up(name)
     factor = random.uniform(0.7, 1.8, (RADARS, 2))
-    stated: list[Radar] = []
-    for k in range(RADARS):
-        angle = 2 * np.pi * k / RADARS + random.uniform(0.0, 1.0)
-        place = 0.35 * setting.distance[1] * np.array([np.sin(angle), np.cos(angle)])
-        period = setting.radar.scan_period * (1.0 + 0.25 * k)
-        stated.append(replace(setting.radar, position=place, scan_period=period))
+    stated = [
+        replace(setting.radar, position=place, scan_period=period)
+        for place, period in places(setting, random)
+    ]
     real = [
         replace(
             radar,
@@ -132,3 +144,78 @@ def aligned() -> str:
         ["largest error of the azimuth found", *(f"{np.max(np.abs(e)):.3f}°" for e in errors)]
     )
     return markdown(["tracks of 20 aircraft", *(f"{azimuth}°" for azimuth in AZIMUTHS)], rows)
+
+
+def followed(
+    record: simulate.RadarPlots, radars: list[Radar], place: FloatArray, *, registers: bool
+) -> tuple[list[list[float]], int]:
+    """Return squared errors and NEES of rows in each period, and the number of tracks."""
+    plots = record.plots
+    tracker = Tracker(radars, registration=registers)
+    ends = np.arange(4.0, PERIODS[-1][1] + 4.0, 4.0)
+    edges = np.concatenate([[0], np.searchsorted(plots.time, ends)])
+    tables = [
+        tracker.update(plots[a:b], time=end)
+        for a, b, end in zip(edges, edges[1:], ends, strict=False)
+    ]
+    time, row, track_, confirmed = (
+        np.concatenate([getattr(table, name) for table in tables])
+        for name in ("time", "plot", "track", "confirmed")
+    )
+    position = np.concatenate([table.position for table in tables])
+    covariance = np.concatenate([table.covariance for table in tables])[:, :2, :2]
+    error = position - place[row]
+    used = confirmed & (row >= 0) & (record.target[row] >= 0)
+    used &= np.hypot(*error.T) < ASTRAY
+    cells = []
+    for low, high in PERIODS:
+        now = used & (time >= low) & (time < high)
+        squares = np.sum(error[now] ** 2, axis=1)
+        cells.append(
+            [float(np.mean(squares)), float(np.mean(nees(error[now], covariance[now]))) / 2]
+        )
+    return cells, len(np.unique(track_[confirmed]))
+
+
+def live() -> str:
+    """Return errors of tracks with registration over those of tracks that know the errors."""
+    rows = []
+    for name in SET_UPS:
+        ratios: dict[str, list[list[list[float]]]] = {}
+        counts: dict[str, list[int]] = {}
+        for seed in range(LIVE):
+            random = np.random.default_rng([SEED, 7, SET_UPS.index(name), seed])
+            setting = simulate.set_up(name)
+            stated = [
+                replace(setting.radar, position=place, scan_period=period)
+                for place, period in places(setting, random)
+            ]
+            limits = columns(RADAR_LIMITS, "_sigma")
+            value = limits * random.uniform(-1.0, 1.0, (RADARS, len(ERRORS)))
+            bias = Bias(
+                range=value[:, 0], range_gain=value[:, 1], azimuth=value[:, 2], time=value[:, 3]
+            )
+            traffic = simulate.flights(
+                simulate.routes(name, AIRCRAFT, rng=random), wind=setting.wind, rng=random
+            )
+            record = simulate.radar_plots(
+                traffic, stated, clutter=5, bias=bias, outlier_probability=0.01, rng=random
+            )
+            record = record[record.plots.time < PERIODS[-1][1]]
+            late = np.asarray(bias.time)[record.plots.sensor] * (record.target >= 0)
+            place, _, _ = traffic._state(np.maximum(record.target, 0), record.plots.time - late)
+            known = [replace(one, bias=bias[k]) for k, one in enumerate(stated)]
+            for way, sensors in (("known", known), ("as they are", stated), ("registered", stated)):
+                registers = way == "registered"
+                cells, count = followed(record, sensors, place, registers=registers)
+                ratios.setdefault(way, []).append(cells)
+                counts.setdefault(way, []).append(count)
+        best = np.nanmean(np.array(ratios["known"])[..., 0], axis=0)
+        for way in ("as they are", "registered"):
+            mean = np.nanmean(np.array(ratios[way]), axis=0)
+            ratio = np.sqrt(mean[:, 0] / best)
+            cells_of = [f"{one:.3f}, {mean[i, 1]:.2f}" for i, one in enumerate(ratio)]
+            tracks = f"{np.mean(counts[way]):.1f} ({np.mean(counts['known']):.1f})"
+            rows.append([name, way, *cells_of, tracks])
+    head = ["", "errors", *(f"{low:.0f} to {high:.0f} s" for low, high in PERIODS)]
+    return markdown([*head, "tracks (errors known)"], rows)

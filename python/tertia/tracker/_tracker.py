@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,15 +23,16 @@ from tertia._arrays import (
 )
 from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
-from tertia.sensors import Radar
+from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import Level, in_plane, plane_of
 from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
 from tertia.tracker._plots import Plots
+from tertia.tracker._registrar import Registrar
 from tertia.tracker._table import TrackTable
 
 _State: TypeAlias = (
-    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, Level, bytes]"
+    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, Level, Any, bytes]"
 )
 
 
@@ -130,6 +132,11 @@ class Tracker:
     clock_period : float, optional
         Seconds after which the clock of the plots starts again, for example 86400 for the time of
         day.
+    registration : bool
+        Whether to estimate the systematic errors of the radars while tracking, from targets that
+        several of them see, and to correct plots by them. `bias` is what is known by now; what is
+        not known is part of the covariances. Errors of several times the limits are found faster by
+        `tertia.registration.register`.
     n_threads : int, optional
         Threads to use for scans of more than a thousand plots per thread; by default all cores. The
         tracks are the same to the last bit.
@@ -165,7 +172,15 @@ class Tracker:
     True
     """
 
-    __slots__ = ("_core", "_level", "clock_period", "n_threads", "plans", "sensors")
+    __slots__ = (
+        "_core",
+        "_level",
+        "_registrar",
+        "clock_period",
+        "n_threads",
+        "plans",
+        "sensors",
+    )
 
     def __init__(
         self,
@@ -183,6 +198,7 @@ class Tracker:
         identity_error_probability: float = 1e-3,
         emergency_codes: Sequence[int] = (),
         clock_period: float | None = None,
+        registration: bool = False,
         n_threads: int | None = None,
     ) -> None:
         self.n_threads = threads(n_threads)
@@ -213,6 +229,12 @@ class Tracker:
             [core_radar(radar) for radar in self.sensors],
             [plan._route for plan in self.plans],
         )
+        self._registrar = Registrar(self.sensors) if registration else None
+
+    @property
+    def bias(self) -> Bias:
+        """Systematic errors of the sensors, (K,), as they are known by now."""
+        return own_biases(self.sensors) if self._registrar is None else self._registrar.bias
 
     def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
         """Process the plots of a scan, or of any period.
@@ -243,16 +265,29 @@ class Tracker:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
-        if any(radar.bias is not None for radar in self.sensors):
-            plots = own_biases(self.sensors).correct(plots)
+        reported, bias, level = plots, None, self._level
+        if self._registrar is not None or any(one.bias is not None for one in self.sensors):
+            bias = self.bias
+            plots = bias.correct(plots)
         instants, end = plots.time, None if time is None else real(time, "time")
-        plots, self._level = in_plane(plots, self.sensors, self._level)
+        plots, self._level = in_plane(plots, self.sensors, level)
         if self.clock_period is not None:
             instants = self._continuous(instants, self.clock_period)
             if end is not None:
                 end = float(self._continuous(np.array([end]), self.clock_period)[0])
+        if self._registrar is None or bias is None:
+            found = self._core.track(plots, instants, end, recording, self.n_threads)
+            return TrackTable._of(*found)
+        if recording:
+            raise ValueError(
+                "registration is for scans as they come; track a recording with the sensors that "
+                "tertia.registration.register finds"
+            )
+        self._core.set_noise(self._registrar.noise)
         found = self._core.track(plots, instants, end, recording, self.n_threads)
-        return TrackTable._of(*found)
+        late = np.asarray(bias.time)[reported.sensor]
+        seen, _ = in_plane(replace(reported, time=instants + late), self.sensors, level)
+        return self._registrar.learn(seen, TrackTable._of(*found), self._core.time)
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:
         """Return continuous times from a clock that starts again, near the earlier ones."""
@@ -342,11 +377,13 @@ class Tracker:
     def __getstate__(self) -> _State:
         """Return the complete state of the tracker."""
         saved = self._core.__getstate__()
-        return self.sensors, self.plans, self.clock_period, self.n_threads, self._level, saved
+        own = self.sensors, self.plans, self.clock_period, self.n_threads
+        return *own, self._level, self._registrar, saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""
-        self.sensors, self.plans, self.clock_period, self.n_threads, self._level, saved = state
+        self.sensors, self.plans, self.clock_period, self.n_threads, *rest = state
+        self._level, self._registrar, saved = rest
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:

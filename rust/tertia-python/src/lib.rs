@@ -56,7 +56,8 @@ mod core_module {
     };
     #[pymodule_export]
     use super::registration::{
-        calibrate, common_states, correct_states, register_errors, register_noise, register_start,
+        Registrar, calibrate, common_states, correct_states, register_errors, register_noise,
+        register_start,
     };
     #[pymodule_export]
     use super::screening::{

@@ -5,8 +5,9 @@ use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use tertia::registration::{
-    self as core, Alone, Common, ERRORS, Level, PolarPlot, Report, Row, TargetPlot,
+    self as core, Alone, Common, ERRORS, Level, PolarPlot, Report, Row, TargetPlot, Update,
 };
 
 /// Cost of a row of a table or an instant of a radar, for releasing the interpreter's lock.
@@ -294,6 +295,74 @@ pub fn register_start<'py>(
         array(py, &[k, ERRORS], found.errors.into_flattened())?,
         array(py, &[k, ERRORS], found.prior.into_flattened())?,
     ])
+}
+
+/// The errors of radars, scan by scan.
+#[pyclass(module = "tertia._core")]
+pub struct Registrar(core::Registrar);
+
+#[pymethods]
+impl Registrar {
+    #[new]
+    fn new(radars: Vec<PyRef<'_, Radar>>, mean: Input<'_>, sigma: Input<'_>) -> PyResult<Self> {
+        let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+        let mean = mean.points::<ERRORS>("mean", 1)?;
+        let sigma = sigma.points::<ERRORS>("sigma", 1)?;
+        same_length(radars.len(), &[mean.len(), sigma.len()])?;
+        Ok(Self(core::Registrar::new(radars, mean, sigma)))
+    }
+
+    /// Learns from the plots of rows with these velocities and covariances, until a time; returns what
+    /// the errors add to the covariances, (N, 4, 4).
+    fn learn<'py>(
+        &mut self,
+        py: Python<'py>,
+        plots: TargetPlots<'py>,
+        velocity: Input<'py>,
+        covariance: Input<'py>,
+        time: f64,
+    ) -> PyResult<Array<'py>> {
+        let plots = plots.read(self.0.errors().len())?;
+        let velocity = velocity.points::<2>("velocity", 1)?;
+        let covariance = covariance.points::<16>("covariance", 2)?;
+        same_length(plots.len(), &[velocity.len(), covariance.len()])?;
+        let updates: Vec<Update> = plots
+            .into_iter()
+            .zip(velocity)
+            .zip(covariance)
+            .map(|((plot, velocity), covariance)| Update { plot, velocity, covariance })
+            .collect();
+        let added = py.detach(|| self.0.learn(&updates, time));
+        array(py, &[updates.len(), 4, 4], added.into_flattened())
+    }
+
+    /// Errors and their standard deviations, (K, 4), and the noise for the tracker, (K, 2).
+    fn known<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py>; 3]> {
+        let (errors, sigmas, noise) = (self.0.errors(), self.0.sigmas(), self.0.noise());
+        let k = errors.len();
+        Ok([
+            array(py, &[k, ERRORS], errors.into_flattened())?,
+            array(py, &[k, ERRORS], sigmas.into_flattened())?,
+            array(py, &[k, 2], noise.into_flattened())?,
+        ])
+    }
+
+    /// Times and radars of sudden changes.
+    fn changes(&self) -> Vec<(f64, usize)> {
+        self.0.changes().to_vec()
+    }
+
+    fn __getstate__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.0.to_bytes())
+    }
+
+    /// The registrar of such a state.
+    #[staticmethod]
+    fn from_state(state: &[u8]) -> PyResult<Self> {
+        core::Registrar::from_bytes(state)
+            .map(Self)
+            .ok_or_else(|| PyValueError::new_err("this is not the state of a registration"))
+    }
 }
 
 /// Constant and coefficients of a sensor's error, their covariance, the variance of its drift, its

@@ -45,6 +45,11 @@ impl PlotTracker {
         self.0.time()
     }
 
+    /// Sets the standard deviations of range and azimuth of each radar, (K, 2).
+    fn set_noise(&mut self, noise: Input<'_>) -> PyResult<()> {
+        self.0.set_noise(&noise.pairs("noise")?).map_err(value_error)
+    }
+
     /// Processes plots at these times, until `end`. Of a recording, all rows of the tracks that are
     /// confirmed in the end are returned, otherwise those of the tracks that are confirmed by then.
     fn track<'py>(

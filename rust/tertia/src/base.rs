@@ -24,4 +24,5 @@ pub(crate) mod plane;
 pub(crate) mod random;
 pub(crate) mod skyline;
 pub(crate) mod small;
+pub(crate) mod state;
 pub(crate) mod vector;

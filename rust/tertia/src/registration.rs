@@ -8,6 +8,7 @@
 //! | `row`, `common` | states of the radars' tracks at common instants | O(N log N + M K) |
 //! | `sighting`, `block` | what plots of one target by several radars say of the errors of the radars | O(n K²) |
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
+//! | `live` | the errors scan by scan, and what they add to the covariances of tracks | O(K³) a scan |
 //! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
 //! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
 
@@ -16,6 +17,7 @@ mod calibration;
 mod common;
 mod correction;
 mod lines;
+mod live;
 mod noise;
 mod recording;
 mod row;
@@ -26,6 +28,7 @@ pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
 pub use lines::{Line, PolarPlot, lines};
+pub use live::{Registrar, Update};
 pub use noise::{Level, Noise, noise, stretch_of};
 pub use recording::{Registered, TargetPlot, register};
 pub use row::{Row, Table};

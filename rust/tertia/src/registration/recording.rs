@@ -5,6 +5,7 @@ use super::sighting::{Errors, Report, Sighting};
 use crate::base::distribution::chi_square_upper;
 use crate::sensors::Radar;
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 /// Duration of a block in scans of the slowest radar.
 const SCANS: f64 = 2.2;
@@ -23,7 +24,7 @@ const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
 
 /// A plot of a target.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetPlot {
     /// The plot.
     pub report: Report,
@@ -49,13 +50,13 @@ pub struct Registered {
 }
 
 /// Sums over the blocks of a round.
-struct Sums {
-    information: DMatrix<f64>,
-    score: DVector<f64>,
+pub(super) struct Sums {
+    pub information: DMatrix<f64>,
+    pub score: DVector<f64>,
     /// Squares of residuals and their redundancy.
-    square: Vec<[f64; 2]>,
-    redundancy: Vec<[f64; 2]>,
-    blocks: [usize; 2],
+    pub square: Vec<[f64; 2]>,
+    pub redundancy: Vec<[f64; 2]>,
+    pub blocks: [usize; 2],
 }
 
 /// Errors of radars by blocks of the plots of one target. Before, they have the means and standard
@@ -71,7 +72,7 @@ pub fn register(
     start: &[Errors],
 ) -> Registered {
     assert!([mean, sigma, start].iter().all(|own| own.len() == radars.len()));
-    let unknowns = unknowns(sigma);
+    let unknowns = numbered(sigma);
     let order = unknowns.iter().flatten().flatten().count();
     let blocks = windows(plots, radars);
     let mut errors = start.to_vec();
@@ -94,7 +95,7 @@ pub fn register(
         for (k, factor) in factor.iter_mut().enumerate() {
             for (axis, factor) in factor.iter_mut().enumerate() {
                 let (square, free) = (sums.square[k][axis], sums.redundancy[k][axis]);
-                *factor *= ((square + STATED) / (free + STATED)).sqrt();
+                *factor *= self::factor(square, free);
             }
         }
     }
@@ -108,7 +109,7 @@ pub fn register(
 }
 
 impl Sums {
-    fn new(order: usize, radars: usize) -> Self {
+    pub fn new(order: usize, radars: usize) -> Self {
         Self {
             information: DMatrix::identity(order, order),
             score: DVector::zeros(order),
@@ -119,7 +120,7 @@ impl Sums {
     }
 
     /// Adds a block without what does not fit.
-    fn add(
+    pub fn add(
         &mut self,
         plots: &[TargetPlot],
         radars: &[Radar],
@@ -180,7 +181,7 @@ fn off(residuals: &[f64], redundancy: &[f64], plot: usize) -> f64 {
 }
 
 /// The unknown errors, numbered.
-fn unknowns(prior: &[Errors]) -> Unknowns {
+pub(super) fn numbered(prior: &[Errors]) -> Unknowns {
     let mut next = 0;
     let mut number = |sigma: f64| {
         (sigma > 0.0).then(|| {
@@ -192,7 +193,7 @@ fn unknowns(prior: &[Errors]) -> Unknowns {
 }
 
 /// Radar, error, column and standard deviation of each unknown.
-fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, usize, f64)) {
+pub(super) fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, usize, f64)) {
     for (k, own) in unknowns.iter().enumerate() {
         for (j, unknown) in own.iter().enumerate() {
             if let Some((column, sigma)) = *unknown {
@@ -202,9 +203,19 @@ fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, usize, f64)) 
     }
 }
 
+/// Noise over what is stated, by squares of residuals and their redundancy.
+pub(super) fn factor(squares: f64, redundancy: f64) -> f64 {
+    ((squares + STATED) / (redundancy + STATED)).sqrt()
+}
+
+/// Seconds of a block.
+pub(super) fn scans(radars: &[Radar]) -> f64 {
+    SCANS * radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max)
+}
+
 /// The plots of targets in order of time, in blocks.
 fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
-    let slowest = radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
+    let longest = scans(radars);
     let mut sorted = plots.to_vec();
     sorted.sort_by(|a, b| {
         (a.target.cmp(&b.target))
@@ -216,7 +227,7 @@ fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
         match blocks.last_mut() {
             Some(block)
                 if block[0].target == plot.target
-                    && plot.report.time - block[0].report.time <= SCANS * slowest =>
+                    && plot.report.time - block[0].report.time <= longest =>
             {
                 block.push(plot);
             }

@@ -2,6 +2,7 @@
 
 use crate::sensors::{HEIGHT_SIGMA, Radar};
 use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
 
 /// Systematic errors of a radar: offset of the range, gain of the range, azimuth, clock.
 pub const ERRORS: usize = 4;
@@ -14,7 +15,7 @@ const OVERHEAD: f64 = 1e-3;
 pub type Errors = [f64; ERRORS];
 
 /// A plot as a radar reports it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Which radar.
     pub radar: usize,

@@ -8,6 +8,7 @@ use super::settings::Settings;
 use super::share::{SHARES_PER_THREAD, run};
 use super::track::Track;
 use crate::base::error::{Error, Result, require};
+use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
@@ -17,12 +18,6 @@ const WAITING: f64 = 0.125;
 
 /// Plots of a scan that are worth a thread: they take a millisecond.
 const PLOTS_PER_THREAD: usize = 1000;
-
-/// Number of the format of saved states; it changes with the fields of a tracker.
-const FORMAT: u64 = 2;
-/// Start and factor of the hash function FNV-1a.
-const FNV_START: u64 = 0xcbf2_9ce4_8422_2325;
-const FNV_FACTOR: u64 = 0x0000_0100_0000_01b3;
 
 /// All tracks, and the state of the clutter estimate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,16 +51,12 @@ impl Tracker {
     /// # Panics
     /// Never: what it knows can be written.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = postcard::to_stdvec(self).expect("vectors grow");
-        bytes.extend(checksum(&bytes).to_le_bytes());
-        bytes
+        saved(self)
     }
 
     /// The tracker that was written; none where these are not such bytes, or damaged.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let (state, sum) = bytes.split_last_chunk()?;
-        let is_whole = checksum(state) == u64::from_le_bytes(*sum);
-        is_whole.then(|| postcard::from_bytes(state).ok())?
+        restored(bytes)
     }
 
     /// Numbers of the confirmed tracks, and their positions so many seconds after `time`: along their
@@ -105,6 +96,20 @@ impl Tracker {
     /// Number of radars.
     pub fn radars(&self) -> usize {
         self.settings.radars.len()
+    }
+
+    /// Sets the standard deviations of range (m) and azimuth (rad) of each radar.
+    ///
+    /// # Errors
+    /// A number that is not positive.
+    pub fn set_noise(&mut self, noise: &[[f64; 2]]) -> Result<()> {
+        for (radar, [range_sigma, azimuth_sigma]) in self.settings.radars.iter_mut().zip(noise) {
+            let changed =
+                Radar { range_sigma: *range_sigma, azimuth_sigma: *azimuth_sigma, ..*radar };
+            changed.check()?;
+            *radar = changed;
+        }
+        Ok(())
     }
 
     /// Time until which everything is processed, s; negative infinity at first.
@@ -290,12 +295,6 @@ fn extend<T: Sync>(
     run(threads, parts, |(items, room): (&[T], &mut [Measured])| {
         items.iter().zip(room).for_each(|(item, room)| *room = make(item));
     });
-}
-
-/// FNV-1a of a saved state: no value in it can be trusted if one of its bits has changed.
-fn checksum(state: &[u8]) -> u64 {
-    let step = |sum: u64, &byte: &u8| (sum ^ u64::from(byte)).wrapping_mul(FNV_FACTOR);
-    state.iter().fold(FNV_START ^ FORMAT, step)
 }
 
 /// Threads for a scan of so many plots: as many as requested, or all cores; one for few plots.

@@ -1,0 +1,320 @@
+//! The systematic errors of radars, scan by scan, and what they add to the covariances of tracks.
+//!
+//! One Gaussian of the errors of all radars is updated by the blocks of plots that end in a scan. Its
+//! cost is that of a factorisation of 4 K unknowns a scan; nothing grows with the number of targets
+//! but the blocks.
+
+use super::block::Unknowns;
+use super::recording::{Sums, TargetPlot, for_each, numbered, scans};
+use super::sighting::{ERRORS, Errors, Sighting};
+use crate::base::state::{restored, saved};
+use crate::sensors::Radar;
+use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Matrix4, OMatrix, U4, Vector2};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Standard deviations of the prior by which errors wander within ten minutes.
+const WANDER: f64 = 0.2;
+const WANDER_TIME: f64 = 600.0;
+/// Redundant measurements that the noise is known by at most.
+const MEMORY: f64 = 150.0;
+/// Seconds in which a sudden change is sought, its size in standard deviations of the prior, and the
+/// odds that it needs.
+const CHANGE_TIME: f64 = 30.0;
+const CHANGE: f64 = 3.0;
+const ODDS: f64 = 1e6;
+/// Distance at which an unknown gain counts as noise of the range, m.
+const FAR: f64 = 80e3;
+/// Speed at which an unknown clock does, m/s.
+const SPEED: f64 = 200.0;
+/// Scans of the slowest radar after which a track is forgotten.
+const FORGOTTEN: f64 = 10.0;
+
+/// Position and velocity of a track by the errors.
+type Sensitivity = OMatrix<f64, U4, Dyn>;
+
+/// A row of a track that a plot has updated.
+#[derive(Clone, Debug)]
+pub struct Update {
+    /// The plot, as the radar reports it.
+    pub plot: TargetPlot,
+    /// Velocity of the track, and the covariance of position and velocity, row by row.
+    pub velocity: [f64; 2],
+    /// Row by row.
+    pub covariance: [f64; 16],
+}
+
+/// What one scan said of the errors, and what was known before it.
+#[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
+struct Scan {
+    time: f64,
+    information: DMatrix<f64>,
+    /// About errors of zero.
+    score: DVector<f64>,
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+/// The errors of radars as far as they are known.
+#[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
+pub struct Registrar {
+    radars: Vec<Radar>,
+    sigma: Vec<Errors>,
+    /// Means before anything was seen, in their units.
+    start: Vec<Errors>,
+    /// What is known since, in units of the prior.
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+    factor: Vec<[f64; 2]>,
+    squares: Vec<[f64; 2]>,
+    redundancy: Vec<[f64; 2]>,
+    time: f64,
+    open: BTreeMap<i64, Vec<TargetPlot>>,
+    tracks: BTreeMap<i64, (f64, Sensitivity)>,
+    recent: Vec<Scan>,
+    changes: Vec<(f64, usize)>,
+}
+
+impl Registrar {
+    /// Of radars whose errors have these means and standard deviations; 0 is no error.
+    ///
+    /// # Panics
+    /// If the lengths differ.
+    pub fn new(radars: Vec<Radar>, start: Vec<Errors>, sigma: Vec<Errors>) -> Self {
+        assert!(start.len() == radars.len() && sigma.len() == radars.len());
+        let (k, order) = (radars.len(), sigma.iter().flatten().filter(|one| **one > 0.0).count());
+        Self {
+            radars,
+            sigma,
+            start,
+            mean: DVector::zeros(order),
+            covariance: DMatrix::identity(order, order),
+            factor: vec![[1.0; 2]; k],
+            squares: vec![[0.0; 2]; k],
+            redundancy: vec![[0.0; 2]; k],
+            time: f64::NEG_INFINITY,
+            open: BTreeMap::new(),
+            tracks: BTreeMap::new(),
+            recent: Vec::new(),
+            changes: Vec::new(),
+        }
+    }
+
+    /// The errors of each radar.
+    pub fn errors(&self) -> Vec<Errors> {
+        let mut errors = self.start.clone();
+        for_each(&self.unknowns(), |k, j, column, sigma| {
+            errors[k][j] += self.mean[column] * sigma;
+        });
+        errors
+    }
+
+    /// Their standard deviations.
+    pub fn sigmas(&self) -> Vec<Errors> {
+        let mut found = vec![[0.0; ERRORS]; self.radars.len()];
+        for_each(&self.unknowns(), |k, j, column, sigma| {
+            found[k][j] = self.covariance[(column, column)].max(0.0).sqrt() * sigma;
+        });
+        found
+    }
+
+    /// All that is known, as bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        saved(self)
+    }
+
+    /// The registrar that was written; none where these are not such bytes, or damaged.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        restored(bytes)
+    }
+
+    /// Times and radars of sudden changes.
+    pub fn changes(&self) -> &[(f64, usize)] {
+        &self.changes
+    }
+
+    /// Standard deviations of range (m) and azimuth (rad) with which plots of each radar are to be
+    /// tracked: the noise found, and what is not known of the errors.
+    pub fn noise(&self) -> Vec<[f64; 2]> {
+        let sigmas = self.sigmas();
+        let one = |(k, radar): (usize, &Radar)| {
+            let [offset, gain, azimuth, clock] = sigmas[k];
+            let late = 0.5 * (SPEED * clock).powi(2);
+            let range = radar.range_sigma * self.factor[k][0];
+            let angle = radar.azimuth_sigma * self.factor[k][1];
+            let unknown = offset.hypot(FAR * gain).powi(2) + late;
+            [
+                (range * range + unknown).sqrt(),
+                (angle * angle + azimuth * azimuth + late / (FAR * FAR)).sqrt(),
+            ]
+        };
+        self.radars.iter().enumerate().map(one).collect()
+    }
+
+    fn unknowns(&self) -> Unknowns {
+        numbered(&self.sigma)
+    }
+
+    /// Learns from rows of confirmed tracks, until a time. Returns what the errors add to the
+    /// covariance of each row.
+    pub fn learn(&mut self, updates: &[Update], time: f64) -> Vec<[f64; 16]> {
+        let longest = scans(&self.radars);
+        let mut closed = Vec::new();
+        for update in updates {
+            let plot = update.plot;
+            let block = self.open.entry(plot.target).or_default();
+            if block.first().is_some_and(|first| plot.report.time - first.report.time > longest) {
+                closed.push(std::mem::take(block));
+            }
+            block.push(plot);
+        }
+        self.open.retain(|_, block| {
+            let ends = block.first().is_none_or(|first| time - first.report.time > longest);
+            if ends {
+                closed.push(std::mem::take(block));
+            }
+            !ends
+        });
+        self.wander(time);
+        self.step(&closed, time);
+        let added = updates.iter().map(|update| self.carry(update)).collect();
+        self.tracks.retain(|_, (last, _)| time - *last <= FORGOTTEN * longest);
+        added
+    }
+
+    /// Lets the errors wander.
+    fn wander(&mut self, time: f64) {
+        if self.time.is_finite() && time > self.time {
+            let grown = WANDER * WANDER * (time - self.time) / WANDER_TIME;
+            for i in 0..self.mean.len() {
+                self.covariance[(i, i)] += grown;
+            }
+        }
+        self.time = self.time.max(time);
+    }
+
+    /// Updates by the blocks of a scan.
+    fn step(&mut self, blocks: &[Vec<TargetPlot>], time: f64) {
+        let (order, unknowns) = (self.mean.len(), self.unknowns());
+        let mut sums = Sums::new(order, self.radars.len());
+        let errors = self.errors();
+        for block in blocks {
+            sums.add(block, &self.radars, &unknowns, &errors, &self.factor, &self.covariance);
+        }
+        self.learn_noise(&sums);
+        if sums.blocks[0] == 0 || order == 0 {
+            return;
+        }
+        let information = sums.information - DMatrix::identity(order, order);
+        let score = sums.score + &information * &self.mean;
+        let (mean, covariance) = (self.mean.clone(), self.covariance.clone());
+        self.update(&information, &score);
+        self.recent.retain(|scan| time - scan.time <= CHANGE_TIME);
+        self.recent.push(Scan { time, information, score, mean, covariance });
+        self.find_change(time);
+    }
+
+    /// Updates by normal equations about errors of zero.
+    fn update(&mut self, information: &DMatrix<f64>, score: &DVector<f64>) {
+        let order = self.mean.len();
+        let sum = DMatrix::identity(order, order) + &self.covariance * information;
+        let Some(inverse) = sum.try_inverse() else { return };
+        let covariance = inverse * &self.covariance;
+        self.covariance = 0.5 * (&covariance + covariance.transpose());
+        self.mean += &self.covariance * (score - information * &self.mean);
+    }
+
+    fn learn_noise(&mut self, sums: &Sums) {
+        for (k, factor) in self.factor.iter_mut().enumerate() {
+            for (axis, factor) in factor.iter_mut().enumerate() {
+                let (squares, free) = (&mut self.squares[k][axis], &mut self.redundancy[k][axis]);
+                *squares += *factor * *factor * sums.square[k][axis];
+                *free += sums.redundancy[k][axis];
+                if *free > MEMORY {
+                    *squares *= MEMORY / *free;
+                    *free = MEMORY;
+                }
+                *factor = super::recording::factor(*squares, *free);
+            }
+        }
+    }
+
+    /// Whether the errors of one radar have changed within the last scans.
+    fn find_change(&mut self, time: f64) {
+        let order = self.mean.len();
+        let mut own: Vec<Vec<usize>> = vec![Vec::new(); self.radars.len()];
+        for_each(&self.unknowns(), |k, _, column, _| own[k].push(column));
+        let (mut information, mut score) = (DMatrix::zeros(order, order), DVector::zeros(order));
+        let mut best: Option<(f64, usize, usize)> = None;
+        for (i, scan) in self.recent.iter().enumerate().rev() {
+            information += &scan.information;
+            score += &scan.score;
+            let off = &score - &information * &scan.mean;
+            let sum = DMatrix::identity(order, order) + &information * &scan.covariance;
+            let Some(inverse) = sum.try_inverse() else { continue };
+            let (g, t) = (&inverse * off, &inverse * &information);
+            for (k, columns) in own.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
+                let g = DVector::from_iterator(columns.len(), columns.iter().map(|&c| g[c]));
+                let t = t.select_rows(columns).select_columns(columns);
+                let jump = CHANGE * CHANGE;
+                let m = DMatrix::identity(columns.len(), columns.len()) + jump * t;
+                let Some(inverse) = m.clone().try_inverse() else { continue };
+                let odds = 0.5 * jump * g.dot(&(inverse * &g)) - 0.5 * m.determinant().ln();
+                if odds > ODDS.ln() && best.is_none_or(|(most, ..)| odds > most) {
+                    best = Some((odds, i, k));
+                }
+            }
+        }
+        let Some((_, from, radar)) = best else { return };
+        let scans = std::mem::take(&mut self.recent);
+        self.mean = scans[from].mean.clone();
+        self.covariance = scans[from].covariance.clone();
+        for &column in &own[radar] {
+            self.covariance[(column, column)] += CHANGE * CHANGE;
+        }
+        for scan in &scans[from..] {
+            self.update(&scan.information, &scan.score);
+        }
+        self.changes.push((time, radar));
+    }
+
+    /// What the errors add to the covariance of a row: the gains of the track carry them on.
+    fn carry(&mut self, update: &Update) -> [f64; 16] {
+        let report = &update.plot.report;
+        let order = self.mean.len();
+        let (last, sensitivity) = self
+            .tracks
+            .entry(update.plot.target)
+            .or_insert_with(|| (report.time, Sensitivity::zeros(order)));
+        let ahead = (report.time - *last).max(0.0);
+        for axis in 0..2 {
+            let moved = sensitivity.row(axis) + ahead * sensitivity.row(axis + 2);
+            sensitivity.set_row(axis, &moved);
+        }
+        *last = report.time;
+        let radar = &self.radars[report.radar];
+        if let Some(seen) = Sighting::new(report, report.height, radar, self.factor[report.radar]) {
+            let covariance = Matrix4::from_row_slice(&update.covariance);
+            let axes = Matrix2::from_columns(&seen.axes);
+            let weights = Matrix2::from_diagonal(&Vector2::new(
+                seen.sigma[0].powi(-2),
+                seen.sigma[1].powi(-2),
+            ));
+            let gain = covariance.fixed_columns::<2>(0) * axes * weights * axes.transpose();
+            let mut moved = -sensitivity.fixed_rows::<2>(0).into_owned();
+            let design = seen.design(update.velocity.into());
+            for (j, unknown) in numbered(&self.sigma)[report.radar].iter().enumerate() {
+                if let Some((column, sigma)) = *unknown {
+                    let own = axes * Vector2::new(design[0][j], design[1][j]) * sigma;
+                    for side in 0..2 {
+                        moved[(side, column)] += own[side];
+                    }
+                }
+            }
+            *sensitivity += gain * moved;
+        }
+        let added = &*sensitivity * &self.covariance * sensitivity.transpose();
+        let added = 0.5 * (&added + added.transpose());
+        std::array::from_fn(|i| added[(i / 4, i % 4)])
+    }
+}

@@ -1,0 +1,125 @@
+"""Systematic errors of radars, found while tracking."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checks import assert_refused
+
+from tertia import _core, simulate
+from tertia.sensors import RADAR_LIMITS, Bias, Radar
+from tertia.tracker import Tracker, track
+
+RADARS = [
+    Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0 + k)
+    for k, east in enumerate((-5e4, 5e4))
+]
+BIAS = Bias(range=[-60.0, 120.0], azimuth=[0.0, 0.12], time=[0.0, 0.1], degrees=True)
+
+
+def recording(seed=1, bias=BIAS, **options):
+    traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=seed)
+    return simulate.radar_plots(traffic, RADARS, bias=bias, rng=seed + 50, **options).plots
+
+
+def scans(plots, period=4.0):
+    """The plots of each period, and the time at which it ends."""
+    ends = np.arange(plots.time[0], plots.time[-1] + period, period) + period
+    edges = np.concatenate([[0], np.searchsorted(plots.time, ends)])
+    return [(plots[a:b], end) for a, b, end in zip(edges, edges[1:], ends, strict=False)]
+
+
+def followed(plots, **options):
+    tracker = Tracker(RADARS, **options)
+    tables = [tracker.update(some, time=end) for some, end in scans(plots)]
+    return tracker, tables
+
+
+def columns(bias, suffix=""):
+    kinds = ("range", "range_gain", "azimuth", "time")
+    return np.stack([np.asarray(getattr(bias, kind + suffix)) for kind in kinds], axis=-1)
+
+
+def test_errors_are_found_and_taken_out():
+    plots = recording()
+    tracker, tables = followed(plots, registration=True)
+    off = columns(tracker.bias) - columns(BIAS)
+    sigma = columns(tracker.bias, "_sigma")
+    assert np.all(np.abs(off) < 3.5 * sigma)
+    limits = columns(RADAR_LIMITS, "_sigma")
+    assert np.all(sigma[:, [0, 2]] < 0.4 * limits[[0, 2]])
+    last = np.concatenate([np.unique(table.track) for table in tables[-5:]])
+    assert len(np.unique(last)) == 20
+
+
+def test_covariances_include_what_is_not_known():
+    plots = recording()
+    with_errors = followed(plots, registration=True)[1]
+    trusted = [replace(one, bias=BIAS[k]) for k, one in enumerate(RADARS)]
+    without = Tracker(trusted)
+    known = [without.update(some, time=end) for some, end in scans(plots)]
+    wide, narrow = (
+        np.median(np.trace(np.concatenate([t.covariance for t in tables]), axis1=1, axis2=2))
+        for tables in (with_errors[5:15], known[5:15])
+    )
+    assert wide > 1.2 * narrow
+    for table in with_errors:
+        assert np.all(np.linalg.eigvalsh(table.covariance) > 0)
+        np.testing.assert_array_equal(table.covariance, np.swapaxes(table.covariance, 1, 2))
+
+
+def test_one_radar_determines_nothing():
+    plots = recording(2)
+    tracker = Tracker(RADARS[:1], registration=True)
+    for some, end in scans(plots[plots.sensor == 0]):
+        tracker.update(some, time=end)
+    np.testing.assert_array_equal(columns(tracker.bias), 0.0)
+    sigma = columns(tracker.bias, "_sigma")[0]
+    assert np.all(sigma >= columns(RADAR_LIMITS, "_sigma"))
+
+
+def test_a_sudden_change_is_found():
+    found = []
+    for seed in range(3):
+        plots = recording(seed, Bias(azimuth=[0.0, 0.2], degrees=True), bias_start=150.0)
+        tracker, _ = followed(plots, registration=True)
+        found += [(time, radar) for time, radar in tracker._registrar.changes]
+        assert np.degrees(tracker.bias.azimuth)[1] - np.degrees(
+            tracker.bias.azimuth[0]
+        ) == pytest.approx(0.2, abs=0.03)
+    assert len(found) == 3
+    assert all(150.0 < time < 210.0 for time, _ in found)
+
+
+def test_a_copy_goes_on_to_the_last_bit():
+    plots = recording(3)
+    parts = scans(plots)
+    tracker = Tracker(RADARS, registration=True)
+    for some, end in parts[:30]:
+        tracker.update(some, time=end)
+    copy = pickle.loads(pickle.dumps(tracker))
+    for some, end in parts[30:40]:
+        one, other = tracker.update(some, time=end), copy.update(some, time=end)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+        np.testing.assert_array_equal(one.position, other.position)
+    np.testing.assert_array_equal(columns(tracker.bias), columns(copy.bias))
+
+
+def test_a_damaged_state_is_refused():
+    tracker, _ = followed(recording(3)[:200], registration=True)
+    saved, _ = tracker._registrar.__getstate__()
+    for at in (0, len(saved) // 2, len(saved) - 1):
+        broken = bytearray(saved)
+        broken[at] ^= 1
+        assert_refused(
+            lambda broken=broken: _core.Registrar.from_state(bytes(broken)),
+            ValueError,
+            "not the state",
+        )
+
+
+def test_a_recording_has_its_own_function():
+    assert_refused(
+        lambda: track(recording(4)[:50], RADARS, registration=True), ValueError, "registration"
+    )
