@@ -192,7 +192,9 @@ class TestAgreesWithTheFormulas:
             expected = reference.on_the_circle(estimator, theta, 360.0)
             estimate = estimate_bearing(theta, method=method, block_size=5)
             assert turned(estimate.value - expected[0]) == pytest.approx(0, abs=1e-10)
-            assert estimate.sigma == close(expected[1], PARITY)
+            # a hypothesis that hardly differs from another one has an information that is singular
+            # but for its ridge of 1e-6: angles that were wrapped are rounded, and this shows
+            assert estimate.sigma == close(expected[1], 1e-5 if method == "robust" else PARITY)
             np.testing.assert_array_equal(estimate.outlier, expected[2])
             assert estimate.polarity == pytest.approx(expected[3], abs=1e-15)
 

@@ -81,6 +81,7 @@ impl Frame {
     }
 
     /// Coordinates of geocentric positions, (N, 3).
+    #[allow(clippy::wrong_self_convention)] // the frame converts from
     fn from_ecef<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
         each(py, &points, |point| self.0.from_ecef(&point))
     }

@@ -9,16 +9,18 @@
 //! | `gate` | thresholds, sectors of a gate, all pairs of many tracks and many plots |
 //! | `score` | the paper's score, the likelihood ratio |
 //! | `grid` | a spatial index of points |
-//! | `assignment`, `dense` | at most one plot for each track, and one track for each plot |
+//! | `assignment`, `pair`, `dense` | at most one plot for each track, and one track for each plot |
 //! | `scan` | all of it for the plots of one scan |
 
 pub mod assignment;
 mod dense;
 pub mod gate;
 pub mod grid;
+mod pair;
 mod scan;
 pub mod score;
 
-pub use assignment::{Assigner, Pair};
+pub use assignment::Assigner;
 pub use grid::Grid;
+pub use pair::Pair;
 pub use scan::{Association, Scoring, associate};

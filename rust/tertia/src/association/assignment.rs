@@ -7,25 +7,9 @@
 //! Where nearly all pairs are given, a matrix of them is faster than lists.
 
 use super::dense::{Dense, is_dense};
+use super::pair::Pair;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
-
-/// A row and a column that may be assigned to each other, and the gain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
-    /// Index of the row.
-    pub row: u32,
-    /// Index of the column.
-    pub column: u32,
-    /// The gain; a pair without a positive, finite gain is ignored.
-    pub gain: f64,
-}
-
-impl Pair {
-    fn counts(&self) -> bool {
-        self.gain > 0.0 && self.gain.is_finite()
-    }
-}
 
 /// No row, or no column.
 const NONE: u32 = u32::MAX;

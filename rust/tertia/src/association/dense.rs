@@ -1,7 +1,7 @@
 //! The best assignment where nearly all pairs compete: shortest augmenting paths (Jonker, Volgenant
 //! 1987) over a matrix, whose rows are scanned by vectors.
 
-use super::assignment::Pair;
+use super::pair::Pair;
 use crate::base::vector::{Vector, WIDEST};
 use pulp::{Arch, Simd, WithSimd};
 

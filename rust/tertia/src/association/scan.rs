@@ -1,7 +1,8 @@
 //! The plots of one scan and the tracks they belong to: gates, scores, assignment.
 
-use super::assignment::{Assigner, Pair};
+use super::assignment::Assigner;
 use super::gate::{self, Gated, Scan};
+use super::pair::Pair;
 use super::score::{self, Surroundings};
 use crate::base::error::Result;
 

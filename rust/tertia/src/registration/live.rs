@@ -314,7 +314,9 @@ impl Registrar {
             *sensitivity += gain * moved;
         }
         let added = &*sensitivity * &self.covariance * sensitivity.transpose();
-        let added = 0.5 * (&added + added.transpose());
-        std::array::from_fn(|i| added[(i / 4, i % 4)])
+        std::array::from_fn(|i| {
+            let (row, column) = (i / 4, i % 4);
+            0.5 * (added[(row, column)] + added[(column, row)])
+        })
     }
 }
