@@ -15,6 +15,7 @@ __all__ = [
     "Motion",
     "PlotTracker",
     "Radar",
+    "Registrar",
     "Route",
     "TrackColumns",
     "TrackerSettings",

@@ -133,7 +133,7 @@ def test_flights_refuse(options, error, message):
         ({"clutter": -1}, ValueError, r"clutter is \[-1.0\]"),
         ({"clutter": [1, 2]}, ValueError, r"clutter has shape \(2,\); it must fit \(1,\)"),
         ({"phase": [1, 2]}, ValueError, r"phase has shape \(2,\)"),
-        ({"bias": [1, 2, 3]}, ValueError, r"bias has shape \(3,\); it must fit \(1, 2\)"),
+        ({"bias": [1, 2, 3]}, TypeError, r"bias is \[1, 2, 3\]; it must be a Bias"),
         ({"outlier_probability": 2}, ValueError, "outlier_probability is 2"),
         ({"outlier_size": -1}, ValueError, "outlier_size is -1"),
         ({"duplicate_probability": -1}, ValueError, "duplicate_probability is -1"),

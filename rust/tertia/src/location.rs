@@ -42,6 +42,7 @@ mod descent;
 mod doubt;
 mod fix;
 mod growth;
+mod lane;
 mod lanes;
 mod lenth;
 mod posterior;
@@ -67,4 +68,4 @@ pub use region::{Located, Spread};
 pub use solver::{Locator, Workspace};
 
 /// Instants that are located side by side.
-pub const BLOCK: usize = lanes::LANES;
+pub const BLOCK: usize = lane::LANES;

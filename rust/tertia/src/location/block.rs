@@ -6,7 +6,8 @@
 //! the same result alone and in any company.
 
 use super::descent::{FAR, Loss};
-use super::lanes::{LANES, Lane, Lanes, Measured};
+use super::lane::{LANES, Lane, Lanes};
+use super::lanes::Measured;
 use crate::base::small::{self, Matrix};
 use crate::base::vector::Vector;
 use crate::sensors::{Measurement, Row};

@@ -1,16 +1,12 @@
 //! Steps of several instants at once, in the lanes of vectors.
 
 use super::descent::{HUBER, Loss, ROUNDING};
+use super::lane::{Lane, Lanes};
 use super::total::Total;
 use crate::base::small::REGULAR;
 use crate::base::vector::Vector;
 use crate::sensors::{Kind, Measurement};
 use pulp::Simd;
-
-/// Instants side by side: two vectors of AVX2, so that one works while the other waits.
-pub(super) const LANES: usize = 8;
-
-pub(super) type Lane = [f64; LANES];
 
 /// One measurement of all lanes.
 #[derive(Clone, Debug)]
@@ -54,26 +50,7 @@ pub(super) struct Normal<S: Simd, const D: usize> {
     pub cost: Vector<S>,
 }
 
-/// The lanes that are computed together.
-#[derive(Clone, Copy)]
-pub(super) struct Lanes<S: Simd> {
-    pub simd: S,
-    pub at: usize,
-    /// Whether angles that are not small are infinite: whatever they are, they cost the same.
-    pub cut: bool,
-}
-
 impl<S: Simd> Lanes<S> {
-    #[inline(always)]
-    pub fn splat(self, value: f64) -> Vector<S> {
-        Vector::splat(self.simd, value)
-    }
-
-    #[inline(always)]
-    pub fn load(self, lane: &Lane) -> Vector<S> {
-        Vector::load(self.simd, lane, self.at)
-    }
-
     /// Huber's steps, which never go uphill for long.
     #[inline(always)]
     pub fn approach<const D: usize, const N: usize>(

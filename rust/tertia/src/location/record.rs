@@ -4,7 +4,7 @@ use super::arrivals;
 use super::block::Block;
 use super::descent::{Loss, Problem};
 use super::fix::{Instant, Output};
-use super::lanes::LANES;
+use super::lane::LANES;
 use super::search::{Buffers, Minimum, Search, least, states};
 use super::starts;
 use crate::base::small::{Vector, dot, norm};

@@ -3,7 +3,7 @@
 use super::descent::{self, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
 use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
-use super::lanes::LANES;
+use super::lane::LANES;
 use super::lenth::Weight;
 use super::profile::Unbounded;
 use super::record::{NOWHERE, Record, Room};

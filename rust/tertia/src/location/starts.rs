@@ -1,7 +1,7 @@
 //! What points to start from cost, several of them side by side.
 
 use super::descent::Loss;
-use super::lanes::{LANES, Lanes};
+use super::lane::{LANES, Lanes};
 use super::total::Total;
 use crate::base::small;
 use crate::base::vector::Vector;

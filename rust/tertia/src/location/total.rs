@@ -1,7 +1,7 @@
 //! Angles and sums of costs, in the lanes of vectors.
 
 use super::descent::Loss;
-use super::lanes::{LANES, Lanes};
+use super::lane::{LANES, Lanes};
 use crate::base::vector::Vector;
 use crate::sensors::{SMALL_TANGENT, TERMS};
 use pulp::Simd;
