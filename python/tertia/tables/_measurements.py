@@ -132,6 +132,9 @@ def read_targets(
     records = read(
         source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )
+    if "time" not in records.column:
+        # all is one instant
+        records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
     for part in source:
         _require_kinds(part, columns or {})
     measured = _one_by_one(records)

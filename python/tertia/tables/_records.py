@@ -496,10 +496,10 @@ class Reader:
 
 def _absent(kind: Kind, count: int) -> pl.Series:
     """Return the cells of a missing column."""
-    if kind in {"number", "time"}:
-        # without times all is one instant
-        value = 0.0 if kind == "time" else math.nan
-        return pl.repeat(value, count, dtype=pl.Float64, eager=True)
+    if kind == "number":
+        return pl.repeat(math.nan, count, dtype=pl.Float64, eager=True)
+    if kind == "time":
+        return pl.repeat(None, count, dtype=pl.Float64, eager=True)
     if kind == "identity":
         return pl.repeat(NO_IDENTITY, count, dtype=pl.Int64, eager=True)
     return pl.repeat(None, count, dtype=pl.Boolean if kind == "flag" else pl.String, eager=True)
