@@ -113,7 +113,7 @@ pub(super) mod tests {
         }
     }
 
-    pub const PRIOR: Errors = [100.0, 1.0 / 1852.0, 1.745_329_251_994e-3, 0.1];
+    pub const PRIOR: Errors = [100.0, 1.0 / 1852.0, 1.745_329_251_994_329_5e-3, 0.1];
 
     #[test]
     fn errors_are_removed() {
