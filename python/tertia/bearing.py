@@ -2,7 +2,7 @@
 
 Source: Manoilov, Pysarchuk, Pavliuk 2006, stages 1 to 3.2 and equations (M5)-(M7), as printed
 (`method="paper"`) and corrected. The default is more accurate than both, withstands 40 percent of
-outliers, and its sigma allows for noise that lasts.
+outliers, and its sigma allows for time-correlated noise.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 acceleration at every instant from all plots, for a target whose acceleration is driven by white
 jerk. Units are the caller's.
 
-`smooth` finds outliers, jumps, noise that is larger than stated and noise that lasts;
+`smooth` finds outliers, jumps, noise that is larger than stated and time-correlated noise;
 `local_polynomial` takes the noise as white and without outliers.
 """
 
@@ -33,7 +33,7 @@ from tertia._arrays import (
 )
 from tertia.kalman._batch import _initial
 
-_MOST_AXES = 3  # of tracks with noise that lasts
+_MOST_AXES = 3  # of tracks with time-correlated noise
 
 __all__ = ["LocalPolynomial", "SmoothedPositions", "local_polynomial", "smooth"]
 
@@ -360,9 +360,9 @@ def smooth(
     compared by their likelihood, each with its own jerk: white noise that is larger, and a share of
     .6 or .95 of the noise that is a Gauss-Markov process with one of seven correlation times; their
     results are averaged, with the spread between them in the covariance. Small or smooth residuals
-    do not lower the stated noise, for noise that lasts looks like that, too. Outliers and jumps are
-    found by how much each would explain (de Jong and Penzer 1998). All this takes up to three axes
-    with three instants each; other tracks are smoothed as stated.
+    do not lower the stated noise, for time-correlated noise looks like that, too. Outliers and
+    jumps are found by how much each would explain (de Jong and Penzer 1998). All this takes up to
+    three axes with three instants each; other tracks are smoothed as stated.
 
     The fitted jerk is treated as known: its uncertainty is not part of `covariance`. Where the
     plots show no jerk, it is 0 with an uncertainty of inf. With about ten plots this is common, and

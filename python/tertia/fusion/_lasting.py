@@ -1,4 +1,4 @@
-"""Covariances of fused series whose noise lasts."""
+"""Covariances of fused series whose noise is correlated in time."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def growth(
     plots, `there` their presence, `phi` (..., K) the correlations of a radar's successive plots.
 
     A filter of gain K averages plots with weights K (1 - K)^j. Their white noise leaves a variance
-    of K / (2 - K), the motion (1 - K) K / (2 - K); noise that lasts multiplies the first part by
-    (1 + φ (1 - K)) / (1 - φ (1 - K)).
+    of K / (2 - K), the motion (1 - K) K / (2 - K); time-correlated noise multiplies the first part
+    by (1 + φ (1 - K)) / (1 - φ (1 - K)).
     """
     information = there / used
     total = np.maximum(np.sum(information, axis=-2).mean(axis=-1), np.finfo(float).tiny)
@@ -47,7 +47,7 @@ def growth(
     shares /= np.maximum(shares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
     lasting = (1 - gain) * np.sum(shares * phi, axis=-1)[..., np.newaxis]
     factor: FloatArray = ((1 + lasting) / (1 - lasting) + 1 - gain) / (2 - gain)
-    # where noise lasts, small differences are no evidence that it is small
+    # where noise is correlated, small differences are no evidence that it is small
     believed = np.sum(there / np.maximum(used, stated), axis=-2).mean(axis=-1)
     less = total / np.maximum(believed, np.finfo(float).tiny)
     return factor * np.where(np.any(phi > 0, axis=-1), less, 1.0)[..., np.newaxis]

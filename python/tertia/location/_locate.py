@@ -97,12 +97,12 @@ def locate(
     range_difference_correlation : float
         Correlation of the errors of range differences: .5 if all share the error of the first
         station, which has a variance of its own like the others; 0 if they are independent. The
-        common part is this share of their least variance.
+        common variance is this fraction of the smallest of their variances.
     propagation_speed : array_like of shape (...)
         Speed of the signal in metres per second, by default that of light.
     multipath : bool
         Whether outliers among times of arrival, and among range differences with a correlation, are
-        late rather than early (20 to 1), as if signals came by detours. Otherwise both are as
+        late rather than early (20 to 1), as with multipath. Otherwise both are as
         likely.
     height, height_sigma : array_like of shape (...), optional
         The last coordinate of the target in metres, in space only, and its standard deviation: a
@@ -172,13 +172,13 @@ def locate(
 
     Systematic errors (`bias=None`). In a batch, the variances of a kind grow by the factor of
     restricted maximum likelihood (Patterson, Thompson 1971) that makes the residuals of at most 256
-    instants as large as they are, and by what is not known of it; errors that last count as fewer
-    instants. A single instant grows where its own residuals fail a test at 10 %. Where nothing
-    contradicts, nothing is added. An error that all stations share leaves no contradiction: what is
-    stated of a variance but does not scatter in a batch (at 99 %) is taken for one, and added to
-    the covariance; only `bias` can tell of a larger one. With one or two degrees of freedom, sigmas
-    that are half of what they should be are found in less than half of all instants (coverage 67
-    and 73 % instead of 53 %): locate them as a batch.
+    instants as large as they are, and by what is not known of it; time-correlated errors count as
+    fewer instants. A single instant grows where its own residuals fail a test at 10 %. Where
+    nothing contradicts, nothing is added. An error that all stations share leaves no contradiction:
+    what is stated of a variance but does not scatter in a batch (at 99 %) is taken for one, and
+    added to the covariance; only `bias` can tell of a larger one. With one or two degrees of
+    freedom, sigmas that are half of what they should be are found in less than half of all instants
+    (coverage 67 and 73 % instead of 53 %): locate them as a batch.
 
     Where the standard deviation is not small compared with the distance to the nearest station, the
     ellipse of 95 % reaches as far as the likelihood along its axes (Bates, Watts 1988); if it has

@@ -135,7 +135,7 @@ def audit(
 ) -> Audit:
     """Compare errors with the stated covariances: NEES, coverage, and what would make them honest.
 
-    All figures have intervals that allow for errors that last.
+    All figures have intervals that allow for time-correlated errors.
 
     Parameters
     ----------
@@ -178,9 +178,9 @@ def audit(
 
     Notes
     -----
-    With fewer than ten groups, how long errors last comes from the posterior of models in which a
-    share of the variance is a Gauss-Markov process and the rest is white, once for the whitened
-    errors and once for the ranks of their squares, which also follow a noise that comes and goes;
+    With fewer than ten groups, the correlation of the errors comes from the posterior of models in
+    which a share of the variance is a Gauss-Markov process and the rest is white, once for the
+    whitened errors and once for the ranks of their squares, which also follow a noise that comes and goes;
     the longer of the two counts. The interval of the NEES is that of a variance, mixed over this
     posterior. That of a share is Wilson's (1927), with the correlation of normal errors passed to
     what is inside and outside; those of scale and radius are order statistics (Woodruff 1952).

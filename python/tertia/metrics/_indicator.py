@@ -1,4 +1,4 @@
-"""A figure with its interval, and what it says."""
+"""A figure with its confidence interval and verdict."""
 
 from __future__ import annotations
 

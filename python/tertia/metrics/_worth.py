@@ -57,7 +57,7 @@ class Worth:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What tells how much the figures of a record vary: groups, or how long errors last.
+    """How much the figures of a record vary: by groups, or by the correlation of its errors.
 
     `errors` are whitened, (N, m), in order of group and time; `gaps` are the steps since the row
     before, 0 where a group begins.

@@ -132,7 +132,7 @@ def register(
 def rounds(
     plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable | None = None
 ) -> Rounds:
-    """Register radars, and keep the tracks of each radar alone."""
+    """Register radars; return also the tracks of each radar alone."""
     count, edges = len(radars), _edges(plots, max(radar.scan_period for radar in radars))
     stated, found, sensors = [], [], []
     levels, histories = np.empty((2, count, 2)), np.empty((2, count, len(edges) - 1, 2))

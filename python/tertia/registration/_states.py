@@ -65,7 +65,7 @@ class Common:
 def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Radar]) -> Common:
     """Return the states of all tracks at instants of the slowest radar.
 
-    A track of a radar belongs to the joint track that has most of its plots, more than half.
+    A track of a radar belongs to the joint track that contains more than half of its plots.
     """
     periods = [radar.scan_period for radar in radars]
     tables = [_columns(table) for table in single]

@@ -82,7 +82,7 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
         if found is None:
             continue
         bearing[k], sigma[k], outlier[:, k] = found
-        # a movement would be taken for noise that lasts
+        # a movement would be taken for time-correlated noise
         parts = (azimuth[:half, k], azimuth[half:, k])
         halves = [_estimate(part, correlation=0.0) for part in parts]
         if halves[0] is not None and halves[1] is not None:

@@ -377,8 +377,8 @@ def _audit_table(analysis: Analysis) -> Table:
         "verdict": "sigmas are",
     }
     caption = (
-        "Errors versus stated covariances, with intervals of 95 % that allow for errors that last: "
-        "the updates are worth fewer independent ones. The factors are those of sigmas."
+        "Errors versus stated covariances, with intervals of 95 % that allow for time-correlated "
+        "errors: the updates are worth fewer independent ones. The factors are those of sigmas."
     )
     return _table("audit-table", caption, columns, rows)
 

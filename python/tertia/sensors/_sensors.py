@@ -229,7 +229,7 @@ class Radar:
 
     @property
     def site(self) -> LocalFrame | None:
-        """East, north and up at the radar; None if the earth is flat."""
+        """Local frame of east, north and up at the radar; None on a flat earth."""
         return None if self.frame is None else self.frame.site(self.position)
 
 

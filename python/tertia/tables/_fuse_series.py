@@ -129,7 +129,7 @@ def fuse_series(
         each. By default the sensors in the table.
     sigma : float or mapping, optional
         Stated standard deviation of the plots, one for all or one per sensor, instead of the values
-        in the table. If neither is given, it is fitted to the whole table.
+        in the table. Without either, it is fitted to the whole table.
     alpha, acceleration_sigma : float, optional
         Inverse of the time constant of the acceleration, and standard deviation of the
         acceleration; by default fitted.

@@ -40,7 +40,7 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
 
     Notes
     -----
-    (1), (2) and (6) of the source, for K sensors. Cost O(K m³).
+    Equations (1), (2) and (6) of the source, generalised to K sensors. Cost O(K m³).
 
     Examples
     --------
@@ -85,7 +85,7 @@ def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None
 def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:
     """Return the information matrix of a measured scalar, `h h' / sigma²`, of rank one.
 
-    `tertia.fusion.fuse_scalar` uses it without forming or inverting it.
+    `tertia.fusion.fuse_scalar` gets the same result without forming or inverting it.
 
     Parameters
     ----------

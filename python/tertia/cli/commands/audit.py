@@ -73,8 +73,8 @@ def audit(
 ) -> dict[str, Any]:
     """Say whether sigmas are too small, too large, or honest: estimates against the truth.
 
-    All figures have intervals that allow for errors that last. The truth is interpolated linearly
-    between its times.
+    All figures have intervals that allow for time-correlated errors. The truth is interpolated
+    linearly between its times.
     """
     write.check_suffixes(output, plot_file)
     with working("Auditing"):
