@@ -181,11 +181,11 @@ def audit(
     With fewer than ten groups, the correlation of the errors comes from the posterior of models in
     which a share of the variance is a Gauss-Markov process and the rest is white, once for the
     whitened errors and once for the ranks of their squares, which also follow noise whose variance
-    changes; the longer of the two counts. The interval of the NEES is that of a variance, mixed over this
-    posterior. That of a share is Wilson's (1927), with the correlation of normal errors passed to
-    what is inside and outside; those of scale and radius are order statistics (Woodruff 1952).
-    With ten groups or more, all come from the variance between groups (Liang, Zeger 1986) and
-    Student's distribution.
+    changes; the longer of the two counts. The interval of the NEES is that of a variance, mixed
+    over this posterior. That of a share is Wilson's (1927), with the correlation of normal errors
+    passed to what is inside and outside; those of scale and radius are order statistics (Woodruff
+    1952). With ten groups or more, all come from the variance between groups (Liang, Zeger 1986)
+    and Student's distribution.
 
     A verdict of 'honest' needs at least ten independent errors, otherwise the record is 'too short
     to tell'; sigmas that are wrong by more than the interval are named as such in any record.
