@@ -9,7 +9,7 @@ from checks import assert_refused
 
 from tertia import _core, simulate
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
-from tertia.tracker import Tracker, track
+from tertia.tracker import Plots, Tracker, track
 
 RADARS = [
     Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0 + k)
@@ -117,6 +117,13 @@ def test_a_damaged_state_is_refused():
             ValueError,
             "not the state",
         )
+
+
+def test_wrong_arguments():
+    for sensor in (-1, 2):
+        plots = Plots([0.0], 1e4, 0.1, sensor=sensor)
+        assert_refused(lambda plots=plots: BIAS.correct(plots), ValueError, "plot of sensor")
+    assert_refused(lambda: Tracker(RADARS, registration="on"), TypeError, "registration is 'on'")
 
 
 def test_a_recording_has_its_own_function():

@@ -270,9 +270,13 @@ class Bias:
         >>> Bias(range=[0.0, 150.0]).correct(Plots([0.0], 9150.0, 1.0, sensor=1)).range
         array([9000.])
         """
-        most = int(np.max(plots.sensor, initial=-1))
-        if np.ndim(self.range) > 0 and most >= len(self):
-            raise ValueError(f"plots has a plot of sensor {most}; there are {len(self)} biases")
+        if np.ndim(self.range) > 0:
+            unknown = (plots.sensor < 0) | (plots.sensor >= len(self))
+            if np.any(unknown):
+                sensor = plots.sensor[unknown][0]
+                raise ValueError(
+                    f"plots has a plot of sensor {sensor}; there are {len(self)} biases"
+                )
 
         def own(kind: str) -> Any:
             value = getattr(self, kind)

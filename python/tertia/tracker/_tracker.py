@@ -13,6 +13,7 @@ from tertia._arrays import (
     FloatArray,
     IntArray,
     finite,
+    instance,
     integer,
     listed,
     positive,
@@ -229,6 +230,7 @@ class Tracker:
             [core_radar(radar) for radar in self.sensors],
             [plan._route for plan in self.plans],
         )
+        instance(registration, "registration", bool)
         self._registrar = Registrar(self.sensors) if registration else None
 
     @property
