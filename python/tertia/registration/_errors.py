@@ -15,6 +15,7 @@ from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
 from tertia.tracker import Plots, TrackTable
 from tertia.tracker._models import core_radar
+from tertia.tracker._registrar import target_plots
 
 # a track says something for so many scan periods after its last plot
 _AGE = 2.5
@@ -67,15 +68,7 @@ def errors(
     given = own_biases(radars)
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = plots[tracks.plot[rows]]
-    columns = {
-        "sensor": own.sensor,
-        "target": np.ascontiguousarray(tracks.track[rows]),
-        "time": own.time,
-        "range": own.range,
-        "azimuth": own.azimuth,
-        "height": own.height,
-        "turn_probability": np.ascontiguousarray(tracks.turn_probability[rows]),
-    }
+    columns = target_plots(own, tracks, rows)
     sigma = columns_of(prior, "_sigma")
     (value, covariance, factor, redundancy), _ = _core.register_errors(
         columns, [core_radar(one) for one in radars], columns_of(given), sigma, columns_of(first)

@@ -4,17 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias, Radar
 from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._models import core_radar
 from tertia.tracker._plots import Plots
 from tertia.tracker._table import TrackTable
+
+
+def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
+    """Return the columns of the plots of these rows, with their targets, as the core takes them."""
+    return {
+        "sensor": plots.sensor,
+        "target": np.ascontiguousarray(tracks.track[rows]),
+        "time": plots.time,
+        "range": plots.range,
+        "azimuth": plots.azimuth,
+        "height": plots.height,
+        "turn_probability": np.ascontiguousarray(tracks.turn_probability[rows]),
+    }
 
 
 class Registrar:
@@ -59,15 +73,7 @@ class Registrar:
         rows = np.flatnonzero(tracks.plot >= self._given)
         own = plots[tracks.plot[rows] - self._given]
         self._given += len(plots)
-        columns = {
-            "sensor": own.sensor,
-            "target": np.ascontiguousarray(tracks.track[rows]),
-            "time": own.time,
-            "range": own.range,
-            "azimuth": own.azimuth,
-            "height": own.height,
-            "turn_probability": np.ascontiguousarray(tracks.turn_probability[rows]),
-        }
+        columns = target_plots(own, tracks, rows)
         velocity, covariance = tracks.velocity[rows], tracks.covariance.copy()
         covariance[rows] += self._core.learn(columns, velocity, covariance[rows], time)
         return replace(tracks, covariance=covariance)
