@@ -23,12 +23,13 @@ from tertia.flightplan._tracks import tracks_of
 
 
 class CorrelationStatus(enum.IntEnum):
-    """Why a track has a plan (accepted by its score, or linked by its identity) or has none."""
+    """Why a track has a plan (by its score, by its identity, or by hand), or has none."""
 
     NONE = 0
     AMBIGUOUS = 1
     ACCEPTED = 2
     LINKED = 3
+    MANUAL = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +57,7 @@ class Correlation:
         counts = [
             f"{np.count_nonzero(self.status == status)} {status.name.lower()}"
             for status in CorrelationStatus
+            if status is not CorrelationStatus.MANUAL
         ]
         return f"Correlation({', '.join(counts)})"
 

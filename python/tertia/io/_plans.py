@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,18 +89,21 @@ def read_plans(
     for at, fields in enumerate(reader(path)):
         called = f"plan {fields['name']}" if fields.get("name") else f"plan {at}"
         try:
-            plans.append(_plan(fields, frame, types or {}, speed))
+            plans.append(plan_of(fields, frame, types, speed))
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}, {called}: {error}") from None
     return plans
 
 
-def _plan(
-    fields: dict[str, Any],
+def plan_of(
+    fields: Mapping[str, Any],
     frame: LocalFrame | SystemPlane | None,
-    types: Mapping[str, float],
-    speed: float | None,
+    types: Mapping[str, float] | None = None,
+    speed: float | None = None,
 ) -> FlightPlan:
+    """Return the plan of the fields of a JSON object."""
+    if not isinstance(fields.get("waypoints"), Sequence):
+        raise ValueError("it has no waypoints")
     places = np.array([pair[:2] for pair in fields["waypoints"]], dtype=np.float64).reshape(-1, 2)
     if fields.get("geodetic"):
         places = _local(places, frame)
@@ -112,7 +115,7 @@ def _plan(
     times, speeds = fields.get("times_s"), fields.get("speeds_m_s")
     if times is None and speeds is None:
         speeds = speed
-    if radius is None and bank is None and kind is not None and kind in types:
+    if radius is None and bank is None and types and isinstance(kind, str) and kind in types:
         bank = math.degrees(types[kind])
     identity = fields.get("identity")
     return FlightPlan(

@@ -97,6 +97,8 @@ class TrackTable(_Columns):
         Reply of the transponder; -1 where there is none.
     plan : ndarray of int, shape (N,)
         Index of the flight plan; -1 if the track has none.
+    plan_status : ndarray of int, shape (N,)
+        How the track came to its plan, or why it has none: a `flightplan.CorrelationStatus`.
     confirmed : ndarray of bool, shape (N,)
         Whether the track was confirmed by then.
     conforms : ndarray of bool, shape (N,)
@@ -119,6 +121,7 @@ class TrackTable(_Columns):
     vertical_rate: FloatArray
     identity: IntArray
     plan: IntArray
+    plan_status: IntArray
     confirmed: BoolArray
     conforms: BoolArray
     track_of_plot: IntArray

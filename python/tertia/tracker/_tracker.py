@@ -13,6 +13,7 @@ from tertia._arrays import (
     FloatArray,
     IntArray,
     finite,
+    flag,
     instance,
     integer,
     listed,
@@ -33,7 +34,7 @@ from tertia.tracker._registrar import Registrar
 from tertia.tracker._table import TrackTable
 
 _State: TypeAlias = (
-    "tuple[tuple[Radar, ...], tuple[FlightPlan, ...], float | None, int | None, Level, Any, bytes]"
+    "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, int | None, Level, Any, bytes]"
 )
 
 
@@ -176,10 +177,10 @@ class Tracker:
     __slots__ = (
         "_core",
         "_level",
+        "_plans",
         "_registrar",
         "clock_period",
         "n_threads",
-        "plans",
         "sensors",
     )
 
@@ -204,7 +205,7 @@ class Tracker:
     ) -> None:
         self.n_threads = threads(n_threads)
         self.sensors = sequence_of(sensors, Radar, "sensors")
-        self.plans = sequence_of(plans, FlightPlan, "plans")
+        self._plans: list[FlightPlan | None] = [*sequence_of(plans, FlightPlan, "plans")]
         self.clock_period = None
         if clock_period is not None:
             self.clock_period = positive_number(clock_period, "clock_period")
@@ -223,12 +224,12 @@ class Tracker:
             guard_acceleration=guard_acceleration,
             identity_error_probability=identity_error_probability,
             emergency_codes=emergency_codes,
-            with_plans=bool(self.plans),
+            with_plans=bool(self._plans),
         )
         self._core = _core.PlotTracker(
             settings,
             [core_radar(radar) for radar in self.sensors],
-            [plan._route for plan in self.plans],
+            [plan._route for plan in plans],
         )
         instance(registration, "registration", bool)
         self._registrar = Registrar(self.sensors) if registration else None
@@ -327,6 +328,133 @@ class Tracker:
         """
         return self._core.extrapolate(float(finite(real(seconds, "seconds"), "seconds")))
 
+    @property
+    def plans(self) -> tuple[FlightPlan | None, ...]:
+        """The flight plans by their numbers; None where one was removed."""
+        return tuple(self._plans)
+
+    def add_plan(self, plan: FlightPlan) -> int:
+        """Add a flight plan, from the next plot on.
+
+        Parameters
+        ----------
+        plan : FlightPlan
+            The plan.
+
+        Returns
+        -------
+        int
+            Its number, as in `TrackTable.plan`. Numbers are never used again.
+
+        Raises
+        ------
+        ValueError
+            A motion that takes no plans.
+        TypeError
+            An argument of the wrong type.
+
+        Examples
+        --------
+        >>> from tertia.flightplan import FlightPlan
+        >>> from tertia.tracker import Radar, Tracker
+        >>> radar = Radar(range_sigma=50, azimuth_sigma=0.08, scan_period=4, degrees=True)
+        >>> tracker = Tracker([radar])
+        >>> tracker.add_plan(FlightPlan([[0, 0], [0, 50e3]], 220.0))
+        0
+        >>> tracker.remove_plan(0)
+        >>> tracker.plans
+        (None,)
+        """
+        instance(plan, "plan", FlightPlan)
+        number = self._core.add_plan(plan._route)
+        self._plans.append(plan)
+        return number
+
+    def replace_plan(self, number: int, plan: FlightPlan) -> None:
+        """Put a flight plan in the place of another: an aircraft was cleared on another route.
+
+        A track that has the plan follows the new one from the leg nearest to it, unless their
+        identities differ. Where only the times are new, nothing else changes.
+
+        Parameters
+        ----------
+        number : int
+            Number of the plan to be replaced.
+        plan : FlightPlan
+            The plan in its place.
+
+        Raises
+        ------
+        ValueError
+            There is no plan of this number.
+        TypeError
+            An argument of the wrong type.
+        """
+        instance(plan, "plan", FlightPlan)
+        self._core.replace_plan(integer(number, "number", 0), plan._route)
+        self._plans[number] = plan
+
+    def remove_plan(self, number: int) -> None:
+        """Remove a flight plan; a track that has it looks for another.
+
+        Parameters
+        ----------
+        number : int
+            Number of the plan.
+
+        Raises
+        ------
+        ValueError
+            There is no plan of this number.
+        TypeError
+            A number that is not an integer.
+        """
+        self._core.remove_plan(integer(number, "number", 0))
+        self._plans[number] = None
+
+    def correlate(self, track: int, plan: int, *, take: bool = False) -> None:
+        """Give a flight plan to a track by hand, until the track ends or the plan is removed.
+
+        The track keeps it, whatever its identity and its path. As with any other plan, it is
+        blocked while the track does not follow it.
+
+        Parameters
+        ----------
+        track : int
+            Number of a confirmed track.
+        plan : int
+            Number of the plan.
+        take : bool
+            Whether to take the plan from a track that has it, which then looks for another.
+
+        Raises
+        ------
+        ValueError
+            There is no such track or plan, or it is the plan of another track and `take` is not
+            set.
+        TypeError
+            An argument of the wrong type.
+        """
+        number = integer(track, "track", 1)
+        self._core.correlate(number, integer(plan, "plan", 0), flag(take, "take"))
+
+    def decorrelate(self, track: int) -> None:
+        """Take its flight plan from a track, which does not find this plan again by itself.
+
+        Parameters
+        ----------
+        track : int
+            Number of a confirmed track.
+
+        Raises
+        ------
+        ValueError
+            There is no such track, or it has no plan.
+        TypeError
+            A number that is not an integer.
+        """
+        self._core.decorrelate(integer(track, "track", 1))
+
     def suspend_plan(self, track: int) -> None:
         """Ignore the flight plan of a track until `resume_plan`: it is wrong, or an emergency.
 
@@ -367,9 +495,7 @@ class Tracker:
         self._suspend(track, suspended=False)
 
     def _suspend(self, track: int, *, suspended: bool) -> None:
-        number = integer(track, "track", 1)
-        if not self._core.suspend_plan(number, suspended):
-            raise ValueError(f"track is {number}; there is no confirmed track of this number")
+        self._core.suspend_plan(integer(track, "track", 1), suspended)
 
     @property
     def suspended_plans(self) -> IntArray:
@@ -379,12 +505,12 @@ class Tracker:
     def __getstate__(self) -> _State:
         """Return the complete state of the tracker."""
         saved = self._core.__getstate__()
-        own = self.sensors, self.plans, self.clock_period, self.n_threads
+        own = self.sensors, self._plans, self.clock_period, self.n_threads
         return *own, self._level, self._registrar, saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""
-        self.sensors, self.plans, self.clock_period, self.n_threads, *rest = state
+        self.sensors, self._plans, self.clock_period, self.n_threads, *rest = state
         self._level, self._registrar, saved = rest
         self._core = _core.PlotTracker.from_state(saved)
 

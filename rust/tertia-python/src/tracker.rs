@@ -35,8 +35,10 @@ impl PlotTracker {
         plans: Vec<PyRef<'_, Route>>,
     ) -> PyResult<Self> {
         let radars = radars.iter().map(|radar| radar.0).collect();
-        let plans = plans.iter().map(|route| route.plan().clone()).collect();
-        tracker::Tracker::try_new(settings.with(radars, plans)).map(Self).map_err(value_error)
+        let plans: Vec<_> = plans.iter().map(|route| route.plan().clone()).collect();
+        tracker::Tracker::try_new(settings.with(radars, plans.into()))
+            .map(Self)
+            .map_err(value_error)
     }
 
     /// Time until which everything is processed.
@@ -86,9 +88,33 @@ impl PlotTracker {
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
+    /// Adds a plan; returns its number.
+    fn add_plan(&mut self, plan: &Route) -> PyResult<usize> {
+        self.0.add_plan(plan.plan().clone()).map_err(refused)
+    }
+
+    /// Puts a plan in the place of another.
+    fn replace_plan(&mut self, number: usize, plan: &Route) -> PyResult<()> {
+        self.0.replace_plan(number, plan.plan().clone()).map_err(refused)
+    }
+
+    fn remove_plan(&mut self, number: usize) -> PyResult<()> {
+        self.0.remove_plan(number).map_err(refused)
+    }
+
+    /// Gives a plan to a confirmed track, perhaps one of another track.
+    fn correlate(&mut self, track: u64, plan: usize, take: bool) -> PyResult<()> {
+        self.0.correlate(track, plan, take).map_err(refused)
+    }
+
+    /// Takes its plan from a confirmed track.
+    fn decorrelate(&mut self, track: u64) -> PyResult<()> {
+        self.0.decorrelate(track).map_err(refused)
+    }
+
     /// Suspends the plan of a confirmed track, or resumes it.
-    fn suspend_plan(&mut self, track: u64, suspended: bool) -> bool {
-        self.0.suspend_plan(track, suspended)
+    fn suspend_plan(&mut self, track: u64, suspended: bool) -> PyResult<()> {
+        self.0.suspend_plan(track, suspended).map_err(refused)
     }
 
     /// Numbers of the confirmed tracks whose plans are suspended.
@@ -111,6 +137,11 @@ impl PlotTracker {
             .map(Self)
             .ok_or_else(|| PyValueError::new_err("this is not the state of a Tracker"))
     }
+}
+
+#[allow(clippy::needless_pass_by_value)] // for `map_err`
+fn refused(refusal: tracker::Refusal) -> PyErr {
+    PyValueError::new_err(refusal.to_string())
 }
 
 /// East and north of plots (N, 2) and their covariances (N, 2, 2); nan where there are none.

@@ -5,8 +5,9 @@
 //! tentative ones; every plot that is left begins a tentative track. Radars see a target at
 //! different times, each once in its scan.
 //!
-//! `estimate <- kinematics; motion <- bank; plot, motion <- settings <- plan <- window <- filter;
-//! height, identity, beams, filter <- track <- row, claim, clutter <- share <- scan <- live`.
+//! `estimate <- kinematics; motion <- bank; plot, plans, motion <- settings <- plan <- window <- filter;
+//! plan <- correlation; height, identity, beams, filter, correlation <- track <- row, claim, clutter <- share <- scan
+//! <- live <- control`.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod bank;
@@ -14,6 +15,8 @@ mod beams;
 mod claim;
 mod clutter;
 mod columns;
+mod control;
+mod correlation;
 mod estimate;
 mod filter;
 mod height;
@@ -22,6 +25,7 @@ mod kinematics;
 mod live;
 mod motion;
 mod plan;
+mod plans;
 mod plot;
 mod row;
 mod scan;
@@ -34,9 +38,11 @@ mod window;
 pub use crate::base::plane::Plane;
 pub use crate::sensors::Radar;
 pub use columns::{COLUMNS, Column, Values};
+pub use control::Refusal;
 pub use estimate::Estimate;
 pub use live::Tracker;
 pub use motion::{ImmModel, Motion, WindowModel};
+pub use plans::Plans;
 pub use plot::{Plot, PlotStatus, Plots};
 pub use row::{Row, Rows};
 pub use settings::Settings;

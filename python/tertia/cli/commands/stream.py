@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 import typer
 
+from tertia.cli.commands.control import Control, request_of
 from tertia.cli.files.read import has_lines
 from tertia.cli.files.text import separator_of, with_point
 from tertia.cli.files.write import as_lines
@@ -57,17 +58,18 @@ def source(files: Sequence[Path], latency: float | None) -> Path:
 def run(
     path: Path,
     sensors: Sensors[Radar],
+    tracker: Tracker,
     plans: Sequence[FlightPlan],
     columns: Mapping[str, str],
-    options: Mapping[str, Any],
     *,
+    control: Control | None,
     latency: float | None,
     rows: Rows | None,
 ) -> None:
-    """Track plots from a file or from standard input."""
-    tracker = Tracker(sensors.items, plans=plans, **options)
+    """Track plots from a file or from standard input; with control, its lines are obeyed."""
     name = "standard input" if path == STDIN else str(path)
-    stream = _Stream(tracker, _Plots(name, columns, sensors), latency, rows)
+    source = _Plots(name, columns, sensors)
+    stream = _Stream(tracker, plans, source, control=control, latency=latency, rows=rows)
     out = typer.get_binary_stream("stdout")
     if path == STDIN:
         stream.run(sys.stdin.fileno(), out)
@@ -268,10 +270,18 @@ class _Stream:
     """
 
     def __init__(
-        self, tracker: Tracker, plots: _Plots, latency: float | None, rows: Rows | None
+        self,
+        tracker: Tracker,
+        plans: Sequence[FlightPlan],
+        plots: _Plots,
+        *,
+        control: Control | None,
+        latency: float | None,
+        rows: Rows | None,
     ) -> None:
         periods = [radar.scan_period for radar in plots.sensors.items]
         self._tracker, self._plots, self._rows = tracker, plots, rows
+        self._plans, self._control = plans, control
         self._latency = _USUAL_LATENCY * min(periods) if latency is None else latency
         self._scan = max(periods)
         self._gathered: list[pl.DataFrame] = []
@@ -288,7 +298,7 @@ class _Stream:
             try:
                 for lines in Lines(descriptor, max(self._latency, 1e-3)):
                     if not isinstance(lines, Quiet):
-                        self._take(self._plots.of(lines), out)
+                        self._read(lines, out)
                         continue
                     if lines is Quiet.LONG:
                         self._flush(out)
@@ -307,6 +317,23 @@ class _Stream:
             note(f"{counted(count, 'plot')} refused: {PlotStatus(status).message}")
         if code:
             raise typer.Exit(code)
+
+    def _read(self, lines: Sequence[bytes], out: BinaryIO) -> None:
+        """Take plots, and obey control lines between those before and after."""
+        if self._control is None:
+            self._take(self._plots.of(lines), out)
+            return
+        begin = 0
+        for at, line in enumerate(lines):
+            request = request_of(line)
+            if request is None:
+                continue
+            self._take(self._plots.of(lines[begin:at]), out)
+            self._plots.line += 1
+            self._flush(out)
+            note(self._control.answer(request))
+            begin = at + 1
+        self._take(self._plots.of(lines[begin:]), out)
 
     def _take(self, rows: pl.DataFrame, out: BinaryIO) -> None:
         """Collect plots, and track those that are complete."""
@@ -357,9 +384,7 @@ class _Stream:
         }
         plots = self._plots
         clock = plots.clock or Clock(pl.Float64())
-        rows = track_rows(
-            TrackTable(**columns), clock, plots.identity, plots.sensors, self._tracker.plans
-        )
+        rows = track_rows(TrackTable(**columns), clock, plots.identity, plots.sensors, self._plans)
         if (self._rows or plots.kind) == "jsonl":
             out.write(as_lines(rows))
         else:

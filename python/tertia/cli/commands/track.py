@@ -7,6 +7,7 @@ import typer
 
 from tertia import plot
 from tertia.cli.commands import stream as streams
+from tertia.cli.commands.control import Control
 from tertia.cli.files import maps, read, write
 from tertia.cli.terminal.options import (
     ClockPeriod,
@@ -24,12 +25,13 @@ from tertia.cli.terminal.options import (
 )
 from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
 from tertia.tables._track import Tracking, recording_of, tracks_of
-from tertia.tracker import MotionName, PlanModel
+from tertia.tracker import MotionName, PlanModel, Tracker
 
 EXAMPLES = (
     "tertia track plots.csv --sensors sensors.toml --output tracks.csv --plot tracks.png",
     "tertia track plots.csv --sensors sensors.toml --plans plans.json --output tracks.parquet",
     "tail -f plots.csv | tertia track --stream --sensors sensors.toml",
+    "tail -f lines.jsonl | tertia track --stream --control --sensors sensors.toml",
     "tertia track north.csv south.csv --sensors radars.csv --column range_nm=rho --coasting 3",
 )
 _FIGURE_SIZE = (11.0, 9.0)
@@ -79,6 +81,10 @@ def track(
             "file; rows of confirmed tracks go to standard output.",
         ),
     ] = False,
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Obey control lines of the stream, such as add_plan."),
+    ] = False,
     latency: Annotated[
         float | None,
         typer.Option(
@@ -117,10 +123,22 @@ def track(
         source = streams.source(given, latency)
         radars = read.read_radars(sensors, flat=flat)
         filed = read.read_plans(plans, place, radars)
-        streams.run(source, radars, filed, columns, options, latency=latency, rows=rows)
+        frame = read.plan_frame(place, radars)
+        tracker = Tracker(radars.items, plans=filed, **options)
+        commands = Control(tracker, filed, frame) if control else None
+        streams.run(
+            source,
+            radars,
+            tracker,
+            filed,
+            columns,
+            control=commands,
+            latency=latency,
+            rows=rows,
+        )
         return {}
-    if latency is not None or rows is not None:
-        fail("--latency and --rows are for --stream", WRONG_USAGE)
+    if latency is not None or rows is not None or control:
+        fail("--latency, --rows and --control are for --stream", WRONG_USAGE)
     if not given or streams.STDIN in given:
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
     write.check_suffixes(output, plot_file, maps=maps.SUFFIXES)

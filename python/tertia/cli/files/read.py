@@ -216,18 +216,24 @@ def _described(
     return rows, origin
 
 
+def plan_frame(
+    origin: tuple[float, float] | None, sensors: Sensors[Any]
+) -> LocalFrame | SystemPlane | None:
+    """Return the frame of plans: about an origin, or that of the sensors."""
+    if origin is None:
+        return sensors.frame
+    return (SystemPlane if isinstance(sensors.frame, SystemPlane) else LocalFrame)(*origin)
+
+
 def read_plans(
     path: Path | None, origin: tuple[float, float] | None, sensors: Sensors[Any]
 ) -> list[FlightPlan]:
     """Return the plans of a file, at least one; their origin is that of the sensors."""
     if path is None:
         return []
-    frame = sensors.frame
-    if origin is not None:
-        frame = SystemPlane(*origin) if isinstance(frame, SystemPlane) else LocalFrame(*origin)
     try:
         with reading(path):
-            plans = io.read_plans(path, frame=frame)
+            plans = io.read_plans(path, frame=plan_frame(origin, sensors))
     except (ImportError, ValueError) as error:
         fail(str(error))
     if not plans:

@@ -106,11 +106,7 @@ impl TrackerSettings {
 }
 
 impl TrackerSettings {
-    pub fn with(
-        &self,
-        radars: Vec<tracker::Radar>,
-        plans: Vec<tertia::flightplan::Plan>,
-    ) -> tracker::Settings {
+    pub fn with(&self, radars: Vec<tracker::Radar>, plans: tracker::Plans) -> tracker::Settings {
         tracker::Settings { radars, plans, ..self.0.clone() }
     }
 }

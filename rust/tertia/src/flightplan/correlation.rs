@@ -116,7 +116,7 @@ pub fn mean_scores(routes: &[&Route], seen: &[Sighting], scores: &mut [f64]) -> 
 }
 
 /// How a plan was chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Status {
     /// No plan fits.
     None = 0,
@@ -126,6 +126,8 @@ pub enum Status {
     Accepted = 2,
     /// One has the same identity, and fits well enough.
     Linked = 3,
+    /// A controller chose it.
+    Manual = 4,
 }
 
 /// The plan of a track, where there is one.

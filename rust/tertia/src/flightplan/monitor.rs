@@ -106,6 +106,13 @@ impl Monitor {
         self.back = None;
     }
 
+    /// Goes over to another route, of which the track is on this leg. Past deviations are mostly forgotten,
+    /// but a plan that is blocked stays so until the track is back.
+    pub fn reroute(&mut self, leg: usize) {
+        (self.leg, self.least_leg, self.back) = (leg, leg, None);
+        self.cusum = self.cusum.min(FRESH);
+    }
+
     /// Blocks the plan until [`Monitor::resume`], for an emergency or a plan that is wrong.
     pub fn suspend(&mut self) {
         self.block(self.leg);

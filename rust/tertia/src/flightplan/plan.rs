@@ -15,3 +15,11 @@ pub struct Plan {
     /// Reply of the transponder; negative where it is unknown.
     pub identity: i64,
 }
+
+impl Plan {
+    /// Whether another plan has the same path, perhaps at other times.
+    pub fn has_path_of(&self, other: &Self) -> bool {
+        let turns = |plan: &Self| (plan.bank, plan.turn_rate);
+        turns(self) == turns(other) && self.route.is_along(&other.route)
+    }
+}

@@ -166,6 +166,14 @@ impl Route {
         &self.turns
     }
 
+    /// Whether the other route has the same waypoints.
+    pub fn is_along(&self, other: &Self) -> bool {
+        let ends = |route: &Self| -> Vec<_> {
+            route.turns.iter().map(|turn| (turn.corner, turn.inbound)).collect()
+        };
+        self.lengths == other.lengths && ends(self) == ends(other)
+    }
+
     /// Length of the path, arcs included.
     pub fn length(&self) -> f64 {
         self.marks[self.legs()]

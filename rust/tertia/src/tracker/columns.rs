@@ -53,7 +53,7 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 16] = [
+pub const COLUMNS: [Column; 17] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
     Column::new("track", "", &[], Integers(|row| row.track as i64), "number of the track, from 1"),
     Column::new("sensor", "", &[], Integers(|row| row.radar as i64), "index of the sensor"),
@@ -139,6 +139,13 @@ pub const COLUMNS: [Column; 16] = [
         &[],
         Integers(|row| index(row.plan)),
         "index of the flight plan; -1 where the track has none",
+    ),
+    Column::new(
+        "plan_status",
+        "",
+        &[],
+        Integers(|row| row.plan_status as i64),
+        "how the track came to its plan, or why it has none: a `CorrelationStatus`",
     ),
     Column::new(
         "confirmed",

@@ -139,28 +139,45 @@ impl Filter {
         }
     }
 
+    /// Goes over to a plan that replaces its own, of which it is on this leg.
+    pub fn reroute(&mut self, leg: usize) {
+        self.leave_plan();
+        if let Some(guide) = self.guide_mut() {
+            guide.reroute(leg);
+        }
+    }
+
     /// Suspends its plan, or resumes it.
     pub fn suspend_plan(&mut self, suspended: bool) {
-        let guide = match self {
-            Self::Multiple(multiple) => {
-                let Multiple { bank, guide } = &mut **multiple;
-                if let Some(guide) = guide.as_mut().filter(|_| suspended) {
-                    guide.release(bank);
-                }
-                guide
-            }
-            Self::Window(window) => {
-                if suspended {
-                    window.leave_plan();
-                }
-                &mut window.guide
-            }
-            Self::Straight(_) | Self::Singer(_) => return,
-        };
-        match guide {
+        if suspended {
+            self.leave_plan();
+        }
+        match self.guide_mut() {
             Some(guide) if suspended => guide.suspend(),
             Some(guide) => guide.resume(),
             None => {}
+        }
+    }
+
+    /// Ends what the plan has done to the state so far.
+    fn leave_plan(&mut self) {
+        match self {
+            Self::Multiple(multiple) => {
+                let Multiple { bank, guide } = &mut **multiple;
+                if let Some(guide) = guide {
+                    guide.release(bank);
+                }
+            }
+            Self::Window(window) => window.leave_plan(),
+            Self::Straight(_) | Self::Singer(_) => {}
+        }
+    }
+
+    fn guide_mut(&mut self) -> Option<&mut Guide> {
+        match self {
+            Self::Multiple(multiple) => multiple.guide.as_mut(),
+            Self::Window(window) => window.guide.as_mut(),
+            Self::Straight(_) | Self::Singer(_) => None,
         }
     }
 

@@ -22,8 +22,8 @@ const PLOTS_PER_THREAD: usize = 1000;
 /// All tracks, and the state of the clutter estimate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tracker {
-    settings: Settings,
-    tracks: Vec<Track>,
+    pub(super) settings: Settings,
+    pub(super) tracks: Vec<Track>,
     clutter: Vec<Clutter>,
     /// Time until which everything is processed.
     time: f64,
@@ -71,21 +71,6 @@ impl Tracker {
                 (track.number, planned.unwrap_or_else(|| track.position_at(track.time + t).0))
             })
             .collect()
-    }
-
-    /// Suspends the plan of a confirmed track, also one that it finds later, or resumes it. Returns
-    /// whether there is such a track.
-    pub fn suspend_plan(&mut self, number: u64, suspended: bool) -> bool {
-        let mut tracks = self.tracks.iter_mut();
-        let found = tracks.find(|track| track.number == number && track.is_confirmed());
-        found.map(|track| track.suspend_plan(suspended)).is_some()
-    }
-
-    /// Numbers of the confirmed tracks whose plans are suspended.
-    pub fn suspended_plans(&self) -> Vec<u64> {
-        let suspended =
-            self.tracks.iter().filter(|track| track.is_confirmed() && track.is_suspended());
-        suspended.map(|track| track.number).collect()
     }
 
     /// Number of plots given so far.
@@ -268,7 +253,11 @@ impl Tracker {
 
     /// Removes the tracks that have ended.
     fn bury(&mut self) {
+        let before = self.tracks.len();
         self.tracks.retain(|track| track.is_alive(&self.settings));
+        if self.tracks.len() < before {
+            self.settings.plans.free(|number| self.tracks.iter().all(|t| t.number != number));
+        }
     }
 }
 

@@ -203,6 +203,14 @@ impl Guide {
         fold_plan(bank);
     }
 
+    /// Goes over to a plan that replaces this one, of which the track is on this leg; a second bank has to
+    /// be released before.
+    pub fn reroute(&mut self, leg: usize) {
+        self.monitor.reroute(leg);
+        self.history = SpeedHistory::default();
+        self.in_zone = false;
+    }
+
     /// Suspends the plan; a second bank has to be released before.
     pub fn suspend(&mut self) {
         self.monitor.suspend();

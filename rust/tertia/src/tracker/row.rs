@@ -3,6 +3,7 @@
 use super::estimate::Estimate;
 use super::track::Track;
 use crate::base::plane::Plane;
+use crate::flightplan::Status;
 
 /// The state of a track after a plot, or after a scan without one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +34,8 @@ pub struct Row {
     pub confirmed: bool,
     /// Index of its plan.
     pub plan: Option<usize>,
+    /// How it came to that, or why it has none.
+    pub plan_status: Status,
     /// Whether it follows that.
     pub conforms: bool,
 }
@@ -57,7 +60,8 @@ impl Row {
             vertical_rate,
             identity: track.identity().unwrap_or(-1),
             confirmed: track.is_confirmed(),
-            plan: track.filter.guide().map(|guide| guide.plan),
+            plan: track.plan(),
+            plan_status: track.plan_status(),
             conforms: track.filter.guide().is_some_and(|guide| guide.conforms),
         }
     }

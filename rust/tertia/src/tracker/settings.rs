@@ -1,9 +1,9 @@
 //! Settings of a tracker.
 
 use super::motion::Motion;
+use super::plans::Plans;
 use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require, require_positive};
-use crate::flightplan::Plan;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ pub struct Settings {
     /// The radars, to which plots refer by their index.
     pub radars: Vec<Radar>,
     /// Flight plans.
-    pub plans: Vec<Plan>,
+    pub plans: Plans,
     /// How confirmed targets move.
     pub motion: Motion,
     /// Distance squared of the guard gate.
@@ -54,7 +54,7 @@ impl Settings {
     pub fn new(radars: Vec<Radar>, motion: Motion) -> Self {
         Self {
             radars,
-            plans: Vec::new(),
+            plans: Plans::default(),
             motion,
             guard: gate::threshold(GUARD, 2).expect("a probability"),
             guard_acceleration: motion.guard_acceleration(),

@@ -1,6 +1,7 @@
 //! One track: its filter, its stage, its identity and its plan.
 
 use super::beams::{Beams, Expected};
+use super::correlation::Correlation;
 use super::estimate::Estimate;
 use super::filter::Filter;
 use super::height::Vertical;
@@ -11,7 +12,7 @@ use super::plot::Measured;
 use super::settings::{MAX_DELAY, Settings};
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
-use crate::flightplan::{self, Link, Plan, Sighting, decide};
+use crate::flightplan::{Plan, Sighting, Status};
 use crate::sensors::Radar;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -34,9 +35,6 @@ const MODEL_ACCELERATION: f64 = 3.0;
 const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
 /// Probability that a target accelerates so much that the guard gate is needed.
 const UNNOTICED: f64 = 0.05;
-/// Plots over which a plan is searched, and after which the search starts again.
-const SEARCH_PLOTS: usize = 10;
-const SEARCH_AGAIN: usize = 20;
 
 /// Whether a track is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,21 +73,11 @@ pub(super) struct Track {
     beams: Beams,
     pub vertical: Option<Vertical>,
     identity: Option<Identity>,
-    search: SearchState,
-    link: Link,
-    /// Its identity when it was correlated with its plan.
-    linked_as: Option<i64>,
+    pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
     suspended: bool,
     /// Emergency codes in a row.
     emergencies: u8,
-}
-
-/// The search for a plan: plots so far, and the sums of scores of the plans.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct SearchState {
-    plots: usize,
-    scores: Vec<f64>,
 }
 
 impl Track {
@@ -125,9 +113,7 @@ impl Track {
             period: 0.0,
             vertical: None,
             identity: None,
-            search: SearchState::default(),
-            link: Link::default(),
-            linked_as: None,
+            correlation: Correlation::default(),
             suspended: false,
             emergencies: 0,
         };
@@ -311,13 +297,67 @@ impl Track {
         if settings.plans.is_empty() || !self.is_confirmed() {
             return;
         }
+        if self.filter.guide().is_some() {
+            self.filter.follow(settings, self.time, period);
+            self.estimate = self.filter.estimate();
+        }
+        let (seen, own) = (self.sighting(), self.identity());
         match self.filter.guide() {
-            Some(_) => {
-                self.filter.follow(settings, self.time, period);
-                self.estimate = self.filter.estimate();
-                self.check_plan(settings);
+            Some(guide) => {
+                if !self.correlation.holds(guide, settings, &seen, own) {
+                    self.decorrelate(None);
+                }
             }
-            None => self.find_plan(settings),
+            None => {
+                if let Some(plan) = self.correlation.search(settings, &seen, own) {
+                    self.correlate(plan, settings, false);
+                }
+            }
+        }
+    }
+
+    /// Links it to a plan, by hand or because it flies that.
+    pub fn correlate(&mut self, plan: usize, settings: &Settings, by_hand: bool) {
+        let leg = settings.plans[plan].route.project(self.estimate.position()).leg;
+        self.filter.set_guide(Some(Guide::new(plan, leg, settings.flown_probability)));
+        self.filter.suspend_plan(self.suspended);
+        if by_hand {
+            // the plan before may have had a say
+            self.estimate = self.filter.estimate();
+        }
+        self.correlation.begin(self.identity(), by_hand);
+    }
+
+    /// Takes its plan from it, or all that a search for one has found. One that was `taken` by hand is
+    /// not found again.
+    pub fn decorrelate(&mut self, taken: Option<usize>) {
+        self.filter.set_guide(None);
+        self.estimate = self.filter.estimate();
+        self.correlation.end(taken);
+    }
+
+    /// The number of its plan.
+    pub fn plan(&self) -> Option<usize> {
+        self.filter.guide().map(|guide| guide.plan)
+    }
+
+    /// How it came to its plan, or why it has none.
+    pub fn plan_status(&self) -> Status {
+        self.correlation.status()
+    }
+
+    /// Goes over to a plan in the place of another, or leaves that.
+    pub fn change_plan(&mut self, number: usize, old: &Plan, new: Option<&Plan>) {
+        if self.plan() != Some(number) {
+            return self.correlation.restart(number);
+        }
+        match new.filter(|new| self.correlation.accepts(new, self.identity())) {
+            None => self.decorrelate(None),
+            Some(new) if new.has_path_of(old) => {}
+            Some(new) => {
+                self.filter.reroute(new.route.project(self.estimate.position()).leg);
+                self.estimate = self.filter.estimate();
+            }
         }
     }
 
@@ -327,53 +367,6 @@ impl Track {
         let covariance: [f64; 16] = std::array::from_fn(|k| p[(k / 4, k % 4)]);
         let height = self.height();
         Sighting::new(self.time, [x[0], x[1]], [x[2], x[3]], Some(&covariance), height)
-    }
-
-    /// Searches the plan of the track, by its identity or by where it flies.
-    fn find_plan(&mut self, settings: &Settings) {
-        self.search.plots += 1;
-        let plots = self.search.plots;
-        if plots > SEARCH_PLOTS {
-            // again after some scans
-            if plots > SEARCH_AGAIN {
-                self.search = SearchState::default();
-            }
-            return;
-        }
-        let seen = self.sighting();
-        let own = self.identity();
-        let named = |plan: &Plan| own.is_some() && plan.identity >= 0;
-        let is_same = |plan: &Plan| named(plan) && own == Some(plan.identity);
-        let scores = &mut self.search.scores;
-        scores.resize(settings.plans.len(), 0.0);
-        for (score, plan) in scores.iter_mut().zip(&settings.plans) {
-            let other = named(plan) && !is_same(plan);
-            *score += if other { f64::NEG_INFINITY } else { flightplan::score(&plan.route, &seen) };
-        }
-        let means: Vec<f64> = scores.iter().map(|sum| sum / plots as f64).collect();
-        let found = decide(&means, |plan| is_same(&settings.plans[plan]), plots);
-        if let Some(plan) = found.plan {
-            let leg = settings.plans[plan].route.project(seen.position).leg;
-            self.filter.set_guide(Some(Guide::new(plan, leg, settings.flown_probability)));
-            self.filter.suspend_plan(self.suspended);
-            self.search = SearchState::default();
-            self.link = Link::default();
-            self.linked_as = own;
-        }
-    }
-
-    /// Gives up a plan that the track does not follow and whose identity it does not answer.
-    fn check_plan(&mut self, settings: &Settings) {
-        let Some(guide) = self.filter.guide() else { return };
-        let score = flightplan::score(&settings.plans[guide.plan].route, &self.sighting());
-        let blocked = guide.monitor.is_blocked();
-        let has_changed = self.identity() != self.linked_as && self.linked_as.is_some();
-        // a blocked plan may be flown again later: it is kept while the identity is
-        let score = if blocked && self.linked_as.is_some() { 0.0 } else { score };
-        if !self.link.holds(score, has_changed) {
-            self.filter.set_guide(None);
-            self.estimate = self.filter.estimate();
-        }
     }
 
     /// Height, identity, stage and when the radar should come again.

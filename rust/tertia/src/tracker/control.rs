@@ -1,0 +1,128 @@
+//! What a controller changes while the tracker runs: plans, and which track has which.
+
+use super::live::Tracker;
+use super::track::Track;
+use crate::flightplan::Plan;
+use thiserror::Error;
+
+/// Why nothing was changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// No confirmed track has this number.
+    #[error("track is {0}; there is no confirmed track of this number")]
+    NoTrack(u64),
+    /// No plan has this number, or it was removed.
+    #[error("plan is {0}; there is no plan of this number")]
+    NoPlan(usize),
+    /// The motion of the tracker takes no plans.
+    #[error("motion takes no plans; 'imm' and 'window' do")]
+    NoPlans,
+    /// The plan is that of another track.
+    #[error("plan is {0}; it is the plan of track {1}")]
+    Taken(usize, u64),
+    /// The track has no plan.
+    #[error("track is {0}; it has no plan")]
+    NotCorrelated(u64),
+}
+
+type Done<T> = Result<T, Refusal>;
+
+impl Tracker {
+    /// Adds a plan; returns its number, one more than that of any before. Cost O(1).
+    ///
+    /// # Errors
+    /// A motion that takes no plans.
+    pub fn add_plan(&mut self, plan: Plan) -> Done<usize> {
+        if !self.settings.motion.takes_plans() {
+            return Err(Refusal::NoPlans);
+        }
+        Ok(self.settings.plans.add(plan))
+    }
+
+    /// Puts a plan in the place of another. A track that has it follows the new one from the leg where it
+    /// is; a plan with the same path at other times changes nothing but the times. Cost O(tracks).
+    ///
+    /// # Errors
+    /// No plan of this number.
+    pub fn replace_plan(&mut self, number: usize, plan: Plan) -> Done<()> {
+        self.change_plan(number, Some(plan))
+    }
+
+    /// Removes a plan; its number is not used again. Cost O(tracks).
+    ///
+    /// # Errors
+    /// No plan of this number.
+    pub fn remove_plan(&mut self, number: usize) -> Done<()> {
+        self.change_plan(number, None)
+    }
+
+    fn change_plan(&mut self, number: usize, plan: Option<Plan>) -> Done<()> {
+        let old = self.settings.plans.get(number).ok_or(Refusal::NoPlan(number))?;
+        for track in &mut self.tracks {
+            track.change_plan(number, old, plan.as_ref());
+        }
+        self.settings.plans.change(number, plan);
+        Ok(())
+    }
+
+    /// Gives a plan to a confirmed track by hand, until it ends or the plan is removed: the track keeps
+    /// it whatever its identity and its way, but one that it does not follow is blocked as ever. With
+    /// `take`, a track that has this plan loses it, and looks for another. Cost O(tracks).
+    ///
+    /// # Errors
+    /// No such track or plan, or a plan of another track that is not taken from it.
+    pub fn correlate(&mut self, number: u64, plan: usize, take: bool) -> Done<()> {
+        self.settings.plans.get(plan).ok_or(Refusal::NoPlan(plan))?;
+        if !self.settings.motion.takes_plans() {
+            return Err(Refusal::NoPlans);
+        }
+        self.confirmed(number)?;
+        let has = |track: &&mut Track| track.plan() == Some(plan) && track.number != number;
+        for other in self.tracks.iter_mut().filter(has) {
+            if !take {
+                return Err(Refusal::Taken(plan, other.number));
+            }
+            other.decorrelate(Some(plan));
+        }
+        self.settings.plans.give(plan, number);
+        let Self { tracks, settings, .. } = self;
+        let found = tracks.iter_mut().find(|track| track.number == number);
+        if let Some(track) = found {
+            track.correlate(plan, settings, true);
+        }
+        Ok(())
+    }
+
+    /// Takes its plan from a confirmed track, which does not find that one again by itself. Cost
+    /// O(tracks).
+    ///
+    /// # Errors
+    /// No such track, or a track without a plan.
+    pub fn decorrelate(&mut self, number: u64) -> Done<()> {
+        let track = self.confirmed(number)?;
+        let plan = track.plan().ok_or(Refusal::NotCorrelated(number))?;
+        track.decorrelate(Some(plan));
+        self.settings.plans.free(|track| track == number);
+        Ok(())
+    }
+
+    /// Suspends the plan of a confirmed track, also one that it finds later, or resumes it.
+    ///
+    /// # Errors
+    /// No such track.
+    pub fn suspend_plan(&mut self, number: u64, suspended: bool) -> Done<()> {
+        self.confirmed(number).map(|track| track.suspend_plan(suspended))
+    }
+
+    /// Numbers of the confirmed tracks whose plans are suspended.
+    pub fn suspended_plans(&self) -> Vec<u64> {
+        let suspended = |track: &&Track| track.is_confirmed() && track.is_suspended();
+        self.tracks.iter().filter(suspended).map(|track| track.number).collect()
+    }
+
+    fn confirmed(&mut self, number: u64) -> Done<&mut Track> {
+        let mut tracks = self.tracks.iter_mut();
+        let found = tracks.find(|track| track.number == number && track.is_confirmed());
+        found.ok_or(Refusal::NoTrack(number))
+    }
+}

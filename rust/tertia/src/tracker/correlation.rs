@@ -1,0 +1,140 @@
+//! Which plan a track flies: by its identity, by where it flies, or by hand.
+
+use super::plan::Guide;
+use super::settings::Settings;
+use crate::flightplan::{self, Link, Plan, Sighting, Status, decide};
+use serde::{Deserialize, Serialize};
+
+/// Plots over which a plan is compared with a track, and after which this starts again.
+const SEARCH_PLOTS: u8 = 10;
+const SEARCH_AGAIN: u8 = 20;
+
+/// The link of a track to its plan, or the search for one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Correlation {
+    status: Status,
+    /// Sums of the scores of each plan, and the plots since they began.
+    scores: Vec<f64>,
+    plots: Vec<u8>,
+    link: Link,
+    /// The identity of the track when it was linked.
+    linked_as: Option<i64>,
+    /// Plans that were taken from the track by hand: it does not find them again.
+    declined: Vec<usize>,
+}
+
+impl Default for Correlation {
+    fn default() -> Self {
+        Self {
+            status: Status::None,
+            scores: Vec::new(),
+            plots: Vec::new(),
+            link: Link::default(),
+            linked_as: None,
+            declined: Vec::new(),
+        }
+    }
+}
+
+impl Correlation {
+    /// How the track came to its plan, or why it has none.
+    pub fn status(&self) -> Status {
+        self.status
+    }
+
+    /// Compares a track without a plan with all plans, and returns the one that it flies. Cost O(legs).
+    pub fn search(
+        &mut self,
+        settings: &Settings,
+        seen: &Sighting,
+        own: Option<i64>,
+    ) -> Option<usize> {
+        let Self { scores, plots, declined, .. } = self;
+        scores.resize(settings.plans.len(), 0.0);
+        plots.resize(settings.plans.len(), 0);
+        let mut compared = false;
+        for (number, (sum, plots)) in scores.iter_mut().zip(&mut *plots).enumerate() {
+            let plan = settings.plans.available(number).filter(|_| !declined.contains(&number));
+            let Some(plan) = plan else {
+                (*sum, *plots) = (0.0, 0);
+                continue;
+            };
+            *plots += 1;
+            if *plots > SEARCH_AGAIN {
+                (*sum, *plots) = (0.0, 0);
+            } else if *plots <= SEARCH_PLOTS {
+                let score = || flightplan::score(&plan.route, seen);
+                *sum += if contradicts(plan, own) { f64::NEG_INFINITY } else { score() };
+                compared = true;
+            }
+        }
+        if !compared {
+            return None;
+        }
+        let count = |plan: usize| plots[plan].min(SEARCH_PLOTS);
+        let mean = |plan: usize| match count(plan) {
+            0 => f64::NAN,
+            plots => scores[plan] / f64::from(plots),
+        };
+        let means: Vec<f64> = (0..scores.len()).map(mean).collect();
+        let is_same = |plan: usize| {
+            own.is_some() && settings.plans.get(plan).is_some_and(|p| own == Some(p.identity))
+        };
+        let best = (0..means.len()).filter(|&plan| !means[plan].is_nan());
+        let best = best.max_by(|&a, &b| means[a].total_cmp(&means[b]));
+        let found = decide(&means, is_same, best.map_or(0, |plan| usize::from(count(plan))));
+        self.status = found.status;
+        found.plan
+    }
+
+    /// Begins a link: the one that was found, or one that was made by hand.
+    pub fn begin(&mut self, own: Option<i64>, by_hand: bool) {
+        let status = if by_hand { Status::Manual } else { self.status };
+        let declined = std::mem::take(&mut self.declined);
+        *self = Self { status, linked_as: own, declined, ..Self::default() };
+    }
+
+    /// Ends a link, or a search; a plan that was taken by hand is not found again.
+    pub fn end(&mut self, taken: Option<usize>) {
+        let mut declined = std::mem::take(&mut self.declined);
+        declined.extend(taken.filter(|plan| !declined.contains(plan)));
+        *self = Self { declined, ..Self::default() };
+    }
+
+    /// Whether the link still holds: not where a track does not follow its plan and does not answer its
+    /// identity. One made by hand always does.
+    pub fn holds(
+        &mut self,
+        guide: &Guide,
+        settings: &Settings,
+        seen: &Sighting,
+        own: Option<i64>,
+    ) -> bool {
+        if self.status == Status::Manual {
+            return true;
+        }
+        let score = flightplan::score(&settings.plans[guide.plan].route, seen);
+        let has_changed = own != self.linked_as && self.linked_as.is_some();
+        // a blocked plan may be flown again later: it is kept while the identity is
+        let is_kept = guide.monitor.is_blocked() && self.linked_as.is_some();
+        self.link.holds(if is_kept { 0.0 } else { score }, has_changed)
+    }
+
+    /// Compares a plan that has been replaced anew.
+    pub fn restart(&mut self, plan: usize) {
+        if let (Some(sum), Some(plots)) = (self.scores.get_mut(plan), self.plots.get_mut(plan)) {
+            (*sum, *plots) = (0.0, 0);
+        }
+        self.declined.retain(|&declined| declined != plan);
+    }
+
+    /// Whether the link holds for a plan that replaces its own.
+    pub fn accepts(&self, plan: &Plan, own: Option<i64>) -> bool {
+        self.status == Status::Manual || !contradicts(plan, own)
+    }
+}
+
+/// Whether plan and track have identities that differ.
+fn contradicts(plan: &Plan, own: Option<i64>) -> bool {
+    plan.identity >= 0 && own.is_some_and(|own| own != plan.identity)
+}
