@@ -21,6 +21,9 @@ __all__ = [
     "TrackerSettings",
     "assign_pairs",
     "associate",
+    "asterix_blocks",
+    "asterix_definitions",
+    "asterix_records",
     "beam_meetings",
     "bursts",
     "calibrate",
@@ -117,6 +120,11 @@ def leave_one_out(
 def k_sigma(
     y: FloatArray, k: float, replace: str | None, omit: bool, n_threads: int | None
 ) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
+def asterix_definitions() -> list[tuple[int, list[str], list[tuple[str, float, str]]]]: ...
+def asterix_blocks(contents: bytes) -> tuple[IntArray, IntArray, IntArray, int]: ...
+def asterix_records(
+    definition: int, contents: bytes, begin: IntArray, end: IntArray
+) -> tuple[IntArray, list[IntArray], list[tuple[int, int, str]]]: ...
 def bursts(
     y: FloatArray,
     point_penalty: float,

@@ -34,7 +34,7 @@ ORDER = [
     {"registration"},
     {"tracker"},
     {"simulate", "metrics"},
-    {"plot", "tables", "io", "interop"},
+    {"plot", "tables", "io", "interop", "asterix"},
     {"report"},
     {"cli"},
 ]

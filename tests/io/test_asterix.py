@@ -16,7 +16,6 @@ from tertia import cli
 from tertia.io import read_asterix
 from tertia.tracker import Plots, Radar, track
 
-pytest.importorskip("asterix.generated")
 pytest.importorskip("dpkt")
 
 DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))

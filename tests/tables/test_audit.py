@@ -225,7 +225,6 @@ class TestCommand:
         assert wrong.code != 0
 
     def test_accuracies_of_system_tracks(self, tmp_path):
-        pytest.importorskip("asterix")
         pytest.importorskip("pyproj")
         records, rows = [], []
         for k in range(60):

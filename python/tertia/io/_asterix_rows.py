@@ -1,19 +1,14 @@
-"""Rows of tables from records of ASTERIX."""
+"""Rows of tables from columns of ASTERIX."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import cos, radians
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
+import polars as pl
 
 from tertia._units import FOOT, NAUTICAL_MILE
+from tertia.io._categories import MULTILATERATION, PLOTS, REPORTS, SURFACE, TRACKS
 
-# categories with rows: surface movement, multilateration, ADS-B, plots of radars, system tracks
-SURFACE, MULTILATERATION, REPORTS, PLOTS, TRACKS = 10, 20, 21, 48, 62
-# service messages: of multilateration and of radars
-SERVICES = (19, 34)
 # message types of I010/000: a report of a target
 _TARGET_REPORT = 1
 # of I048/020
@@ -28,65 +23,65 @@ _DETECTIONS = (
     "mode-s-roll-call+psr",
 )
 # of I010/020: multilateration, ADS-B and others are no plots of a radar
-_SURFACE_DETECTIONS = {3: "psr"}
+_SURFACE_PSR = 3
 # metres of a degree of latitude, of which an accuracy needs three digits
 _DEGREE = 1852.0 * 60.0
+# characters of six bits; the others are left out
+_LETTERS = {
+    **{code: chr(64 + code) for code in range(1, 27)},
+    32: " ",
+    **{code: chr(code) for code in range(48, 58)},
+}
+Rows = dict[str, pl.Expr]
 
 
 class Items:
-    """A record, and access to its items; missing items are None."""
+    """Items of the records of a category, as expressions; missing items are null."""
 
-    def __init__(self, record: Any) -> None:
-        self.record = record
+    def __init__(self, fields: Sequence[tuple[str, float, str]]) -> None:
+        self.scales = {name: (scale, unit) for name, scale, unit in fields}
 
-    def _content(self, names: tuple[str, ...]) -> Any:
-        # an edition may lack an item, or have another content there
-        item = self.record
-        for at, name in enumerate(names):
-            part = item if at == 0 else item.variation
-            try:
-                item = part.get_item(name)
-            except (AttributeError, KeyError):
-                return None
-            if item is None:
-                return None
-        return getattr(item.variation, "content", None)
-
-    def whole(self, *names: str) -> int | None:
+    def whole(self, *names: str) -> pl.Expr:
         """Return an item as a number without a unit."""
-        content = self._content(names)
-        return None if content is None else int(content.as_uint())
+        name = "/".join(names)
+        return pl.col(name) if name in self.scales else pl.lit(None, pl.Int64)
 
-    def number(self, item: str, unit: str, *parts: str) -> float | None:
+    def number(self, item: str, unit: str, *parts: str) -> pl.Expr:
         """Return an item in a unit."""
-        content = self._content((item, *parts))
-        return None if content is None else float(content.as_quantity(unit))
+        names = item, *parts
+        scale, stated = self.scales.get("/".join(names), (1.0, unit))
+        assert stated == unit
+        return self.whole(*names) * pl.lit(scale)
 
-    def text(self, *names: str) -> str | None:
+    def text(self, *names: str) -> pl.Expr:
         """Return an item as text."""
-        content = self._content(names)
-        return None if content is None else str(content.as_string()).strip() or None
+        return _text(self.whole(*names), _callsign)
 
-    def sound(self, item: str, part: str) -> Any:
-        """Return a part of an item, None if it is garbled or not validated."""
-        return (
-            None if self.whole(item, "V") or self.whole(item, "G") else self._content((item, part))
-        )
+    def sound(self, item: str, part: str) -> pl.Expr:
+        """Return a part of an item, null if it is garbled or not validated."""
+        wrong = [self.whole(item, flag).fill_null(0) > 0 for flag in "VG"]
+        return pl.when(~pl.any_horizontal(wrong)).then(self.whole(item, part))
 
-    def level(self, item: str) -> float | None:
-        """Return a flight level, None if it is garbled or not validated."""
-        content = self.sound(item, "FL")
-        return None if content is None else float(content.as_quantity("FL"))
+    def level(self, item: str) -> pl.Expr:
+        """Return a flight level, null if it is garbled or not validated."""
+        return self.sound(item, "FL") * pl.lit(self.scales[f"{item}/FL"][0])
 
-    def address(self, *names: str) -> str | None:
+    def address(self, *names: str) -> pl.Expr:
         """Return an address in hexadecimal digits."""
-        number = self.whole(*names)
-        return None if number is None else f"{number:06X}"
+        return _text(self.whole(*names), "{:06X}".format)
 
-    def code(self, item: str) -> str | None:
+    def code(self, item: str) -> pl.Expr:
         """Return a mode 3/A code."""
-        content = self.sound(item, "MODE3A")
-        return None if content is None else str(content.as_string())
+        return _text(self.sound(item, "MODE3A"), "{:04o}".format)
+
+    def sensor(self) -> pl.Expr:
+        """Return who reports, by its codes."""
+        both = self.whole("010", "SAC") * 256 + self.whole("010", "SIC")
+        return _text(both, lambda codes: f"{codes >> 8}/{codes & 255}")
+
+    def flag(self, item: str, *parts: str) -> pl.Expr:
+        """Return whether one of some bits is set."""
+        return pl.any_horizontal([self.whole(item, part).fill_null(0) > 0 for part in parts])
 
 
 # where the time of day is; that of the position comes first
@@ -102,92 +97,82 @@ TIMES = {
 }
 
 
-def is_of_target(category: int, items: Items) -> bool:
-    """Return whether a record is of a target, and no service message."""
-    return category != SURFACE or items.whole("000") in {None, _TARGET_REPORT}
+def is_of_target(category: int, items: Items) -> pl.Expr:
+    """Return which records are of a target, and no service messages."""
+    if category != SURFACE:
+        return pl.lit(True)
+    return items.whole("000").fill_null(_TARGET_REPORT) == _TARGET_REPORT
 
 
-def surface_plot(items: Items) -> dict[str, Any] | None:
-    """Return what a surface radar measured, if that is transmitted."""
-    distance = items.number("040", "m", "RHO")
-    if distance is None:
-        return None
+def surface_plots(items: Items) -> Rows:
+    """Return what a surface radar measured; without a range, that was not transmitted."""
     kind = items.whole("020", "TYP")
+    name = pl.when(kind == _SURFACE_PSR).then(pl.lit("psr")).otherwise(pl.lit("none"))
     return {
-        "range_nm": distance / NAUTICAL_MILE,
+        "range_nm": items.number("040", "m", "RHO") / NAUTICAL_MILE,
         "azimuth_deg": items.number("040", "°", "TH"),
         "flight_level": items.level("090"),
         "icao_address": items.address("220"),
         "mode_3a": items.code("060"),
         "callsign": items.text("245", "CHR"),
-        "detection": None if kind is None else _SURFACE_DETECTIONS.get(kind, "none"),
-        "simulated": bool(items.whole("020", "SIM") or items.whole("020", "TST")),
-        "field_monitor": bool(items.whole("020", "RAB")),
+        "detection": pl.when(kind.is_not_null()).then(name),
+        "simulated": items.flag("020", "SIM", "TST"),
+        "field_monitor": items.flag("020", "RAB"),
         "track_number": items.whole("161", "TRK"),
-        "speed_m_s": _times(items.number("200", "NM/s", "GSP"), NAUTICAL_MILE),
+        "speed_m_s": items.number("200", "NM/s", "GSP") * NAUTICAL_MILE,
         "course_deg": items.number("200", "°", "TRA"),
     }
 
 
 def _position(
-    items: Items,
-    *,
-    number: str,
-    code: str,
-    heights: tuple[str, ...],
-    accuracy: Mapping[str, float | None],
-) -> dict[str, Any]:
-    """Return a position of a surface movement or multilateration system."""
-    track = items.whole("161", number)
+    items: Items, *, number: str, code: str, heights: tuple[str, ...], accuracy: Rows
+) -> Rows:
+    """Return positions of a surface movement or multilateration system."""
     speed, course = _polar(items.number("202", "m/s", "VX"), items.number("202", "m/s", "VY"))
-    ground = items.number("200", "NM/s", "GSP")
-    if ground is not None:
-        speed, course = ground * NAUTICAL_MILE, items.number("200", "°", "TRA")
-    height = (items.number(item, "ft") for item in heights)
+    ground = items.number("200", "NM/s", "GSP") * NAUTICAL_MILE
+    there = ground.is_not_null()
+    height = pl.coalesce([items.number(item, "ft") for item in heights])
     return {
-        "target": None if track is None else str(track),
+        "target": items.whole("161", number).cast(pl.String),
         "latitude_deg": items.number("041", "°", "LAT"),
         "longitude_deg": items.number("041", "°", "LON"),
-        "height_m": _times(next((one for one in height if one is not None), None), FOOT),
+        "height_m": height * FOOT,
         "flight_level": items.level("090"),
         "east_m": items.number("042", "m", "X"),
         "north_m": items.number("042", "m", "Y"),
         **accuracy,
-        "speed_m_s": speed,
-        "course_deg": course,
+        "speed_m_s": pl.when(there).then(ground).otherwise(speed),
+        "course_deg": pl.when(there).then(items.number("200", "°", "TRA")).otherwise(course),
         "icao_address": items.address("220"),
         "mode_3a": items.code(code),
         "callsign": items.text("245", "CHR"),
     }
 
 
-def _surface(items: Items) -> dict[str, Any]:
-    root = items.number("500", "m", "COVXY")
+def _surface(items: Items) -> Rows:
     accuracy = {
         "east_sigma_m": items.number("500", "m", "DEVX"),
         "north_sigma_m": items.number("500", "m", "DEVY"),
-        "covariance_east_north_m2": None if root is None else root * abs(root),
+        "covariance_east_north_m2": _signed_square(items.number("500", "m", "COVXY")),
     }
     return _position(items, number="TRK", code="060", heights=("091",), accuracy=accuracy)
 
 
-def _multilateration(items: Items) -> dict[str, Any]:
+def _multilateration(items: Items) -> Rows:
     east, north = (items.number("500", "m", "SDP", axis) for axis in "XY")
+    # a correlation in two's complement, which the definition takes for positive
     raw = items.whole("500", "SDP", "XY")
-    # quarters, in two's complement, which the library takes for positive
-    share = None if raw is None else (raw - (raw >> 15 << 16)) / 4
-    both = None not in (east, north, share)
+    share = pl.when(raw < 0x8000).then(raw).otherwise(raw - 0x10000) / 4
     accuracy = {
         "east_sigma_m": east,
         "north_sigma_m": north,
-        "covariance_east_north_m2": share * east * north if both else None,  # type: ignore[operator]
+        "covariance_east_north_m2": share * east * north,
     }
     return _position(items, number="TRN", code="070", heights=("105", "110"), accuracy=accuracy)
 
 
-def _plot(items: Items) -> dict[str, Any]:
-    kind = items.whole("020", "TYP")
-    speed = items.number("200", "NM/s", "GSP")
+def _plots(items: Items) -> Rows:
+    names = dict(enumerate(_DETECTIONS))
     return {
         "range_nm": items.number("040", "NM", "RHO"),
         "azimuth_deg": items.number("040", "°", "THETA"),
@@ -195,24 +180,22 @@ def _plot(items: Items) -> dict[str, Any]:
         "icao_address": items.address("220"),
         "mode_3a": items.code("070"),
         "callsign": items.text("240"),
-        "detection": None if kind is None else _DETECTIONS[kind],
-        "simulated": bool(items.whole("020", "SIM") or items.whole("020", "TST")),
-        "field_monitor": bool(items.whole("020", "RAB")),
+        "detection": items.whole("020", "TYP").replace_strict(names, return_dtype=pl.String),
+        "simulated": items.flag("020", "SIM", "TST"),
+        "field_monitor": items.flag("020", "RAB"),
         "track_number": items.whole("161", "TRN"),
-        "speed_m_s": _times(speed, NAUTICAL_MILE),
+        "speed_m_s": items.number("200", "NM/s", "GSP") * NAUTICAL_MILE,
         "course_deg": items.number("200", "°", "HDG"),
     }
 
 
-def _track(items: Items) -> dict[str, Any]:
-    number = items.whole("040")
-    velocity = items.number("185", "m/s", "VX"), items.number("185", "m/s", "VY")
-    speed, course = _polar(*velocity)
+def _tracks(items: Items) -> Rows:
+    speed, course = _polar(items.number("185", "m/s", "VX"), items.number("185", "m/s", "VY"))
     return {
-        "target": None if number is None else str(number),
+        "target": items.whole("040").cast(pl.String),
         "latitude_deg": items.number("105", "°", "LAT"),
         "longitude_deg": items.number("105", "°", "LON"),
-        "height_m": _times(items.number("130", "ft"), FOOT),
+        "height_m": items.number("130", "ft") * FOOT,
         "flight_level": items.number("136", "FL"),
         "east_m": items.number("100", "m", "X"),
         "north_m": items.number("100", "m", "Y"),
@@ -221,57 +204,92 @@ def _track(items: Items) -> dict[str, Any]:
         "course_deg": course,
         "icao_address": items.address("380", "ADR"),
         "mode_3a": items.code("060"),
-        "callsign": items.text("380", "ID") or items.text("245", "CHR"),
+        "callsign": pl.coalesce(items.text("380", "ID"), items.text("245", "CHR")),
     }
 
 
-def _accuracy(items: Items) -> dict[str, float | None]:
-    """Return the estimated accuracy of a position: Cartesian or, without that, of WGS 84."""
-    east, north = items.number("500", "m", "APC", "X"), items.number("500", "m", "APC", "Y")
-    root = items.number("500", "m", "COV")
+def _accuracy(items: Items) -> Rows:
+    """Return the estimated accuracy of positions: Cartesian or, without that, of WGS 84."""
+    east, north = (items.number("500", "m", "APC", axis) for axis in "XY")
     latitude = items.number("105", "°", "LAT")
-    if east is None and latitude is not None:
-        east = _times(items.number("500", "°", "APW", "LON"), _DEGREE * cos(radians(latitude)))
-        north = _times(items.number("500", "°", "APW", "LAT"), _DEGREE)
+    parallel = _DEGREE * latitude.radians().cos()
     return {
-        "east_sigma_m": east,
-        "north_sigma_m": north,
+        "east_sigma_m": east.fill_null(items.number("500", "°", "APW", "LON") * parallel),
+        "north_sigma_m": north.fill_null(
+            pl.when(latitude.is_not_null()).then(items.number("500", "°", "APW", "LAT") * _DEGREE)
+        ),
         # transmitted as the root of its size, with its sign
-        "covariance_east_north_m2": None if root is None else root * abs(root),
+        "covariance_east_north_m2": _signed_square(items.number("500", "m", "COV")),
     }
 
 
-def _report(items: Items) -> dict[str, Any]:
+def _reports(items: Items) -> Rows:
     address = items.address("080")
     # the finer one first
-    place = next((item for item in ("131", "130") if items.whole(item, "LAT") is not None), "130")
+    place = {
+        axis: pl.coalesce([items.number(item, "°", axis) for item in ("131", "130")])
+        for axis in ("LAT", "LON")
+    }
     return {
         "target": address,
-        "latitude_deg": items.number(place, "°", "LAT"),
-        "longitude_deg": items.number(place, "°", "LON"),
-        "height_m": _times(items.number("140", "ft"), FOOT),
+        "latitude_deg": place["LAT"],
+        "longitude_deg": place["LON"],
+        "height_m": items.number("140", "ft") * FOOT,
         "flight_level": items.number("145", "FL"),
-        "speed_m_s": _times(items.number("160", "NM/s", "GS"), NAUTICAL_MILE),
+        "speed_m_s": items.number("160", "NM/s", "GS") * NAUTICAL_MILE,
         "course_deg": items.number("160", "°", "TA"),
         "icao_address": address,
         "callsign": items.text("170"),
     }
 
 
-ROWS = {
-    PLOTS: _plot,
-    TRACKS: _track,
-    REPORTS: _report,
+ROWS: Mapping[int, Callable[[Items], Rows]] = {
+    PLOTS: _plots,
+    TRACKS: _tracks,
+    REPORTS: _reports,
     SURFACE: _surface,
     MULTILATERATION: _multilateration,
 }
 
 
-def _times(value: float | None, unit: float) -> float | None:
-    return None if value is None else value * unit
+def services(items: Items) -> Rows:
+    """Return what service messages say of their sensor: its place and scan period, and its type."""
+    latitude = pl.coalesce(items.number("120", "°", "LAT"), items.number("600", "°", "LAT"))
+    height = pl.when(latitude.is_not_null()).then(items.number("120", "m", "HGT"))
+    return {
+        "latitude_deg": latitude,
+        "longitude_deg": pl.coalesce(
+            items.number("120", "°", "LON"), items.number("600", "°", "LON")
+        ),
+        "height_m": pl.coalesce(height, items.number("610", "m")),
+        "scan_period_s": items.number("041", "s"),
+        "kind": items.whole("000"),
+    }
 
 
-def _polar(east: float | None, north: float | None) -> tuple[float | None, float | None]:
-    if east is None or north is None:
-        return None, None
-    return float(np.hypot(east, north)), float(np.degrees(np.arctan2(east, north)) % 360.0)
+def _signed_square(root: pl.Expr) -> pl.Expr:
+    return root * root.abs()
+
+
+def _polar(east: pl.Expr, north: pl.Expr) -> tuple[pl.Expr, pl.Expr]:
+    return (east**2 + north**2).sqrt(), pl.arctan2(east, north).degrees() % 360.0
+
+
+def _callsign(code: int) -> str | None:
+    letters = (_LETTERS.get(code >> at & 63, "") for at in range(42, -1, -6))
+    return "".join(letters).strip() or None
+
+
+def _text(codes: pl.Expr, name: Callable[[int], str | None]) -> pl.Expr:
+    """Return texts of whole numbers, each different one made once."""
+
+    def texts(column: pl.Series) -> pl.Series:
+        known = column.unique().drop_nulls()
+        if known.is_empty():
+            return pl.repeat(None, len(column), dtype=pl.String, eager=True)
+        named: pl.Series = column.replace_strict(
+            known, [name(code) for code in known], default=None, return_dtype=pl.String
+        )
+        return named
+
+    return codes.map_batches(texts, return_dtype=pl.String)

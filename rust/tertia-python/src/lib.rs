@@ -2,6 +2,7 @@
 
 mod arrays;
 mod association;
+mod asterix;
 mod bearing;
 mod flightplan;
 mod fusion;
@@ -28,6 +29,8 @@ mod core_module {
         assign_pairs, associate, gate_pairs, gate_sectors, gate_threshold, likelihood_score,
         paper_score,
     };
+    #[pymodule_export]
+    use super::asterix::{asterix_blocks, asterix_definitions, asterix_records};
     #[pymodule_export]
     use super::bearing::estimate_bearing;
     #[pymodule_export]

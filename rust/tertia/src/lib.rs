@@ -26,6 +26,7 @@
 //! | [`flightplan`] | paths of flight plans, and how tracks relate to them |
 //! | [`registration`] | noise and biases of radars, from their tracks |
 //! | [`tracker`] | tracks of scans of plots |
+//! | [`asterix`] | records of ASTERIX as columns of numbers |
 //! | [`simulate`] | flights along routes, and when the beam of a radar passes them |
 //! | [`batch`], [`missing`] | rows on threads; nan left out |
 //!
@@ -35,7 +36,7 @@
 //!
 //! `base <- screening <- bearing <- weights <- geo <- location <- kalman <- smoothing <-
 //! fusion <- association <- flightplan <- registration <- tracker`: a module uses those to its left only.
-//! [`simulate`] and [`metrics`] stand outside. [`batch`] and [`missing`] are for callers.
+//! [`simulate`], [`metrics`] and [`asterix`] stand outside. [`batch`] and [`missing`] are for callers.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! # Costs
@@ -79,6 +80,7 @@
 //! | [`metrics::mean_interval`], `share_interval`, `rank_interval` | O(models) a step | none |
 
 pub mod association;
+pub mod asterix;
 mod base;
 pub mod bearing;
 pub mod flightplan;

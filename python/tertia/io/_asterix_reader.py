@@ -1,0 +1,256 @@
+"""Data blocks of ASTERIX, decoded and converted to tables."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia import _core
+from tertia._arrays import FloatArray, IntArray
+from tertia.io._asterix_rows import ROWS, TIMES, Items, is_of_target, services, surface_plots
+from tertia.io._categories import (
+    COLUMNS,
+    KNOWN,
+    MULTILATERATION,
+    PLOTS,
+    REPORTS,
+    SENSORS,
+    SERVICES,
+    SURFACE,
+    TRACKS,
+)
+
+# so many data blocks of a category choose the edition by which it is decoded
+_BLOCKS = 20
+_HEADER = 3
+_DAY = 86_400.0
+_NORTH_MARKER = 1
+# what the decoder gives where a record has no such item
+_MISSING = np.iinfo(np.int64).min
+_PLACE = ("latitude_deg", "longitude_deg", "height_m")
+
+
+class Reader:
+    """Collects data blocks, and converts them to tables."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.payloads: list[bytes] = []
+        # the byte in all payloads where each begins, and how messages name it
+        self.begins: list[int] = []
+        self.places: list[str] = []
+        self.size = self.other_packets = self.damaged = 0
+        self.first_damage = ""
+        self.blocks: list[tuple[IntArray, IntArray, IntArray]] = []
+        self.editions: dict[int, str] = {}
+
+    def take_packet(self, payload: bytes, number: int) -> None:
+        """Collect the data blocks of a packet; one that has anything else is only counted."""
+        category, *_, stop = found = _core.asterix_blocks(payload)
+        if stop == len(payload) > 0 and KNOWN.issuperset(category.tolist()):
+            self._collect(payload, f"packet {number}, ", found)
+        else:
+            self.other_packets += 1
+
+    def take(self, contents: bytes, where: str) -> None:
+        """Collect data blocks; error messages begin with `where`."""
+        category, *_, stop = found = _core.asterix_blocks(contents)
+        # other categories count only after one that is known
+        begun = len(category) > 0 and int(category[0]) in KNOWN
+        if not begun:
+            stop = 0
+        if stop < len(contents):
+            length = int.from_bytes(contents[stop + 1 : stop + _HEADER], "big")
+            place = f"{self.path}, {where}byte {stop}"
+            left = len(contents) - stop
+            if not (begun or contents[stop] in KNOWN) or left >= max(length, _HEADER):
+                there = contents[stop : stop + 8].hex()
+                raise ValueError(
+                    f"{place}: there is no data block of ASTERIX, but {there}; the file is "
+                    "damaged, or in another format"
+                )
+            self._damage(1, f"{place}: the last data block is cut off")
+        self._collect(contents, where, found)
+
+    def _collect(self, contents: bytes, where: str, found: Any) -> None:
+        category, begin, end, _ = found
+        self.blocks.append((category, begin + self.size, end + self.size))
+        self.payloads.append(contents)
+        self.begins.append(self.size)
+        self.places.append(where)
+        self.size += len(contents)
+
+    def _damage(self, count: int, first: str) -> None:
+        self.damaged += count
+        self.first_damage = self.first_damage or first
+
+    def recording(self) -> dict[str, Any]:
+        """Return what the recording has, by the names of its fields."""
+        category, begin, end = (np.concatenate(each) for each in zip(*self.blocks, strict=True))
+        contents = self.payloads[0] if len(self.payloads) == 1 else b"".join(self.payloads)
+        records: dict[int, _Records] = {}
+        damage: list[tuple[int, int, str]] = []
+        for number in sorted({*COLUMNS, *SERVICES} & set(category.tolist())):
+            [own] = np.nonzero(category == number)
+            definition = _edition(number, contents, begin[own], end[own])
+            block, columns, wrong = _core.asterix_records(
+                definition, contents, begin[own], end[own]
+            )
+            _, editions, fields = _DEFINITIONS[definition]
+            self.editions[number] = editions[0]
+            damage += [(int(own[where]), at, reason) for where, at, reason in wrong]
+            records[number] = _Records(own[block], fields, columns)
+        self._say_damage(damage, category)
+        if self.damaged and not any(len(one.block) for one in records.values()):
+            raise ValueError(f"{self.first_damage}; no other record can be decoded")
+        _continue_times(records)
+        skipped = Counter(category[~np.isin(category, list(records))].tolist())
+        return self._tables(records) | {
+            "skipped": dict(sorted(skipped.items())),
+            "damaged": self.damaged,
+            "first_damage": self.first_damage,
+            "editions": self.editions,
+            "other_packets": self.other_packets,
+        }
+
+    def _say_damage(self, damage: list[tuple[int, int, str]], category: IntArray) -> None:
+        if not damage:
+            return
+        block, at, reason = min(damage)
+        payload = int(np.searchsorted(self.begins, at, side="right")) - 1
+        self._damage(
+            len(damage),
+            f"{self.path}, {self.places[payload]}byte {at - self.begins[payload]}: a record of "
+            f"category {category[block]} is damaged: {reason}",
+        )
+
+    @staticmethod
+    def _tables(records: Mapping[int, _Records]) -> dict[str, Any]:
+        tables = {
+            number: [records[number].rows(number, ROWS[number])] if number in records else []
+            for number in ROWS
+        }
+        if SURFACE in records:
+            measured = records[SURFACE].rows(SURFACE, surface_plots, PLOTS)
+            tables[PLOTS].append(measured.filter(pl.col("range_nm").is_not_null()))
+        joined = {number: _joined(number, parts) for number, parts in tables.items()}
+        distinct = {number: one.unique(maintain_order=True) for number, one in joined.items()}
+        plots = distinct[PLOTS]
+        return {
+            "plots": plots,
+            "sensors": _sensors([records[one] for one in SERVICES if one in records], plots),
+            "tracks": distinct[TRACKS],
+            "reports": distinct[REPORTS],
+            "positions": pl.concat([distinct[SURFACE], distinct[MULTILATERATION]]),
+            "repeated": joined[PLOTS].height - plots.height,
+        }
+
+
+class _Records:
+    """Records of a category: their data blocks and columns."""
+
+    def __init__(
+        self, block: IntArray, fields: list[tuple[str, float, str]], columns: list[IntArray]
+    ) -> None:
+        self.block = block
+        self.items = Items(fields)
+        names = [name for name, *_ in fields]
+        raw = pl.DataFrame(dict(zip(names, columns, strict=True)))
+        self.frame = raw.select(
+            pl.when(pl.col(name) != _MISSING).then(pl.col(name)).alias(name) for name in names
+        )
+        self.time: FloatArray = np.empty(0)
+
+    def times(self, number: int) -> FloatArray:
+        """Return the times of day, nan where there is none."""
+        each = pl.coalesce([self.items.number(item, "s") for item in TIMES[number]])
+        return self.frame.select(each.fill_null(np.nan))[:, 0].to_numpy()
+
+    def rows(self, number: int, convert: Any, table: int | None = None) -> pl.DataFrame:
+        """Return the rows of a table, with the data blocks of the records."""
+        columns = convert(self.items)
+        found = self.frame.select(
+            pl.Series("block", self.block),
+            pl.Series("time_s", self.time).fill_nan(None),
+            self.items.sensor().alias("sensor"),
+            *(value.alias(name) for name, value in columns.items()),
+            of_target=is_of_target(number, self.items),
+        )
+        kinds = _schema(COLUMNS.get(table or number, {}))
+        return found.filter("of_target").drop("of_target").cast(kinds)
+
+
+def _edition(number: int, contents: bytes, begin: IntArray, end: IntArray) -> int:
+    """Return the definition that decodes most data blocks, of equal ones the newest."""
+    best, least = -1, _BLOCKS + 1
+    for at, (category, *_) in enumerate(_DEFINITIONS):
+        if category == number:
+            found = _core.asterix_records(at, contents, begin[:_BLOCKS], end[:_BLOCKS])
+            damaged = len(found[2])
+            if damaged < least:
+                best, least = at, damaged
+    return best
+
+
+def _continue_times(records: Mapping[int, _Records]) -> None:
+    """Let the times of all records, in their order, go on after midnight."""
+    for number, one in records.items():
+        one.time = one.times(number)
+    every = list(records.values())
+    if not every:
+        return
+    time = np.concatenate([one.time for one in every])
+    order = np.argsort(np.concatenate([one.block for one in every]), kind="stable")
+    order = order[~np.isnan(time[order])]
+    days = np.cumsum(np.rint(-np.diff(time[order], prepend=time[order[:1]]) / _DAY))
+    time[order] += _DAY * days
+    for one, its in zip(
+        every, np.split(time, np.cumsum([len(one.block) for one in every])[:-1]), strict=True
+    ):
+        one.time = its
+
+
+def _joined(number: int, parts: list[pl.DataFrame]) -> pl.DataFrame:
+    """Return rows in the order of their records."""
+    if not parts:
+        return pl.DataFrame(schema=_schema(COLUMNS[number]))
+    rows = parts[0] if len(parts) == 1 else pl.concat(parts).sort("block", maintain_order=True)
+    return rows.drop("block")
+
+
+def _sensors(messages: list[_Records], plots: pl.DataFrame) -> pl.DataFrame:
+    """Return one row per sensor that sent plots or service messages."""
+    counts = plots.drop_nulls("sensor").group_by("sensor").agg(plot_count=pl.len().cast(pl.Int64))
+    told = [one.rows(0, services).drop_nulls("sensor") for one in messages]
+    if told:
+        every = pl.concat(told).sort("block", maintain_order=True)
+        norths = pl.col("time_s").filter(pl.col("kind") == _NORTH_MARKER)
+        turns = pl.col("scan_period_s").filter(pl.col("scan_period_s") > 0)
+        said = every.group_by("sensor").agg(
+            *(pl.col(name).drop_nulls().last() for name in _PLACE),
+            scan_period_s=pl.coalesce(
+                turns.median(), norths.drop_nulls().unique().sort().diff().median()
+            ),
+        )
+        counts = said.join(counts, on="sensor", how="full", coalesce=True)
+    found = counts.with_columns(
+        pl.lit(None).alias(name) for name in SENSORS if name not in counts.columns
+    )
+    codes = pl.col("sensor").str.split("/").list.eval(pl.element().cast(pl.Int64))
+    return (
+        found.select(pl.col(name).cast(kind) for name, kind in _schema(SENSORS).items())
+        .with_columns(pl.col("plot_count").fill_null(0))
+        .sort(codes.list.get(0), codes.list.get(1))
+    )
+
+
+def _schema(columns: Mapping[str, str]) -> Any:
+    return {name: getattr(pl, kind) for name, kind in columns.items()}
+
+
+_DEFINITIONS = _core.asterix_definitions()

@@ -1,0 +1,75 @@
+"""Categories of ASTERIX: what they are, and the columns of those that are read."""
+
+# categories with rows: surface movement, multilateration, ADS-B, plots of radars, system tracks
+SURFACE, MULTILATERATION, REPORTS, PLOTS, TRACKS = 10, 20, 21, 48, 62
+# service messages: of multilateration and of radars
+SERVICES = (19, 34)
+# titles of what is not read
+TITLES = {
+    1: "radar plots, old",
+    2: "radar service, old",
+    4: "safety nets",
+    7: "directed interrogations",
+    8: "weather of a radar",
+    9: "weather, composed",
+    11: "surface movement, fused",
+    15: "non-cooperative targets",
+    16: "non-cooperative surveillance, configuration",
+    17: "Mode S coordination",
+    18: "Mode S data link",
+    23: "ADS-B service",
+    25: "ground system status",
+    32: "flight plans",
+    63: "sensor status",
+    65: "tracker service",
+    150: "flight plans of Maastricht",
+    205: "radio direction finders",
+    240: "radar video",
+    247: "versions",
+}
+_TEXT, _NUMBER, _FLAG = "String", "Float64", "Boolean"
+_COMMON = {"time_s": _NUMBER, "sensor": _TEXT}
+_IDENTITY = {"icao_address": _TEXT, "mode_3a": _TEXT, "callsign": _TEXT}
+_PLACE = {"latitude_deg": _NUMBER, "longitude_deg": _NUMBER, "height_m": _NUMBER}
+_MOTION = {"speed_m_s": _NUMBER, "course_deg": _NUMBER}
+# columns of the tables, and what they hold
+COLUMNS = {
+    PLOTS: {
+        **_COMMON,
+        "range_nm": _NUMBER,
+        "azimuth_deg": _NUMBER,
+        "flight_level": _NUMBER,
+        **_IDENTITY,
+        "detection": _TEXT,
+        "simulated": _FLAG,
+        "field_monitor": _FLAG,
+        "track_number": "Int64",
+        **_MOTION,
+    },
+    TRACKS: {
+        **_COMMON,
+        "target": _TEXT,
+        **_PLACE,
+        "flight_level": _NUMBER,
+        "east_m": _NUMBER,
+        "north_m": _NUMBER,
+        "east_sigma_m": _NUMBER,
+        "north_sigma_m": _NUMBER,
+        "covariance_east_north_m2": _NUMBER,
+        **_MOTION,
+        **_IDENTITY,
+    },
+    REPORTS: {
+        **_COMMON,
+        "target": _TEXT,
+        **_PLACE,
+        "flight_level": _NUMBER,
+        **_MOTION,
+        "icao_address": _TEXT,
+        "callsign": _TEXT,
+    },
+}
+for _category in (SURFACE, MULTILATERATION):
+    COLUMNS[_category] = COLUMNS[TRACKS]
+SENSORS = {"sensor": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plot_count": "Int64"}
+KNOWN = frozenset({*TITLES, *COLUMNS, *SERVICES})

@@ -1,0 +1,59 @@
+//! Bindings of `tertia::asterix`.
+
+use crate::arrays::{Integers, array, release};
+use numpy::PyReadonlyArray1;
+use pyo3::prelude::*;
+use tertia::asterix::{self, Damage};
+
+/// Cost of an octet, for the choice to release the interpreter's lock.
+const OCTET_NS: f64 = 5.0;
+
+/// A definition: category, editions, and name, scale and unit of each column.
+type Definition = (u8, Vec<&'static str>, Vec<(&'static str, f64, &'static str)>);
+type Blocks<'py> = (Integers<'py>, Integers<'py>, Integers<'py>, usize);
+type Records<'py> = (Integers<'py>, Vec<Integers<'py>>, Vec<(usize, usize, &'static str)>);
+
+/// All definitions, of each category the newest first.
+#[pyfunction]
+pub fn asterix_definitions() -> Vec<Definition> {
+    asterix::definitions()
+        .iter()
+        .map(|one| {
+            let fields = one.fields.iter();
+            let fields = fields.map(|field| (&*field.name, field.scale, &*field.unit)).collect();
+            (one.category, one.editions.iter().map(|name| &**name).collect(), fields)
+        })
+        .collect()
+}
+
+/// Category, begin and end of consecutive data blocks, and where they stop.
+#[pyfunction]
+pub fn asterix_blocks<'py>(py: Python<'py>, contents: &[u8]) -> PyResult<Blocks<'py>> {
+    let found = release(py, contents.len() as f64, || asterix::blocks(contents));
+    let category = array(py, &[found.category.len()], found.category.into_iter().map(i64::from))?;
+    Ok((category, places(py, found.begin)?, places(py, found.end)?, found.stop))
+}
+
+/// Block of each record, its columns, and what is damaged: block, first octet, reason.
+#[pyfunction]
+pub fn asterix_records<'py>(
+    py: Python<'py>,
+    definition: usize,
+    contents: &[u8],
+    begin: PyReadonlyArray1<'py, i64>,
+    end: PyReadonlyArray1<'py, i64>,
+) -> PyResult<Records<'py>> {
+    let (begin, end) = (begin.as_slice()?, end.as_slice()?);
+    let ranges = begin.iter().zip(end).map(|(&begin, &end)| (begin as usize, end as usize));
+    let definition = &asterix::definitions()[definition];
+    let cost = OCTET_NS * contents.len() as f64;
+    let found = release(py, cost, || asterix::decode(definition, contents, ranges));
+    let columns = found.columns.into_iter().map(|one| array(py, &[one.len()], one));
+    let columns = columns.collect::<PyResult<_>>()?;
+    let damage = found.damage.iter().map(|&Damage { block, at, reason }| (block, at, reason));
+    Ok((places(py, found.block)?, columns, damage.collect()))
+}
+
+fn places(py: Python<'_>, places: Vec<usize>) -> PyResult<Integers<'_>> {
+    array(py, &[places.len()], places.into_iter().map(|place| place as i64))
+}

@@ -1,0 +1,51 @@
+/// Category and length.
+const HEADER: usize = 3;
+
+/// Data blocks of a recording: their categories, and where their records begin and end.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Blocks {
+    /// Category of each data block.
+    pub category: Vec<u8>,
+    /// Its first byte after the header.
+    pub begin: Vec<usize>,
+    /// The byte after its last.
+    pub end: Vec<usize>,
+    /// The byte where the last one ends: that of the recording, unless something else follows.
+    pub stop: usize,
+}
+
+/// Find consecutive data blocks, until there is none or one is cut off. O(blocks).
+pub fn blocks(bytes: &[u8]) -> Blocks {
+    let mut found = Blocks::default();
+    while let Some(&[category, high, low]) = bytes.get(found.stop..found.stop + HEADER) {
+        let length = usize::from(u16::from_be_bytes([high, low]));
+        if length <= HEADER || found.stop + length > bytes.len() {
+            break;
+        }
+        found.category.push(category);
+        found.begin.push(found.stop + HEADER);
+        found.stop += length;
+        found.end.push(found.stop);
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_end_where_the_next_begins() {
+        let found = blocks(&[48, 0, 4, 7, 34, 0, 5, 1, 2, 48, 0, 9, 1]);
+        assert_eq!(found.category, [48, 34]);
+        assert_eq!((found.begin, found.end), (vec![3, 7], vec![4, 9]));
+        assert_eq!(found.stop, 9);
+    }
+
+    #[test]
+    fn a_block_of_no_length_is_none() {
+        for bytes in [&[48, 0, 3][..], &[48, 0, 0, 1], &[48, 0], &[]] {
+            assert_eq!(blocks(bytes), Blocks::default());
+        }
+    }
+}

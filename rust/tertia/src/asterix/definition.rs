@@ -1,0 +1,210 @@
+use std::str::SplitAsciiWhitespace;
+use std::sync::LazyLock;
+
+/// What a column holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// Item and parts: `040/RHO`.
+    pub name: String,
+    /// What the last bit is worth; 1 for codes.
+    pub scale: f64,
+    /// Unit of the scale, empty without.
+    pub unit: String,
+}
+
+/// Bits of a structure that become a column.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Bits {
+    pub column: usize,
+    pub first: usize,
+    pub count: usize,
+    pub signed: bool,
+}
+
+/// Octets of fixed number, and what is taken from them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Octets {
+    pub count: usize,
+    pub bits: Vec<Bits>,
+}
+
+/// The structure of an item.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Structure {
+    Fixed(Octets),
+    /// Parts whose last bit says whether the next one follows; only the last may lack that bit.
+    Extended(Vec<Octets>, bool),
+    /// Octets, as often as the octets before them count.
+    Counted(usize, usize),
+    /// Octets whose last bit says whether they are repeated.
+    Repeated(usize),
+    /// The first octet is the length.
+    Explicit,
+    Compound(Items),
+}
+
+/// Items of which an FSPEC says which are there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Items {
+    /// Most octets of the FSPEC.
+    pub fspec: usize,
+    /// In the order of its bits; a spare bit has none.
+    pub items: Vec<Option<Structure>>,
+}
+
+/// Structure of the records of a category, the same in some editions of its document.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Definition {
+    /// Category.
+    pub category: u8,
+    /// Editions, the newest first.
+    pub editions: Vec<String>,
+    /// Columns of its records.
+    pub fields: Vec<Field>,
+    pub(super) record: Items,
+}
+
+/// Return all definitions, of each category the newest first.
+pub fn definitions() -> &'static [Definition] {
+    static ALL: LazyLock<Vec<Definition>> = LazyLock::new(|| {
+        let text = include_str!("definitions.txt");
+        text.split("\n\n").filter_map(definition).collect()
+    });
+    &ALL
+}
+
+/// Return the definition of a paragraph; `None` where it is a comment.
+fn definition(text: &str) -> Option<Definition> {
+    let mut lines = text.lines();
+    let mut head = lines.next()?.split(' ');
+    if head.next()? != "category" {
+        return None;
+    }
+    let category = head.next()?.parse().ok()?;
+    let editions = head.map(String::from).collect();
+    let fspec = lines.next()?.strip_prefix("fspec ")?.parse().ok()?;
+    let mut fields = Vec::new();
+    let items = lines
+        .map(|line| {
+            let spaced = line.replace('(', " ( ").replace(')', " ) ");
+            let mut parser = Parser { words: spaced.split_ascii_whitespace(), fields: &mut fields };
+            let name = parser.words.next().filter(|&name| name != "-")?;
+            parser.structure(name)
+        })
+        .collect();
+    let record = Items { fspec, items };
+    Some(Definition { category, editions, fields, record })
+}
+
+/// Reads lists in brackets.
+struct Parser<'a, 'b> {
+    words: SplitAsciiWhitespace<'b>,
+    fields: &'a mut Vec<Field>,
+}
+
+impl Parser<'_, '_> {
+    /// Read a structure whose bracket is not yet open; columns are named after `name`.
+    fn structure(&mut self, name: &str) -> Option<Structure> {
+        self.words.next().filter(|&word| word == "(")?;
+        match self.words.next()? {
+            "fixed" => self.octets(name).map(Structure::Fixed),
+            "extended" => self.extended(name),
+            "repeated" => self.repeated(),
+            "compound" => self.compound(name),
+            "explicit" => self.words.next().map(|_| Structure::Explicit),
+            _ => None,
+        }
+    }
+
+    /// Read the number of bits, fields and the closing bracket.
+    fn octets(&mut self, name: &str) -> Option<Octets> {
+        let count = self.number()?.div_ceil(8);
+        let mut bits = Vec::new();
+        while self.words.next()? == "(" {
+            let part = self.words.next()?;
+            let (first, count) = (self.number()?, self.number()?);
+            let signed = self.words.next()? == "s";
+            let rest: Vec<&str> = self.words.by_ref().take_while(|&word| word != ")").collect();
+            bits.push(Bits { column: self.fields.len(), first, count, signed });
+            self.fields.push(Field {
+                name: if part == "=" { name.into() } else { format!("{name}/{part}") },
+                scale: rest.first().map_or(Some(1.0), |text| text.parse().ok())?,
+                unit: rest.get(1).copied().unwrap_or_default().into(),
+            });
+        }
+        Some(Octets { count, bits })
+    }
+
+    fn extended(&mut self, name: &str) -> Option<Structure> {
+        let (mut parts, mut open) = (Vec::new(), true);
+        while self.words.next()? == "(" {
+            open = self.words.next()? == "fx";
+            parts.push(self.octets(name)?);
+        }
+        Some(Structure::Extended(parts, open))
+    }
+
+    fn repeated(&mut self) -> Option<Structure> {
+        let count = self.words.next()?;
+        let Structure::Fixed(octets) = self.structure("")? else {
+            return None;
+        };
+        self.words.next()?;
+        Some(match count.parse() {
+            Ok(count) => Structure::Counted(count, octets.count),
+            Err(_) => Structure::Repeated(octets.count),
+        })
+    }
+
+    fn compound(&mut self, name: &str) -> Option<Structure> {
+        let fspec = self.number()?;
+        let mut items = Vec::new();
+        loop {
+            match self.words.next()? {
+                ")" => break,
+                "-" => items.push(None),
+                part => items.push(Some(self.structure(&format!("{name}/{part}"))?)),
+            }
+        }
+        Some(Structure::Compound(Items { fspec, items }))
+    }
+
+    fn number(&mut self) -> Option<usize> {
+        self.words.next()?.parse().ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_of_the_text_is_read() {
+        let text = include_str!("definitions.txt");
+        assert_eq!(definitions().len(), text.matches("\ncategory ").count());
+        for one in definitions() {
+            let head = format!("\ncategory {} {}\n", one.category, one.editions.join(" "));
+            let paragraph = text.split(&head).nth(1).unwrap().split("\n\n").next().unwrap();
+            let lines = paragraph.lines().skip(1);
+            let spare = lines.clone().filter(|&line| line == "-").count();
+            assert_eq!(one.record.items.len(), lines.count());
+            assert_eq!(one.record.items.iter().filter(|item| item.is_none()).count(), spare);
+            assert_eq!(
+                one.fields.len(),
+                paragraph.matches(" u").count() + paragraph.matches(" s ").count()
+            );
+            // an FSPEC has no bit beyond the last item
+            assert_eq!(one.record.items.len().div_ceil(7), one.record.fspec);
+        }
+    }
+
+    #[test]
+    fn fields_have_names_and_scales() {
+        let plots = definitions().iter().find(|one| one.category == 48).unwrap();
+        assert_eq!(plots.editions[0], "1.32");
+        let range = plots.fields.iter().find(|one| one.name == "040/RHO").unwrap();
+        assert_eq!((range.scale, range.unit.as_str()), (1.0 / 256.0, "NM"));
+        let tracks = definitions().iter().find(|one| one.category == 62).unwrap();
+        assert!(tracks.fields.iter().any(|one| one.name == "500/APC/X" && one.scale == 0.5));
+    }
+}

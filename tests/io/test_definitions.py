@@ -1,0 +1,85 @@
+"""ASTERIX decoded by columns: what libasterix finds, in every edition and whatever the bytes."""
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from reference import asterix_definitions as reference
+
+from tertia import _core
+
+base = pytest.importorskip("asterix.base")
+generated = pytest.importorskip("asterix.generated")
+DEFINITIONS = _core.asterix_definitions()
+MISSING = np.iinfo(np.int64).min
+# of each edition; more with RECORDS
+RECORDS = int(os.environ.get("RECORDS", "40"))
+
+
+def test_the_definitions_are_those_of_libasterix() -> None:
+    assert reference.FILE.read_text(encoding="utf-8") == reference.definitions()
+
+
+def editions() -> Iterator[Any]:
+    for number, (category, names, fields) in enumerate(DEFINITIONS):
+        for name in names:
+            yield pytest.param(number, category, name, fields, id=f"{category}-{name}")
+
+
+def value(record: Any, name: str) -> int:
+    """Return a field of a record as a whole number."""
+    item = record
+    for part in name.split("/"):
+        item = (item if item is record else item.variation).get_item(part)
+        if item is None:
+            return MISSING
+    content = item.variation.content
+    signed = getattr(content, "cv_signedness", None)
+    bits = item.variation.bs
+    raw = bits.to_uinteger()
+    return int(raw if signed is None else signed.convert(len(bits), raw))
+
+
+def octets(rng: np.random.Generator, count: int) -> bytes:
+    """Return a record that is likely to be one: some items, the lengths in it small."""
+    spec = rng.integers(0, 256, count) & rng.integers(0, 256, count)
+    spec[:-1] |= 1
+    spec[-1] &= 0xFE
+    body = rng.integers(0, 256, 160)
+    small = rng.random(160) < 0.5
+    body[small] &= 0x06
+    return bytes([*spec, *body])
+
+
+@pytest.mark.parametrize(("number", "category", "edition", "fields"), list(editions()))
+def test_records_are_those_of_libasterix(
+    number: int, category: int, edition: str, fields: list[tuple[str, float, str]]
+) -> None:
+    [one] = (
+        found
+        for found in generated.manifest["CATS"][category]
+        if ".".join(map(str, found.cv_edition)) == edition
+    )
+    rng = np.random.default_rng([category, number])
+    strict = base.ParsingMode.StrictParsing
+    decoded = 0
+    for _ in range(RECORDS):
+        contents = octets(rng, int(rng.integers(1, 6)))
+        begin, end = np.array([0]), np.array([len(contents)])
+        parsed = one.cv_record.parse(strict, base.Bits.from_bytes(contents))
+        if isinstance(parsed, ValueError):
+            block, _, damage = _core.asterix_records(number, contents, begin, end)
+            assert len(block) == 0
+            assert damage[0][1] == 0
+            continue
+        record, rest = parsed
+        decoded += 1
+        end -= len(rest) // 8
+        block, columns, damage = _core.asterix_records(number, contents, begin, end)
+        assert (list(block), damage) == ([0], [])
+        assert {
+            name: int(column[0]) for (name, *_), column in zip(fields, columns, strict=True)
+        } == {name: value(record, name) for name, *_ in fields}
+    assert decoded > RECORDS / 8
