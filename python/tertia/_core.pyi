@@ -260,7 +260,11 @@ class AngleFusion:
 class PlotTracker:
     time: float
     def __new__(
-        cls, settings: TrackerSettings, radars: list[Radar], plans: list[Route]
+        cls,
+        settings: TrackerSettings,
+        radars: list[Radar],
+        geometry: list[Geometry],
+        plans: list[Route],
     ) -> PlotTracker: ...
     def track(
         self,
@@ -319,6 +323,15 @@ class Motion:
     def singer(model: SingerModel) -> Motion: ...
     @staticmethod
     def window(*, straight: int, after_turn: int, planned_turn: int) -> Motion: ...
+
+@final
+class Geometry:
+    @staticmethod
+    def flat() -> Geometry: ...
+    @staticmethod
+    def space() -> Geometry: ...
+    @staticmethod
+    def earth(site: list[float], plane: Frame, max_range: float) -> Geometry: ...
 
 @final
 class TrackerSettings:

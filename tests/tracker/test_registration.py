@@ -108,7 +108,7 @@ def test_a_copy_goes_on_to_the_last_bit():
 
 def test_a_damaged_state_is_refused():
     tracker, _ = followed(recording(3)[:200], registration=True)
-    saved, _ = tracker._registrar.__getstate__()
+    saved, *_ = tracker._registrar.__getstate__()
     for at in (0, len(saved) // 2, len(saved) - 1):
         broken = bytearray(saved)
         broken[at] ^= 1

@@ -183,7 +183,7 @@ def _systematic(
     plots of two radars. So plots are tracked again without the errors found, until these stay.
     """
     prior = bias = start(alone, sensors)
-    projected, _ = in_plane(plots, sensors)
+    projected = in_plane(plots, sensors)
     noise = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])
     for _ in range(_ROUNDS):
         if joint is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,25 +23,6 @@ _LEVEL_SIGMA = 12_000.0 / np.sqrt(12.0).item()
 _OVERHEAD_SIGMAS = 3.0
 # meridional radius at the equator, the smallest, in metres
 _RADIUS = 6.33e6
-
-
-@dataclass(frozen=True, slots=True)
-class Level:
-    """The mean level of the traffic so far: number and sum of the heights."""
-
-    count: int = 0
-    total: float = 0.0
-
-    def follow(self, height: FloatArray, low: FloatArray) -> tuple[FloatArray, Level]:
-        """Return the level at each plot, (N,), and that after them.
-
-        Before any height is known it is `low`.
-        """
-        known = np.isfinite(height)
-        count = self.count + np.cumsum(known)
-        total = self.total + np.cumsum(np.where(known, height, 0.0))
-        last = Level(int(count[-1]), float(total[-1])) if len(height) else self
-        return np.where(count > 0, total / np.maximum(count, 1), low), last
 
 
 def plane_of(sensors: Sequence[Radar]) -> SystemPlane | None:
@@ -80,22 +60,26 @@ def positions(
     return places + offset, scaled @ scaled.swapaxes(1, 2)
 
 
-def flattened(
-    plots: Plots, sensors: Sequence[Radar], plane: SystemPlane, level: Level
-) -> tuple[FloatArray, FloatArray, FloatArray, Level]:
-    """Return range, azimuth and height as radars in a flat plane would measure them.
+def in_plane(plots: Plots, sensors: Sequence[Radar]) -> Plots:
+    """Return plots of radars on the earth as radars in a flat plane would measure them.
 
-    The kernel of the tracker takes these to the exact positions. A plot that is too near for its
-    height is used without it, unless it may be straight above the radar.
+    The formulas of the flat plane take these to the exact positions. Plots without a height are at
+    the mean level of those before them. A plot that is too near for its height is used without it,
+    unless it may be straight above the radar.
     """
+    plane = plane_of(sensors)
+    unknown = (plots.sensor < 0) | (plots.sensor >= len(sensors))
+    if plane is None or np.any(unknown):
+        # of sensors that do not exist the core tells
+        return plots
     sites = _sites(sensors)
     up = plots.height - sites[plots.sensor, 2]
     sigma = np.array([one.range_sigma for one in sensors])[plots.sensor]
     excess = np.abs(up) - plots.range
     overhead = (excess >= 0.0) & (excess < _OVERHEAD_SIGMAS * sigma)
     height = np.where((excess >= 0.0) & ~overhead, np.nan, plots.height)
-    levels, last = level.follow(height, sites[plots.sensor, 2])
     columns = np.column_stack([plots.range, plots.azimuth, height])
+    levels = _levels(height, sites[plots.sensor, 2])
     flat = _core.plots_flattened(sites, plane._frame, plots.sensor, columns, levels)
     # what is straight above the radar, or no plot at all, is for the kernel to say
     kept = overhead | np.isnan(flat[:, 0])
@@ -103,21 +87,15 @@ def flattened(
     limit = np.array([one.max_range for one in sensors])[plots.sensor]
     beyond = plots.range > limit
     flat[beyond, 0] = 2.0 * limit[beyond]
-    return flat[:, 0].copy(), flat[:, 1].copy(), height, last
+    return plots._moved(flat[:, 0].copy(), flat[:, 1].copy(), height)
 
 
-def in_plane(
-    plots: Plots, sensors: Sequence[Radar], level: Level | None = None
-) -> tuple[Plots, Level]:
-    """Return plots of radars on the earth as those of radars in the plane, and the level."""
-    level = Level() if level is None else level
-    plane = plane_of(sensors)
-    unknown = (plots.sensor < 0) | (plots.sensor >= len(sensors))
-    if plane is None or np.any(unknown):
-        # of sensors that do not exist the core tells
-        return plots, level
-    *polar, level = flattened(plots, sensors, plane, level)
-    return plots._moved(*polar), level
+def _levels(height: FloatArray, low: FloatArray) -> FloatArray:
+    """Return the mean of the heights up to each plot, (N,); `low` before any is known."""
+    known = np.isfinite(height)
+    count = np.cumsum(known)
+    total = np.cumsum(np.where(known, height, 0.0))
+    return np.where(count > 0, total / np.maximum(count, 1), low)
 
 
 def reach(radar: Radar) -> float:
@@ -126,6 +104,16 @@ def reach(radar: Radar) -> float:
         return radar.max_range
     far = float(np.hypot(*radar.position[:2])) + radar.max_range
     return radar.max_range * (1.0 + (far / (2.0 * _RADIUS)) ** 2)
+
+
+def core_geometry(radar: Radar) -> _core.Geometry:
+    """Return what the plots of a radar say of positions."""
+    site = radar.site
+    if radar.frame is None or site is None:
+        flat = len(radar.position) == 2  # east and north alone
+        return _core.Geometry.flat() if flat else _core.Geometry.space()
+    place = [*np.radians([site.latitude, site.longitude]).tolist(), site.height]
+    return _core.Geometry.earth(place, radar.frame._frame, radar.max_range)
 
 
 def _sites(sensors: Sequence[Radar]) -> FloatArray:

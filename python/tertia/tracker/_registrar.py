@@ -13,6 +13,7 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias, Radar
 from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._earth import in_plane
 from tertia.tracker._models import core_radar
 from tertia.tracker._plots import Plots
 from tertia.tracker._table import TrackTable
@@ -41,6 +42,7 @@ class Registrar:
             for suffix in ("", "_sigma")
         )
         self._core = _core.Registrar([core_radar(radar) for radar in sensors], mean, sigma)
+        self._sensors = tuple(sensors)
         self._given = 0
 
     @property
@@ -73,16 +75,18 @@ class Registrar:
         rows = np.flatnonzero(tracks.plot >= self._given)
         own = plots[tracks.plot[rows] - self._given]
         self._given += len(plots)
+        height = np.where(np.isfinite(own.height), own.height, tracks.height[rows])
+        own = in_plane(own._moved(own.range, own.azimuth, height), self._sensors)
         columns = target_plots(own, tracks, rows)
         velocity, covariance = tracks.velocity[rows], tracks.covariance.copy()
         covariance[rows] += self._core.learn(columns, velocity, covariance[rows], time)
         return replace(tracks, covariance=covariance)
 
-    def __getstate__(self) -> tuple[bytes, int]:
+    def __getstate__(self) -> tuple[bytes, int, tuple[Radar, ...]]:
         """Return all that is known."""
-        return self._core.__getstate__(), self._given
+        return self._core.__getstate__(), self._given, self._sensors
 
-    def __setstate__(self, state: tuple[bytes, int]) -> None:
+    def __setstate__(self, state: tuple[bytes, int, tuple[Radar, ...]]) -> None:
         """Restore what is known."""
-        saved, self._given = state
+        saved, self._given, self._sensors = state
         self._core = _core.Registrar.from_state(saved)

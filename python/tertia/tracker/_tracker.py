@@ -27,14 +27,14 @@ from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
-from tertia.tracker._earth import Level, in_plane, plane_of
+from tertia.tracker._earth import core_geometry, plane_of
 from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar
 from tertia.tracker._table import TrackTable
 
 _State: TypeAlias = (
-    "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, int | None, Level, Any, bytes]"
+    "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, int | None, Any, bytes]"
 )
 
 
@@ -176,7 +176,6 @@ class Tracker:
 
     __slots__ = (
         "_core",
-        "_level",
         "_plans",
         "_registrar",
         "clock_period",
@@ -212,7 +211,6 @@ class Tracker:
         if not self.sensors:
             raise ValueError("sensors is empty; there must be at least one")
         plane_of(self.sensors)
-        self._level = Level()
         settings = core_settings(
             motion=motion,
             plan_model=plan_model,
@@ -229,6 +227,7 @@ class Tracker:
         self._core = _core.PlotTracker(
             settings,
             [core_radar(radar) for radar in self.sensors],
+            [core_geometry(radar) for radar in self.sensors],
             [plan._route for plan in plans],
         )
         instance(registration, "registration", bool)
@@ -268,12 +267,11 @@ class Tracker:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
-        reported, bias, level = plots, None, self._level
+        reported, bias = plots, None
         if self._registrar is not None or any(one.bias is not None for one in self.sensors):
             bias = self.bias
             plots = bias.correct(plots)
         instants, end = plots.time, None if time is None else real(time, "time")
-        plots, self._level = in_plane(plots, self.sensors, level)
         if self.clock_period is not None:
             instants = self._continuous(instants, self.clock_period)
             if end is not None:
@@ -289,7 +287,7 @@ class Tracker:
         self._core.set_noise(self._registrar.noise)
         found = self._core.track(plots, instants, end, recording, self.n_threads)
         late = np.asarray(bias.time)[reported.sensor]
-        seen, _ = in_plane(replace(reported, time=instants + late), self.sensors, level)
+        seen = replace(reported, time=instants + late)
         return self._registrar.learn(seen, TrackTable._of(*found), self._core.time)
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:
@@ -506,12 +504,12 @@ class Tracker:
         """Return the complete state of the tracker."""
         saved = self._core.__getstate__()
         own = self.sensors, self._plans, self.clock_period, self.n_threads
-        return *own, self._level, self._registrar, saved
+        return *own, self._registrar, saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""
         self.sensors, self._plans, self.clock_period, self.n_threads, *rest = state
-        self._level, self._registrar, saved = rest
+        self._registrar, saved = rest
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:

@@ -26,7 +26,7 @@ fn each<'py, const M: usize, const K: usize>(
     Ok(out)
 }
 
-fn place([latitude, longitude, height]: [f64; 3]) -> Geodetic {
+pub fn place([latitude, longitude, height]: [f64; 3]) -> Geodetic {
     Geodetic { latitude, longitude, height }
 }
 
@@ -61,7 +61,7 @@ impl Frame {
         LocalFrame::new(self.0.origin())
     }
 
-    fn plane(&self) -> PyResult<SystemPlane> {
+    pub fn plane(&self) -> PyResult<SystemPlane> {
         match self.0 {
             core::Frame::Plane(plane) => Ok(plane),
             core::Frame::Local(_) => Err(PyValueError::new_err("this is no system plane")),

@@ -1,8 +1,10 @@
 //! Bindings of `tertia::tracker`.
 
+mod geometry;
 mod settings;
 mod table;
 
+pub use geometry::Geometry;
 pub use settings::{Motion, TrackerSettings};
 pub use table::{TrackColumns, track_columns};
 
@@ -32,11 +34,13 @@ impl PlotTracker {
     fn new(
         settings: &TrackerSettings,
         radars: Vec<PyRef<'_, Radar>>,
+        geometry: Vec<PyRef<'_, Geometry>>,
         plans: Vec<PyRef<'_, Route>>,
     ) -> PyResult<Self> {
+        let geometry = geometry.iter().map(|own| own.0).collect();
         let radars = radars.iter().map(|radar| radar.0).collect();
         let plans: Vec<_> = plans.iter().map(|route| route.plan().clone()).collect();
-        tracker::Tracker::try_new(settings.with(radars, plans.into()))
+        tracker::Tracker::try_new(settings.with(radars, geometry, plans.into()))
             .map(Self)
             .map_err(value_error)
     }

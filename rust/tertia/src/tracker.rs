@@ -5,7 +5,7 @@
 //! tentative ones; every plot that is left begins a tentative track. Radars see a target at
 //! different times, each once in its scan.
 //!
-//! `estimate <- kinematics; motion <- bank; plot, plans, motion <- settings <- plan <- window <- filter;
+//! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; geometry, plans, motion <- settings <- plan <- window <- filter;
 //! plan <- correlation; height, identity, beams, filter, correlation <- track <- row, claim, clutter <- share <- scan
 //! <- live <- control`.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
@@ -19,9 +19,12 @@ mod control;
 mod correlation;
 mod estimate;
 mod filter;
+mod geometry;
 mod height;
 mod identity;
 mod kinematics;
+mod lean;
+mod level;
 mod live;
 mod motion;
 mod plan;
@@ -40,6 +43,7 @@ pub use crate::sensors::Radar;
 pub use columns::{COLUMNS, Column, Values};
 pub use control::Refusal;
 pub use estimate::Estimate;
+pub use geometry::Geometry;
 pub use live::Tracker;
 pub use motion::{ImmModel, Motion, WindowModel};
 pub use plans::Plans;

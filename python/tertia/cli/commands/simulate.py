@@ -141,7 +141,7 @@ def _azimuths(scene: Scene) -> pl.DataFrame:
     names = [str(plan.name) for plan in scene.traffic.plans]
     for k, radar in enumerate(scene.radars):
         own = record[known & (record.plots.sensor == k)]
-        plots, _ = in_plane(own.plots, scene.radars)
+        plots = in_plane(own.plots, scene.radars)
         # along the ground
         rise = plots.height - radar.position[2]
         polar, covariance = common_azimuth(

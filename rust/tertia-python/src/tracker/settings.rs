@@ -106,7 +106,12 @@ impl TrackerSettings {
 }
 
 impl TrackerSettings {
-    pub fn with(&self, radars: Vec<tracker::Radar>, plans: tracker::Plans) -> tracker::Settings {
-        tracker::Settings { radars, plans, ..self.0.clone() }
+    pub fn with(
+        &self,
+        radars: Vec<tracker::Radar>,
+        geometry: Vec<tracker::Geometry>,
+        plans: tracker::Plans,
+    ) -> tracker::Settings {
+        tracker::Settings { radars, geometry, plans, ..self.0.clone() }
     }
 }

@@ -1,6 +1,7 @@
 //! The ellipsoid of WGS 84: geodetic and geocentric coordinates.
 
 use crate::base::small::{Matrix, Vector};
+use serde::{Deserialize, Serialize};
 
 /// Equatorial radius, m, and flattening.
 pub const RADIUS: f64 = 6_378_137.0;
@@ -15,7 +16,7 @@ const ROUNDS: usize = 5;
 const ROUNDS_TO_HEIGHT: usize = 1;
 
 /// A place on the earth.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geodetic {
     /// rad
     pub latitude: f64,

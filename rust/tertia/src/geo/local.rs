@@ -2,6 +2,7 @@
 
 use super::ellipsoid::{self, Geodetic, radii, vertical};
 use crate::base::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Steps of Newton's to the elevation: off after 0, 1 and 2 are .22 m, 5e-8 m and 3e-9 m.
@@ -11,7 +12,7 @@ const STEPS: usize = 2;
 const LEAST_SLOPE: f64 = 1e-4;
 
 /// A frame of east, north and up, tangent to the ellipsoid: that of a radar's site.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LocalFrame {
     pub(super) place: Geodetic,
     /// Geocentric, m.

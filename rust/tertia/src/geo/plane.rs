@@ -7,6 +7,7 @@
 use super::ellipsoid::{self, Geodetic, radii, vertical};
 use super::local::LocalFrame;
 use crate::base::small::{Matrix, Vector, dot, rotated, rotated_back};
+use serde::{Deserialize, Serialize};
 
 /// Rounds from a height above the ellipsoid to that above the sphere, to 1e-9 m.
 const ROUNDS: usize = 3;
@@ -15,7 +16,7 @@ const ROUNDS: usize = 3;
 /// x, y, z in the tangent frame of the centre, whose height is `h_c`:
 ///
 /// `H = √(x² + y² + (z + h_c + R)²) − R`, `k = 2R / (2R + h_c + z + H)`, `u = k x`, `v = k y`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SystemPlane {
     pub(super) centre: LocalFrame,
     radius: f64,

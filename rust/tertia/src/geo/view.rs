@@ -17,12 +17,14 @@
 //! assert!((r.xx + r.yy).sqrt() > 250.0);
 //! ```
 
+use super::ellipsoid::Geodetic;
 use super::local::LocalFrame;
 use super::plane::SystemPlane;
 use crate::base::plane::Plane;
+use serde::{Deserialize, Serialize};
 
 /// A radar's site and the plane in which its plots are to be.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
     site: LocalFrame,
     plane: SystemPlane,
@@ -47,6 +49,11 @@ impl View {
     pub fn new(site: LocalFrame, plane: SystemPlane) -> Self {
         let [u, v, _] = plane.from_ecef(&site.origin);
         Self { site, plane, origin: [u, v] }
+    }
+
+    /// Where the site is.
+    pub fn site(&self) -> Geodetic {
+        self.site.place()
     }
 
     /// The site in the plane, u and v.
@@ -101,7 +108,7 @@ impl Seen {
 
 #[cfg(test)]
 mod tests {
-    use super::super::ellipsoid::{self, Geodetic};
+    use super::super::ellipsoid;
     use super::*;
 
     fn degrees(latitude: f64, longitude: f64, height: f64) -> Geodetic {

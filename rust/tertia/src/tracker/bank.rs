@@ -221,6 +221,14 @@ impl Bank {
         }
     }
 
+    /// Moves all models by this.
+    pub fn shift(&mut self, by: &SVector<f64, 4>) {
+        self.straight.mean += by;
+        self.plan.mean += by;
+        let mut part = self.turn.mean.fixed_rows_mut::<4>(0);
+        part += by;
+    }
+
     /// Widens all models, as if the target had accelerated unnoticed.
     pub fn widen(&mut self, extra: &SMatrix<f64, 4, 4>) {
         self.straight.covariance += extra;

@@ -30,7 +30,7 @@ impl Claim {
 }
 
 /// Centre and half widths of the box of possible plots from `begin` to `end`; none where the radar
-/// does not see the track in that time.
+/// does not see the track in that time. Plots without heights were placed at heights within `placed`.
 #[inline]
 pub(super) fn reach(
     track: &Track,
@@ -38,6 +38,7 @@ pub(super) fn reach(
     (begin, end): (f64, f64),
     unseen: (f64, f64),
     settings: &Settings,
+    placed: Option<[f64; 2]>,
 ) -> Option<([f64; 2], [f64; 2])> {
     let station = &settings.radars[radar];
     let (time, slack) = match track.expected_by(radar) {
@@ -63,9 +64,12 @@ pub(super) fn reach(
     let noise = station.noise_at(centre, track.height() - station.position[2]);
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
     let (wide, margin) = track.reach(time, unseen);
-    let more = margin + speed * slack;
+    let site = settings.geometry(radar).site(station);
+    let sway = track.sway((station, site), (time, centre), placed);
+    let more = margin + speed * slack + sway;
     // no target is farther than it can have flown
-    let flown = 2.0 * settings.max_speed * (time - track.seen).abs().max(station.scan_period);
+    let scans = (time - track.seen).abs().max(station.scan_period);
+    let flown = 2.0 * settings.max_speed * scans + sway;
     let half = |variance: f64, noise: f64| {
         let most = flown + (settings.guard * noise).sqrt();
         ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)

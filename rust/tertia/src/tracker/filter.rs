@@ -196,6 +196,19 @@ impl Filter {
         }
     }
 
+    /// Moves all models by this.
+    pub fn shift(&mut self, by: &SVector<f64, 4>) {
+        match self {
+            Self::Straight(estimate) => estimate.mean += by,
+            Self::Singer(estimate) => {
+                let mut part = estimate.mean.fixed_rows_mut::<4>(0);
+                part += by;
+            }
+            Self::Multiple(multiple) => multiple.banks_mut().for_each(|bank| bank.shift(by)),
+            Self::Window(window) => window.shift(by),
+        }
+    }
+
     /// Widens the covariance, as if the target had accelerated unnoticed by `sigma` for `gap` seconds
     /// with this probability. From a half on, a turn becomes as likely as straight flight.
     pub fn widen(&mut self, sigma: f64, gap: f64, probability: f64) {

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 const ACCELERATION: f64 = 0.7;
 /// Standard deviation of the first vertical rate, m/s.
 const CLIMB: f64 = 10.0;
+/// Variance of a height of which nothing is known: anywhere in 12 km.
+const UNKNOWN: f64 = 1.2e7;
 /// Range of wrong heights, m.
 const SPAN: f64 = 12_000.0;
 /// Probability that a height is wrong.
@@ -20,26 +22,41 @@ pub(super) struct Vertical {
     pub height: f64,
     pub vertical_rate: f64,
     variance: [f64; 3],
+    /// The variance of the height grows no further than to this.
+    most: f64,
+    /// Whether the target has reported it.
+    pub reported: bool,
 }
 
 impl Vertical {
     pub fn new(time: f64, height: f64) -> Self {
-        Self { time, height, vertical_rate: 0.0, variance: [SIGMA * SIGMA, 0.0, CLIMB * CLIMB] }
+        let variance = [SIGMA * SIGMA, 0.0, CLIMB * CLIMB];
+        Self { time, height, vertical_rate: 0.0, variance, most: UNKNOWN, reported: true }
+    }
+
+    /// A height that nobody has reported.
+    pub fn assumed(time: f64, [height, most]: [f64; 2]) -> Self {
+        let variance = [most, 0.0, CLIMB * CLIMB];
+        Self { time, height, vertical_rate: 0.0, variance, most, reported: false }
+    }
+
+    /// Variance of the height.
+    pub fn height_variance(&self) -> f64 {
+        self.variance[0]
     }
 
     #[inline]
-    fn at(&self, time: f64) -> Self {
+    pub fn at(&self, time: f64) -> Self {
         let t = time - self.time;
         let [hh, hc, cc] = self.variance;
         let q = ACCELERATION * ACCELERATION * t.abs();
-        let variance =
+        let mut variance =
             [hh + t * (2.0 * hc + t * cc) + q * t * t / 3.0, hc + t * cc + q * t / 2.0, cc + q];
-        Self {
-            time,
-            height: self.height + t * self.vertical_rate,
-            vertical_rate: self.vertical_rate,
-            variance,
+        if variance[0] > self.most {
+            variance[1] *= (self.most / variance[0]).sqrt();
+            variance[0] = self.most;
         }
+        Self { time, height: self.height + t * self.vertical_rate, variance, ..*self }
     }
 
     /// Likelihood ratio of the height: this target against any.
@@ -63,12 +80,23 @@ impl Vertical {
             return;
         }
         *self = now;
+        self.reported = true;
+        self.learn(height, SIGMA * SIGMA);
+    }
+
+    /// Corrects by what ranges of several radars say of the height.
+    pub fn infer(&mut self, time: f64, height: f64, variance: f64) {
+        *self = self.at(time);
+        self.learn(height, variance);
+    }
+
+    fn learn(&mut self, height: f64, r: f64) {
         let [hh, hc, cc] = self.variance;
-        let gain = [hh / (hh + SIGMA * SIGMA), hc / (hh + SIGMA * SIGMA)];
+        let gain = [hh / (hh + r), hc / (hh + r)];
         let d = height - self.height;
         self.height += gain[0] * d;
         self.vertical_rate += gain[1] * d;
-        let left = SIGMA * SIGMA / (hh + SIGMA * SIGMA);
+        let left = r / (hh + r);
         self.variance = [hh * left, hc * left, cc - gain[1] * hc];
     }
 }

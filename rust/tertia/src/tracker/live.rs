@@ -1,6 +1,7 @@
 //! The tracker: all tracks, and the plots that update them.
 
 use super::clutter::Clutter;
+use super::level::Level;
 use super::plot::{Measured, PlotStatus, Plots};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
@@ -25,6 +26,8 @@ pub struct Tracker {
     pub(super) settings: Settings,
     pub(super) tracks: Vec<Track>,
     clutter: Vec<Clutter>,
+    /// Heights of all plots so far.
+    level: Level,
     /// Time until which everything is processed.
     time: f64,
     next_number: u64,
@@ -43,7 +46,8 @@ impl Tracker {
         settings.check()?;
         let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-        Ok(Self { settings, tracks: Vec::new(), clutter, time, next_number: 1, plots: 0, stray })
+        let (tracks, level) = (Vec::new(), Level::default());
+        Ok(Self { settings, tracks, clutter, level, time, next_number: 1, plots: 0, stray })
     }
 
     /// All that the tracker knows, to the last bit.
@@ -120,6 +124,7 @@ impl Tracker {
         self.check(plots, end)?;
         statuses.clear();
         let order = self.order(plots, statuses);
+        let levels = self.levels(plots, &order);
         let first = self.plots;
         self.plots += plots.len();
         let last = order.last().map_or(self.time, |(time, _)| *time);
@@ -141,7 +146,9 @@ impl Tracker {
             let convert = |&(_, index): &(f64, usize)| {
                 let plot = plots.get(index);
                 let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
-                Measured::new(first + index, &plot, radar, stretch)
+                let geometry = self.settings.geometry(plot.radar);
+                let level = levels.get(index).unwrap_or(&self.level);
+                Measured::new(first + index, &plot, (radar, geometry), stretch, level)
             };
             extend(&mut waiting, now, threads, convert);
             rest = later;
@@ -175,6 +182,22 @@ impl Tracker {
         require("end", end, end.is_finite(), "a finite number")
     }
 
+    /// Level of the traffic at the time of each plot, by its index; nothing where all have heights.
+    fn levels<P: Plots + ?Sized>(&mut self, plots: &P, order: &[(f64, usize)]) -> Vec<Level> {
+        let any = order.iter().any(|&(_, index)| plots.get(index).height.is_nan());
+        let mut levels = vec![self.level; if any { plots.len() } else { 0 }];
+        for &(_, index) in order {
+            let height = plots.get(index).height;
+            if height.is_finite() {
+                self.level.add(height);
+            }
+            if let Some(level) = levels.get_mut(index) {
+                *level = self.level;
+            }
+        }
+        levels
+    }
+
     /// Times and indices of the plots that can be used, by time.
     fn order<P: Plots + ?Sized>(
         &mut self,
@@ -187,7 +210,9 @@ impl Tracker {
             let plot = plots.get(i);
             let radar = &self.settings.radars[plot.radar];
             let late = plot.time < self.time - radar.scan_period;
-            let fault = plot.fault(radar).or(late.then_some(PlotStatus::Late));
+            let fault = plot
+                .fault(radar, self.settings.geometry(plot.radar))
+                .or(late.then_some(PlotStatus::Late));
             if fault.is_none() {
                 order.push((plot.time, i));
             }

@@ -1,5 +1,7 @@
 //! Plots of radars, and why one is not used.
 
+use super::geometry::Geometry;
+use super::level::Level;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 
@@ -32,13 +34,11 @@ impl Plot {
     }
 
     /// Why it cannot be used, if so.
-    pub(super) fn fault(&self, radar: &Radar) -> Option<PlotStatus> {
+    pub(super) fn fault(&self, radar: &Radar, geometry: &Geometry) -> Option<PlotStatus> {
         match () {
             () if !self.is_valid() => Some(PlotStatus::Invalid),
-            () if self.range > radar.max_range => Some(PlotStatus::OutOfRange),
-            () if radar.ground_squared(self.range, self.height).is_none() => {
-                Some(PlotStatus::AtSensor)
-            }
+            () if self.range > geometry.max_range(radar) => Some(PlotStatus::OutOfRange),
+            () if geometry.is_above(radar, self.range, self.height) => Some(PlotStatus::AtSensor),
             () => None,
         }
     }
@@ -116,6 +116,19 @@ impl PlotStatus {
     }
 }
 
+/// How the position of a plot is known.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) enum Source {
+    /// By range and azimuth in the plane, with the noise of its radar there.
+    #[default]
+    Polar,
+    /// With this covariance.
+    Placed(Plane),
+    /// By slant range and azimuth without a height, which has this mean and variance before its track
+    /// is known.
+    Slant { polar: [f64; 2], prior: [f64; 2] },
+}
+
 /// A plot in the plane.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Measured {
@@ -124,17 +137,44 @@ pub(super) struct Measured {
     pub time: f64,
     pub radar: usize,
     pub position: [f64; 2],
+    pub source: Source,
     pub height: f64,
     pub identity: i64,
 }
 
 impl Measured {
-    /// A plot that can be used, in the plane; `stretch` is that of the radar.
+    /// A plot that can be used, in the plane; `stretch` is that of the radar, `level` that of the
+    /// traffic.
     #[inline]
-    pub fn new(index: usize, plot: &Plot, radar: &Radar, stretch: f64) -> Self {
+    pub fn new(
+        index: usize,
+        plot: &Plot,
+        (radar, geometry): (&Radar, &Geometry),
+        stretch: f64,
+        level: &Level,
+    ) -> Self {
         let &Plot { time, range, azimuth, radar: number, height, identity } = plot;
-        let ground = radar.ground_squared(range, height).unwrap_or(0.0);
-        let position = radar.position_at(ground, azimuth, stretch);
-        Self { index, time, radar: number, position, height, identity }
+        let polar = [range, azimuth];
+        let mut own = Self { index, time, radar: number, height, identity, ..Self::default() };
+        let on_earth = matches!(geometry, Geometry::Earth(..));
+        if height.is_nan() && geometry.is_slant(level.is_known()) {
+            own.slant(polar, (radar, geometry), level);
+        } else if !on_earth {
+            let ground = radar.ground_squared(range, height).unwrap_or(0.0);
+            own.position = radar.position_at(ground, azimuth, stretch);
+        } else if let Some(seen) = geometry.see(radar, polar, height) {
+            (own.position, own.source) = (seen.position, Source::Placed(seen.noise));
+        } else {
+            // the height is impossible at this range: it is not used
+            own.height = f64::NAN;
+            own.slant(polar, (radar, geometry), level);
+        }
+        own
+    }
+
+    fn slant(&mut self, polar: [f64; 2], (radar, geometry): (&Radar, &Geometry), level: &Level) {
+        let prior = level.prior(geometry.site(radar), polar[0]);
+        self.position = geometry.placed(radar, polar, prior[0]).position;
+        self.source = Source::Slant { polar, prior };
     }
 }

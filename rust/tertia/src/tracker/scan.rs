@@ -6,7 +6,7 @@
 
 use super::claim::Claim;
 use super::clutter::Clutter;
-use super::plot::{Measured, PlotStatus};
+use super::plot::{Measured, PlotStatus, Source};
 use super::row::{Row, Rows};
 use super::settings::Settings;
 use super::share::{Share, Shares, View};
@@ -23,6 +23,8 @@ pub(super) struct Scan {
     /// Plots that already have a track.
     taken: Vec<bool>,
     deferred: Vec<bool>,
+    /// Lowest and highest height at which plots without one are.
+    placed: Option<[f64; 2]>,
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
@@ -85,6 +87,13 @@ impl Scan {
         self.taken.resize(plots.len(), false);
         self.deferred.clear();
         self.deferred.resize(plots.len(), false);
+        self.placed = None;
+        for plot in plots {
+            if let Source::Slant { prior: [height, _], .. } = plot.source {
+                let [low, high] = self.placed.unwrap_or([height; 2]);
+                self.placed = Some([low.min(height), high.max(height)]);
+            }
+        }
         let radars = &sky.settings.radars;
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
@@ -100,7 +109,7 @@ impl Scan {
 
     /// Finds the plots near each track.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
-        let Self { plots, taken, deferred, grid, claims, claimed, shares, .. } = self;
+        let Self { plots, taken, deferred, placed, grid, claims, claimed, shares, .. } = self;
         claims.clear();
         claimed.clear();
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
@@ -113,7 +122,7 @@ impl Scan {
                         let i = plot as usize;
                         !taken[i] && !deferred[i]
                     };
-                    share.find(track, (begin, end), settings, (grid, plots), free);
+                    share.find(track, (begin, end), settings, (grid, plots), *placed, free);
                     share.claim(first + index, plots);
                 }
             }

@@ -1,5 +1,6 @@
 //! Settings of a tracker.
 
+use super::geometry::Geometry;
 use super::motion::Motion;
 use super::plans::Plans;
 use crate::association::gate::{self, GUARD};
@@ -17,6 +18,8 @@ pub(super) const MAX_DELAY: f64 = 0.25;
 pub struct Settings {
     /// The radars, to which plots refer by their index.
     pub radars: Vec<Radar>,
+    /// What their plots say of positions; those that are not here are in a plane.
+    pub geometry: Vec<Geometry>,
     /// Flight plans.
     pub plans: Plans,
     /// How confirmed targets move.
@@ -54,6 +57,7 @@ impl Settings {
     pub fn new(radars: Vec<Radar>, motion: Motion) -> Self {
         Self {
             radars,
+            geometry: Vec::new(),
             plans: Plans::default(),
             motion,
             guard: gate::threshold(GUARD, 2).expect("a probability"),
@@ -68,6 +72,12 @@ impl Settings {
             wind: [0.0; 2],
             wind_sigma: 20.0,
         }
+    }
+
+    /// What the plots of a radar say of positions.
+    #[inline]
+    pub(super) fn geometry(&self, radar: usize) -> &Geometry {
+        self.geometry.get(radar).unwrap_or(&Geometry::Flat)
     }
 
     /// Logarithm of the odds that a plot of this radar is of a target that is there, against `others`

@@ -66,6 +66,7 @@ impl Share {
         times: (f64, f64),
         settings: &Settings,
         (grid, plots): (&Grid, &[Measured]),
+        placed: Option<[f64; 2]>,
         free: impl Fn(&u32) -> bool,
     ) {
         let Self { near, boxes, .. } = self;
@@ -74,7 +75,7 @@ impl Share {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let unseen = track.unseen(settings);
         for radar in 0..settings.radars.len() {
-            let found = reach(track, radar, times, unseen, settings);
+            let found = reach(track, radar, times, unseen, settings, placed);
             if let Some((centre, half)) = found {
                 for i in 0..2 {
                     low[i] = f64::min(low[i], centre[i] - half[i]);

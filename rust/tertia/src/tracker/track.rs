@@ -6,9 +6,10 @@ use super::estimate::Estimate;
 use super::filter::Filter;
 use super::height::Vertical;
 use super::identity::Identity;
+use super::lean::Lean;
 use super::motion::Motion;
 use super::plan::Guide;
-use super::plot::Measured;
+use super::plot::{Measured, Source};
 use super::settings::{MAX_DELAY, Settings};
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
@@ -17,6 +18,7 @@ use crate::sensors::Radar;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
+mod levelled;
 #[cfg(test)]
 mod tests;
 
@@ -72,6 +74,8 @@ pub(super) struct Track {
     pub innovation: ([f64; 2], Plane),
     beams: Beams,
     pub vertical: Option<Vertical>,
+    /// How far the estimate depends on the height, where plots without one were used.
+    lean: Option<Box<Lean>>,
     identity: Option<Identity>,
     pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
@@ -85,7 +89,17 @@ impl Track {
     /// likelier than the chains that `false_plots` per scan would form.
     pub fn new(number: u64, plot: &Measured, false_plots: f64, settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
-        let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
+        let (r, vertical, lean) = match plot.source {
+            Source::Polar => {
+                (radar.noise_at(plot.position, plot.height - radar.position[2]), None, None)
+            }
+            Source::Placed(noise) => (noise, None, None),
+            Source::Slant { polar, prior } => {
+                let placed = settings.geometry(plot.radar).placed(radar, polar, prior[0]);
+                let vertical = Vertical::assumed(plot.time, prior);
+                (placed.noise, Some(vertical), Some(Box::new(Lean::new(placed.by_height))))
+            }
+        };
         let v = (0.5 * settings.max_speed).powi(2);
         let [x, y] = plot.position;
         let covariance = SMatrix::from([
@@ -111,7 +125,8 @@ impl Track {
             beams: Beams::default(),
             due: f64::NEG_INFINITY,
             period: 0.0,
-            vertical: None,
+            vertical,
+            lean,
             identity: None,
             correlation: Correlation::default(),
             suspended: false,
@@ -132,7 +147,7 @@ impl Track {
 
     /// Height; not a number where none was reported.
     pub fn height(&self) -> f64 {
-        self.vertical.map_or(f64::NAN, |vertical| vertical.height)
+        self.vertical.filter(|own| own.reported).map_or(f64::NAN, |own| own.height)
     }
 
     fn motion<'a>(&self, settings: &'a Settings) -> &'a Motion {
@@ -154,6 +169,9 @@ impl Track {
         if time > self.time {
             let motion = self.motion(settings);
             self.filter.predict(settings, motion, time - self.time, period);
+            if let Some(lean) = &mut self.lean {
+                lean.predict(time - self.time);
+            }
             self.time = time;
             self.estimate = self.filter.estimate();
         }
@@ -170,28 +188,12 @@ impl Track {
             .is_none_or(|e| plot.time - e.seen > SOONEST * radar.scan_period)
     }
 
-    /// The plot moved to the time of the estimate, and its covariance; for a late plot it includes the
-    /// error of the velocity.
-    fn brought_here(&self, plot: &Measured, radar: &Radar) -> ([f64; 2], Plane) {
-        let t = plot.time - self.time;
-        let x = &self.estimate.mean;
-        let up = if plot.height.is_finite() { self.height() - radar.position[2] } else { f64::NAN };
-        let mut r = radar.noise_at(self.estimate.position(), up);
-        if t < 0.0 {
-            let p = &self.estimate.covariance;
-            r.xx += t * t * p[(2, 2)];
-            r.xy += t * t * p[(2, 3)];
-            r.yy += t * t * p[(3, 3)];
-        }
-        ([plot.position[0] - t * x[2], plot.position[1] - t * x[3]], r)
-    }
-
     /// Log-likelihood ratio of the plot, of this target against any other, with the `odds` of its radar;
     /// none outside the gate.
     #[inline]
     pub fn score(&self, plot: &Measured, odds: f64, settings: &Settings) -> Option<f64> {
-        let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
-        let (density, nearest) = self.density(z, r);
+        let here = self.brought_here(plot, settings);
+        let (density, nearest) = self.density(here.position, here.covariance());
         (nearest <= settings.guard).then(|| odds + (density * self.also(plot, settings)).ln())
     }
 
@@ -203,7 +205,8 @@ impl Track {
         odds: f64,
         settings: &Settings,
     ) -> Option<(f64, f64)> {
-        let (z, r) = self.brought_here(plot, &settings.radars[plot.radar]);
+        let here = self.brought_here(plot, settings);
+        let (z, r) = (here.position, here.covariance());
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let (sigma, gap) = self.unnoticed(settings);
         let wide = (0.5 * sigma * gap * gap).powi(2);
@@ -281,12 +284,20 @@ impl Track {
     pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
         let radar = &settings.radars[plot.radar];
         self.predict(plot.time, radar.scan_period, settings);
-        let (z, r) = self.brought_here(plot, radar);
-        let motion = self.motion(settings);
+        if self.lean.is_some() {
+            self.take_height(plot);
+        }
+        let mut here = self.brought_here(plot, settings);
+        let z = here.position;
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
-        self.innovation = (y, self.estimate.position_covariance().plus(r));
-        self.filter.correct(motion, z, r);
+        self.innovation = (y, self.estimate.position_covariance().plus(here.covariance()));
+        if self.infer_height(plot, &here, y) {
+            here = self.brought_here(plot, settings);
+        }
+        let motion = self.motion(settings);
+        self.filter.correct(motion, here.position, here.noise);
         self.estimate = self.filter.estimate();
+        self.lean_by(plot, &here);
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
         self.follow(radar.scan_period, settings);
@@ -371,11 +382,8 @@ impl Track {
 
     /// Height, identity, stage and when the radar should come again.
     fn take(&mut self, plot: &Measured, settings: &Settings) {
-        if plot.height.is_finite() {
-            match &mut self.vertical {
-                Some(vertical) => vertical.correct(plot.time, plot.height),
-                None => self.vertical = Some(Vertical::new(plot.time, plot.height)),
-            }
+        if self.lean.is_none() {
+            self.take_height(plot);
         }
         if settings.emergency_codes.contains(&plot.identity) {
             self.emergencies = self.emergencies.saturating_add(1);

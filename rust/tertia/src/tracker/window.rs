@@ -143,6 +143,18 @@ impl Window {
         }
     }
 
+    /// Moves the line and its plots by this.
+    pub fn shift(&mut self, by: &SVector<f64, 4>) {
+        self.line.mean += by;
+        let velocity = Vector2::new(by[2], by[3]);
+        for plot in &mut self.plots {
+            let back = plot.back * velocity;
+            for i in 0..2 {
+                plot.position[i] += by[i] + back[i];
+            }
+        }
+    }
+
     /// Widens the gate for a plot that is a manoeuvre.
     pub fn widen(&mut self, extra: &SMatrix<f64, 4, 4>) {
         self.extra += extra;

@@ -16,7 +16,7 @@ fn settings() -> Settings {
 }
 
 fn plot(time: f64, position: [f64; 2]) -> Measured {
-    Measured { index: 0, time, radar: 0, position, height: f64::NAN, identity: -1 }
+    Measured { time, position, height: f64::NAN, identity: -1, ..Measured::default() }
 }
 
 /// A track that was seen twice.
@@ -35,7 +35,8 @@ fn a_late_plot_has_the_error_of_the_velocity() {
     let p = track.estimate.covariance;
     let noise = radar.noise_at([x, y], f64::NAN);
     for t in [-3.0, -1.5, 0.0, 2.0] {
-        let (z, r) = track.brought_here(&plot(4.0 + t, [1e3, 2e3]), radar);
+        let here = track.brought_here(&plot(4.0 + t, [1e3, 2e3]), &settings);
+        let (z, r) = (here.position, here.covariance());
         assert_within(1e-13, z[0], 1e3 - t * vx);
         assert_within(1e-13, z[1], 2e3 - t * vy);
         let square = if t < 0.0 { t * t } else { 0.0 };

@@ -1,0 +1,30 @@
+//! What the plots of a sensor say of positions.
+
+use crate::geo::{Frame, place};
+use pyo3::prelude::*;
+use tertia::geo::{LocalFrame, View};
+use tertia::tracker;
+
+/// A plane, a plane with heights, or the earth, by the name of the constructor.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct Geometry(pub tracker::Geometry);
+
+#[pymethods]
+impl Geometry {
+    #[staticmethod]
+    fn flat() -> Self {
+        Self(tracker::Geometry::Flat)
+    }
+
+    #[staticmethod]
+    fn space() -> Self {
+        Self(tracker::Geometry::Space)
+    }
+
+    /// A site of latitude and longitude in radians and height, a system plane, and the largest range.
+    #[staticmethod]
+    fn earth(site: [f64; 3], plane: &Frame, max_range: f64) -> PyResult<Self> {
+        let view = View::new(LocalFrame::new(place(site)), plane.plane()?);
+        Ok(Self(tracker::Geometry::Earth(view, max_range)))
+    }
+}

@@ -1,0 +1,114 @@
+//! Where the plots of a sensor are in the plane, with and without heights.
+
+use crate::base::plane::Plane;
+use crate::geo::View;
+use crate::sensors::{HEIGHT_SIGMA, Radar};
+use serde::{Deserialize, Serialize};
+
+/// Steepest sine of an elevation at which a plot without a height is placed: a target seen there is
+/// lower than it is thought to be.
+const STEEPEST: f64 = 0.95;
+/// A range that is less than the height by fewer sigmas is straight above the radar.
+const OVERHEAD_SIGMAS: f64 = 3.0;
+
+/// What the measurements of a sensor say of a position.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Geometry {
+    /// A plane. Ranges without heights are horizontal until a height is known of any target.
+    #[default]
+    Flat,
+    /// A plane with heights: all ranges are slant.
+    Space,
+    /// The earth, and the largest slant range.
+    Earth(View, f64),
+}
+
+/// A plot in the plane.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sighted {
+    pub position: [f64; 2],
+    /// Covariance for this height.
+    pub noise: Plane,
+    /// Derivative of the position by the height.
+    pub by_height: [f64; 2],
+}
+
+impl Geometry {
+    /// Whether ranges without heights are slant, where heights of other plots are known or not.
+    pub(super) fn is_slant(&self, known: bool) -> bool {
+        known || !matches!(self, Self::Flat)
+    }
+
+    /// Height of the sensor.
+    pub(super) fn site(&self, radar: &Radar) -> f64 {
+        match self {
+            Self::Earth(view, _) => view.site().height,
+            Self::Flat | Self::Space => radar.position[2],
+        }
+    }
+
+    /// Largest range of its plots.
+    pub(super) fn max_range(&self, radar: &Radar) -> f64 {
+        match self {
+            Self::Earth(_, limit) => *limit,
+            Self::Flat | Self::Space => radar.max_range,
+        }
+    }
+
+    /// Whether the target is straight above the sensor.
+    pub(super) fn is_above(&self, radar: &Radar, range: f64, height: f64) -> bool {
+        match self {
+            Self::Earth(..) => {
+                let excess = (height - self.site(radar)).abs() - range;
+                excess >= 0.0 && excess < OVERHEAD_SIGMAS * radar.range_sigma
+            }
+            Self::Flat | Self::Space => radar.ground_squared(range, height).is_none(),
+        }
+    }
+
+    /// A plot whose height is known, with that height's error in the covariance; none where no
+    /// elevation leads to it.
+    pub(super) fn see(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Option<Sighted> {
+        let mut sighted = self.seen(radar, polar, height)?;
+        let [u, v] = sighted.by_height.map(|slope| slope * HEIGHT_SIGMA);
+        sighted.noise = sighted.noise.plus(Plane { xx: u * u, xy: u * v, yy: v * v });
+        Some(sighted)
+    }
+
+    /// A plot as if its target were at this height, or as near to it as the range allows.
+    pub(super) fn placed(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Sighted {
+        let site = self.site(radar);
+        let most = STEEPEST * polar[0];
+        let height = site + (height - site).clamp(-most, most);
+        self.seen(radar, polar, height).unwrap_or_else(|| flat(radar, polar, height))
+    }
+
+    fn seen(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Option<Sighted> {
+        let Self::Earth(view, _) = self else { return Some(flat(radar, polar, height)) };
+        let seen = view.see(polar[0], polar[1], height)?;
+        // sine and cosine of a noisy azimuth are smaller by exp(-σ²/2) on average
+        let (stretch, origin) = (radar.stretch(), view.origin());
+        let position =
+            std::array::from_fn(|i| origin[i] + stretch * (seen.position[i] - origin[i]));
+        let noise = seen.covariance([radar.range_sigma, radar.azimuth_sigma, 0.0]);
+        Some(Sighted { position, noise, by_height: seen.by[2] })
+    }
+}
+
+/// A plot in a plane at a height below its range.
+fn flat(radar: &Radar, [range, azimuth]: [f64; 2], height: f64) -> Sighted {
+    let up = height - radar.position[2];
+    let squared = (range * range - up * up).max(f64::MIN_POSITIVE);
+    let (ground, (sine, cosine)) = (squared.sqrt(), azimuth.sin_cos());
+    let along = (radar.range_sigma * range / ground).powi(2);
+    let across = (radar.azimuth_sigma * ground).powi(2);
+    Sighted {
+        position: radar.position_at(squared, azimuth, radar.stretch()),
+        noise: Plane {
+            xx: along * sine * sine + across * cosine * cosine,
+            xy: (along - across) * sine * cosine,
+            yy: along * cosine * cosine + across * sine * sine,
+        },
+        by_height: [-up / ground * sine, -up / ground * cosine],
+    }
+}

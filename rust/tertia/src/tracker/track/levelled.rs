@@ -1,0 +1,185 @@
+//! A track and the height of its target: where a plot is for it, and what that says of the height.
+
+use super::super::estimate::Estimate;
+use super::super::height::Vertical;
+use super::super::lean::along;
+use super::super::plot::{Measured, Source};
+use super::super::settings::Settings;
+use super::Track;
+use crate::base::plane::Plane;
+use crate::geo::ellipsoid::RADIUS;
+use crate::sensors::Radar;
+
+/// A height is not learned from a range that says less of it, as a share of what is known.
+const LEAST_INFORMATION: f64 = 0.2;
+/// Variance that a reported height adds to a track below which it is forgotten, m².
+const LEAST_LEAN: f64 = 1.0;
+/// Plots without a height are looked for this much farther away than heights move them, and so many
+/// sigmas of the height; the steepest slope of a position by the height.
+const SWAY_MARGIN: f64 = 1.3;
+const SWAY_SIGMAS: f64 = 4.5;
+const STEEPEST_SLOPE: f64 = 3.1;
+/// A plot at the time of a track's estimate.
+pub(super) struct Here {
+    pub position: [f64; 2],
+    /// Its noise.
+    pub noise: Plane,
+    /// Derivative of the innovation by the height of the target, and the variance of that.
+    by_height: [f64; 2],
+    variance: f64,
+}
+
+impl Here {
+    /// Noise and height together.
+    pub fn covariance(&self) -> Plane {
+        self.noise.plus(along(self.by_height, self.variance))
+    }
+}
+
+impl Track {
+    /// The estimate, with what is uncertain in it because the height is.
+    pub fn widened(&self) -> Estimate<4> {
+        let Some((lean, vertical)) = self.lean.as_ref().zip(self.vertical) else {
+            return self.estimate;
+        };
+        lean.widened(&self.estimate, vertical.at(self.time).height_variance())
+    }
+
+    /// The plot moved to the time of the estimate; for a late plot its noise includes the error of the
+    /// velocity. One without a height is at that of the track.
+    pub(super) fn brought_here(&self, plot: &Measured, settings: &Settings) -> Here {
+        let t = plot.time - self.time;
+        let x = &self.estimate.mean;
+        let radar = &settings.radars[plot.radar];
+        let (mut place, mut by_height, mut variance) = (plot.position, [0.0; 2], 0.0);
+        let mut noise = match plot.source {
+            Source::Polar => {
+                let height = self.height();
+                let height =
+                    if height.is_nan() && self.lean.is_some() { plot.height } else { height };
+                let up =
+                    if plot.height.is_finite() { height - radar.position[2] } else { f64::NAN };
+                radar.noise_at(self.estimate.position(), up)
+            }
+            Source::Placed(noise) => noise,
+            Source::Slant { polar, .. } => {
+                let vertical = self.vertical_for(plot);
+                let placed = settings.geometry(plot.radar).placed(radar, polar, vertical.height);
+                (place, variance) = (placed.position, vertical.height_variance());
+                by_height = placed.by_height.map(|slope| -slope);
+                placed.noise
+            }
+        };
+        if let Some(lean) = &self.lean {
+            variance = self.vertical_for(plot).height_variance();
+            let own = lean.position(t);
+            by_height = [by_height[0] + own[0], by_height[1] + own[1]];
+        }
+        if t < 0.0 {
+            let p = &self.estimate.covariance;
+            noise.xx += t * t * p[(2, 2)];
+            noise.xy += t * t * p[(2, 3)];
+            noise.yy += t * t * p[(3, 3)];
+        }
+        let position = [place[0] - t * x[2], place[1] - t * x[3]];
+        Here { position, noise, by_height, variance }
+    }
+
+    /// Height at the time of a plot; that of the traffic where there is none.
+    fn vertical_for(&self, plot: &Measured) -> Vertical {
+        match (self.vertical, plot.source) {
+            (Some(vertical), _) => vertical.at(plot.time),
+            (None, Source::Slant { prior, .. }) => Vertical::assumed(plot.time, prior),
+            (None, _) => Vertical::new(plot.time, plot.height),
+        }
+    }
+
+    /// Learns the height from a plot whose distance to the expected one depends on it: ranges of
+    /// several radars agree at one height only. Returns whether that moved the track.
+    pub(super) fn infer_height(&mut self, plot: &Measured, here: &Here, y: [f64; 2]) -> bool {
+        let inverse = self.estimate.position_covariance().plus(here.noise).inverse();
+        let s = here.by_height;
+        let information = inverse.form(s);
+        if information * here.variance < LEAST_INFORMATION {
+            return false;
+        }
+        let mut vertical = self.vertical_for(plot);
+        let before = vertical.height;
+        let along = inverse.xx * s[0] * y[0]
+            + inverse.xy * (s[0] * y[1] + s[1] * y[0])
+            + inverse.yy * s[1] * y[1];
+        vertical.infer(plot.time, before + along / information, 1.0 / information);
+        self.vertical = Some(vertical);
+        self.move_with(vertical.height - before);
+        true
+    }
+
+    /// Moves the track as its height changes.
+    fn move_with(&mut self, height: f64) {
+        if let Some(lean) = &self.lean {
+            self.filter.shift(&lean.step(height));
+            self.estimate = self.filter.estimate();
+        }
+    }
+
+    /// How far the track leans on its height after a plot.
+    pub(super) fn lean_by(&mut self, plot: &Measured, here: &Here) {
+        let without = matches!(plot.source, Source::Slant { .. });
+        if without || self.lean.is_some() {
+            let vertical = *self.vertical.get_or_insert(self.vertical_for(plot));
+            let lean = self.lean.get_or_insert_default();
+            lean.correct(&self.estimate, here.noise, here.by_height);
+            let [x, y] = lean.position(0.0);
+            let negligible = (x * x + y * y) * vertical.height_variance() < LEAST_LEAN;
+            if vertical.reported && negligible {
+                self.lean = None;
+            }
+        }
+    }
+
+    pub(super) fn take_height(&mut self, plot: &Measured) {
+        if plot.height.is_nan() {
+            return;
+        }
+        let Some(vertical) = &mut self.vertical else {
+            self.vertical = Some(Vertical::new(plot.time, plot.height));
+            return;
+        };
+        let before = vertical.at(plot.time).height;
+        vertical.correct(plot.time, plot.height);
+        let moved = vertical.at(plot.time).height - before;
+        self.move_with(moved);
+    }
+
+    /// How far the height of the target may move its plot of a radar, where plots have no heights: those
+    /// were placed at heights from `lowest` to `highest`.
+    pub fn sway(
+        &self,
+        (radar, site): (&Radar, f64),
+        (time, centre): (f64, [f64; 2]),
+        placed: Option<[f64; 2]>,
+    ) -> f64 {
+        let own = self.lean.as_ref().map_or([0.0; 2], |lean| lean.position(0.0));
+        let mut slope = own[0].hypot(own[1]);
+        if slope == 0.0 && placed.is_none() {
+            return 0.0;
+        }
+        let mut shift = 0.0;
+        let distance = radar.about(centre);
+        let vertical = self.vertical.map(|vertical| vertical.at(time));
+        let sigma = vertical.map_or(0.0, |vertical| vertical.height_variance().sqrt());
+        if let Some([lowest, highest]) = placed {
+            let up = vertical.map_or(lowest, |vertical| vertical.height) - site;
+            let slant = distance.hypot(up);
+            let curved = distance / RADIUS;
+            for height in [lowest, highest] {
+                let level = (height - site).abs().min(0.9 * slant);
+                let ground = (slant * slant - level * level).sqrt();
+                let here = (ground - distance).abs() + (height - site - up).abs() * curved;
+                shift = f64::max(shift, here);
+            }
+            slope += up.abs() / distance.max(1.0) + curved;
+        }
+        SWAY_MARGIN * shift + SWAY_SIGMAS * sigma * slope.min(STEEPEST_SLOPE)
+    }
+}
