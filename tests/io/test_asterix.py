@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import polars.testing
 import pytest
 from reference import asterix as reference
 from typer.testing import CliRunner
 
 from tertia import cli
-from tertia.io import read_asterix
+from tertia.io import read_asterix, write_asterix
 from tertia.tracker import Plots, Radar, track
 
 pytest.importorskip("dpkt")
@@ -540,3 +541,140 @@ def test_a_truth_in_latitude_and_longitude(save: Save, radars: Path, tmp_path: P
     code, _, err = run("evaluate", alone, "--truth", save(flight()), "--origin", origin)
     assert (code, err.count("\n")) == (1, 1)
     assert "neither ADS-B reports (category 21) nor system tracks (62)" in err
+
+
+# ------------------------------------------------------------------------------------------------
+# tracks out
+
+
+def system_tracks(count: int = 200) -> pl.DataFrame:
+    """Return tracks on the steps of category 62, some without some of the items."""
+    rng = np.random.default_rng(62)
+
+    def steps(size: float, low: int, high: int, missing: float = 0.2) -> list[float | None]:
+        whole = rng.integers(low, high, count)
+        there = rng.random(count) >= missing
+        return [size * int(one) if here else None for one, here in zip(whole, there, strict=True)]
+
+    def pair(first: str, second: str, size: float, low: int, high: int) -> dict[str, object]:
+        values = steps(size, low, high)
+        other = [None if one is None else size * int(rng.integers(low, high)) for one in values]
+        return {first: values, second: other}
+
+    angle, foot = 180 / 2**25, 0.3048
+    return pl.DataFrame(
+        {
+            "time_s": np.arange(count) / 128 + 86_399.0,
+            "target": [str(number) for number in rng.integers(0, 65_536, count)],
+            **pair("latitude_deg", "longitude_deg", angle, -(2**23), 2**23),
+            **pair("east_m", "north_m", 0.5, -(2**23), 2**23),
+            **pair("velocity_east_m_s", "velocity_north_m_s", 0.25, -(2**15), 2**15),
+            **pair("east_sigma_m", "north_sigma_m", 0.5, 0, 2**16),
+            **pair("velocity_east_sigma_m_s", "velocity_north_sigma_m_s", 0.25, 0, 256),
+            "covariance_east_north_m2": [
+                None if one is None else one * abs(one) for one in steps(0.5, -(2**15), 2**15)
+            ],
+            "height_m": steps(6.25 * foot, -200, 20_000),
+            "flight_level": steps(0.25, -60, 6_000),
+            "vertical_rate_m_s": steps(6.25 * foot / 60, -500, 500),
+            "icao_address": [None if k % 7 == 0 else f"{0x4B0000 + k:06X}" for k in range(count)],
+            "mode_3a": [None if k % 5 == 0 else f"{k:04o}" for k in range(count)],
+            "callsign": [None if k % 3 == 0 else f"TRT {k}" for k in range(count)],
+            "confirmed": rng.random(count) < 0.5,
+            **{
+                name: [None if k % 4 == 0 else k % 3 for k in range(count)]
+                for name in ("transversal", "longitudinal", "vertical")
+            },
+        }
+    )
+
+
+def test_tracks_are_read_as_they_were_written(tmp_path: Path) -> None:
+    tracks = system_tracks()
+    write_asterix(tracks, tmp_path / "tracks.ast", source=(25, 100))
+    found = read_asterix(tmp_path / "tracks.ast")
+    assert (found.damaged, found.skipped, set(found.tracks["sensor"])) == (0, {}, {"25/100"})
+    pl.testing.assert_frame_equal(
+        found.tracks.select(tracks.columns), tracks, rel_tol=1e-14, abs_tol=0
+    )
+    # and from what was read, the same octets
+    write_asterix(found.tracks, tmp_path / "again.ast", source=(25, 100))
+    assert (tmp_path / "again.ast").read_bytes() == (tmp_path / "tracks.ast").read_bytes()
+
+
+def test_another_decoder_reads_what_was_written(tmp_path: Path) -> None:
+    base = pytest.importorskip("asterix.base")
+    generated = pytest.importorskip("asterix.generated")
+    tracks = system_tracks(40)
+    write_asterix(tracks, tmp_path / "tracks.ast")
+    edition = generated.manifest["CATS"][62][-1]
+    records = []
+    for category, body in reference.blocks((tmp_path / "tracks.ast").read_bytes()):
+        assert category == 62
+        rest = base.Bits.from_bytes(body)
+        while len(rest):
+            record, rest = edition.cv_record.parse(base.ParsingMode.StrictParsing, rest)
+            records.append(record)
+    assert len(records) == 40
+    for record, east in zip(records, tracks["east_m"], strict=True):
+        item = record.get_item("100")
+        found = item and item.variation.get_item("X").variation.content.as_quantity("m")
+        assert found == east
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"east_m": 5e6}, "row 0: east_m is 5e\\+06, beyond what category 62 holds"),
+        ({"east_sigma_m": -1.0}, "row 0: east_sigma_m is -1, beyond"),
+        ({"callsign": "A/B"}, "callsign has a text that is none"),
+        ({"mode_3a": "7799"}, "mode_3a has a text that is none"),
+        ({"icao_address": "1FFFFFF"}, "icao_address has a number beyond 24 bits"),
+        ({"track": None, "target": None}, "tracks have no column track or target"),
+        ({"time_s": None}, "tracks have no column time_s"),
+    ],
+)
+def test_what_no_item_holds_is_refused(
+    change: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    table = {"time_s": 1.0, "track": 1, "north_m": 0.0, "north_sigma_m": 1.0} | change
+    tracks = pl.DataFrame({name: [one] for name, one in table.items() if one is not None})
+    with pytest.raises(ValueError, match=message):
+        write_asterix(tracks, tmp_path / "tracks.ast")
+
+
+def test_tracks_of_the_command(save: Save, radars: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    written = tmp_path / "tracks.ast"
+    code, out, _ = run("track", save(flight()), "--sensors", radars, "--output", written)
+    assert code == 0
+    assert f"rows to {written}" in out
+    run("track", save(flight()), "--sensors", radars, "--output", tmp_path / "tracks.csv")
+    expected = pl.read_csv(tmp_path / "tracks.csv")
+    found = read_asterix(written).tracks
+    assert found.height == expected.height > 0
+    assert found["time_s"].to_list() == [round(t * 128) / 128 for t in expected["time_s"]]
+    for name, step in (("east_m", 0.5), ("velocity_north_m_s", 0.25), ("latitude_deg", 6e-6)):
+        np.testing.assert_allclose(found[name], expected[name], atol=step / 2)
+
+
+def test_sigmas_without_room_are_left_out(tmp_path: Path) -> None:
+    sigmas = {"velocity_east_sigma_m_s": [63.9, 63.8], "velocity_north_sigma_m_s": [1.0, 1.0]}
+    rows = pl.DataFrame({"time_s": [1.0, 2.0], "track": [1, 1], **sigmas})
+    write_asterix(rows, tmp_path / "tracks.ast")
+    found = read_asterix(tmp_path / "tracks.ast").tracks
+    assert found["velocity_east_sigma_m_s"].to_list() == [None, 63.75]
+
+
+def test_what_is_between_steps_is_rounded(tmp_path: Path) -> None:
+    rows = pl.DataFrame(
+        {"time_s": [86_399.999], "track": ["B"], "east_m": [0.26], "north_m": [9.8]}
+    )
+    write_asterix(rows, tmp_path / "tracks.ast")
+    row = read_asterix(tmp_path / "tracks.ast").tracks.row(0, named=True)
+    assert [row[name] for name in ("time_s", "target", "east_m", "north_m")] == [
+        0.0,
+        "1",
+        0.5,
+        10.0,
+    ]

@@ -72,14 +72,16 @@ FIELDS: dict[int, dict[str, set[str]]] = {
     },
     62: {
         "010": {"SAC", "SIC"},
-        **{item: {""} for item in ("040", "070", "130", "136")},
+        **{item: {""} for item in ("040", "070", "130", "136", "220")},
+        "080": {"CNF"},
         "060": {"V", "G", "MODE3A"},
         "100": {"X", "Y"},
         "105": _POSITION,
         "185": {"VX", "VY"},
         "245": {"CHR"},
         "380": {"ADR", "ID"},
-        "500": {"APC/X", "APC/Y", "COV", "APW/LAT", "APW/LON"},
+        "200": {"TRANS", "LONG", "VERT"},
+        "500": {"APC/X", "APC/Y", "COV", "APW/LAT", "APW/LON", "ATV/X", "ATV/Y"},
     },
 }
 _HEAD = """\

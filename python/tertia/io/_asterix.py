@@ -33,14 +33,16 @@ class AsterixRecording:
         System tracks (category 62): `time_s`, `sensor`, `target`, `latitude_deg`, `longitude_deg`,
         `height_m`, `flight_level`, `east_m`, `north_m`, `east_sigma_m`, `north_sigma_m` and
         `covariance_east_north_m2` (I062/500), `speed_m_s`, `course_deg`, `icao_address`,
-        `mode_3a`, `callsign`.
+        `mode_3a`, `callsign`, `velocity_east_m_s`, `velocity_north_m_s` and their sigmas,
+        `vertical_rate_m_s`, `confirmed`, and the codes of I062/200: `transversal`, `longitudinal`,
+        `vertical`.
     reports : DataFrame
         ADS-B reports (category 21): `time_s`, `sensor`, `target`, `latitude_deg`,
         `longitude_deg`, `height_m`, `flight_level`, `speed_m_s`, `course_deg`, `icao_address`,
         `callsign`.
     positions : DataFrame
         Target reports of surface movement and multilateration systems (categories 10 and 20), with
-        the columns of `tracks`; `target` is the track number.
+        the first columns of `tracks`, up to `callsign`; `target` is the track number.
     skipped : dict of int to int
         Data blocks of other categories, by category.
     damaged : int
@@ -148,6 +150,61 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     else:
         reader.take(contents, "")
     return AsterixRecording(**reader.recording())
+
+
+def write_asterix(
+    tracks: pl.DataFrame, path: str | Path, *, source: tuple[int, int] = (0, 0)
+) -> None:
+    """Write system tracks in ASTERIX, category 62.
+
+    Parameters
+    ----------
+    tracks : DataFrame of Polars
+        Rows of `tables.track`, or of `read_asterix(...).tracks`: `time_s` and `track` (or
+        `target`), and any of `latitude_deg` and `longitude_deg`, `east_m` and `north_m`,
+        `velocity_east_m_s` and `velocity_north_m_s` (or `speed_m_s` and `course_deg`), `height_m`,
+        `flight_level`, `vertical_rate_m_s`, `icao_address`, `mode_3a`, `callsign`, `confirmed`;
+        `east_sigma_m`, `north_sigma_m`, `covariance_east_north_m2` and the sigmas of the velocities
+        (I062/500); `transversal`, `longitudinal`, `vertical`, the codes of I062/200. Missing items
+        are null.
+    path : str or Path
+        The file; it has data blocks of at most 16 records, in the order of the rows.
+    source : tuple of two int
+        The codes of this system, SAC and SIC.
+
+    Raises
+    ------
+    ValueError
+        A column that is missing, or a value beyond what an item holds.
+    ImportError
+        Polars is not installed.
+    OSError
+        A file that cannot be written.
+
+    Notes
+    -----
+    Values are rounded to the steps of the items: 1/128 s, 5.4e-6 degrees, 0.5 m, 0.25 m/s, 6.25 ft,
+    a quarter of a flight level. Sigmas larger than an item holds are left out. `height_m` is the
+    geometric altitude (I062/130). Track numbers have 16 bits, and begin again after 65535.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import polars as pl
+    >>> from tertia.io import read_asterix, write_asterix
+    >>> tracks = pl.DataFrame({"time_s": 10.0, "track": 7, "east_m": 250.0, "north_m": -1e4})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "tracks.ast")
+    ...     write_asterix(tracks, path, source=(25, 100))
+    ...     found = read_asterix(path).tracks
+    >>> found.select("time_s", "sensor", "target", "east_m", "north_m").row(0)
+    (10.0, '25/100', '7', 250.0, -10000.0)
+    """
+    try:
+        from tertia.io._asterix_writer import asterix_tracks  # noqa: PLC0415  # as above
+    except ImportError as error:
+        raise ImportError("ASTERIX needs Polars: pip install 'tertia[asterix]'") from error
+    Path(path).write_bytes(asterix_tracks(tracks, source))
 
 
 def _read_packets(reader: Reader, contents: bytes) -> None:

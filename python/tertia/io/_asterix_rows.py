@@ -7,7 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 import polars as pl
 
 from tertia._units import FOOT, NAUTICAL_MILE
-from tertia.io._categories import MULTILATERATION, PLOTS, REPORTS, SURFACE, TRACKS
+from tertia.io._categories import (
+    MODES,
+    MULTILATERATION,
+    PLOTS,
+    REPORTS,
+    SURFACE,
+    TRACKS,
+    VELOCITIES,
+)
 
 # message types of I010/000: a report of a target
 _TARGET_REPORT = 1
@@ -190,7 +198,9 @@ def _plots(items: Items) -> Rows:
 
 
 def _tracks(items: Items) -> Rows:
-    speed, course = _polar(items.number("185", "m/s", "VX"), items.number("185", "m/s", "VY"))
+    velocity = [items.number("185", "m/s", axis) for axis in ("VX", "VY")]
+    sigmas = [items.number("500", "m/s", "ATV", axis) for axis in "XY"]
+    speed, course = _polar(*velocity)
     return {
         "target": items.whole("040").cast(pl.String),
         "latitude_deg": items.number("105", "°", "LAT"),
@@ -205,6 +215,10 @@ def _tracks(items: Items) -> Rows:
         "icao_address": items.address("380", "ADR"),
         "mode_3a": items.code("060"),
         "callsign": pl.coalesce(items.text("380", "ID"), items.text("245", "CHR")),
+        **dict(zip(VELOCITIES, [*velocity, *sigmas], strict=True)),
+        "vertical_rate_m_s": items.number("220", "ft/min") * FOOT / 60,
+        "confirmed": items.whole("080", "CNF") == 0,
+        **{name: items.whole("200", part) for name, part in MODES.items()},
     }
 
 

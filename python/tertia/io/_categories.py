@@ -27,6 +27,14 @@ TITLES = {
     240: "radar video",
     247: "versions",
 }
+VELOCITIES = (
+    "velocity_east_m_s",
+    "velocity_north_m_s",
+    "velocity_east_sigma_m_s",
+    "velocity_north_sigma_m_s",
+)
+# modes of movement, and their names in I062/200
+MODES = {"transversal": "TRANS", "longitudinal": "LONG", "vertical": "VERT"}
 _TEXT, _NUMBER, _FLAG = "String", "Float64", "Boolean"
 _COMMON = {"time_s": _NUMBER, "sensor": _TEXT}
 _IDENTITY = {"icao_address": _TEXT, "mode_3a": _TEXT, "callsign": _TEXT}
@@ -69,7 +77,12 @@ COLUMNS = {
         "callsign": _TEXT,
     },
 }
-for _category in (SURFACE, MULTILATERATION):
-    COLUMNS[_category] = COLUMNS[TRACKS]
+COLUMNS |= dict.fromkeys((SURFACE, MULTILATERATION), COLUMNS[TRACKS])
+COLUMNS[TRACKS] = COLUMNS[TRACKS] | {
+    **dict.fromkeys(VELOCITIES, _NUMBER),
+    "vertical_rate_m_s": _NUMBER,
+    "confirmed": _FLAG,
+    **dict.fromkeys(MODES, "Int64"),
+}
 SENSORS = {"sensor": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plot_count": "Int64"}
 KNOWN = frozenset({*TITLES, *COLUMNS, *SERVICES})

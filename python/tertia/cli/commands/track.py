@@ -141,7 +141,7 @@ def track(
         fail("--latency, --rows and --control are for --stream", WRONG_USAGE)
     if not given or streams.STDIN in given:
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
-    write.check_suffixes(output, plot_file, maps=maps.SUFFIXES)
+    write.check_suffixes(output, plot_file, maps=[*maps.SUFFIXES, *write.ASTERIX])
     plots = read.plots(*given)
     radars = read.read_radars(sensors, plots, flat=flat)
     maps.check(output, radars)
@@ -154,6 +154,8 @@ def track(
     _say(tracking, summary)
     if output is not None and maps.is_map(output):
         maps.write(_lines(tracking), output, "track")
+    elif output is not None and output.suffix.lower() in write.ASTERIX:
+        write.write_asterix(tracking.rows, output)
     elif output is not None:
         write.write(tracking.rows, output)
     if plot_file is not None:

@@ -21,6 +21,8 @@ from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
 
+# system tracks
+ASTERIX = (".ast", ".asterix")
 _MAX_GROUPS_DRAWN = 4
 
 T = TypeVar("T")
@@ -100,6 +102,19 @@ def write_text(text: str, path: Path) -> None:
     """Write a text."""
     with _whole(path) as file:
         file.write(text.encode())
+
+
+def write_asterix(rows: pl.DataFrame, path: Path) -> None:
+    """Write system tracks, and print a note."""
+    from tertia.io._asterix_writer import asterix_tracks  # noqa: PLC0415  # this format alone
+
+    try:
+        contents = asterix_tracks(rows, (0, 0))
+    except ValueError as error:
+        fail(f"cannot write {path}: {error}")
+    with _whole(path) as file:
+        file.write(contents)
+    typer.echo(f"wrote {counted(rows.height, 'row')} to {path}")
 
 
 def make_folder(path: Path) -> None:
