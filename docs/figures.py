@@ -163,6 +163,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "paper": tracker.paper,
         "guards": tracker.guards,
         "flags": tracker.flags,
+        "degrees": tracker.degrees,
         "priors": tracker.priors,
         "wind": tracker.wind,
         "extrapolation": tracker.extrapolation,

@@ -23,6 +23,7 @@ from tertia.tracker import (
     Radar,
     Tracker,
     TrackTable,
+    WindowModel,
     track,
 )
 
@@ -536,6 +537,41 @@ def associations() -> str:
             cells.append(f"{np.mean(target != own):.2%}, {lost:.1%}, {len(owner) - len(held)}")
         rows.append([motion, *cells])
     return markdown(["wrong plots, flights lost, false tracks", *SET_UPS], rows)
+
+
+@cache
+def windows_of(set_up: simulate.SetUpName, plots: int, degree: int) -> Errors:
+    """Track with the paper's window that keeps so many plots after a detection."""
+    record = recording(set_up, "conforming")
+    motion = WindowModel(degree=degree, after_turn=plots)
+    return compared(
+        record, track(record.plots, [record.radar], motion=motion, identity_error_probability=1e-9)
+    )
+
+
+def degrees() -> str:
+    """Tabulate the paper's window with a quadratic after a detection, against the line."""
+    rows = []
+    for plots, degree in ((3, 1), (5, 2), (6, 2), (7, 2), (8, 2)):
+        cells: list[list[str]] = [[] for _ in range(6)]
+        for set_up in SET_UPS:
+            record = recording(set_up, "conforming")
+            found, line = windows_of(set_up, plots, degree), windows_of(set_up, 3, 1)
+            turning = at(record.traffic, "turning", record.plots, record.target) > 0.5
+            ratios = (
+                ratio(found, line, "position", turning),
+                ratio(found, line, "prediction", turning),
+                peak(record, found, turning) / peak(record, line, turning),
+                ratio(found, line, "position", ~turning),
+                np.nanmean(found.normalised) / 2,
+            )
+            flagged_now = found.turning[~turning & np.isfinite(found.turning)] > 0.5
+            for cell, value in zip(cells, ratios, strict=False):
+                cell.append(f"{value:.2f}")
+            cells[-1].append(f"{np.mean(flagged_now):.0%}")
+        rows.append([f"{plots}, degree {degree}", *map(" / ".join, cells)])
+    head = ["plots", "turns", "prediction in turns", "peak", "straight", "NEES per axis"]
+    return markdown([*head, "flag on straight"], rows)
 
 
 def priors() -> str:

@@ -322,7 +322,14 @@ class Motion:
     @staticmethod
     def singer(model: SingerModel) -> Motion: ...
     @staticmethod
-    def window(*, straight: int, after_turn: int, planned_turn: int) -> Motion: ...
+    def window(*, straight: int, after_turn: int, planned_turn: int, is_curved: bool) -> Motion: ...
+
+@final
+class TrackAssociation:
+    @staticmethod
+    def gnn() -> TrackAssociation: ...
+    @staticmethod
+    def paper(q: float) -> TrackAssociation: ...
 
 @final
 class Geometry:
@@ -339,6 +346,7 @@ class TrackerSettings:
         cls,
         *,
         motion: Motion,
+        association: TrackAssociation,
         flown_probability: float,
         wind: list[float],
         wind_sigma: float,

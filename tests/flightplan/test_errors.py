@@ -35,7 +35,7 @@ class TestBadInput:
             ((CORNERED,), {"times": [0, 1e3, 2e3], "start_time": 0}, "start_time and times"),
             ((CORNERED, 200), {"start_time": NAN}, "start_time is nan"),
             ((CORNERED, 200), {"heights": [1, 2]}, r"heights has shape \(2,\)"),
-            ((CORNERED, 200), {"heights": [1, 2, NAN]}, r"heights\[2\] is nan"),
+            ((CORNERED, 200), {"heights": [1, 2, INF]}, r"heights\[2\] is inf"),
             ((CORNERED, 200), {"bank": 0}, "bank is 0.0; it must be between 0 and pi/2"),
             ((CORNERED, 200), {"bank": 25}, "bank is 25.0; it must be between 0 and pi/2"),
             ((CORNERED, 200), {"bank": 0.4, "turn_radius": 1e4}, "bank and turn_radius"),

@@ -17,6 +17,8 @@ from tertia._arrays import (
     positive,
     positive_number,
     real,
+    require_each,
+    samples,
     scalar_or_array,
 )
 
@@ -98,7 +100,7 @@ class FlightPlan:
     start_time : float, optional
         Seconds at the first waypoint; by default 0.
     heights : array_like of shape (N,) or (), optional
-        Heights at the waypoints in metres.
+        Heights at the waypoints in metres; nan where unknown.
     bank : float
         Bank angle in turns, radians.
     turn_radius : float, optional
@@ -200,7 +202,7 @@ class FlightPlan:
                 start, legs = _schedule(places, speeds, times, start_time, bank=angle, rate=rate)
         if identity is not None:
             identity = integer(identity, "identity", 0)
-        levels = None if heights is None else _each(finite, heights, "heights", len(places))
+        levels = None if heights is None else _each(_levels, heights, "heights", len(places))
         values: dict[str, Any] = {
             "waypoints": places,
             "speeds": legs,
@@ -393,6 +395,13 @@ def _schedule(
         raise ValueError(f"times has shape {instants.shape}; it must be ({len(places)},)")
     instants = np.ascontiguousarray(instants)
     return float(instants[0]), _core.plan_speeds(places, instants, bank, rate)
+
+
+def _levels(value: npt.ArrayLike, name: str) -> FloatArray:
+    """Return heights; nan where they are unknown."""
+    array = samples(value, name)
+    require_each(array, ~np.isinf(array), name, "a finite number, or nan")
+    return array
 
 
 def _each(check: Any, value: npt.ArrayLike, name: str, count: int) -> FloatArray:

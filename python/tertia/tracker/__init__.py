@@ -7,7 +7,17 @@ positions are local east and north in metres.
 
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
-from tertia.tracker._models import CvModel, ImmModel, Motion, MotionName, PlanModel, WindowModel
+from tertia.tracker._models import (
+    Association,
+    AssociationName,
+    CvModel,
+    ImmModel,
+    Motion,
+    MotionName,
+    PaperScore,
+    PlanModel,
+    WindowModel,
+)
 from tertia.tracker._plots import NO_IDENTITY, Plots, PlotStatus
 from tertia.tracker._table import COLUMNS, Column, TrackTable
 from tertia.tracker._tracker import Tracker, track
@@ -15,11 +25,14 @@ from tertia.tracker._tracker import Tracker, track
 __all__ = [
     "COLUMNS",
     "NO_IDENTITY",
+    "Association",
+    "AssociationName",
     "Column",
     "CvModel",
     "ImmModel",
     "Motion",
     "MotionName",
+    "PaperScore",
     "PlanModel",
     "PlotStatus",
     "Plots",

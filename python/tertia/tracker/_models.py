@@ -16,6 +16,8 @@ from tertia.tracker._earth import reach
 
 MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
 Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
+AssociationName: TypeAlias = Literal["gnn", "paper"]
+Association: TypeAlias = "AssociationName | PaperScore"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,19 +75,53 @@ class WindowModel:
     straight : int
         Plots in the window in straight flight.
     after_turn : int
-        Plots that are kept when a manoeuvre is detected.
+        Plots that are kept when a manoeuvre is detected: by default 3, of a quadratic 7.
     planned_turn : int
         Plots in the window near a turn of the flight plan.
+    degree : {1, 2}
+        Degree of the polynomial after a manoeuvre was detected. A quadratic, through five plots or
+        more, is used until its acceleration is no longer significant, for twelve scans at most;
+        then a line begins with three plots.
     """
 
     straight: int = 20
-    after_turn: int = 3
+    after_turn: int | None = None
     planned_turn: int = 5
+    degree: int = 1
 
     def __post_init__(self) -> None:
         """Check the windows."""
-        for name in self.__slots__:
-            object.__setattr__(self, name, integer(getattr(self, name), name, 2))
+        degree = integer(self.degree, "degree", 1)
+        if degree > 2:
+            raise ValueError(f"degree is {degree}; it must be 1 or 2")
+        if self.after_turn is None:
+            object.__setattr__(self, "after_turn", 3 if degree == 1 else 7)
+        for name in ("straight", "after_turn", "planned_turn"):
+            least = 5 if degree == 2 and name == "after_turn" else 2
+            object.__setattr__(self, name, integer(getattr(self, name), name, least))
+
+
+@dataclass(frozen=True, slots=True)
+class PaperScore:
+    """Association by the score of the source, `½ (1/q − 1) d² + ln q` at the distance d.
+
+    The density of false plots, the probability of detection and the size of covariances do not
+    count, and confirmation is by its M plots in N scans alone, however many false plots there are.
+
+    Attributes
+    ----------
+    q : float
+        Variance of the distance of a false plot over that of a true one, above 1.
+    """
+
+    q: float = 100.0
+
+    def __post_init__(self) -> None:
+        """Check the ratio."""
+        q = real(self.q, "q")
+        if not 1.0 < q < float("inf"):
+            raise ValueError(f"q is {q}; it must be above 1")
+        object.__setattr__(self, "q", q)
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -147,8 +183,26 @@ def core_motion(motion: Motion) -> _core.Motion:
                 raise ValueError("motion is a SingerModel with exact=False; it must be exact")
             return _core.Motion.singer(motion)
         case WindowModel():
-            return _core.Motion.window(**asdict(motion))
+            windows = {name: getattr(motion, name) for name in ("straight", "after_turn")}
+            return _core.Motion.window(
+                **windows, planned_turn=motion.planned_turn, is_curved=motion.degree == 2
+            )
     raise TypeError(f"motion is {motion!r}; it must be a model, or one of {', '.join(names)}")
+
+
+def core_association(association: Association) -> _core.TrackAssociation:
+    """Return a rule of association as an argument of the core."""
+    match association:
+        case "gnn":
+            return _core.TrackAssociation.gnn()
+        case "paper":
+            return _core.TrackAssociation.paper(PaperScore().q)
+        case PaperScore():
+            return _core.TrackAssociation.paper(association.q)
+    names = ", ".join(get_args(AssociationName))
+    if isinstance(association, str):
+        raise ValueError(f"association is {association!r}; it must be one of {names}")
+    raise TypeError(f"association is {association!r}; it must be a PaperScore, or one of {names}")
 
 
 def core_radar(radar: Radar) -> _core.Radar:

@@ -28,7 +28,14 @@ from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import core_geometry, plane_of
-from tertia.tracker._models import Motion, PlanModel, core_motion, core_radar
+from tertia.tracker._models import (
+    Association,
+    Motion,
+    PlanModel,
+    core_association,
+    core_motion,
+    core_radar,
+)
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar
 from tertia.tracker._table import TrackTable
@@ -42,6 +49,7 @@ def core_settings(
     *,
     motion: Motion = "imm",
     plan_model: PlanModel | None = None,
+    association: Association = "gnn",
     confirmation: tuple[int, int] = (3, 4),
     coasting: int = 5,
     clutter_density: float | None = None,
@@ -74,6 +82,7 @@ def core_settings(
         raise ValueError(f"motion {motion!r} takes no plans; 'imm' and 'window' do")
     return _core.TrackerSettings(
         motion=moves,
+        association=core_association(association),
         flown_probability=model.flown_probability,
         wind=list(model.wind),
         wind_sigma=model.wind_sigma,
@@ -109,6 +118,9 @@ class Tracker:
         position and time.
     plan_model : PlanModel, optional
         Parameters of the use of flight plans, and the wind.
+    association : {"gnn", "paper"} or PaperScore
+        By what plots are given to tracks: the largest likelihood ratio against false plots
+        (default), or the score of the source, for comparison.
     confirmation : (int, int)
         Number of plots that confirm a track, and number of scans in which they must occur. In
         clutter more are required, so that at most one false track is confirmed in a thousand scans.
@@ -190,6 +202,7 @@ class Tracker:
         motion: Motion = "imm",
         plans: Sequence[FlightPlan] = (),
         plan_model: PlanModel | None = None,
+        association: Association = "gnn",
         confirmation: tuple[int, int] = (3, 4),
         coasting: int = 5,
         clutter_density: float | None = None,
@@ -214,6 +227,7 @@ class Tracker:
         settings = core_settings(
             motion=motion,
             plan_model=plan_model,
+            association=association,
             confirmation=confirmation,
             coasting=coasting,
             clutter_density=clutter_density,

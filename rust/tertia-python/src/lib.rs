@@ -76,8 +76,8 @@ mod core_module {
     use super::smoothing::{local_polynomial, smooth};
     #[pymodule_export]
     use super::tracker::{
-        Geometry, Motion, PlotTracker, TrackColumns, TrackerSettings, plots_to_cartesian,
-        track_columns,
+        Geometry, Motion, PlotTracker, TrackAssociation, TrackColumns, TrackerSettings,
+        plots_to_cartesian, track_columns,
     };
     #[pymodule_export]
     use super::trajectory::arrivals::{group_arrivals, reconstruct_arrivals};

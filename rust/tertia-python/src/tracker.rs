@@ -5,7 +5,7 @@ mod settings;
 mod table;
 
 pub use geometry::Geometry;
-pub use settings::{Motion, TrackerSettings};
+pub use settings::{Motion, TrackAssociation, TrackerSettings};
 pub use table::{TrackColumns, track_columns};
 
 use crate::arrays::{

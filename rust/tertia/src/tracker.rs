@@ -5,11 +5,13 @@
 //! tentative ones; every plot that is left begins a tentative track. Radars see a target at
 //! different times, each once in its scan.
 //!
-//! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; geometry, plans, motion <- settings <- plan <- window <- filter;
+//! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; geometry, plans, association, motion <-
+//! settings <- plan, curve <- window <- filter;
 //! plan <- correlation; height, identity, beams, filter, correlation <- track <- row, claim, clutter <- share <- scan
 //! <- live <- control`.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
+mod association;
 mod bank;
 mod beams;
 mod claim;
@@ -17,6 +19,7 @@ mod clutter;
 mod columns;
 mod control;
 mod correlation;
+mod curve;
 mod estimate;
 mod filter;
 mod geometry;
@@ -40,6 +43,7 @@ mod window;
 
 pub use crate::base::plane::Plane;
 pub use crate::sensors::Radar;
+pub use association::Association;
 pub use columns::{COLUMNS, Column, Values};
 pub use control::Refusal;
 pub use estimate::Estimate;

@@ -25,7 +25,7 @@ from tertia.cli.terminal.options import (
 )
 from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
 from tertia.tables._track import Tracking, recording_of, tracks_of
-from tertia.tracker import MotionName, PlanModel, Tracker
+from tertia.tracker import AssociationName, MotionName, PlanModel, Tracker
 
 EXAMPLES = (
     "tertia track plots.csv --sensors sensors.toml --output tracks.csv --plot tracks.png",
@@ -46,6 +46,9 @@ def track(
     flat: Flat = False,
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
+    association: Annotated[
+        AssociationName, typer.Option(help="By what plots are given to tracks.")
+    ] = "gnn",
     flown_probability: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")
     ] = 0.8,
@@ -108,6 +111,7 @@ def track(
         "plan_model": PlanModel(
             flown_probability, pair(wind, "--wind", float) or (0.0, 0.0), wind_sigma
         ),
+        "association": association,
         "confirmation": pair(confirmation, "--confirmation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,

@@ -44,9 +44,14 @@ impl Motion {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (*, straight, after_turn, planned_turn))]
-    fn window(straight: usize, after_turn: usize, planned_turn: usize) -> PyResult<Self> {
-        let model = WindowModel::try_new(straight, after_turn, planned_turn);
+    #[pyo3(signature = (*, straight, after_turn, planned_turn, is_curved))]
+    fn window(
+        straight: usize,
+        after_turn: usize,
+        planned_turn: usize,
+        is_curved: bool,
+    ) -> PyResult<Self> {
+        let model = WindowModel::try_new(straight, after_turn, planned_turn, is_curved);
         Ok(Self(tracker::Motion::Window(model.map_err(value_error)?)))
     }
 
@@ -54,6 +59,23 @@ impl Motion {
     #[getter]
     fn takes_plans(&self) -> bool {
         self.0.takes_plans()
+    }
+}
+
+/// By what plots are given to tracks, by the name of the constructor.
+#[pyclass(frozen, module = "tertia._core")]
+pub struct TrackAssociation(tracker::Association);
+
+#[pymethods]
+impl TrackAssociation {
+    #[staticmethod]
+    fn gnn() -> Self {
+        Self(tracker::Association::Gnn)
+    }
+
+    #[staticmethod]
+    fn paper(q: f64) -> Self {
+        Self(tracker::Association::Paper(q))
     }
 }
 
@@ -66,13 +88,14 @@ impl TrackerSettings {
     /// None: the guard acceleration of the motion, and a clutter density that is estimated.
     #[new]
     #[pyo3(signature = (
-        *, motion, flown_probability, wind, wind_sigma, confirmation, coasting, clutter_density,
+        *, motion, association, flown_probability, wind, wind_sigma, confirmation, coasting, clutter_density,
         max_speed, gate_probability, guard_acceleration, identity_error_probability,
         emergency_codes
     ))]
     #[allow(clippy::too_many_arguments)] // the settings, by name
     fn new(
         motion: &Motion,
+        association: &TrackAssociation,
         flown_probability: f64,
         wind: [f64; 2],
         wind_sigma: f64,
@@ -87,6 +110,7 @@ impl TrackerSettings {
     ) -> PyResult<Self> {
         let usual = motion.0.guard_acceleration();
         let settings = tracker::Settings {
+            association: association.0,
             flown_probability,
             wind,
             wind_sigma,

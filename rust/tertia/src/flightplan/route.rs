@@ -44,8 +44,8 @@ pub struct Projection {
 
 impl Route {
     /// The route through waypoints (metres) at so many m/s on each leg, with so much bank (radians)
-    /// and at most this rate of turn (rad/s). `heights` has one height for each waypoint or is
-    /// empty.
+    /// and at most this rate of turn (rad/s). `heights` has one height for each waypoint, nan where
+    /// it is not known, or is empty.
     ///
     /// A turn has the radius of the speed on the leg before it. Where two turns need more than the
     /// leg between them, both get their share of it.
@@ -67,7 +67,8 @@ impl Route {
         require_each("speeds", speeds, positive, "it must be a positive number, not above 1e9")?;
         if !heights.is_empty() {
             check_count("heights", heights.len(), legs + 1)?;
-            require_each("heights", heights, f64::is_finite, "it must be a finite number")?;
+            let holds = |height: f64| !height.is_infinite();
+            require_each("heights", heights, holds, "it must be finite, or nan where unknown")?;
         }
         let holds = start_time.abs() <= 1e6 * FARTHEST;
         require("start_time", start_time, holds, "a number of at most 1e15 in size")?;

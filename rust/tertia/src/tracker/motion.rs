@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 /// Distances squared that are summed to detect a manoeuvre.
 pub(super) const SUMMED: usize = 3;
 
+/// Plots with which a line begins after a quadratic.
+const LINE: usize = 3;
+
 /// How confirmed targets move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Motion {
@@ -91,8 +94,12 @@ impl Default for ImmModel {
 pub struct WindowModel {
     /// Plots in straight flight.
     pub straight: usize,
-    /// Plots that are kept when a manoeuvre is detected.
+    /// Plots that are kept when a manoeuvre is detected: of a line, or of a quadratic.
     pub after_turn: usize,
+    /// Whether it is a quadratic.
+    pub is_curved: bool,
+    /// Plots with which a line begins.
+    pub(super) shortest: usize,
     /// Plots near a turn of the flight plan.
     pub planned_turn: usize,
     /// Distance squared of the inner gate.
@@ -110,7 +117,12 @@ impl WindowModel {
     ///
     /// # Errors
     /// A window that no line can be fitted to.
-    pub fn try_new(straight: usize, after_turn: usize, planned_turn: usize) -> Result<Self> {
+    pub fn try_new(
+        straight: usize,
+        after_turn: usize,
+        planned_turn: usize,
+        is_curved: bool,
+    ) -> Result<Self> {
         let windows =
             [("straight", straight), ("after_turn", after_turn), ("planned_turn", planned_turn)];
         for (name, plots) in windows {
@@ -119,6 +131,8 @@ impl WindowModel {
         Ok(Self {
             straight,
             after_turn,
+            is_curved,
+            shortest: if is_curved { LINE } else { after_turn },
             planned_turn,
             inner: gate::threshold(INNER, 2)?,
             outer: gate::threshold(OUTER, 2)?,

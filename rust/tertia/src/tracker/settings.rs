@@ -1,5 +1,6 @@
 //! Settings of a tracker.
 
+use super::association::Association;
 use super::geometry::Geometry;
 use super::motion::Motion;
 use super::plans::Plans;
@@ -24,6 +25,8 @@ pub struct Settings {
     pub plans: Plans,
     /// How confirmed targets move.
     pub motion: Motion,
+    /// By what plots are given to tracks.
+    pub association: Association,
     /// Distance squared of the guard gate.
     pub guard: f64,
     /// Acceleration that a target may have unnoticed, m/s², where scans take 4 s and where they take
@@ -60,6 +63,7 @@ impl Settings {
             geometry: Vec::new(),
             plans: Plans::default(),
             motion,
+            association: Association::default(),
             guard: gate::threshold(GUARD, 2).expect("a probability"),
             guard_acceleration: motion.guard_acceleration(),
             confirmation: (3, 4),
@@ -100,6 +104,7 @@ impl Settings {
     /// A number outside its domain.
     pub fn check_options(&self) -> Result<()> {
         self.motion.check()?;
+        self.association.check()?;
         require_positive("max_speed", self.max_speed)?;
         require_positive("guard", self.guard)?;
         for a in self.guard_acceleration {

@@ -1,5 +1,6 @@
 //! One track: its filter, its stage, its identity and its plan.
 
+use super::association::{Association, paper_score};
 use super::beams::{Beams, Expected};
 use super::correlation::Correlation;
 use super::estimate::Estimate;
@@ -193,6 +194,11 @@ impl Track {
     #[inline]
     pub fn score(&self, plot: &Measured, odds: f64, settings: &Settings) -> Option<f64> {
         let here = self.brought_here(plot, settings);
+        if let Association::Paper(q) = settings.association {
+            let (z, r) = (here.position, here.covariance());
+            let score = paper_score(&self.estimate, z, r, q, settings.guard)?;
+            return Some(score + self.also(plot, settings).ln());
+        }
         let (density, nearest) = self.density(here.position, here.covariance());
         (nearest <= settings.guard).then(|| odds + (density * self.also(plot, settings)).ln())
     }
@@ -210,8 +216,13 @@ impl Track {
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let (sigma, gap) = self.unnoticed(settings);
         let wide = (0.5 * sigma * gap * gap).powi(2);
-        let s = self.estimate.position_covariance().plus(r);
-        let s = s.plus(Plane { xx: wide, xy: 0.0, yy: wide });
+        let wide = Plane { xx: wide, xy: 0.0, yy: wide };
+        if let Association::Paper(q) = settings.association {
+            // always widened
+            let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
+            return Some((score + self.also(plot, settings).ln(), 1.0));
+        }
+        let s = self.estimate.position_covariance().plus(r).plus(wide);
         let d = s.inverse().form(y);
         if d > settings.guard {
             return None;
@@ -404,7 +415,8 @@ impl Track {
         self.set_due(settings);
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += 1;
-            if *hits >= settings.confirmation.0 && *evidence >= 0.0 {
+            let counts = settings.association == Association::Gnn;
+            if *hits >= settings.confirmation.0 && (*evidence >= 0.0 || !counts) {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }

@@ -2,6 +2,7 @@
 //! the flight plan (Glagovskiy, Lavina, Rudelson 2014).
 
 use super::bank::{entered, without_rate};
+use super::curve::Curve;
 use super::estimate::Estimate;
 use super::kinematics::{self, Arc};
 use super::motion::{SUMMED, WindowModel};
@@ -17,6 +18,8 @@ use std::collections::VecDeque;
 const SIDE_HITS: i32 = 4;
 /// The gate grows for no longer a time without plots, scans.
 const LONGEST_GAP: f64 = 5.0;
+/// Scans for which a quadratic is used at most.
+const LONGEST_CURVE: usize = 12;
 /// Variance of deviations from a planned turn, as a share of the guard gate's: half its acceleration.
 const LATITUDE: f64 = 0.25;
 
@@ -39,6 +42,8 @@ pub(super) struct Window {
     pub guide: Option<Guide>,
     plots: VecDeque<Past>,
     line: Estimate<4>,
+    /// The quadratic of which it is the tangent, and scans since the manoeuvre was detected.
+    curve: Option<(Curve, usize)>,
     /// What is added to the covariance of the line, until the next plot.
     extra: SMatrix<f64, 4, 4>,
     /// Seconds since the last plot.
@@ -67,6 +72,7 @@ impl Window {
             guide: None,
             plots: VecDeque::new(),
             line: start,
+            curve: None,
             extra: SMatrix::zeros(),
             gap: 0.0,
             guarded: false,
@@ -100,6 +106,9 @@ impl Window {
         let turn = self.guide.as_ref().and_then(|guide| guide.near_turn(&self.line, settings));
         self.deviates &= turn.is_some();
         self.near_turn = turn.is_some() && !self.deviates;
+        if self.near_turn {
+            self.curve = None;
+        }
         match turn {
             Some(turn) if self.near_turn => self.fly(&turn, t),
             _ => self.step(0.0, t),
@@ -133,7 +142,10 @@ impl Window {
             plot.age += t;
             plot.back = (plot.back - moved) * turned.transpose();
         }
-        if rate == 0.0 {
+        if let Some((curve, _)) = &mut self.curve {
+            curve.advance(t);
+            self.line = curve.line();
+        } else if rate == 0.0 {
             kinematics::coast(&mut self.line, t);
         } else {
             let mut with_rate = entered(&self.line, 0.0);
@@ -164,6 +176,8 @@ impl Window {
     /// Adds a plot and fits the line again.
     pub fn correct(&mut self, model: &WindowModel, position: [f64; 2], noise: Plane) {
         let manoeuvre = self.detects(model, position, noise);
+        let curved = self.curve.take().map(|(_, scans)| scans + 1);
+        let curved = if manoeuvre { model.is_curved.then_some(0) } else { curved };
         if manoeuvre {
             self.deviates = self.near_turn;
             if self.near_turn {
@@ -177,16 +191,20 @@ impl Window {
         } else if self.near_turn {
             self.length = model.planned_turn;
             self.manoeuvre = false;
-            self.whole &= self.plots.len() < model.after_turn;
-        } else {
+            self.whole &= self.plots.len() < model.shortest;
+        } else if curved.is_none() {
             self.length = (self.length + 1).min(model.straight);
-            self.manoeuvre &= self.length <= 2 * model.after_turn;
+            self.manoeuvre &= self.length <= 2 * model.shortest;
             self.deviates &= self.manoeuvre;
         }
         let (back, near_turn) = (Matrix2::zeros(), self.near_turn);
         self.plots.push_back(Past { age: 0.0, position, noise, back, near_turn });
         self.forget(model);
-        let line = if self.whole { None } else { self.fitted() };
+        if let Some(scans) = curved {
+            self.bend(model, scans);
+        }
+        let curve = self.curve.as_ref().map(|(curve, _)| curve.line());
+        let line = if self.whole { None } else { curve.or_else(|| self.fitted()) };
         self.line = line.unwrap_or_else(|| {
             let mut line = self.estimate();
             line.correct(position, noise);
@@ -197,11 +215,24 @@ impl Window {
         self.guarded = false;
     }
 
+    /// Fits a quadratic, while its acceleration is significant and not for long; then the line begins with
+    /// the last plots.
+    fn bend(&mut self, model: &WindowModel, scans: usize) {
+        let plots = self.plots.iter().map(|past| (past.age, past.position, past.noise));
+        let counts = |curve: &Curve| scans == 0 || curve.significance() >= model.inner;
+        let curve = Curve::through(plots).filter(|_| scans < LONGEST_CURVE).filter(counts);
+        self.curve = curve.map(|curve| (curve, scans));
+        if self.curve.is_none() {
+            self.length = model.shortest;
+            self.forget(model);
+        }
+    }
+
     /// Drops the oldest plots: those beyond the length, and those of a turn that is over.
     fn forget(&mut self, model: &WindowModel) {
         let is_over = |first: &Past| first.near_turn && !self.near_turn;
         while self.plots.len() > self.length
-            || self.plots.len() > model.after_turn && self.plots.front().is_some_and(is_over)
+            || self.plots.len() > model.shortest && self.plots.front().is_some_and(is_over)
         {
             self.plots.pop_front();
             self.whole = false;
@@ -241,6 +272,7 @@ impl Window {
     fn straighten(&mut self) {
         self.on_arc = false;
         self.near_turn = false;
+        self.curve = None;
         for plot in &mut self.plots {
             plot.back = Matrix2::identity() * -plot.age;
             plot.near_turn = false;
