@@ -11,6 +11,7 @@ from tertia.plot._axes import rounded as rounded
 from tertia.plot._bias import bias
 from tertia.plot._fused import fused
 from tertia.plot._fused_series import fused_series
+from tertia.plot._gates import gate_history, gates
 from tertia.plot._location import accuracy_map, location
 from tertia.plot._samples import bearing, screening
 from tertia.plot._series import consistency, smoothing
@@ -25,6 +26,8 @@ __all__ = [
     "consistency",
     "fused",
     "fused_series",
+    "gate_history",
+    "gates",
     "location",
     "screening",
     "smoothing",
