@@ -13,7 +13,7 @@ from tertia import estimate_bearing
 BoolArray = np.ndarray[Any, np.dtype[np.bool_]]
 
 # measurements and records of each cell
-SIZES = {10: 2000, 30: 1000, 100: 400, 300: 200, 1000: 100, 3000: 50}
+SIZES = {10: 2000, 30: 2000, 100: 800, 300: 300, 1000: 150, 3000: 100}
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4)
 OFFSETS = (3.0, 5.0, 8.0, 20.0)
 BURST = (4, 20)
@@ -88,7 +88,7 @@ def contamination() -> str:
             count = repetitions(full, 20)
             found: dict[float, list[tuple[float, float, float]]] = {e: [] for e in SHARES}
             for number, cell in enumerate(_cells()):
-                y = contaminated(generator(20, n, number, int(burst)), n, count, cell, burst)
+                y = contaminated(generator(24, n, number, int(burst)), n, count, cell, burst)
                 estimate = estimate_bearing(y, period=None)
                 errors = (np.asarray(estimate.value), y.mean(1), np.median(y, 1), _biweight(y))
                 each = [float(np.sqrt(np.mean(e**2))) for e in (*errors, _clipped(y))]

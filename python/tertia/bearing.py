@@ -125,9 +125,9 @@ def estimate_bearing(
         known. None: estimated from the differences of the groups; not included without groups.
     groups : array_like of shape (N,) or (..., N), optional
         Labels of what shares a systematic error: a stop, an hour, a sector of direction. The value
-        is then the mean of the groups' means. Differences of groups do not show what all of them
-        share, as a misaligned north does; with `bias_sigma=None` it is taken to be as large as
-        these differences. Only for "robust".
+        is then the mean of the groups' means. Errors that last from group to group, in the order in
+        which these appear, widen `sigma`; what all groups share, as a misaligned north, their
+        differences do not show. Only for "robust".
     method : {"robust", "corrected", "paper", "k-sigma", "mean"}
         "robust": the mean over several hypotheses, weighted by their likelihoods: no outliers,
         outliers on one side, on both, or in a wide distribution about the good ones, isolated or
@@ -182,12 +182,14 @@ def estimate_bearing(
     same as a chain whose states persist, for bursts [2]_. Weights are `exp(l - 0.4 k ln N)` with
     the log-likelihood l and the number k of parameters, a weaker penalty than Schwarz's [3]_; the
     variance is that of each hypothesis, from the outer products of its scores, and the spread of
-    the hypotheses.
+    the hypotheses, with weights of half that penalty: what is too doubtful to be left out may still
+    be bad.
 
     **Correlation.** The posterior of the lag-one correlation of the good measurements, with a prior
     that is flat from -0.5 to 0.99 with half of it at zero, is computed exactly for each hypothesis.
 
-    **Groups.** Random effects with a half-Cauchy prior [4]_ as wide as one measurement.
+    **Groups.** Random effects with a half-Cauchy prior [4]_ as wide as one measurement, and the
+    posterior of the correlation of successive groups.
 
     References
     ----------

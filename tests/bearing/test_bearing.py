@@ -82,9 +82,9 @@ class TestVectors:
     def test_the_default_leaves_out_a_point_and_a_burst(self):
         estimate = estimate_bearing(BURST, period=None, block_size=5, correlation=0.0)
         assert estimate.outlier.nonzero()[0].tolist() == [5, 12, 13, 14, 15, 16, 17]
-        # the mean of the others is 10.0478 ± 0.1477
+        # the mean of the others is 10.0478 ± 0.1477; sigma also allows for other hypotheses
         assert estimate.value == pytest.approx(10.0478, abs=0.01)
-        assert estimate.sigma == pytest.approx(0.1477, rel=0.15)
+        assert 0.9 * 0.1477 < estimate.sigma < 1.25 * 0.1477
 
     @pytest.mark.parametrize("variance_test", ["cochran", 34.1188565541952])
     def test_the_paper_replaces_two_blocks(self, variance_test):
@@ -391,7 +391,8 @@ class TestRoundedMeasurements:
         expected = quantised(100, 2, sigma, true, 20_000).mean()
         plain = estimate_bearing(theta, period=None, method="mean")
         rmse = [np.sqrt(np.mean((e.value - expected) ** 2)) for e in (estimate, plain)]
-        assert rmse[0] < 1.1 * rmse[1]
+        assert rmse[0] < 1.12 * rmse[1]
+        assert np.median(estimate.sigma) < 1.7 * np.hypot(rmse[0], expected - true)
 
     @pytest.mark.parametrize("n", [30, 100])
     @pytest.mark.parametrize("seed", range(6))
@@ -515,7 +516,8 @@ class TestCorrelation:
     def test_effective_number(self):
         white = estimate_bearing(autoregressive(100, 100, 0.0, 4), period=None)
         lasting = estimate_bearing(autoregressive(100, 100, 0.8, 4), period=None)
-        assert np.median(white.effective_number) == pytest.approx(98, rel=0.1)
+        # sigma allows for outliers too
+        assert 60 < np.median(white.effective_number) < 100
         # N (1 − φ)/(1 + φ) = 11
         assert 4 < np.median(lasting.effective_number) < 16
 
@@ -552,6 +554,23 @@ class TestSystematicErrors:
         blind = estimate_bearing(y, period=None, correlation=0.0)
         assert np.mean(np.abs(blind.value) < 2 * blind.sigma) < 0.8
 
+    def test_errors_that_last_from_group_to_group(self):
+        rng = np.random.default_rng(15)
+        walk = 0.3 * rng.normal(size=(200, 8)).cumsum(axis=1) + 2.0 * rng.normal(size=(200, 1))
+        alike, mixed = np.sort(walk, axis=1), rng.permuted(walk, axis=1)
+        noise = 0.05 * rng.normal(size=(200, 96))
+        lasting, independent = (
+            estimate_bearing(errors[:, self.GROUPS] + noise, period=None, groups=self.GROUPS)
+            for errors in (alike, mixed)
+        )
+        assert np.median(lasting.sigma) > 1.5 * np.median(independent.sigma)
+
+    def test_a_record_of_two_halves_does_not_tell_which_one_is_good(self):
+        y = np.random.default_rng(16).normal(size=(100, 60))
+        y[:, 30:] += 8.0
+        estimate = estimate_bearing(y, period=None)
+        assert np.median(estimate.sigma) > 1.0
+
     def test_a_size_that_is_given_averages_over_groups(self):
         y = self.records(2.0)
         estimate = estimate_bearing(y, period=None, groups=self.GROUPS, bias_sigma=2.0)
@@ -571,9 +590,10 @@ class TestSystematicErrors:
         estimate = estimate_bearing(
             y, period=None, groups=np.repeat(list("abcd"), 50), correlation=0.0
         )
-        mean, sigma, tau = reference.effects(centre, np.full(4, 1e-3 / np.sqrt(50)), 1e-3, 1.0)
+        mean, sigma, tau = reference.effects(centre, np.full(4, 1e-3 / np.sqrt(50)), 1e-3)
+        _, inflation, _ = reference.correlated(centre, np.arange(4))
         assert estimate.value == pytest.approx(mean, rel=1e-3)
-        assert estimate.sigma == pytest.approx(sigma, rel=0.05)
+        assert estimate.sigma == pytest.approx(sigma * np.sqrt(inflation), rel=0.05)
         assert estimate.bias_sigma == pytest.approx(tau, rel=0.05)
 
     def test_outliers_within_groups(self):
@@ -618,11 +638,11 @@ class TestErrorBars:
     @pytest.mark.parametrize("n", [50, 100, 400])
     @pytest.mark.parametrize("outliers", [CLEAN, {}], ids=["clean", "PS1"])
     def test_robust(self, n, outliers):
-        """With the correlation estimated, which widens sigma a little."""
+        """Doubtful outliers and correlations widen sigma."""
         theta = record(n, 0, batch=2000, **outliers)
         estimate = estimate_bearing(theta, period=None)
         covered = np.mean(np.abs(estimate.value - 50) < 2 * estimate.sigma)
-        assert 0.935 < covered < 0.985
+        assert 0.935 < covered < 0.99
 
     @pytest.mark.parametrize("n", [5, 10, 20, 30])
     def test_robust_short(self, n):

@@ -90,7 +90,7 @@ def corrected(y, k, size, significance, k2="significance"):
     return (p * m).sum(), np.sqrt(pooled * (p**2 / r_used).sum()), outlier, weight
 
 
-def effects(x, s, scale, common):
+def effects(x, s, scale):
     """Random effects: mean, sigma and tau by quadrature over tau."""
     x, s = np.asarray(x, dtype=float), np.asarray(s, dtype=float)
     top = max(300.0, 10 * np.ptp(x) / scale)
@@ -102,7 +102,7 @@ def effects(x, s, scale, common):
     log += np.log(np.gradient(tau)) - np.log1p((tau / scale) ** 2)
     w = np.exp(log - log.max())
     w /= w.sum()
-    mean, sd = w @ mu, np.sqrt(1 / total + common * tau**2)
+    mean, sd = w @ mu, np.sqrt(1 / total)
 
     def outside(h):
         return w @ (stats.norm.sf((h - mu + mean) / sd) + stats.norm.sf((h + mu - mean) / sd))
@@ -150,6 +150,31 @@ class Modes:
         other = Modes(self.shape, self.d, self.t, self.share, kappa)
         other.mu, other.s = self.mu, self.s
         return other
+
+    def mirrored(self):
+        """Good and bad ones have changed places."""
+        other = Modes(self.shape, -self.d, [self.s], [1 - self.share.sum()], self.kappa)
+        other.mu, other.s = self.mu + self.d[0], self.t[0]
+        other.share *= min(1.0, 0.5 / other.share.sum())
+        return other
+
+    def point(self):
+        first = [self.mu, np.log(self.s), self.kappa]
+        return np.concatenate([first, self.d, np.log(self.t), self.share])
+
+    def ahead(self, x):
+        """Go to a point, within twice or half of what the parameters are."""
+
+        def near(value, known):
+            return np.clip(value, 0.5 * known, 2 * known)
+
+        self.mu = np.clip(x[0], self.mu - self.s, self.mu + self.s)
+        self.s = near(np.exp(x[1]), self.s)
+        self.kappa = np.clip(x[2], 0.5 * self.kappa, 0.5 + 0.5 * self.kappa)
+        d, t, share = np.split(x[3:], 3)
+        self.d = np.copysign(near(np.abs(d), np.abs(self.d)), self.d)
+        self.t, self.share = near(np.exp(t), self.t), near(share, self.share)
+        self.share *= min(1.0, 0.5 / self.share.sum())
 
     def posterior(self, y):
         """Probabilities of all modes, log-likelihood, counts drawn by the shares, persisted."""
@@ -211,30 +236,45 @@ class Modes:
         return change.max() * np.sqrt(len(y))
 
     def run(self, y, floor, least):
-        for _ in range(80):
-            if self.step(y, floor, least) < 0.01:
-                break
+        """EM, extrapolated after every second step (Varadhan, Roland 2008, S3)."""
+        for _ in range(40):
+            points = [self.point()]
+            for _ in range(2):
+                if self.step(y, floor, least) < 0.01:
+                    return self
+                points.append(self.point())
+            r, after = np.diff(points, axis=0)
+            v = after - r
+            a = min(np.linalg.norm(r) / np.linalg.norm(v), 16.0)
+            if a > 1:
+                self.ahead(points[0] + 2 * a * r + a**2 * v)
         return self
 
-    def variance(self, y, g):
+    def variance(self, y, g, step):
         """Of the centre, from the outer products of all scores."""
         good, bad = g[:, 0], g[:, 1:]
         z = (y - self.mu) / self.s
         scores = [good * z / self.s, good * (z**2 - 1) / self.s]
+        expected, squares = good.sum() / self.s**2, (good * z**2).sum() / self.s**2
         for j, (d, t, share) in enumerate(zip(self.d, self.t, self.share, strict=True)):
             u = (y - self.mu - d) / t
             of_centre = bad[:, j] * u / t
             if self.shape == "wide":
                 scores[0] = scores[0] + of_centre
+                expected += bad.sum() / t**2
+                squares += (bad[:, 0] * u**2).sum() / t**2
             else:
                 scores.append(of_centre)
             scores.append(bad[:, j] * (u**2 - 1) / t)
             scores.append(bad[:, j] / share - good / (1 - self.share.sum()))
         scores = np.array(scores)
         products = scores @ scores.T
-        scale = np.sqrt(np.diag(products)) + 1e-12
+        scale = np.maximum(np.sqrt(np.diag(products)), 1e-6)
         inverse = np.linalg.inv(products / np.outer(scale, scale) + 1e-6 * np.eye(len(scale)))
-        return np.clip(inverse[0, 0], 1, 25) / scale[0] ** 2
+        least = 1e-6 * expected
+        information = expected * (products[0, 0] + least) / (squares + least)
+        largest = max(25 / (1 + 5 * (step / self.s) ** 2), 1.0)
+        return np.clip(inverse[0, 0], 1, largest) / information
 
 
 def started(y, shape, side=1.0):
@@ -253,11 +293,12 @@ def started(y, shape, side=1.0):
 
 
 def hypotheses(y, step, rho):
-    """Weight, value, variance, width, good, probability of good and influence of each."""
+    """Weights in the value and in its variance; value, variance, width, good, probability of good
+    and influence of each."""
     n, floor = len(y), max(0.3, 0.5 * step)
     v = max(y.var(), floor**2)
-    log = -0.5 * n * (np.log(2 * np.pi * v) + y.var() / v) - 0.4 * 2 * np.log(n)
-    rows = [(log, None, np.ones((n, 1)), np.sqrt(v))]
+    log = -0.5 * n * (np.log(2 * np.pi * v) + y.var() / v)
+    rows = [(log, 2, None, np.ones((n, 1)), np.sqrt(v), False)]
     for shape, size in (("one", 5), ("wide", 4), ("two", 8)):
         if shape == "one":
             sides = [started(y, "one", side) for side in (1.0, -1.0)]
@@ -275,9 +316,13 @@ def hypotheses(y, step, rho):
             found.append((found[0][0].copy(0.5).run(y, floor, 0.5 * step), size + 1))
         for modes, parameters in found:
             g, likelihood, _, _ = modes.posterior(y)
-            rows.append((likelihood - 0.4 * parameters * np.log(n), modes, g, modes.s))
-    result = []
-    for log, modes, g, width in rows:
+            rows.append((likelihood, parameters, modes, g, modes.s, False))
+            if shape == "one" and g[:, 1].sum() > 0.45 * n:
+                mirror = modes.mirrored()
+                g, likelihood, _, _ = mirror.posterior(y)
+                rows.append((likelihood, parameters, mirror, g, mirror.s, True))
+    result, logs = [], []
+    for log, parameters, modes, g, width, doubt in rows:
         gain, inflation, phi = 0.0, 1.0, 0.0
         if rho != 0.0:
             kept = np.flatnonzero(g[:, 0] > 0.5)
@@ -287,12 +332,15 @@ def hypotheses(y, step, rho):
             influence += g[:, 1] * (modes.s / modes.t[0]) ** 2
         influence /= influence.sum()
         count = max(g[:, 0].sum(), 2.5)
-        white = width**2 / count if modes is None else modes.variance(y, g)
+        white = width**2 / count if modes is None else modes.variance(y, g, step)
         variance = white * count / (count - 1) * inflation
-        result.append([log + gain, influence @ y, variance, width, count, g[:, 0], influence, phi])
-    log = np.array([row[0] for row in result])
-    w = np.exp(log - log.max()) * (log - log.max() > np.log(1e-5))
-    return w / w.sum(), [row[1:] for row in result]
+        result.append([influence @ y, variance, width, count, g[:, 0], influence, phi])
+        logs.append([log + gain - p * parameters * np.log(n) for p in (0.4, 0.2)])
+        logs[-1][0] -= np.inf if doubt else 0.0
+    w = np.exp(np.array(logs) - np.max(logs, axis=0))
+    w /= w.sum(axis=0)
+    w = np.where(w.max(axis=1, keepdims=True) > 1e-5, w, 0.0)
+    return *(w / w.sum(axis=0)).T, result
 
 
 def robust(y, size, rounding=0.0, correlation=None):
@@ -307,15 +355,17 @@ def robust(y, size, rounding=0.0, correlation=None):
     first = np.flatnonzero(lengths <= lengths.min() * (1 + 1e-9))[0]
     centre = z[first : first + half].mean()
     mad = 1.4826 * np.median(np.abs(y - np.median(y)))
-    scale = min(max(lengths[first] / 1.349, 0.3 * mad), mad)
+    successive = 1.4826 * np.median(np.abs(np.diff(y))) / np.sqrt(2)
+    scale = min(max(min(lengths[first] / 1.349, successive), 0.3 * mad), mad)
     scale = np.hypot(scale, step / np.sqrt(12)) or 0.1 * np.ptp(y) / len(y)
     z = np.clip((y - centre) / scale, -1e3, 1e3)
-    w, found = hypotheses(z, step / scale, correlation)
-    values, variances, _, counts = (w * [row[i] for row in found] for i in range(4))
+    w, v, found = hypotheses(z, step / scale, correlation)
+    values, counts = (w * [row[i] for row in found] for i in (0, 3))
+    variances = v * [row[1] for row in found]
     value = values.sum()
     student = stats.t.isf(0.0455 / 2, counts.sum() - 1) / 2
     within = scale**2 * student**2 * variances.sum()
-    between = scale**2 * (w * [(row[0] - value) ** 2 for row in found]).sum()
+    between = scale**2 * (v * [(row[0] - value) ** 2 for row in found]).sum()
     good, influence = (sum(a * row[i] for a, row in zip(w, found, strict=True)) for i in (4, 5))
     width = scale * np.sqrt(good @ (z - value) ** 2 / counts.sum())
     value, variance = centre + scale * value, within + between

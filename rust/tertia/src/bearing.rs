@@ -4,12 +4,13 @@
 //! ([`Method::Paper`]) and corrected ([`Method::Corrected`]); [`Method::Robust`] is the default of
 //! the Python API.
 //!
-//! `modes <- independent, sticky, information <- hypotheses`
+//! `modes <- acceleration, independent, sticky, information <- hypotheses`
 //! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust <- groups <- estimator`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod acceleration;
 mod blocks;
 mod estimate;
 mod estimator;

@@ -22,8 +22,8 @@ pub struct Effects {
     pub tau: f64,
 }
 
-/// `x_k = μ + c + u_k + e_k` with `e_k ~ N(0, σ_k²)`, `u_k ~ N(0, τ²)` and, unseen in the differences,
-/// `c ~ N(0, common τ²)`: μ with a flat prior, τ integrated with a half-Cauchy prior of this `scale`. O(K) for each of 161 values of τ.
+/// `x_k = μ + u_k + e_k` with `e_k ~ N(0, σ_k²)` and `u_k ~ N(0, τ²)`: μ with a flat prior, τ integrated
+/// with a half-Cauchy prior of this `scale`. O(K) for each of 161 values of τ.
 ///
 /// For each τ, `v_k = σ_k² + τ²`, `W = Σ 1/v_k`, `m = Σ (x_k/v_k) / W`, and its weight is
 /// `p(τ) dτ W^−½ Π v_k^−½ exp(−½ Σ (x_k − m)²/v_k)` (Gelman 2006). The mean over τ makes the
@@ -31,13 +31,13 @@ pub struct Effects {
 ///
 /// # Panics
 /// If the slices are empty or differ in length.
-pub fn random_effects(x: &[f64], sigma: &[f64], scale: f64, common: f64) -> Effects {
+pub fn random_effects(x: &[f64], sigma: &[f64], scale: f64) -> Effects {
     assert_eq!(x.len(), sigma.len());
     let origin = x[0];
     if let [sigma] = sigma {
         return Effects { mean: origin, sigma: *sigma, tau: 0.0 };
     }
-    let posterior = Posterior::of(x, sigma, (origin, scale), common);
+    let posterior = Posterior::of(x, sigma, (origin, scale));
     let mean: f64 = posterior.terms().map(|(w, m, _)| w * m).sum();
     let variance: f64 = posterior.terms().map(|(w, m, s)| w * (s * s + (m - mean).powi(2))).sum();
     let outside = |h: f64| {
@@ -59,7 +59,7 @@ struct Posterior {
 }
 
 impl Posterior {
-    fn of(x: &[f64], sigma: &[f64], (origin, scale): (f64, f64), common: f64) -> Self {
+    fn of(x: &[f64], sigma: &[f64], (origin, scale): (f64, f64)) -> Self {
         let values = taus(x, scale);
         let (mut log_weight, mut mean, mut width) = (Vec::new(), Vec::new(), Vec::new());
         for (j, &tau) in values.iter().enumerate() {
@@ -76,7 +76,7 @@ impl Posterior {
             log_weight
                 .push(log_prior(&values, j, scale) - 0.5 * (log_variances + total.ln() + misfit));
             mean.push(m);
-            width.push((total.recip() + common * tau * tau).sqrt());
+            width.push(total.recip().sqrt());
         }
         Self::normalised(&values, &log_weight, &mean, &width)
     }
@@ -125,7 +125,7 @@ mod tests {
     /// An independent computation with NumPy and SciPy.
     #[test]
     fn four_estimates_that_disagree() {
-        let found = random_effects(&[10.0, 14.0, 9.0, 20.0], &[1.0, 1.5, 1.2, 2.0], 1.35, 0.0);
+        let found = random_effects(&[10.0, 14.0, 9.0, 20.0], &[1.0, 1.5, 1.2, 2.0], 1.35);
         assert_close(found.mean, 12.959_393_660_027_319);
         assert_close(found.sigma, 2.903_832_169_071_31);
         assert_close(found.tau, 4.755_114_338_013_392);
@@ -133,20 +133,18 @@ mod tests {
 
     #[test]
     fn a_common_offset_and_a_unit_do_not_matter() {
-        let found = random_effects(&[10.0, 14.0, 9.0, 20.0], &[1.0, 1.5, 1.2, 2.0], 1.35, 0.0);
+        let found = random_effects(&[10.0, 14.0, 9.0, 20.0], &[1.0, 1.5, 1.2, 2.0], 1.35);
         let x = [1e6 + 1e3, 1e6 + 1.4e3, 1e6 + 9e2, 1e6 + 2e3];
-        let other = random_effects(&x, &[1e2, 1.5e2, 1.2e2, 2e2], 1.35e2, 0.0);
+        let other = random_effects(&x, &[1e2, 1.5e2, 1.2e2, 2e2], 1.35e2);
         assert_within(1e-11, (other.mean - 1e6) / 100.0, found.mean);
         assert_within(1e-11, other.sigma / 100.0, found.sigma);
     }
 
     #[test]
     fn differences_beyond_any_expectation_widen_sigma() {
-        let found = random_effects(&[0.0, 1e9], &[1.0, 1.0], 1.0, 0.0);
+        let found = random_effects(&[0.0, 1e9], &[1.0, 1.0], 1.0);
         assert!(found.sigma > 2e8, "{found:?}");
-        let shared = random_effects(&[0.0, 1e9], &[1.0, 1.0], 1.0, 1.0);
-        assert!(shared.sigma > 1.2 * found.sigma, "{shared:?}");
-        let alone = random_effects(&[3.0], &[0.5], 0.5, 0.0);
+        let alone = random_effects(&[3.0], &[0.5], 0.5);
         assert_eq!(alone, Effects { mean: 3.0, sigma: 0.5, tau: 0.0 });
     }
 }

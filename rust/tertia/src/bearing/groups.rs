@@ -7,6 +7,7 @@ use super::rules::RobustRule;
 use super::start::{rounding_sigma, start};
 use super::workspace::Workspace;
 use crate::base::angle::median;
+use crate::base::autoregression::Autoregression;
 use crate::base::distribution::{
     chi_square_upper, chi_square_upper_quantile, student_two_sided_quantile,
 };
@@ -14,8 +15,6 @@ use crate::base::effects::random_effects;
 use crate::base::error::Result;
 use crate::base::moments::Moments;
 
-/// What all groups share cannot be seen in their differences: it is taken to be as large as these.
-const COMMON: f64 = 1.0;
 /// A group's centre and the errors about it are found in turn, so often.
 const ROUNDS: usize = 2;
 /// Fewest measurements of groups of two or more for the hypotheses about their errors.
@@ -65,8 +64,8 @@ pub(super) fn estimate(
         None => {
             // the prior of a systematic error is as wide as one measurement
             let scale = within.sigma.max(LEAST * spread).max(f64::MIN_POSITIVE);
-            let found = random_effects(&table.centre, &sigma, scale, COMMON);
-            (found.mean, found.sigma, found.tau)
+            let found = random_effects(&table.centre, &sigma, scale);
+            (found.mean, found.sigma * table.inflation(groups).sqrt(), found.tau)
         }
         Some(bias) => (given.0, given.1, bias),
     };
@@ -121,6 +120,17 @@ impl Table {
         let number: Vec<f64> = members.iter().map(|m| m.len() as f64).collect();
         let centre = members.iter_mut().map(|m| median(m)).collect();
         Self { centre, good: number.clone(), count: number }
+    }
+
+    /// Variance of the groups' mean over what it would be if their errors were independent: those of
+    /// successive groups may be alike.
+    fn inflation(&self, groups: &[f64]) -> f64 {
+        let mut seen = vec![false; self.centre.len()];
+        let first = |g: &&f64| !std::mem::replace(&mut seen[**g as usize], true);
+        let in_order = groups.iter().filter(first).map(|&g| self.centre[g as usize]);
+        let mut errors = Autoregression::default();
+        errors.read(in_order.enumerate(), None);
+        errors.inflation()
     }
 
     fn spread(&self) -> f64 {

@@ -1,5 +1,6 @@
 //! What a record may be: clean, or contaminated in one of several ways.
 
+use super::acceleration::converge;
 use super::independent;
 use super::information::variance_of_centre;
 use super::modes::{MOST_BAD, Mode, Modes, Shape, Totals};
@@ -11,6 +12,8 @@ use crate::base::moments::Moments;
 /// Penalty per parameter over that of Schwarz (1978), `½ ln N`: his finds one-sided outliers of three
 /// sigmas too late.
 const PENALTY: f64 = 0.8;
+/// The same for sigma: what is too doubtful to be left out may still be bad.
+const PENALTY_OF_SIGMA: f64 = 0.4;
 /// Beyond these distances values are taken for bad at the start: one kind, two kinds.
 const FAR: f64 = 2.5;
 const FAR_OF_TWO: f64 = 2.2;
@@ -25,15 +28,14 @@ const PERSISTENCE: f64 = 0.5;
 /// rounding step.
 const LEAST_WIDTH: f64 = 0.3;
 const LEAST_STEPS: f64 = 0.5;
-/// Steps of EM: of each side before one is chosen, and at most.
+/// Steps of EM for each side before one is chosen.
 const STEPS_OF_SIDE: usize = 6;
-const MOST_STEPS: usize = 80;
-/// EM ends where nothing changes by more than this share of a standard error.
-const TOLERANCE: f64 = 0.01;
 /// Scores are cut here: farther values are bad whatever their distance.
 pub(super) const MAX_SCORE: f64 = 1e3;
 /// Lag-one correlation of the modes from which they may persist, in its standard errors.
 const LEAST_PERSISTENCE: f64 = 1.5;
+/// Share of bad measurements from which they may as well be the good ones.
+const LEAST_OF_MIRROR: f64 = 0.45;
 /// Hypotheses of less weight do not count.
 const LEAST_WEIGHT: f64 = 1e-5;
 /// Fewest good measurements in the degrees of freedom of a hypothesis.
@@ -45,8 +47,13 @@ pub(super) struct Hypothesis {
     pub modes: Option<Modes>,
     /// Probabilities of the bad modes of each measurement, as many as there are modes.
     pub bad: Vec<f64>,
-    pub log_weight: f64,
+    log_likelihood: f64,
+    parameters: f64,
+    /// Counts in the variance only.
+    doubt: bool,
+    /// Weight in the estimate, and in its variance.
     pub weight: f64,
+    pub weight_of_variance: f64,
     /// Estimate, in scores, and its variance with white noise.
     pub value: f64,
     pub variance: f64,
@@ -70,6 +77,10 @@ pub(super) struct Hypotheses {
 }
 
 impl Hypothesis {
+    fn log_weight(&self, penalty: f64, n: f64) -> f64 {
+        self.log_likelihood - 0.5 * penalty * self.parameters * n.ln()
+    }
+
     fn kinds(&self) -> usize {
         self.modes.map_or(0, |modes| modes.kinds())
     }
@@ -105,6 +116,11 @@ impl Hypotheses {
         self.list.iter().map(|h| h.weight * f(h)).sum()
     }
 
+    /// The same with the weights for the variance.
+    pub fn mean_of_variance(&self, f: impl Fn(&Hypothesis) -> f64) -> f64 {
+        self.list.iter().map(|h| h.weight_of_variance * f(h)).sum()
+    }
+
     /// Fits every hypothesis to the scores and weighs them; `step` is the rounding step in scores,
     /// `correlation` that of the noise (none: unknown). O(N) for each step of EM.
     pub fn fit(&mut self, step: f64, correlation: Option<f64>) {
@@ -122,11 +138,13 @@ impl Hypotheses {
             let last = self.add(modes, &cut);
             if self.persist(last) {
                 let modes = self.sticky(modes, &cut, &totals, floor);
-                self.add(modes, &cut);
+                let last = self.add(modes, &cut);
+                self.add_mirror(last, &cut);
             }
+            self.add_mirror(last, &cut);
         }
         self.score = cut;
-        self.weigh(correlation);
+        self.weigh(step, correlation);
     }
 
     fn add_clean(&mut self, floor: f64) {
@@ -135,16 +153,29 @@ impl Hypotheses {
         let variance = (squares / n).max(floor * floor);
         let log_likelihood = -0.5 * (n * variance.ln() + squares / variance);
         self.list.push(Hypothesis {
-            log_weight: log_likelihood - penalty(2.0, n),
+            log_likelihood,
+            parameters: 2.0,
             value: mean,
             width: variance.sqrt(),
             ..Hypothesis::default()
         });
     }
 
+    /// Where about half of the record is bad, nothing tells which half: adds the mixture in which the
+    /// good and the bad measurements of a fitted one change places, to count in sigma.
+    fn add_mirror(&mut self, which: usize, y: &[f64]) {
+        let Some(modes) = self.list[which].modes.filter(|m| m.shape == Shape::OneSided) else {
+            return;
+        };
+        let bad: f64 = self.list[which].bad.iter().sum();
+        if bad > LEAST_OF_MIRROR * y.len() as f64 {
+            let mirror = self.add(modes.mirrored(), y);
+            self.list[mirror].doubt = true;
+        }
+    }
+
     /// Adds a fitted mixture; returns its place.
     fn add(&mut self, modes: Modes, y: &[f64]) -> usize {
-        let n = y.len() as f64;
         let mut bad = vec![0.0; y.len() * modes.kinds()];
         self.evidence.resize(y.len(), 0.0);
         let (log_likelihood, parameters) = if modes.persistence > 0.0 {
@@ -157,7 +188,8 @@ impl Hypotheses {
         self.list.push(Hypothesis {
             modes: Some(modes),
             bad,
-            log_weight: log_likelihood - penalty(parameters, n),
+            log_likelihood,
+            parameters,
             width: modes.width,
             ..Hypothesis::default()
         });
@@ -182,22 +214,16 @@ impl Hypotheses {
                 if sides[1].0 > sides[0].0 { sides[1].1 } else { sides[0].1 }
             }
         };
-        for _ in 0..MOST_STEPS {
-            if step(&mut modes) < TOLERANCE {
-                break;
-            }
-        }
+        converge(&mut modes, step);
         modes
     }
 
     fn sticky(&mut self, start: Modes, y: &[f64], totals: &Totals, floor: [f64; 2]) -> Modes {
         let mut modes = Modes { persistence: PERSISTENCE, ..start };
-        for _ in 0..MOST_STEPS {
-            let (sums, _) = sticky::expect(&modes, y, &mut self.passes, &mut []);
-            if modes.update(&sums, totals, floor) < TOLERANCE {
-                break;
-            }
-        }
+        converge(&mut modes, |modes| {
+            let (sums, _) = sticky::expect(modes, y, &mut self.passes, &mut []);
+            modes.update(&sums, totals, floor)
+        });
         modes
     }
 
@@ -213,30 +239,37 @@ impl Hypotheses {
     }
 
     /// Weights, and estimate, variance and correlation of each hypothesis that counts.
-    fn weigh(&mut self, correlation: Option<f64>) {
+    fn weigh(&mut self, step: f64, correlation: Option<f64>) {
         let Self { score, list, autoregression, .. } = self;
         for h in list.iter_mut() {
             (h.inflation, h.correlation) = (1.0, 0.0);
             if correlation != Some(0.0) {
                 let kept = (0..score.len()).filter(|&i| h.is_good(i) > 0.5);
                 autoregression.read(kept.map(|i| (i, score[i])), correlation);
-                h.log_weight += autoregression.gain();
+                h.log_likelihood += autoregression.gain();
                 h.inflation = autoregression.inflation();
                 h.correlation = autoregression.correlation();
             }
         }
-        let highest = list.iter().map(|h| h.log_weight).fold(f64::NEG_INFINITY, f64::max);
-        list.retain(|h| h.log_weight - highest > LEAST_WEIGHT.ln());
-        let total: f64 = list.iter().map(|h| (h.log_weight - highest).exp()).sum();
+        let n = score.len() as f64;
+        let weight = |h: &Hypothesis| match h.doubt {
+            true => f64::NEG_INFINITY,
+            false => h.log_weight(PENALTY, n),
+        };
+        let of_variance = |h: &Hypothesis| h.log_weight(PENALTY_OF_SIGMA, n);
+        normalise(list, weight, |h| &mut h.weight);
+        normalise(list, of_variance, |h| &mut h.weight_of_variance);
+        list.retain(|h| h.weight.max(h.weight_of_variance) > LEAST_WEIGHT);
+        normalise(list, weight, |h| &mut h.weight);
+        normalise(list, of_variance, |h| &mut h.weight_of_variance);
         for h in list.iter_mut() {
-            h.weight = (h.log_weight - highest).exp() / total;
             h.good = (0..score.len()).map(|i| h.is_good(i)).sum::<f64>().max(LEAST_GOOD);
             let information = |i: usize| h.information(i);
             let all: f64 = (0..score.len()).map(information).sum();
             let value = |i: usize| information(i) * score[i];
             h.value = (0..score.len()).map(value).sum::<f64>() / all;
             let white = match h.modes {
-                Some(modes) => variance_of_centre(&modes, score, &h.bad),
+                Some(modes) => variance_of_centre(&modes, score, &h.bad, step),
                 None => h.width * h.width / h.good,
             };
             h.variance = white * h.good / (h.good - 1.0);
@@ -244,8 +277,18 @@ impl Hypotheses {
     }
 }
 
-fn penalty(parameters: f64, n: f64) -> f64 {
-    0.5 * PENALTY * parameters * n.ln()
+/// Weights by their logarithms, so that they sum to one.
+fn normalise(
+    list: &mut [Hypothesis],
+    log_weight: impl Fn(&Hypothesis) -> f64,
+    weight: impl Fn(&mut Hypothesis) -> &mut f64,
+) {
+    let highest = list.iter().map(&log_weight).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = list.iter().map(|h| (log_weight(h) - highest).exp()).sum();
+    for h in list.iter_mut() {
+        let found = (log_weight(h) - highest).exp() / total;
+        *weight(h) = found;
+    }
 }
 
 fn mean_and_squares(y: &[f64]) -> (f64, f64) {

@@ -159,17 +159,32 @@ impl Modes {
     fn share_out(&mut self, sums: &Sums, n: f64) {
         let kinds = self.kinds();
         let drawn = sums.drawn_good + sums.drawn[..kinds].iter().sum::<f64>();
-        let mut all = 0.0;
         for (mode, d) in self.bad[..kinds].iter_mut().zip(&sums.drawn) {
             mode.share = (d / drawn).max(LEAST_COUNT / n);
-            all += mode.share;
         }
-        if all > LARGEST_SHARE {
-            self.bad[..kinds].iter_mut().for_each(|mode| mode.share *= LARGEST_SHARE / all);
-        }
+        self.limit_shares();
         if self.persistence > 0.0 {
             let found = sums.persisted / (sums.persisted + drawn - 1.0);
             self.persistence = found.clamp(LEAST_PERSISTENCE, LARGEST_PERSISTENCE);
+        }
+    }
+
+    /// The mixture in which the good mode and the only bad one change places.
+    pub fn mirrored(&self) -> Self {
+        let Mode { offset, width, .. } = self.bad[0];
+        let bad = Mode { offset: -offset, width: self.width, share: self.good_share() };
+        let mut found = Self { centre: self.centre + offset, width, ..*self };
+        found.bad[0] = bad;
+        found.limit_shares();
+        found
+    }
+
+    /// Cuts the shares of the bad modes so that half of the measurements are good.
+    pub fn limit_shares(&mut self) {
+        let all = 1.0 - self.good_share();
+        if all > LARGEST_SHARE {
+            let kinds = self.kinds();
+            self.bad[..kinds].iter_mut().for_each(|mode| mode.share *= LARGEST_SHARE / all);
         }
     }
 

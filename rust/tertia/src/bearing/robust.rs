@@ -20,8 +20,8 @@ pub(super) const SIGNIFICANCE: f64 = 0.05;
 /// A block counts in that test from this share of the mean weight.
 const LEAST_BLOCK: f64 = 0.1;
 
-/// `Σ w_m μ_m` over the hypotheses, with the variance `Σ w_m (σ_m² + (μ_m − θ)²)`; polarity is left to
-/// the caller.
+/// `θ = Σ w_m μ_m` over the hypotheses, with the variance `Σ v_m (σ_m² + (μ_m − θ)²)`; polarity is left
+/// to the caller.
 pub(super) fn estimate(
     rule: &RobustRule,
     correlation: Option<f64>,
@@ -38,8 +38,8 @@ pub(super) fn estimate(
     let value = hypotheses.mean(|h| h.value);
     let good = hypotheses.mean(|h| h.good);
     let student = 0.5 * student_two_sided_quantile(OUTSIDE, good - 1.0);
-    let within = student * student * hypotheses.mean(|h| h.variance * h.inflation);
-    let between = hypotheses.mean(|h| (h.value - value).powi(2));
+    let within = student * student * hypotheses.mean_of_variance(|h| h.variance * h.inflation);
+    let between = hypotheses.mean_of_variance(|h| (h.value - value).powi(2));
     let width = start.scale * hypotheses.mean(|h| h.width);
     let mut variance = start.scale * start.scale * (within + between);
     // weight of each measurement: value = Σ influence y

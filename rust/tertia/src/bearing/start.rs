@@ -1,6 +1,7 @@
 //! Where the search for modes begins: centre and scale that survive 40 % of bad measurements.
 
 use crate::base::angle::median;
+use std::f64::consts::SQRT_2;
 
 /// MAD and length of the shorth of the normal distribution to its standard deviation.
 const MAD_TO_SIGMA: f64 = 1.4826;
@@ -49,7 +50,15 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
         *v = (*v - middle).abs();
     }
     let mad = MAD_TO_SIGMA * median(sorted);
-    let scale = shortest.max(LEAST_SHARE_OF_MAD * mad).min(mad).hypot(rounding_sigma(step));
+    for (d, pair) in sorted.iter_mut().zip(y.windows(2)) {
+        *d = (pair[1] - pair[0]).abs();
+    }
+    let of_differences = MAD_TO_SIGMA * median(&mut sorted[..n - 1]) / SQRT_2;
+    let scale = shortest
+        .min(of_differences)
+        .max(LEAST_SHARE_OF_MAD * mad)
+        .min(mad)
+        .hypot(rounding_sigma(step));
     // more than half of the readings are equal, and not rounded: those of the others that are nearest
     let least = 0.1 * spread / n as f64;
     Some(Start { centre, scale: if scale > 0.0 { scale } else { least }, step })
