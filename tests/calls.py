@@ -152,6 +152,7 @@ CALLS: list[tuple[Any, dict[str, Any]]] = [
     (tracker.PlanModel, {}),
     (tracker.WindowModel, {}),
     (tracker.track, {"plots": PLOTS, "sensors": RADARS}),
+    (tracker.smooth_tracks, {"plots": PLOTS, "sensors": RADARS, "tracks": TRACKS, "every": 3.0}),
     (registration.calibrate, {"station": STATIONS[0], "time": TIME, "position": PATH,
                               "azimuth": AZIMUTH[:, 0]}),
     (registration.register, {"plots": PLOTS, "sensors": RADARS}),

@@ -87,6 +87,7 @@ __all__ = [
     "singer_transition",
     "smooth",
     "smooth_series",
+    "smooth_tracks",
     "steady_state",
     "student_factor",
     "t_test",
@@ -362,6 +363,16 @@ class TrackerSettings:
 
 def track_columns() -> list[tuple[str, str, str, list[int], str]]: ...
 def plots_to_cartesian(radars: list[Radar], plots: Plots) -> tuple[FloatArray, FloatArray]: ...
+def smooth_tracks(
+    motion: Motion,
+    first: list[int],
+    plots: FloatArray,
+    used: BoolArray,
+    *,
+    time: FloatArray,
+    every: float | None,
+    n_threads: int | None,
+) -> tuple[IntArray, FloatArray, IntArray, BoolArray]: ...
 def locate(
     stations: FloatArray,
     axes: FloatArray | None,

@@ -24,6 +24,7 @@ try:
         register,
         report,
         simulate,
+        smooth_tracks,
         track,
         weights,
     )
@@ -41,6 +42,7 @@ _COMMANDS: dict[Callable[..., Any], tuple[str, ...]] = {
     reconstruct.reconstruct: reconstruct.EXAMPLES,
     weights.weights: weights.EXAMPLES,
     track.track: track.EXAMPLES,
+    smooth_tracks.smooth_tracks: smooth_tracks.EXAMPLES,
     register.register: register.EXAMPLES,
     evaluate.evaluate: evaluate.EXAMPLES,
     audit.audit: audit.EXAMPLES,

@@ -1,7 +1,7 @@
 """Pictures of tracks of many targets: from above, and how often radars update them."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -21,10 +21,12 @@ from tertia.plot._axes import (
     view_from_above,
 )
 from tertia.sensors import Radar
-from tertia.tracker import Plots, TrackTable
+from tertia.tracker import Plots, SmoothedTracks, TrackTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+_Tracks: TypeAlias = TrackTable | SmoothedTracks
 
 # vermilion is for manoeuvres, green for ellipses, grey for what is no result
 _COLOURS = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#8C564B", "#999933")
@@ -37,7 +39,7 @@ _BINS, _FEWEST = 12, 5
 
 
 def tracks(
-    table: TrackTable,
+    table: _Tracks,
     radars: Sequence[Radar] = (),
     *,
     plots: Plots | None = None,
@@ -50,8 +52,8 @@ def tracks(
 
     Parameters
     ----------
-    table : TrackTable
-        The tracks, from `tertia.tracker.track` or `Tracker.update`.
+    table : TrackTable or SmoothedTracks
+        The tracks, from `tertia.tracker.track`, `Tracker.update` or `smooth_tracks`.
     radars : sequence of Radar
         The radars.
     plots : Plots, optional
@@ -88,7 +90,7 @@ def tracks(
     >>> plot.tracks(table, [radar], ax=Figure().subplots()).get_title()
     '1 track'
     """
-    instance(table, "table", TrackTable)
+    instance(table, "table", TrackTable, SmoothedTracks)
     radius = ellipse_radius(probability)
     legend = flag(legend, "legend")
     seen = np.empty((0, 2))
@@ -195,7 +197,7 @@ def _km(position: FloatArray) -> FloatArray:
     return np.asarray(position.T / 1e3)
 
 
-def _lines(table: TrackTable) -> dict[int, IntArray]:
+def _lines(table: _Tracks) -> dict[int, IntArray]:
     """Return the rows of each track by time."""
     order = np.lexsort((table.time, table.track))
     names, starts = np.unique(table.track[order], return_index=True)
@@ -208,7 +210,7 @@ def _longest(lines: dict[int, IntArray]) -> dict[int, IntArray]:
     return {name: lines[name] for name in chosen}
 
 
-def _draw_tracks(ax: "Axes", table: TrackTable, lines: dict[int, IntArray]) -> None:
+def _draw_tracks(ax: "Axes", table: _Tracks, lines: dict[int, IntArray]) -> None:
     """Draw all tracks of one colour as one line, and manoeuvres below them."""
     turning = []
     for first, colour in enumerate(_COLOURS[: len(lines)]):
@@ -231,7 +233,7 @@ def _draw_tracks(ax: "Axes", table: TrackTable, lines: dict[int, IntArray]) -> N
 
 
 def _draw_ellipses(
-    ax: "Axes", table: TrackTable, lines: dict[int, IntArray], radius: float, label: str
+    ax: "Axes", table: _Tracks, lines: dict[int, IntArray], radius: float, label: str
 ) -> None:
     chosen: list[int] = []
     for rows in _longest(lines).values():

@@ -21,6 +21,7 @@ from tertia.tables._register import register
 from tertia.tables._screen import Rule, screen
 from tertia.tables._sensors import Sensors
 from tertia.tables._smooth import smooth
+from tertia.tables._smooth_tracks import smooth_tracks
 from tertia.tables._stream import stream
 from tertia.tables._track import track
 from tertia.tables._weights import weights
@@ -40,6 +41,7 @@ __all__ = [
     "register",
     "screen",
     "smooth",
+    "smooth_tracks",
     "stream",
     "track",
     "weights",

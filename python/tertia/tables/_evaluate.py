@@ -46,7 +46,7 @@ TRACKS: Schema = {
 }
 _TARGET: Schema = {
     "time": TIME,
-    "target": Field("name", {"target": 1.0}, required=True, whole=True),
+    "target": Field("name", {"target": 1.0, "track": 1.0}, required=True, whole=True),
 }
 TRUTH: Schema = {**_TARGET, **_PLACE}
 _TRUTH_ON_EARTH: Schema = {
@@ -82,8 +82,8 @@ def evaluate(
         Tracks as returned by `track`: `time_s`, `track`, `east_m`, `north_m`; and, if available,
         `plot`, `confirmed`, `sensor`, velocities, sigmas and the covariance.
     truth : table
-        Positions of the targets: `time_s`, `target`, and `east_m` and `north_m`, or `latitude_deg`
-        and `longitude_deg`.
+        Positions of the targets: `time_s`, `target` (or `track`), and `east_m` and `north_m`, or
+        `latitude_deg` and `longitude_deg`.
     columns : mapping of str to str, optional
         Names of the columns in the table of tracks, by these standard names.
     origin : (float, float), optional
@@ -188,13 +188,20 @@ def _read_truth(source: Source) -> Records:
 
 def _truth(records: Records, clock: Clock, origin: tuple[float, float] | None) -> Truth:
     rows = records.rows
-    again = ~rows.select(pl.struct("time", "target").is_first_distinct()).to_series()
-    records.refuse(again, "a second position of target {target} at time_s {time}", "time_s")
+    key = ["time", "target"]
+    places = [name for name in (*LOCAL[:2], *GEODETIC) if name in rows.columns]
+    first, new = (
+        rows.select(pl.struct(columns).is_first_distinct()).to_series()
+        for columns in (key, key + places)
+    )
+    # plots of one time have one state
+    records.refuse(new & ~first, "a second position of target {target} at time_s {time}", "time_s")
     if LOCAL[0] in rows.columns:
-        places = rows.select(LOCAL[:2]).to_numpy()
+        positions = rows.select(LOCAL[:2]).to_numpy()
     else:
-        places = _in_the_plane(rows, records.source, origin)
-    return Truth(clock.seconds(rows["time"]), rows["target"].to_numpy().astype(str), places)
+        positions = _in_the_plane(rows, records.source, origin)
+    kept, names = new.to_numpy(), rows["target"].to_numpy().astype(str)
+    return Truth(clock.seconds(rows["time"])[kept], names[kept], positions[kept])
 
 
 def _in_the_plane(

@@ -32,7 +32,7 @@ from tertia.tables._records import (
 )
 from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
-from tertia.tracker import Plots, PlotStatus, TrackTable
+from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
 
 PLOTS: Schema = {
     "time": TIME,
@@ -261,14 +261,14 @@ def track_rows(
 ) -> pl.DataFrame:
     """Return one row per row of the track table; unknown values are null."""
     followed = table.plan >= 0
-    course, speed = _movement(table, sensors)
+    course, speed = movement(table, sensors)
     return pl.DataFrame(
         {
             "time_s": clock.moments(table.time),
             "track": table.track,
             "sensor": named(table.sensor, sensors.names),
             "plot": known(table.plot, table.plot >= 0),
-            **_state(table),
+            **state_columns(table),
             **sensors.geodetic(table.position, table.height),
             "course_deg": np.degrees(course) % 360.0,
             "speed_m_s": speed,
@@ -283,7 +283,9 @@ def track_rows(
     )
 
 
-def _movement(table: TrackTable, sensors: Sensors[Radar]) -> tuple[FloatArray, FloatArray]:
+def movement(
+    table: TrackTable | SmoothedTracks, sensors: Sensors[Radar]
+) -> tuple[FloatArray, FloatArray]:
     """Return courses and speeds; on the earth the true ones."""
     course, speed = np.arctan2(*table.velocity.T), np.hypot(*table.velocity.T)
     if not isinstance(sensors.frame, SystemPlane):
@@ -303,7 +305,8 @@ def covariance_columns() -> dict[tuple[int, int], str]:
     }
 
 
-def _state(table: TrackTable) -> dict[str, FloatArray]:
+def state_columns(table: TrackTable | SmoothedTracks) -> dict[str, FloatArray]:
+    """Return position and velocity with their covariance, as columns."""
     values = np.hstack([table.position, table.velocity])
     columns = {}
     for i, (name, unit) in enumerate(_STATE):

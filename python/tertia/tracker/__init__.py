@@ -19,6 +19,13 @@ from tertia.tracker._models import (
     WindowModel,
 )
 from tertia.tracker._plots import NO_IDENTITY, Plots, PlotStatus
+from tertia.tracker._smooth import (
+    Longitudinal,
+    SmoothedTracks,
+    Transversal,
+    Vertical,
+    smooth_tracks,
+)
 from tertia.tracker._table import COLUMNS, Column, TrackTable
 from tertia.tracker._tracker import Tracker, track
 
@@ -30,6 +37,7 @@ __all__ = [
     "Column",
     "CvModel",
     "ImmModel",
+    "Longitudinal",
     "Motion",
     "MotionName",
     "PaperScore",
@@ -38,8 +46,12 @@ __all__ = [
     "Plots",
     "Radar",
     "SingerModel",
+    "SmoothedTracks",
     "TrackTable",
     "Tracker",
+    "Transversal",
+    "Vertical",
     "WindowModel",
+    "smooth_tracks",
     "track",
 ]

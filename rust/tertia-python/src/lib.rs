@@ -77,7 +77,7 @@ mod core_module {
     #[pymodule_export]
     use super::tracker::{
         Geometry, Motion, PlotTracker, TrackAssociation, TrackColumns, TrackerSettings,
-        plots_to_cartesian, track_columns,
+        plots_to_cartesian, smooth_tracks, track_columns,
     };
     #[pymodule_export]
     use super::trajectory::arrivals::{group_arrivals, reconstruct_arrivals};

@@ -2,10 +2,12 @@
 
 mod geometry;
 mod settings;
+mod smooth;
 mod table;
 
 pub use geometry::Geometry;
 pub use settings::{Motion, TrackAssociation, TrackerSettings};
+pub use smooth::smooth_tracks;
 pub use table::{TrackColumns, track_columns};
 
 use crate::arrays::{

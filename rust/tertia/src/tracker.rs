@@ -8,7 +8,7 @@
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; geometry, plans, association, motion <-
 //! settings <- plan, curve <- window <- filter;
 //! plan <- correlation; height, identity, beams, filter, correlation <- track <- row, claim, clutter <- share <- scan
-//! <- live <- control`.
+//! <- live <- control`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod association;
@@ -37,6 +37,7 @@ mod row;
 mod scan;
 mod settings;
 mod share;
+mod smooth;
 mod table;
 mod track;
 mod window;
@@ -54,4 +55,5 @@ pub use plans::Plans;
 pub use plot::{Plot, PlotStatus, Plots};
 pub use row::{Row, Rows};
 pub use settings::Settings;
+pub use smooth::{Manoeuvre, Movement, SmoothedRow, Times, TrackPlot, smooth_tracks};
 pub use table::{Data, Table};

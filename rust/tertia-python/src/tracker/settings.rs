@@ -129,6 +129,13 @@ impl TrackerSettings {
     }
 }
 
+impl Motion {
+    /// The motion as a core type.
+    pub fn core(&self) -> &tracker::Motion {
+        &self.0
+    }
+}
+
 impl TrackerSettings {
     pub fn with(
         &self,

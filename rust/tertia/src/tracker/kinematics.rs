@@ -42,18 +42,14 @@ pub fn coast(estimate: &mut Estimate<4>, t: f64) {
 pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     let [vx, vy, w] = [estimate.mean[2], estimate.mean[3], estimate.mean[4]];
     let arc = Arc::new(w, t);
-    let Arc { sine, cosine, along, across, along_rate, across_rate } = arc;
+    let Arc { sine, cosine, along, across, .. } = arc;
     let velocity = [cosine * vx - sine * vy, sine * vx + cosine * vy];
     estimate.mean[0] += along * vx - across * vy;
     estimate.mean[1] += across * vx + along * vy;
     estimate.mean[2] = velocity[0];
     estimate.mean[3] = velocity[1];
-    let by_rate = [
-        along_rate * vx - across_rate * vy,
-        across_rate * vx + along_rate * vy,
-        -t * velocity[1],
-        t * velocity[0],
-    ];
+    let [east, north] = arc.by_rate([vx, vy]);
+    let by_rate = [east, north, -t * velocity[1], t * velocity[0]];
     // G = F P by rows, which are P's columns as well, then G F' above the diagonal
     let p = &mut estimate.covariance.data.0;
     let [a, b, c, d, e] = *p;
@@ -124,6 +120,13 @@ impl Arc {
             along_rate: (t * cosine - along) / w,
             across_rate: (t * sine - across) / w,
         }
+    }
+
+    /// Derivatives of the way by the rate, at this velocity.
+    #[inline]
+    pub fn by_rate(&self, [vx, vy]: [f64; 2]) -> [f64; 2] {
+        let Self { along_rate, across_rate, .. } = self;
+        [along_rate * vx - across_rate * vy, across_rate * vx + along_rate * vy]
     }
 }
 

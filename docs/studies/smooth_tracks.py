@@ -1,0 +1,250 @@
+"""Figures of docs/smooth-tracks.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from studies.montecarlo import generator
+from studies.pages import markdown, repetitions
+from tertia import metrics
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.tracker import (
+    Plots,
+    Radar,
+    SmoothedTracks,
+    TrackTable,
+    smooth_tracks,
+    track,
+)
+
+FLIGHTS = repetitions(80)
+# seconds: of a flight, of its first part, which is left out, and from flight to flight
+LENGTH, BEGINNING, APART = 680.0, 60.0, 20_000.0
+# rates of turn, rad/s, and accelerations along the course, m/s2
+RATES = np.radians([1.0, 1.5, 3.0])
+ACCELERATIONS = (-0.5, 0.4)
+STEP = 0.1
+STRAIGHT, TURN, SPEED = range(3)
+PARTS = ("straight", "turn", "speed change")
+KINDS: dict[str, tuple[int, ...]] = {
+    "straight flights": (),
+    "turns": (TURN,),
+    "turns and speed changes": (TURN, SPEED),
+}
+_ONE = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, max_range=300e3)
+RADARS = {
+    "one radar": [_ONE],
+    "three radars": [
+        _ONE,
+        Radar(
+            position=(60e3, 20e3),
+            range_sigma=75.0,
+            azimuth_sigma=np.radians(0.1),
+            scan_period=6.0,
+            max_range=300e3,
+        ),
+        Radar(
+            position=(-20e3, 70e3),
+            range_sigma=100.0,
+            azimuth_sigma=np.radians(0.12),
+            scan_period=10.0,
+            max_range=300e3,
+        ),
+    ],
+}
+DETECTION = 0.9
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Flights, sampled every `STEP`: position and velocity (F, S, 2), and what they do (F, S)."""
+
+    position: FloatArray
+    velocity: FloatArray
+    part: IntArray
+
+    def at(self, flight: IntArray, time: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return positions and velocities between the samples, and the part of the flight."""
+        place = time / STEP
+        low = np.clip(place.astype(int), 0, self.part.shape[1] - 2)
+        share = (place - low)[:, np.newaxis]
+        position, velocity = (
+            (1 - share) * values[flight, low] + share * values[flight, low + 1]
+            for values in (self.position, self.velocity)
+        )
+        return position, velocity, self.part[flight, np.round(place).astype(int)]
+
+
+@cache
+def flown(kind: str, seed: int = 0) -> Flown:
+    """Simulate flights with manoeuvres of these kinds, one after the other."""
+    rng = generator(180, list(KINDS).index(kind), seed)
+    steps = int(LENGTH / STEP) + 1
+    rate, acceleration = np.zeros((2, FLIGHTS, steps))
+    part = np.zeros((FLIGHTS, steps), dtype=np.int64)
+    for k in range(FLIGHTS):
+        begin = rng.uniform(80.0, 140.0)
+        turn = len(KINDS[kind]) and rng.integers(len(KINDS[kind]))
+        while KINDS[kind] and begin < LENGTH - 100.0:
+            what = KINDS[kind][turn % len(KINDS[kind])]
+            turn += 1
+            if what == TURN:
+                size = rng.choice(RATES)
+                duration = rng.uniform(np.radians(60.0), np.radians(120.0)) / size
+                which, value = rate, size * rng.choice([-1.0, 1.0])
+            else:
+                duration = rng.uniform(50.0, 100.0)
+                which, value = acceleration, rng.choice(ACCELERATIONS)
+            own = slice(int(begin / STEP), int((begin + duration) / STEP))
+            which[k, own], part[k, own] = value, what
+            begin += duration + rng.uniform(100.0, 200.0)
+    course = rng.uniform(0, 2 * np.pi, (FLIGHTS, 1)) + np.cumsum(rate, axis=1) * STEP
+    speed = rng.uniform(160.0, 240.0, (FLIGHTS, 1)) + np.cumsum(acceleration, axis=1) * STEP
+    velocity = speed[..., np.newaxis] * np.stack([np.sin(course), np.cos(course)], axis=-1)
+    way = np.cumsum(velocity, axis=1) * STEP
+    bearing, distance = rng.uniform(0, 2 * np.pi, FLIGHTS), rng.uniform(70e3, 120e3, FLIGHTS)
+    middle = distance[:, np.newaxis] * np.stack([np.sin(bearing), np.cos(bearing)], axis=-1)
+    position = middle[:, np.newaxis] + way - way[:, steps // 2, np.newaxis]
+    return Flown(position, velocity, part)
+
+
+@cache
+def plots_of(kind: str, radars: str, seed: int = 0) -> Plots:
+    """Return what radars see of the flights; the identity is the flight."""
+    rng = generator(181, list(KINDS).index(kind), list(RADARS).index(radars), seed)
+    of, columns = flown(kind, seed), []
+    for k, radar in enumerate(RADARS[radars]):
+        scans = np.arange(0.0, LENGTH - radar.scan_period, radar.scan_period)
+        time = rng.uniform(0.0, radar.scan_period, FLIGHTS)[:, np.newaxis] + scans
+        flight = np.repeat(np.arange(FLIGHTS), len(scans))
+        kept = rng.uniform(size=time.size) < DETECTION
+        time, flight = time.ravel()[kept], flight[kept]
+        offset = of.at(flight, time)[0] - radar.position[:2]
+        noise = rng.standard_normal((2, len(time)))
+        distance = np.hypot(*offset.T) + radar.range_sigma * noise[0]
+        azimuth = np.arctan2(*offset.T) + radar.azimuth_sigma * noise[1]
+        columns.append((time + APART * flight, distance, azimuth, np.full(len(time), k), flight))
+    time, distance, azimuth, sensor, flight = map(np.concatenate, zip(*columns, strict=True))
+    order = np.argsort(time)
+    return Plots(
+        time[order],
+        distance[order],
+        azimuth[order],
+        sensor=sensor[order],
+        identity=flight[order],
+    )
+
+
+@cache
+def tracked(kind: str, radars: str, seed: int = 0) -> TrackTable:
+    """Return the tracks of the flights, as the tracker had them at the time."""
+    return track(plots_of(kind, radars, seed), RADARS[radars])
+
+
+@cache
+def smoothed(kind: str, radars: str, every: float | None = None, seed: int = 0) -> SmoothedTracks:
+    """Return the same by all plots."""
+    found = tracked(kind, radars, seed)
+    return smooth_tracks(plots_of(kind, radars, seed), RADARS[radars], found, every=every)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of rows, m and m/s, with their NEES per axis and what the target did."""
+
+    position: FloatArray
+    velocity: FloatArray
+    position_nees: FloatArray
+    velocity_nees: FloatArray
+    part: IntArray
+    counted: BoolArray
+
+    def rms(self, part: int, name: str = "position") -> float:
+        """Return the root mean square of the length of errors in a part."""
+        errors = getattr(self, name)[self.counted & (self.part == part)]
+        return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
+    def nees(self, part: int, name: str = "position_nees") -> float:
+        """Return the mean NEES per axis in a part."""
+        return float(np.mean(getattr(self, name)[self.counted & (self.part == part)]))
+
+
+def errors(
+    kind: str,
+    time: FloatArray,
+    state: FloatArray,
+    covariance: FloatArray,
+    seed: int = 0,
+) -> Errors:
+    """Compare states (N, 4) with the flights, without their first minute."""
+    flight = np.round(time / APART - 0.01).astype(int)
+    since = time - APART * flight
+    position, velocity, part = flown(kind, seed).at(flight, since)
+    found = state[:, :2] - position, state[:, 2:] - velocity
+    nees = [
+        np.asarray(metrics.nees(error, covariance[:, own, own])) / 2
+        for error, own in zip(found, (slice(2), slice(2, 4)), strict=True)
+    ]
+    return Errors(*found, *nees, part, since >= BEGINNING)
+
+
+def of_table(kind: str, table: TrackTable | SmoothedTracks, seed: int = 0) -> Errors:
+    """Return the errors of the rows with a plot, or of all."""
+    own = table[table.plot >= 0] if isinstance(table, TrackTable) else table
+    state = np.hstack([own.position, own.velocity])
+    return errors(kind, own.time, state, own.covariance, seed)
+
+
+def parts(kind: str) -> tuple[int, ...]:
+    """Return what these flights do."""
+    return STRAIGHT, *KINDS[kind]
+
+
+def right(kind: str, table: SmoothedTracks, of: Errors, part: int) -> float:
+    """Return the share of instants at which the right model is the most probable."""
+    turn, speed = table.turn_probability, table.speed_change_probability
+    likeliest = np.argmax(np.stack([1.0 - turn - speed, turn, speed]), axis=0)
+    rows = of.counted & (of.part == part)
+    return float(np.mean(likeliest[rows] == part))
+
+
+def accuracy() -> str:
+    """Return errors of the tracker and smoothed, by what the targets do."""
+    rows = []
+    for radars in RADARS:
+        for kind in KINDS:
+            table = smoothed(kind, radars)
+            before, after = of_table(kind, tracked(kind, radars)), of_table(kind, table)
+            for part in parts(kind):
+                pair = before.rms(part), after.rms(part)
+                speeds = before.rms(part, "velocity"), after.rms(part, "velocity")
+                rows.append(
+                    [
+                        radars,
+                        kind,
+                        PARTS[part],
+                        f"{pair[0]:.1f}",
+                        f"{pair[1]:.1f}",
+                        f"{pair[1] / pair[0]:.2f}",
+                        f"{speeds[1] / speeds[0]:.2f}",
+                        f"{after.nees(part):.2f}",
+                        f"{after.nees(part, 'velocity_nees'):.2f}",
+                        f"{right(kind, table, after, part):.2f}",
+                    ]
+                )
+    head = [
+        "radars",
+        "flights",
+        "part",
+        "tracker, m",
+        "smoothed, m",
+        "ratio",
+        "of velocities",
+        "NEES",
+        "of velocities",
+        "right model",
+    ]
+    return markdown(head, rows)

@@ -1,0 +1,101 @@
+"""`tertia smooth-tracks`: where targets were, by all plots."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from tertia import plot
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    ClockPeriod,
+    ColumnNames,
+    Flat,
+    Output,
+    PlotFile,
+    PlotFiles,
+    SensorFile,
+    Threads,
+    column_names,
+)
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, working
+from tertia.tables._smooth_tracks import Smoothing, smoothing_of
+from tertia.tables._track import recording_of
+
+EXAMPLES = (
+    "tertia smooth-tracks plots.csv --sensors sensors.toml --every 1 --output reference.csv",
+    "tertia smooth-tracks plots.csv --sensors sensors.toml --exclude north --output others.csv",
+)
+_FIGURE_SIZE = (11.0, 9.0)
+
+
+def smooth_tracks(
+    files: PlotFiles = None,
+    *,
+    sensors: SensorFile,
+    flat: Flat = False,
+    column: ColumnNames = None,
+    motion: Annotated[Literal["imm", "cv"], typer.Option(help="How targets move.")] = "imm",
+    every: Annotated[
+        float | None, typer.Option(help="Interval of further rows between plots, in seconds.")
+    ] = None,
+    exclude: Annotated[str | None, typer.Option(help="A sensor whose plots are not used.")] = None,
+    clock_period: ClockPeriod = None,
+    n_threads: Threads = None,
+    output: Output = None,
+    plot_file: PlotFile = None,
+) -> dict[str, Any]:
+    """Find where targets were, by all plots of their tracks, those that came later as well.
+
+    One row per plot, as for tertia track. Rows written can be the truth of tertia evaluate.
+    """
+    if not files:
+        fail("give files of plots", WRONG_USAGE)
+    write.check_suffixes(output, plot_file)
+    plots = read.plots(*files)
+    radars = read.read_radars(sensors, plots, flat=flat)
+    recording = recording_of(plots, radars, column_names(column))
+    with working(f"Smoothing the tracks of {counted(len(recording.plots), 'plot')}"):
+        found = smoothing_of(
+            recording,
+            motion=motion,
+            every=every,
+            exclude=exclude,
+            clock_period=clock_period,
+            n_threads=n_threads,
+        )
+    summary = found.summary()
+    _say(found, summary)
+    if output is not None:
+        write.write(found.rows, output)
+    if plot_file is not None:
+        _draw(found, plot_file)
+    return summary
+
+
+def _say(found: Smoothing, summary: dict[str, Any]) -> None:
+    origin = found.recording.sensors.origin()
+    if origin is not None:
+        typer.echo(origin)
+    typer.echo(
+        f"{counted(summary['track_count'], 'track')}, {counted(summary['row_count'], 'row')}, "
+        f"{summary['turn_share']:.1%} of them in a turn"
+    )
+    if summary["median_sigma_m"] is None:
+        note("no track was confirmed")
+        return
+    typer.echo(f"  sigma of a position {summary['median_sigma_m']:.3g} m (median)")
+    typer.echo(f"  {counted(summary['outlier_count'], 'plot')} left out as outliers")
+
+
+def _draw(found: Smoothing, path: Path) -> None:
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    figure = Figure(figsize=_FIGURE_SIZE, layout="constrained")
+    plot.tracks(
+        found.table,
+        found.recording.sensors.items,
+        plots=found.recording.plots[found.tracks.track_of_plot >= 0],
+        ax=figure.subplots(),
+    )
+    write.save(figure, path)

@@ -1,0 +1,393 @@
+"""Tracks from all their plots, those that came later as well."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia import _core
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    instance,
+    integer,
+    positive_number,
+    samples,
+    sequence_of,
+    threads,
+)
+from tertia.sensors import Radar
+from tertia.sensors._sensors import own_biases
+from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
+from tertia.tracker._plots import NO_IDENTITY, Plots
+from tertia.tracker._table import TrackTable
+from tertia.tracker._tracker import track
+
+# tracks of one identity are one target's if no more than this lies between them, in seconds, at
+# speeds of aircraft, in metres per second, with an allowance for the errors of both ends, in metres
+_PAUSE, _FASTEST, _ALLOWANCE = 300.0, 350.0, 3000.0
+# more states than these are asked for by mistake
+_MOST_STATES = 100_000_000
+
+
+class Transversal(enum.IntEnum):
+    """How a target moves across its course, as in ASTERIX I062/200."""
+
+    CONSTANT_COURSE = 0
+    RIGHT_TURN = 1
+    LEFT_TURN = 2
+    UNDETERMINED = 3
+
+
+class Longitudinal(enum.IntEnum):
+    """How a target moves along its course, as in ASTERIX I062/200."""
+
+    CONSTANT_SPEED = 0
+    INCREASING_SPEED = 1
+    DECREASING_SPEED = 2
+    UNDETERMINED = 3
+
+
+class Vertical(enum.IntEnum):
+    """How a target moves vertically, as in ASTERIX I062/200."""
+
+    LEVEL = 0
+    CLIMB = 1
+    DESCENT = 2
+    UNDETERMINED = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothedTracks:
+    """States of tracks by all their plots: one row for every plot, and for every time asked for.
+
+    A track has states from its first plot to its last one.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Seconds, in order within each track.
+    track : ndarray of int, shape (N,)
+        Number of the track; of tracks that are joined, that of the first.
+    sensor : ndarray of int, shape (N,)
+        Index of the sensor of the plot; -1 between plots.
+    plot : ndarray of int, shape (N,)
+        Index of the plot; -1 between plots.
+    position, velocity : ndarray of shape (N, 2)
+        East and north, in metres and metres per second.
+    covariance : ndarray of shape (N, 4, 4)
+        Covariance of position and velocity.
+    acceleration : ndarray of shape (N,)
+        Along the course, in metres per second squared.
+    turn_rate : ndarray of shape (N,)
+        Radians per second, positive to the right.
+    innovation : ndarray of shape (N, 2)
+        Plot minus the position that all other plots give, in metres; nan between plots.
+    innovation_covariance : ndarray of shape (N, 2, 2)
+        Covariance of the innovation.
+    turn_probability, speed_change_probability : ndarray of shape (N,)
+        Probabilities that the target turns, and that its speed changes.
+    height, height_sigma, vertical_rate : ndarray of shape (N,)
+        Metres, its standard deviation, and metres per second upward; nan before the first height
+        and after the last one.
+    transversal, longitudinal, vertical : ndarray of int, shape (N,)
+        How the target moves: `Transversal`, `Longitudinal`, `Vertical`. Undetermined where no
+        movement has a probability of 0.7.
+    identity : ndarray of int, shape (N,)
+        Reply of the transponder, of the last plot; -1 where there is none.
+    gap : ndarray of shape (N,)
+        Seconds to the nearest plot that is used.
+    outlier : ndarray of bool, shape (N,)
+        Whether the plot does not fit to the others, and was left out.
+    final : ndarray of bool, shape (N,)
+        Whether the state is 30 s older than the last plot: later ones would not change it.
+    """
+
+    time: FloatArray
+    track: IntArray
+    sensor: IntArray
+    plot: IntArray
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    acceleration: FloatArray
+    turn_rate: FloatArray
+    innovation: FloatArray
+    innovation_covariance: FloatArray
+    turn_probability: FloatArray
+    speed_change_probability: FloatArray
+    height: FloatArray
+    height_sigma: FloatArray
+    vertical_rate: FloatArray
+    transversal: IntArray
+    longitudinal: IntArray
+    vertical: IntArray
+    identity: IntArray
+    gap: FloatArray
+    outlier: BoolArray
+    final: BoolArray
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        """Return the numbers of tracks and rows, as text."""
+        return f"SmoothedTracks({len(np.unique(self.track))} tracks, {len(self)} rows)"
+
+    def __getitem__(self, index: Any) -> SmoothedTracks:
+        """Return the rows of a slice, a mask or indices."""
+        return SmoothedTracks(*(getattr(self, one.name)[index] for one in fields(self)))
+
+
+def smooth_tracks(
+    plots: Plots,
+    sensors: Sequence[Radar],
+    tracks: TrackTable | None = None,
+    *,
+    motion: Motion = "imm",
+    registration: Any = None,
+    time: npt.ArrayLike = (),
+    every: float | None = None,
+    exclude: int | None = None,
+    n_threads: int | None = None,
+) -> SmoothedTracks:
+    """Return where targets were, by all plots of their tracks.
+
+    Two filters of three models, straight flight, turns and changes of speed, one forwards in time
+    and one backwards, are combined at each plot and at any time between.
+
+    Parameters
+    ----------
+    plots : Plots
+        Plots in any order.
+    sensors : sequence of Radar
+        The radars; plots refer to them by their index. Their biases are subtracted.
+    tracks : TrackTable, optional
+        Which plots belong together; by default `track(plots, sensors)`. Tracks with the same
+        identity are joined where they follow each other within five minutes and at speeds of
+        aircraft, unless two of them exist at once.
+    motion : {"imm", "cv"} or ImmModel, CvModel
+        Motion model of the targets: straight flight and turns as given, and changes of speed; or
+        straight flight alone.
+    registration : tertia.registration.Registration, optional
+        Its radars, with estimated biases and noise, are used in place of `sensors`.
+    time : array_like of shape (T,), optional
+        Further times of states, in seconds.
+    every : float, optional
+        Interval of further states, in seconds: at its multiples.
+    exclude : int, optional
+        Index of a sensor whose plots are not used. They have rows nevertheless, so that they can be
+        compared with what all other sensors saw.
+    n_threads : int, optional
+        Threads, over tracks; by default all cores if that pays off. The result is the same to the
+        last bit.
+
+    Returns
+    -------
+    SmoothedTracks
+        The states, by track and time.
+
+    Raises
+    ------
+    ValueError
+        A plot of a sensor that does not exist, tracks of other plots, or a parameter outside its
+        domain.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    A plot that is farther from what all others say than the guard gate allows (probability 0.998),
+    and farther than the plots beside it, is left out, and the track is smoothed again. N plots and
+    times cost O(N). States at the times of plots do not depend on further times.
+
+    The systematic errors of the radars that remain are not part of the covariances.
+
+    Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tracker import Plots, Radar, smooth_tracks
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+    >>> plots = Plots(np.arange(0.0, 100.0, 4.0), 50e3 + 200 * np.arange(0.0, 100.0, 4.0), 0.5)
+    >>> smoothed = smooth_tracks(plots, [radar], every=1.0)
+    >>> smoothed
+    SmoothedTracks(1 tracks, 97 rows)
+    >>> bool(np.all(np.abs(np.hypot(*smoothed.velocity.T) - 200) < 1))
+    True
+    """
+    instance(plots, "plots", Plots)
+    radars = sequence_of(sensors, Radar, "sensors")
+    if not isinstance(motion, str) and not isinstance(motion, ImmModel | CvModel):
+        raise TypeError(f"motion is {motion!r}; it must be 'imm', 'cv', an ImmModel or a CvModel")
+    moves = core_motion(motion)
+    excluded = None if exclude is None else integer(exclude, "exclude", 0)
+    if excluded is not None and excluded >= len(radars):
+        raise ValueError(f"exclude is {excluded}; it must be less than {len(radars)}, the sensors")
+    instants = np.unique(finite(samples(time, "time"), "time"))
+    interval = None if every is None else positive_number(every, "every")
+    sites = radars
+    if registration is not None:
+        sites = sequence_of(getattr(registration, "sensors", None), Radar, "registration.sensors")
+        if len(sites) != len(radars):
+            raise ValueError(
+                f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
+            )
+    if tracks is None:
+        tracks = track(plots, sites, motion=motion)
+        radars = sites
+    instance(tracks, "tracks", TrackTable)
+    known = np.flatnonzero(tracks.plot >= 0)
+    if len(known) and np.max(tracks.plot[known]) >= len(plots):
+        raise ValueError(
+            f"tracks has plot {np.max(tracks.plot[known])}; there are {len(plots)} plots"
+        )
+    rows = _Rows.of(plots, tracks, known, radars, sites)
+    if interval is not None and np.sum(rows.spans) / interval > _MOST_STATES:
+        raise ValueError(f"every is {interval}; that is more than {_MOST_STATES:,} states")
+    used = np.ones(len(rows.plot), bool) if excluded is None else rows.sensor != excluded
+    found = _core.smooth_tracks(
+        moves,
+        rows.first.tolist(),
+        rows.columns,
+        used,
+        time=instants,
+        every=interval,
+        n_threads=threads(n_threads),
+    )
+    return _smoothed(rows, *found)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Plots of tracks, by track and time; `first` has the index of the first one of each track."""
+
+    plot: IntArray
+    sensor: IntArray
+    identity: IntArray
+    number: IntArray
+    first: IntArray
+    columns: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        plots: Plots,
+        tracks: TrackTable,
+        rows: IntArray,
+        radars: Sequence[Radar],
+        sites: Sequence[Radar],
+    ) -> _Rows:
+        """Sort the plots in these rows; `radars` were tracked by, `sites` are known by now."""
+        own = plots[tracks.plot[rows]]
+        corrected = own_biases(sites).correct(own)
+        # clocks are continuous in tracks, and right by what was known then
+        time = tracks.time[rows] + (corrected.time - own_biases(radars).correct(own).time)
+        position, covariance = corrected.to_cartesian(sites)
+        known = np.isfinite(position[:, 0]) & np.isfinite(time)
+        number = _joined(tracks)[rows]
+        order = np.lexsort((tracks.plot[rows], time, number))
+        order = order[known[order]]
+        numbers, first = np.unique(number[order], return_index=True)
+        columns = np.column_stack(
+            [
+                time,
+                position,
+                covariance[:, 0, 0],
+                covariance[:, 0, 1],
+                covariance[:, 1, 1],
+                corrected.height,
+            ]
+        )
+        return cls(
+            tracks.plot[rows][order],
+            own.sensor[order],
+            tracks.identity[rows][order],
+            numbers,
+            np.append(first, len(order)),
+            np.ascontiguousarray(columns[order]),
+        )
+
+    @property
+    def spans(self) -> FloatArray:
+        """Durations of the tracks in seconds."""
+        time = self.columns[:, 0]
+        return time[self.first[1:] - 1] - time[self.first[:-1]]
+
+
+def _joined(tracks: TrackTable) -> IntArray:
+    """Return the number of the target of each row: that of its first track."""
+    if not len(tracks):
+        return tracks.track
+    order = np.lexsort((tracks.time, tracks.track))
+    numbers, first = np.unique(tracks.track[order], return_index=True)
+    begin, end = order[first], order[np.append(first[1:], len(order)) - 1]
+    target = dict(zip(numbers.tolist(), numbers.tolist(), strict=True))
+    identity = np.full(len(numbers), NO_IDENTITY)
+    for k, rows in enumerate(np.split(order, first[1:])):
+        replies = tracks.identity[rows]
+        replies, counts = np.unique(replies[replies != NO_IDENTITY], return_counts=True)
+        if len(replies):
+            identity[k] = replies[np.argmax(counts)]
+    for reply in np.unique(identity[identity != NO_IDENTITY]):
+        own = np.flatnonzero(identity == reply)
+        own = own[np.argsort(tracks.time[begin[own]], kind="stable")]
+        before, after = end[own[:-1]], begin[own[1:]]
+        pause = tracks.time[after] - tracks.time[before]
+        if np.any(pause <= 0.0):
+            continue
+        way = np.hypot(*(tracks.position[after] - tracks.position[before]).T)
+        near = (pause <= _PAUSE) & (way <= _FASTEST * pause + _ALLOWANCE)
+        for k in np.flatnonzero(near).tolist():
+            target[int(numbers[own[k + 1]])] = target[int(numbers[own[k]])]
+    found = np.array([target[number] for number in numbers.tolist()], dtype=np.int64)
+    return found[np.searchsorted(numbers, tracks.track)]
+
+
+def _smoothed(
+    rows: _Rows, counts: IntArray, numbers: FloatArray, codes: IntArray, marks: BoolArray
+) -> SmoothedTracks:
+    """Return the table of what the core found."""
+    columns = iter(np.split(numbers, np.cumsum([1, 2, 2, 16, 2, 4, *[1] * 7]), axis=1))
+
+    def one(*shape: int) -> FloatArray:
+        return np.ascontiguousarray(next(columns)).reshape(len(numbers), *shape)
+
+    at = codes[:, 0]
+    between = at < 0
+    # the last plot before; each track begins with one
+    last = np.maximum.accumulate(at) if len(at) else at
+    found: dict[str, Any] = {"time": one()}
+    found |= {"position": one(2), "velocity": one(2), "covariance": one(4, 4)}
+    found |= {"innovation": one(2), "innovation_covariance": one(2, 2)}
+    for name in (
+        "acceleration",
+        "turn_rate",
+        "turn_probability",
+        "speed_change_probability",
+        "height",
+        "height_sigma",
+        "vertical_rate",
+        "gap",
+    ):
+        found[name] = one()
+    for k, name in enumerate(("transversal", "longitudinal", "vertical"), start=1):
+        found[name] = np.ascontiguousarray(codes[:, k])
+    return SmoothedTracks(
+        **found,
+        track=np.repeat(rows.number, counts),
+        sensor=np.where(between, -1, rows.sensor[at]) if len(at) else at,
+        plot=np.where(between, -1, rows.plot[at]) if len(at) else at,
+        identity=rows.identity[last] if len(at) else at,
+        outlier=np.ascontiguousarray(marks[:, 0]),
+        final=np.ascontiguousarray(marks[:, 1]),
+    )

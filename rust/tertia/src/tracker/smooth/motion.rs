@@ -1,0 +1,235 @@
+//! How targets move in the plane: straight on, in a turn, or with a change of speed.
+//!
+//! States are east and north, their velocities, the rate of turn (positive to the left) and the
+//! acceleration along the course. What a model does not use is drawn anew at each step. Rates of
+//! turn and accelerations fade instead of walking, so that their stationary law is what a
+//! manoeuvre begins with, and the motion is the same backwards in time.
+
+use super::mixture::State;
+use super::two_filter::{Models, exponential};
+use crate::base::exponential::exp;
+use crate::base::small::{Matrix, Vector};
+use crate::tracker::kinematics::Arc;
+use crate::tracker::motion::{ImmModel, Motion};
+
+/// East, north, their velocities, rate of turn, acceleration along the course.
+pub(super) const STATES: usize = 6;
+/// Models.
+pub(super) const MODELS: usize = 3;
+/// Straight and uniform.
+pub(super) const STRAIGHT: usize = 0;
+/// A turn at a rate that is not known.
+pub(super) const TURN: usize = 1;
+/// A change of speed.
+pub(super) const SPEED: usize = 2;
+/// Places of the rate of turn and the acceleration among the states.
+pub(super) const RATE: usize = 4;
+pub(super) const ACCELERATION: usize = 5;
+
+/// Standard deviation of what is not known of a position, m, and a velocity, m/s. It is weight that
+/// no plot has: a millionth of that of a plot.
+const UNKNOWN: [f64; 2] = [30e3, 300.0];
+/// Accelerations are given as constant for so long, s.
+const CONSTANT: f64 = 4.0;
+/// The course of a target that is slower is not linearised, m/s.
+const SLOWEST: f64 = 1.0;
+
+/// Noise and mean durations of the models.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Movement {
+    /// Standard deviation of the acceleration in straight flight, in turns and in changes of speed,
+    /// constant for 4 s, m/s².
+    pub sigma: [f64; MODELS],
+    /// Random walk of the rate of turn, rad/s per root of a second, and its standard deviation,
+    /// rad/s.
+    pub turn_rate: [f64; 2],
+    /// The same of the acceleration along the course, m/s² per root of a second and m/s².
+    pub acceleration: [f64; 2],
+    /// Rates of the changes of models (row: from), per second; rows sum to zero.
+    pub rates: Matrix<MODELS>,
+    /// Probabilities of the models where nothing is known.
+    pub stationary: [f64; MODELS],
+}
+
+/// Mean durations between changes of speed, and of one; a change from one manoeuvre to the other, s.
+const SPEED_TIMES: [f64; 3] = [900.0, 60.0, 1000.0];
+
+impl Default for Movement {
+    fn default() -> Self {
+        Self::with_turns(&ImmModel::default())
+    }
+}
+
+/// Changes of models are in balance after so long, s.
+const FOREVER: f64 = 1e6;
+
+impl Movement {
+    /// The models of a motion; none where it is not one that is smoothed.
+    pub fn of(motion: &Motion) -> Option<Self> {
+        match motion {
+            Motion::Imm(model) => Some(Self::with_turns(model)),
+            Motion::Cv(sigma) => Some(Self::straight(*sigma)),
+            Motion::Singer(_) | Motion::Window(_) => None,
+        }
+    }
+
+    /// Straight flight and turns of this model, and changes of speed.
+    fn with_turns(model: &ImmModel) -> Self {
+        let [speeds, sped, other] = SPEED_TIMES.map(f64::recip);
+        let (turns, turned) = (model.straight_time.recip(), model.turn_time.recip());
+        let rates = [
+            [-turns - speeds, turns, speeds],
+            [turned, -turned - other, other],
+            [sped, other, -sped - other],
+        ];
+        Self {
+            sigma: [model.straight_sigma, model.turn_sigma, model.straight_sigma],
+            turn_rate: [model.turn_rate_walk, model.turn_rate_sigma],
+            acceleration: [0.01, 0.5],
+            rates,
+            stationary: exponential(&rates, FOREVER)[STRAIGHT],
+        }
+    }
+
+    /// Straight flight alone, with this standard deviation of the acceleration, m/s².
+    fn straight(sigma: f64) -> Self {
+        Self {
+            sigma: [sigma; MODELS],
+            rates: [[0.0; MODELS]; MODELS],
+            stationary: [1.0, 0.0, 0.0],
+            ..Self::default()
+        }
+    }
+
+    /// The share of a random walk with a limit that remains after the time `t`.
+    fn fading([walk, sigma]: [f64; 2], t: f64) -> f64 {
+        exp(-0.5 * t * (walk / sigma).powi(2))
+    }
+}
+
+impl Models<STATES, MODELS> for Movement {
+    const SIGNS: Vector<STATES> = [1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
+
+    fn predict(&self, model: usize, state: &mut State<STATES>, t: f64) {
+        let f = match model {
+            TURN => self.turn(state, t),
+            SPEED => self.speed(state, t),
+            _ => straight(state, t),
+        };
+        state.transform(&f);
+        self.add_noise(model, state, t);
+    }
+
+    fn changes(&self, t: f64) -> Matrix<MODELS> {
+        exponential(&self.rates, t)
+    }
+
+    fn common(&self) -> Vector<STATES> {
+        let [rate, acceleration] = [self.turn_rate[1].powi(-2), self.acceleration[1].powi(-2)];
+        [0.0, 0.0, 0.0, 0.0, rate, acceleration]
+    }
+
+    fn stationary(&self) -> [f64; MODELS] {
+        self.stationary
+    }
+
+    fn unknown(&self, near: &Vector<STATES>) -> State<STATES> {
+        let mean = [near[0], near[1], near[2], near[3], 0.0, 0.0];
+        let [p, v] = UNKNOWN.map(|sigma| sigma * sigma);
+        let manoeuvres = [self.turn_rate[1].powi(2), self.acceleration[1].powi(2)];
+        State::new(mean, [p, p, v, v, manoeuvres[0], manoeuvres[1]])
+    }
+}
+
+impl Movement {
+    /// Moves the mean in a turn at the rate of the state; returns the derivatives.
+    fn turn(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
+        let [x, y, vx, vy, rate, _] = state.mean;
+        let arc = Arc::new(rate, t);
+        let velocity = [arc.cosine * vx - arc.sine * vy, arc.sine * vx + arc.cosine * vy];
+        let left = Self::fading(self.turn_rate, t);
+        let by_rate = arc.by_rate([vx, vy]);
+        state.mean = [
+            x + arc.along * vx - arc.across * vy,
+            y + arc.across * vx + arc.along * vy,
+            velocity[0],
+            velocity[1],
+            left * rate,
+            0.0,
+        ];
+        [
+            [1.0, 0.0, arc.along, -arc.across, by_rate[0], 0.0],
+            [0.0, 1.0, arc.across, arc.along, by_rate[1], 0.0],
+            [0.0, 0.0, arc.cosine, -arc.sine, -t * velocity[1], 0.0],
+            [0.0, 0.0, arc.sine, arc.cosine, t * velocity[0], 0.0],
+            [0.0, 0.0, 0.0, 0.0, left, 0.0],
+            [0.0; STATES],
+        ]
+    }
+
+    /// Moves the mean with the acceleration of the state along its course; returns the derivatives.
+    fn speed(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
+        let [x, y, vx, vy, _, a] = state.mean;
+        let speed = vx.hypot(vy).max(SLOWEST);
+        let u = [vx / speed, vy / speed];
+        let (half, left) = (0.5 * t * t, Self::fading(self.acceleration, t));
+        state.mean = [
+            x + t * vx + half * a * u[0],
+            y + t * vy + half * a * u[1],
+            vx + t * a * u[0],
+            vy + t * a * u[1],
+            0.0,
+            left * a,
+        ];
+        // du/dv = (1 − u u') / |v|
+        let by_velocity = [
+            [(1.0 - u[0] * u[0]) / speed, -u[0] * u[1] / speed],
+            [-u[0] * u[1] / speed, (1.0 - u[1] * u[1]) / speed],
+        ];
+        let [p, v] = [half * a, t * a].map(|w| by_velocity.map(|row| row.map(|b| w * b)));
+        [
+            [1.0, 0.0, t + p[0][0], p[0][1], 0.0, half * u[0]],
+            [0.0, 1.0, p[1][0], t + p[1][1], 0.0, half * u[1]],
+            [0.0, 0.0, 1.0 + v[0][0], v[0][1], 0.0, t * u[0]],
+            [0.0, 0.0, v[1][0], 1.0 + v[1][1], 0.0, t * u[1]],
+            [0.0; STATES],
+            [0.0, 0.0, 0.0, 0.0, 0.0, left],
+        ]
+    }
+
+    /// Adds white acceleration, and what rate of turn and acceleration have lost by fading.
+    fn add_noise(&self, model: usize, state: &mut State<STATES>, t: f64) {
+        let q = self.sigma[model].powi(2) * CONSTANT;
+        let p = &mut state.covariance;
+        for i in 0..2 {
+            p[i][i] += q * t * t * t / 3.0;
+            p[i][i + 2] += q * t * t / 2.0;
+            p[i + 2][i] += q * t * t / 2.0;
+            p[i + 2][i + 2] += q * t;
+        }
+        for (used, place, walk) in
+            [(TURN, RATE, self.turn_rate), (SPEED, ACCELERATION, self.acceleration)]
+        {
+            let variance = walk[1].powi(2);
+            if model == used {
+                p[place][place] += variance * (1.0 - Self::fading(walk, t).powi(2));
+            } else {
+                p[place][place] = variance;
+            }
+        }
+    }
+}
+
+/// Moves the mean straight on; returns the derivatives.
+fn straight(state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
+    let [x, y, vx, vy, ..] = state.mean;
+    state.mean = [x + t * vx, y + t * vy, vx, vy, 0.0, 0.0];
+    [
+        [1.0, 0.0, t, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, t, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+        [0.0; STATES],
+        [0.0; STATES],
+    ]
+}

@@ -1,0 +1,184 @@
+//! Both filters over the measurements of one target, those left out that do not fit.
+
+use super::mixture::{Fix, Mixture, State};
+use super::two_filter::{Instant, Models, Place, TwoFilter};
+use crate::base::small::{Matrix, Vector};
+use std::ops::Range;
+
+/// A state with the probabilities of the models.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Solution<const N: usize, const M: usize> {
+    pub state: State<N>,
+    pub probability: [f64; M],
+}
+
+/// A measurement less the state that all others give, with its covariance and its distance squared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Innovation<const D: usize> {
+    pub value: Vector<D>,
+    pub covariance: Matrix<D>,
+    pub distance: f64,
+}
+
+/// Measurements of one target, in the order of time, and which of them are used.
+pub(super) struct Record<const D: usize> {
+    pub time: Vec<f64>,
+    pub fixes: Vec<Fix<D>>,
+    pub used: Vec<bool>,
+}
+
+/// States at the wanted times, none before the first and after the last measurement that is used,
+/// and the innovation of each measurement.
+pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
+    pub solutions: Vec<Option<Solution<N, M>>>,
+    pub innovations: Vec<Option<Innovation<D>>>,
+}
+
+impl<const D: usize> Record<D> {
+    /// Smooths; measurements farther than `guard` from what the others say are left out, and it is
+    /// done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
+    /// beside it away, and a manoeuvre that no model has is no reason to leave out all its plots.
+    pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
+        &mut self,
+        models: &L,
+        wanted: &[f64],
+        guard: f64,
+    ) -> Passes<N, M, D> {
+        let passes = self.pass(models, wanted);
+        let kept: Vec<usize> = (0..self.time.len()).filter(|&i| self.used[i]).collect();
+        let distance = |i: &usize| passes.innovations[*i].map_or(0.0, |one| one.distance);
+        let distances: Vec<f64> = kept.iter().map(distance).collect();
+        let mut left_out = false;
+        for (k, &i) in kept.iter().enumerate() {
+            let beside =
+                |j: Option<usize>| j.and_then(|j| distances.get(j)).copied().unwrap_or(0.0);
+            let neighbours = beside(k.checked_sub(1)).max(beside(Some(k + 1)));
+            if distances[k] > guard && distances[k] > neighbours {
+                self.used[i] = false;
+                left_out = true;
+            }
+        }
+        if left_out { self.pass(models, wanted) } else { passes }
+    }
+
+    /// One pass forwards and one backwards. `wanted` has the times of all measurements.
+    fn pass<L: Models<N, M>, const N: usize, const M: usize>(
+        &self,
+        models: &L,
+        wanted: &[f64],
+    ) -> Passes<N, M, D> {
+        let mut passes = Passes {
+            solutions: vec![None; wanted.len()],
+            innovations: vec![None; self.time.len()],
+        };
+        let plan = Plan::new(self, wanted);
+        let Some(near) = plan.beginning::<N>() else {
+            return passes;
+        };
+        let filter = TwoFilter { models, instants: &plan.instants, fixes: &plan.fixes };
+        let start = Mixture::new(models.unknown(&near), models.stationary());
+        filter.run(start, &plan.between, |place, without, with| {
+            let row = match place {
+                Place::At(k) => plan.row_of_instant[k],
+                Place::Between(k) => plan.row_of_between[k],
+            };
+            let solution = Solution { state: with.moments(), probability: with.probability };
+            passes.solutions[row] = Some(solution);
+            for i in plan.of_row[row].clone() {
+                passes.innovations[i] = self.innovation(i, &plan.of_row[row], without, with);
+            }
+        });
+        passes
+    }
+
+    /// The measurement i, of those of an instant, less the state without it.
+    fn innovation<const N: usize, const M: usize>(
+        &self,
+        i: usize,
+        others: &Range<usize>,
+        without: &Mixture<N, M>,
+        with: &Mixture<N, M>,
+    ) -> Option<Innovation<D>> {
+        let mut state = if self.used[i] { *without } else { *with };
+        if self.used[i] {
+            let rest = others.clone().filter(|&j| j != i && self.used[j]);
+            rest.for_each(|j| state.correct(&self.fixes[j]));
+        }
+        let (state, fix) = (state.moments(), &self.fixes[i]);
+        Some(Innovation {
+            value: std::array::from_fn(|d| fix.value[d] - state.mean[d]),
+            covariance: state.spread(fix),
+            distance: state.distance(fix)?,
+        })
+    }
+}
+
+/// Instants of the measurements that are used, and where results go.
+struct Plan<const D: usize> {
+    instants: Vec<Instant>,
+    fixes: Vec<Fix<D>>,
+    row_of_instant: Vec<usize>,
+    between: Vec<f64>,
+    row_of_between: Vec<usize>,
+    /// Measurements of each wanted time.
+    of_row: Vec<Range<usize>>,
+}
+
+impl<const D: usize> Plan<D> {
+    fn new(record: &Record<D>, wanted: &[f64]) -> Self {
+        let mut plan = Self {
+            instants: Vec::new(),
+            fixes: Vec::new(),
+            row_of_instant: Vec::new(),
+            between: Vec::new(),
+            row_of_between: Vec::new(),
+            of_row: Vec::with_capacity(wanted.len()),
+        };
+        let last = (0..record.time.len()).rfind(|&i| record.used[i]);
+        let end = last.map_or(f64::NEG_INFINITY, |i| record.time[i]);
+        let mut next = 0;
+        for (row, &time) in wanted.iter().enumerate() {
+            let begin = next;
+            while next < record.time.len() && record.time[next] <= time {
+                next += 1;
+            }
+            let first = plan.fixes.len();
+            let used = (begin..next).filter(|&i| record.used[i]);
+            plan.fixes.extend(used.map(|i| record.fixes[i]));
+            if plan.fixes.len() > first {
+                plan.instants.push(Instant { time, first, end: plan.fixes.len() });
+                plan.row_of_instant.push(row);
+            } else if !plan.instants.is_empty() && time < end {
+                plan.between.push(time);
+                plan.row_of_between.push(row);
+            }
+            plan.of_row.push(begin..next);
+        }
+        plan
+    }
+
+    /// The first measurement, with rates by least squares of those that follow it.
+    fn beginning<const N: usize>(&self) -> Option<Vector<N>> {
+        let first = self.instants.first()?;
+        let origin = self.fixes[first.first].value;
+        let (mut products, mut square) = ([0.0; D], 0.0);
+        for (k, instant) in self.instants.iter().enumerate().skip(1) {
+            let t = instant.time - first.time;
+            if k > 1 && t > BEGINNING {
+                break;
+            }
+            let value = self.fixes[instant.first].value;
+            (0..D).for_each(|d| products[d] += t * (value[d] - origin[d]));
+            square += t * t;
+        }
+        let mut near = [0.0; N];
+        near[..D].copy_from_slice(&origin);
+        if square > 0.0 {
+            (0..D).for_each(|d| near[D + d] = products[d] / square);
+        }
+        Some(near)
+    }
+}
+
+/// Time from the first measurement in which the first rate is found, s.
+const BEGINNING: f64 = 30.0;
