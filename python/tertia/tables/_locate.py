@@ -14,6 +14,7 @@ from tertia.location import locate as locate_instants
 from tertia.sensors import Station
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
+from tertia.tables._instants import check_tolerance
 from tertia.tables._measurements import Target, read_targets, taken
 from tertia.tables._positions import (
     EMISSION,
@@ -38,6 +39,7 @@ def locate(
     sensors: Sequence[Station] | Sensors[Station],
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
+    tolerance: float = 0.0,
     method: LocationMethod = "robust",
     max_range: float | None = None,
     pooled: bool = False,
@@ -61,13 +63,18 @@ def locate(
         sensor) and `arrival_time_s` (from any origin, preferably from `time_s`: seconds since 1970
         have steps of .2 µs), with their sigmas (`range_sigma_m`) if they differ from those of the
         sensor; or one row per measurement, with `kind`, `value` and `sigma`. Measurements with
-        equal times form an instant.
+        equal times, or within `tolerance`, form an instant.
     sensors : sequence of Station
         The stations, with the names used in the table.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
+    tolerance : float
+        Seconds within which measurements are of one instant, at the mean of their times; none has
+        two of the same kind of a sensor. With inf a target has one position: the measurements of
+        each sensor are combined first, as by `bearing`, with wrong ones left out; of fewer than
+        five the median counts, with the sigma of one.
     method : str
         See `tertia.location.locate`.
     max_range : float, optional
@@ -123,6 +130,7 @@ def locate(
         sensors=sensors,
         columns=columns,
         by=by,
+        tolerance=tolerance,
         method=method,
         max_range=max_range,
         pooled=pooled,
@@ -144,6 +152,7 @@ def locations_of(
     sensors: Sequence[Station] | Sensors[Station],
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
+    tolerance: float = 0.0,
     initial: npt.ArrayLike | None = None,
     probability: float | None = None,
     risk: float | None = None,
@@ -153,7 +162,13 @@ def locations_of(
     """Return the positions of all targets with their measurements; see `locate`."""
     stations = sensors_of(sensors)
     targets = read_targets(
-        source, stations, columns=columns, by=by, results=result_names(), timed=False
+        source,
+        stations,
+        columns=columns,
+        by=by,
+        results=result_names(),
+        timed=False,
+        tolerance=check_tolerance(tolerance),
     )
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk

@@ -12,6 +12,7 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
 from tertia.tables._groups import as_names, column_name, group_name, layout
+from tertia.tables._instants import combined, instants
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -122,11 +123,13 @@ def read_targets(
     by: str | Sequence[str] = (),
     results: Sequence[str] = (),
     timed: bool = True,
+    tolerance: float = 0.0,
 ) -> list[Target]:
     """Return the measurements of each target, sorted by time.
 
     A row without measurements keeps its time. If they need not be `timed`, those of a table without
-    times are of one instant.
+    times are of one instant. So are measurements within a `tolerance` in seconds, with inf all of a
+    target, those of a sensor combined.
     """
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     records = read(
@@ -144,7 +147,7 @@ def read_targets(
         column = "up_m" if sensors.frame is None else "height_m"
         where = f" in {sensors.file}" if sensors.file else ""
         raise RecordError(f"an elevation needs heights: give {column} of the sensors{where}")
-    _refuse_impossible(measured, records)
+    _refuse_impossible(measured, records, repeated=tolerance == np.inf)
     # seconds from one origin, the earliest of all
     clock = Clock.of(records.rows["time"])
     measured = measured.with_columns(pl.Series("seconds", clock.seconds(measured["time"])))
@@ -153,7 +156,7 @@ def read_targets(
     group[groups.order] = groups.group
     measured = measured.with_columns(group=group[measured["record"].to_numpy()])
     return [
-        _target(rows, groups.keys[k : k + 1], len(sensors.names))
+        _target(rows, groups.keys[k : k + 1], len(sensors.names), clock, tolerance)
         for k, rows in enumerate(measured.partition_by("group", maintain_order=True))
     ]
 
@@ -197,7 +200,7 @@ def _one_by_one(records: Records) -> pl.DataFrame:
     return pl.concat([measured, empty]).sort("record", maintain_order=True)
 
 
-def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
+def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bool) -> None:
     """Refuse values outside their domain, duplicates, and differences of the first station."""
     rows = measured.filter(pl.col("kind").is_not_null())
     one = Records(rows, records.column, records.source, records.by)
@@ -216,6 +219,8 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
         (kind == "range_difference") & (pl.col("site") == 0),
         "the first sensor has a range difference; they are those of the others to it",
     )
+    if repeated:
+        return
     keys = pl.concat(
         [
             rows.select("site", "time", "kind"),
@@ -233,11 +238,20 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records) -> None:
     one.refuse(again, reason)
 
 
-def _target(rows: pl.DataFrame, keys: pl.DataFrame, count: int) -> Target:
-    times, first, step = np.unique(
-        rows["seconds"].to_numpy(), return_index=True, return_inverse=True
-    )
-    moments = rows["time"][first]
+def _target(
+    rows: pl.DataFrame, keys: pl.DataFrame, count: int, clock: Clock, tolerance: float
+) -> Target:
+    if tolerance > 0:
+        rows = rows.sort("seconds", maintain_order=True)
+        if tolerance == np.inf:
+            rows = combined(rows.filter(pl.col("kind").is_not_null()), group_name(keys))
+        step, times = instants(rows, tolerance)
+        moments = clock.moments(times)
+    else:
+        times, first, step = np.unique(
+            rows["seconds"].to_numpy(), return_index=True, return_inverse=True
+        )
+        moments = rows["time"][first]
     rows = rows.with_columns(step=pl.Series(step, dtype=pl.Int64))
     rows = rows.filter(pl.col("kind").is_not_null())
     values: dict[Kind, FloatArray] = {}

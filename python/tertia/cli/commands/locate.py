@@ -37,6 +37,7 @@ EXAMPLES = (
     "tertia locate bearings.csv --sensors stations.csv --by target --plot positions.png",
     "tertia locate ranges.csv --sensors two.toml --initial 1200,3400 --method least-squares",
     "tertia locate telemetry.csv --sensors towers.csv --method posterior --max-range 5000 --pooled",
+    "tertia locate hour.csv --sensors finders.toml --tolerance inf --output position.geojson",
     "tertia locate shots.csv --sensors microphones.toml --propagation-speed 343",
 )
 # what a picture of one instant shows
@@ -49,6 +50,13 @@ def locate(
     sensors: SensorFile,
     column: ColumnNames = None,
     by: By = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            help="Measurements within these are one instant; inf: one position per target.",
+        ),
+    ] = 0.0,
     method: Annotated[LocationMethod, typer.Option(help="How to locate.")] = "robust",
     max_range: Annotated[
         float | None,
@@ -98,8 +106,8 @@ def locate(
     """Locate a target at every instant from ranges, azimuths, elevations or times of arrival.
 
     One row per sensor and time, with range_m, azimuth_deg, elevation_deg, range_difference_m or
-    arrival_time_s; or one per measurement, with kind and value. Measurements with equal times form
-    an instant.
+    arrival_time_s; or one per measurement, with kind and value. Measurements with equal times, or
+    within --tolerance, form an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
     stations = read.read_stations(sensors)
@@ -109,6 +117,7 @@ def locate(
         sensors=stations,
         columns=column_names(column),
         by=by or [],
+        tolerance=tolerance,
         method=method,
         max_range=max_range,
         pooled=pooled,
