@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,7 +77,7 @@ class TrackTable(_Columns):
     time : ndarray of shape (N,)
         Seconds.
     track : ndarray of int, shape (N,)
-        Number of the track, from 1.
+        Number of the track, from 1; 2**40 and more while late plots may still change it.
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     plot : ndarray of int, shape (N,)
@@ -103,6 +104,8 @@ class TrackTable(_Columns):
         Whether the track was confirmed by then.
     conforms : ndarray of bool, shape (N,)
         Whether the target follows its plan; False where the plan is blocked.
+    final : ndarray of bool, shape (N,)
+        Whether the row stays as it is; False where late plots may still change it.
     track_of_plot : ndarray of int, shape (P,)
         The track of each plot; a negative `PlotStatus` where it was not used.
     """
@@ -124,6 +127,7 @@ class TrackTable(_Columns):
     plan_status: IntArray
     confirmed: BoolArray
     conforms: BoolArray
+    final: BoolArray
     track_of_plot: IntArray
 
     @classmethod
@@ -146,3 +150,35 @@ class TrackTable(_Columns):
         """Return the rows of a slice, a mask or indices, with the tracks of all plots."""
         kept = {column.name: getattr(self, column.name)[index] for column in COLUMNS}
         return TrackTable(**kept, track_of_plot=self.track_of_plot)
+
+    def latest(self) -> TrackTable:
+        """Return the rows that still hold, of a table that joins those of several updates.
+
+        A tracker with a `lag` replaces rows that are not final: a new row replaces those of its
+        track from its time on, and any other with the same plot; a final row replaces all before
+        it. `table[table.final]` is the record, without what may change.
+        """
+        # of each plot the last row holds
+        _, last = np.unique(self.plot[::-1], return_index=True)
+        holds = self.plot < 0
+        holds[len(self) - 1 - last] = True
+        # the earliest of the rows of the same track that come later in the table
+        _, place = np.unique(self.track, return_inverse=True)
+        _, rank = np.unique(self.time + 1j * self.sensor, return_inverse=True)
+        order = np.lexsort([np.arange(len(self)), place])[::-1]
+        # so that each track begins with a rank above all of the one before it
+        ranks = np.where(self.final, len(self), rank) + place * (len(self) + 1)
+        earliest = np.minimum.accumulate(ranks[order])
+        later = np.concatenate([[np.iinfo(np.int64).max], earliest[:-1]])
+        holds[order] &= ranks[order] < later
+        settled = np.max(self.time[self.final], initial=-np.inf)
+        return self[self.final | (holds & (self.time > settled))]
+
+    @classmethod
+    def join(cls, tables: Sequence[TrackTable]) -> TrackTable:
+        """Return the rows of several updates, in their order, as one table."""
+        kept = {
+            column.name: np.concatenate([getattr(table, column.name) for table in tables])
+            for column in COLUMNS
+        }
+        return cls(**kept, track_of_plot=np.concatenate([table.track_of_plot for table in tables]))

@@ -41,7 +41,7 @@ from tertia.tracker._registrar import Registrar
 from tertia.tracker._table import TrackTable
 
 _State: TypeAlias = (
-    "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, int | None, Any, bytes]"
+    "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes]"
 )
 
 
@@ -143,6 +143,11 @@ class Tracker:
         Identities that signal an emergency, such as 0o7500, 0o7600, 0o7700 where identities are
         codes of mode 3/A. After two of them in a row the plan of a track is suspended, see
         `suspend_plan`; they do not count as identities.
+    lag : float
+        Seconds by which plots may be late. With a lag, rows that are older are final and the same,
+        to the last bit, for any order in which plots came; younger ones may be replaced, see
+        `TrackTable.latest`. 0 (default): rows are final at once, and plots may be as late as one
+        scan.
     clock_period : float, optional
         Seconds after which the clock of the plots starts again, for example 86400 for the time of
         day.
@@ -191,6 +196,7 @@ class Tracker:
         "_plans",
         "_registrar",
         "clock_period",
+        "lag",
         "n_threads",
         "sensors",
     )
@@ -211,11 +217,13 @@ class Tracker:
         guard_acceleration: float | None = None,
         identity_error_probability: float = 1e-3,
         emergency_codes: Sequence[int] = (),
+        lag: float = 0.0,
         clock_period: float | None = None,
         registration: bool = False,
         n_threads: int | None = None,
     ) -> None:
         self.n_threads = threads(n_threads)
+        self.lag = real(lag, "lag")
         self.sensors = sequence_of(sensors, Radar, "sensors")
         self._plans: list[FlightPlan | None] = [*sequence_of(plans, FlightPlan, "plans")]
         self.clock_period = None
@@ -243,8 +251,13 @@ class Tracker:
             [core_radar(radar) for radar in self.sensors],
             [core_geometry(radar) for radar in self.sensors],
             [plan._route for plan in plans],
+            self.lag,
         )
         instance(registration, "registration", bool)
+        if registration and lag:
+            raise ValueError(
+                "registration needs plots in order, and lag takes late ones; give one of them"
+            )
         self._registrar = Registrar(self.sensors) if registration else None
 
     @property
@@ -258,15 +271,16 @@ class Tracker:
         Parameters
         ----------
         plots : Plots
-            Plots in any order, at most one scan older than those before.
+            Plots in any order, at most one scan or the lag older than those before.
         time : float, optional
-            Time in seconds by which all plots have arrived; by default the time of the last plot.
-            With it, a scan without plots counts as missed.
+            Time in seconds by which all plots have arrived, but for late ones; by default the time
+            of the last plot. With it, a scan without plots counts as missed.
 
         Returns
         -------
         TrackTable
-            New rows of the confirmed tracks.
+            New rows of the confirmed tracks. With a lag, those that became final, and then those
+            that are new or have changed.
 
         Raises
         ------
@@ -276,6 +290,16 @@ class Tracker:
             An argument of the wrong type.
         """
         return self._track(plots, time, False)
+
+    def finish(self) -> TrackTable:
+        """Make all rows final: no late plots will come.
+
+        Returns
+        -------
+        TrackTable
+            The rows that became final; none without a lag, as they are final at once.
+        """
+        return TrackTable._of(*self._core.finish(self.n_threads))
 
     def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
@@ -517,13 +541,13 @@ class Tracker:
     def __getstate__(self) -> _State:
         """Return the complete state of the tracker."""
         saved = self._core.__getstate__()
-        own = self.sensors, self._plans, self.clock_period, self.n_threads
+        own = self.sensors, self._plans, self.clock_period, self.lag, self.n_threads
         return *own, self._registrar, saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""
-        self.sensors, self._plans, self.clock_period, self.n_threads, *rest = state
-        self._registrar, saved = rest
+        self.sensors, self._plans, self.clock_period, self.lag, *rest = state
+        self.n_threads, self._registrar, saved = rest
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:

@@ -21,14 +21,14 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::borrow::Cow;
 use table::codes;
-use tertia::tracker::{self, Plane, Plot, Plots, Table};
+use tertia::tracker::{self, Command, Plane, Plot, Plots, Table};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
 
 /// Scans of plots in, tracks out.
 #[pyclass(module = "tertia.tracker")]
-pub struct PlotTracker(tracker::Tracker);
+pub struct PlotTracker(tracker::LagTracker);
 
 #[pymethods]
 impl PlotTracker {
@@ -38,24 +38,25 @@ impl PlotTracker {
         radars: Vec<PyRef<'_, Radar>>,
         geometry: Vec<PyRef<'_, Geometry>>,
         plans: Vec<PyRef<'_, Route>>,
+        lag: f64,
     ) -> PyResult<Self> {
         let geometry = geometry.iter().map(|own| own.0).collect();
         let radars = radars.iter().map(|radar| radar.0).collect();
         let plans: Vec<_> = plans.iter().map(|route| route.plan().clone()).collect();
-        tracker::Tracker::try_new(settings.with(radars, geometry, plans.into()))
-            .map(Self)
-            .map_err(value_error)
+        let tracker = tracker::Tracker::try_new(settings.with(radars, geometry, plans.into()));
+        let tracker = tracker.and_then(|tracker| tracker::LagTracker::try_new(tracker, lag));
+        tracker.map(Self).map_err(value_error)
     }
 
     /// Time until which everything is processed.
     #[getter]
     fn time(&self) -> f64 {
-        self.0.time()
+        self.0.tracker().time()
     }
 
     /// Sets the standard deviations of range and azimuth of each radar, (K, 2).
     fn set_noise(&mut self, noise: Input<'_>) -> PyResult<()> {
-        self.0.set_noise(&noise.pairs("noise")?).map_err(value_error)
+        self.0.tracker_mut().set_noise(&noise.pairs("noise")?).map_err(value_error)
     }
 
     /// Processes plots at these times, until `end`. Of a recording, all rows of the tracks that are
@@ -69,17 +70,29 @@ impl PlotTracker {
         recording: bool,
         n_threads: Threads,
     ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
-        let plots = plots.read(&time, self.0.radars())?;
+        let plots = plots.read(&time, self.0.tracker().radars())?;
         let (mut statuses, mut table) = (Vec::new(), Table::new(recording));
         release(py, plots.len() as f64 * PLOT_NS, || {
-            self.0.track(&plots, end, &mut statuses, &mut table, n_threads).map(|()| {
-                if recording {
-                    table.keep_confirmed(n_threads);
-                }
-            })
+            if !recording {
+                return self.0.track(&plots, end, &mut statuses, &mut table, n_threads);
+            }
+            self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
+            table.keep_confirmed(n_threads);
+            Ok(())
         })
         .map_err(value_error)?;
         Ok((TrackColumns::new(table), codes(py, &statuses)?))
+    }
+
+    /// Makes all rows final.
+    fn finish<'py>(
+        &mut self,
+        py: Python<'py>,
+        n_threads: Threads,
+    ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
+        let mut table = Table::new(false);
+        release(py, f64::INFINITY, || self.0.finish(&mut table, n_threads));
+        Ok((TrackColumns::new(table), codes(py, &[])?))
     }
 
     /// Numbers of the confirmed tracks, and their positions so many seconds from now.
@@ -90,37 +103,38 @@ impl PlotTracker {
     ) -> PyResult<(Integers<'py>, Array<'py>)> {
         let found = self.0.extrapolate(seconds);
         let positions = found.iter().flat_map(|(_, position)| *position);
-        let tracks = found.iter().map(|(track, _)| *track as i64);
+        let tracks = found.iter().map(|(track, _)| *track);
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
     /// Adds a plan; returns its number.
     fn add_plan(&mut self, plan: &Route) -> PyResult<usize> {
-        self.0.add_plan(plan.plan().clone()).map_err(refused)
+        let added = self.0.command(Command::Add(plan.plan().clone())).map_err(refused)?;
+        Ok(added.unwrap_or_default())
     }
 
     /// Puts a plan in the place of another.
     fn replace_plan(&mut self, number: usize, plan: &Route) -> PyResult<()> {
-        self.0.replace_plan(number, plan.plan().clone()).map_err(refused)
+        self.change(Command::Replace(number, plan.plan().clone()))
     }
 
     fn remove_plan(&mut self, number: usize) -> PyResult<()> {
-        self.0.remove_plan(number).map_err(refused)
+        self.change(Command::Remove(number))
     }
 
     /// Gives a plan to a confirmed track, perhaps one of another track.
     fn correlate(&mut self, track: u64, plan: usize, take: bool) -> PyResult<()> {
-        self.0.correlate(track, plan, take).map_err(refused)
+        self.change(Command::Correlate(track, plan, take))
     }
 
     /// Takes its plan from a confirmed track.
     fn decorrelate(&mut self, track: u64) -> PyResult<()> {
-        self.0.decorrelate(track).map_err(refused)
+        self.change(Command::Decorrelate(track))
     }
 
     /// Suspends the plan of a confirmed track, or resumes it.
     fn suspend_plan(&mut self, track: u64, suspended: bool) -> PyResult<()> {
-        self.0.suspend_plan(track, suspended).map_err(refused)
+        self.change(Command::Suspend(track, suspended))
     }
 
     /// Numbers of the confirmed tracks whose plans are suspended.
@@ -139,9 +153,15 @@ impl PlotTracker {
     /// The tracker of such a state.
     #[staticmethod]
     fn from_state(state: &[u8]) -> PyResult<Self> {
-        tracker::Tracker::from_bytes(state)
+        tracker::LagTracker::from_bytes(state)
             .map(Self)
             .ok_or_else(|| PyValueError::new_err("this is not the state of a Tracker"))
+    }
+}
+
+impl PlotTracker {
+    fn change(&mut self, command: Command) -> PyResult<()> {
+        self.0.command(command).map(|_| ()).map_err(refused)
     }
 }
 

@@ -8,7 +8,7 @@
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; geometry, plans, association, motion <-
 //! settings <- plan, curve <- window <- filter;
 //! plan <- correlation; height, identity, beams, filter, correlation <- track <- row, claim, clutter <- share <- scan
-//! <- live <- control`; `kinematics, motion <- smooth` beside them.
+//! <- live <- control <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod association;
@@ -26,6 +26,7 @@ mod geometry;
 mod height;
 mod identity;
 mod kinematics;
+mod lag;
 mod lean;
 mod level;
 mod live;
@@ -49,6 +50,7 @@ pub use columns::{COLUMNS, Column, Values};
 pub use control::Refusal;
 pub use estimate::Estimate;
 pub use geometry::Geometry;
+pub use lag::{Command, LagTracker};
 pub use live::Tracker;
 pub use motion::{ImmModel, Motion, WindowModel};
 pub use plans::Plans;

@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 import typer
 
+from tertia._arrays import IntArray
 from tertia.cli.commands.control import Control, request_of
 from tertia.cli.files.read import has_lines
 from tertia.cli.files.text import separator_of, with_point
@@ -36,6 +37,8 @@ STDIN = Path("-")
 _USUAL_LATENCY = 0.25
 # so many plots of a scan show whether a unit is right, and more are not kept for that
 _ENOUGH, _DOUBTED = 100, 1000
+# plots that a stream with a lag may still name
+_REMEMBERED = 100_000
 # rows that are written at once while plots come faster than they are tracked
 _WRITTEN = 1000
 
@@ -262,6 +265,27 @@ def _text(value: object) -> str | None:
     return None if value is None else str(int(value) if whole else value)  # type: ignore[call-overload]
 
 
+class _Numbers:
+    """Numbers in the stream of the plots that were tracked, by their index.
+
+    Without a lag only those of the last call are asked for.
+    """
+
+    def __init__(self, kept: int) -> None:
+        self._known = np.zeros(0, dtype=np.int64)
+        self._first, self._kept = 0, kept
+
+    def add(self, numbers: IntArray) -> None:
+        """Add the numbers of the next plots."""
+        old = max(len(self._known) - self._kept, 0)
+        self._known = np.concatenate([self._known[old:], numbers])
+        self._first += old
+
+    def of(self, plot: IntArray) -> IntArray:
+        """Return the numbers of plots; -1 for a missed detection."""
+        return np.append(self._known, -1)[np.where(plot < self._first, -1, plot - self._first)]
+
+
 class _Stream:
     """Tracks plots as their lines arrive, and writes the rows of confirmed tracks.
 
@@ -283,11 +307,12 @@ class _Stream:
         self._tracker, self._plots, self._rows = tracker, plots, rows
         self._plans, self._control = plans, control
         self._latency = _USUAL_LATENCY * min(periods) if latency is None else latency
-        self._scan = max(periods)
+        self._lag = tracker.lag
+        self._oldest = max(*periods, self._lag)
         self._gathered: list[pl.DataFrame] = []
         self._since = 0.0
         self._ready: list[TrackTable] = []
-        self._given = 0
+        self._numbers = _Numbers(_REMEMBERED if tracker.lag else 0)
         self._statuses: Counter[int] = Counter()
         self._headed = False
 
@@ -306,6 +331,8 @@ class _Stream:
             except KeyboardInterrupt:
                 code = INTERRUPTED
             self._flush(out)
+            if self._lag:
+                self._show(self._tracker.finish())
             self._write(out)
         except BrokenPipeError:
             # nothing more can be written there when the program ends
@@ -347,12 +374,13 @@ class _Stream:
             since = time - self._since
             if period is not None:
                 since -= period * round(since / period)
-            # what is older than a scan is not of this stretch either: a clock has leapt
-            if not -self._scan <= since < self._latency and (self._gathered or at > begin):
+            # what is older than a scan and the lag is not of this stretch either: a clock has leapt
+            if not -self._oldest <= since < self._latency and (self._gathered or at > begin):
                 self._gathered += [rows[begin:at]] if at > begin else []
                 self._flush(out)
                 begin = at
-            if not self._gathered and at == begin:
+            late = self._lag > 0.0 and -self._oldest <= since < 0.0
+            if not self._gathered and at == begin and not late:
                 self._since = time
         if begin < rows.height:
             self._gathered.append(rows[begin:])
@@ -366,25 +394,25 @@ class _Stream:
         rows = pl.concat(gathered)
         table = self._tracker.update(plots_of(rows, clock, self._plots.sensors))
         self._statuses.update(table.track_of_plot[table.track_of_plot < 0].tolist())
-        numbers = np.append(rows["row"].to_numpy(), -1)
-        own = np.where(table.plot < 0, -1, table.plot - self._given)
-        self._given += rows.height
-        self._ready.append(replace(table, plot=numbers[own]))
+        self._numbers.add(rows["row"].to_numpy())
+        self._show(table)
         if sum(map(len, self._ready)) >= _WRITTEN:
             self._write(out)
+
+    def _show(self, table: TrackTable) -> None:
+        """Add rows to those that are ready, with the numbers of plots in the stream."""
+        self._ready.append(replace(table, plot=self._numbers.of(table.plot)))
 
     def _write(self, out: BinaryIO) -> None:
         """Write the rows that are ready."""
         ready, self._ready = self._ready, []
         if not ready or (self._headed and not any(map(len, ready))):
             return
-        columns = {
-            name: np.concatenate([getattr(one, name) for one in ready])
-            for name in TrackTable.__slots__
-        }
-        plots = self._plots
+        table, plots = TrackTable.join(ready), self._plots
         clock = plots.clock or Clock(pl.Float64())
-        rows = track_rows(TrackTable(**columns), clock, plots.identity, plots.sensors, self._plans)
+        rows = track_rows(table, clock, plots.identity, plots.sensors, self._plans)
+        if self._lag:
+            rows = rows.with_columns(pl.Series("final", table.final))
         if (self._rows or plots.kind) == "jsonl":
             out.write(as_lines(rows))
         else:

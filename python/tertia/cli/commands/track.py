@@ -72,6 +72,13 @@ def track(
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
     ] = 0.998,
+    lag: Annotated[
+        float,
+        typer.Option(
+            help="Seconds by which plots of a stream may be late; its rows may be replaced by "
+            "others until they are final."
+        ),
+    ] = 0.0,
     clock_period: ClockPeriod = None,
     n_threads: Threads = None,
     output: MapOutput = None,
@@ -117,6 +124,7 @@ def track(
         "clutter_density": clutter_density,
         "max_speed": max_speed,
         "gate_probability": gate_probability,
+        "lag": lag,
         "clock_period": clock_period,
         "n_threads": n_threads,
     }

@@ -53,9 +53,15 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 17] = [
+pub const COLUMNS: [Column; 18] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
-    Column::new("track", "", &[], Integers(|row| row.track as i64), "number of the track, from 1"),
+    Column::new(
+        "track",
+        "",
+        &[],
+        Integers(|row| row.track),
+        "number of the track, from 1; 2**40 and more while late plots may change it",
+    ),
     Column::new("sensor", "", &[], Integers(|row| row.radar as i64), "index of the sensor"),
     Column::new(
         "plot",
@@ -160,6 +166,13 @@ pub const COLUMNS: [Column; 17] = [
         &[],
         Flags(|row| row.conforms),
         "whether the target follows its plan; false where the plan is blocked",
+    ),
+    Column::new(
+        "final",
+        "",
+        &[],
+        Flags(|row| row.is_final),
+        "whether the row stays as it is; false where late plots may still change it",
     ),
 ];
 

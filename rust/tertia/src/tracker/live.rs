@@ -2,6 +2,7 @@
 
 use super::clutter::Clutter;
 use super::level::Level;
+use super::plans::Plans;
 use super::plot::{Measured, PlotStatus, Plots};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
@@ -15,7 +16,18 @@ use serde::{Deserialize, Serialize};
 use std::num::NonZero;
 
 /// Share of the shortest scan for which plots wait for others that compete with them.
-const WAITING: f64 = 0.125;
+pub(super) const WAITING: f64 = 0.125;
+
+/// A part of the plots: times and indices of those that come now, the heights of the traffic at each,
+/// the index under which each is known, and the times: of the next plot, until which plots are
+/// assigned, and of the end.
+pub(super) struct Part<'a, P: ?Sized, I> {
+    pub plots: &'a P,
+    pub now: &'a [(f64, usize)],
+    pub levels: &'a [Level],
+    pub index: I,
+    pub times: [f64; 3],
+}
 
 /// Plots of a scan that are worth a thread: they take a millisecond.
 const PLOTS_PER_THREAD: usize = 1000;
@@ -35,6 +47,21 @@ pub struct Tracker {
     plots: usize,
     /// Time of a plot long after the others, perhaps from a wrong clock.
     stray: f64,
+    /// Plots that wait for others that compete with them.
+    waiting: Vec<Measured>,
+}
+
+/// What plots have made of a tracker.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Kept {
+    tracks: Vec<Track>,
+    plans: Plans,
+    clutter: Vec<Clutter>,
+    level: Level,
+    time: f64,
+    next_number: u64,
+    stray: f64,
+    waiting: Vec<Measured>,
 }
 
 impl Tracker {
@@ -46,8 +73,60 @@ impl Tracker {
         settings.check()?;
         let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-        let (tracks, level) = (Vec::new(), Level::default());
-        Ok(Self { settings, tracks, clutter, level, time, next_number: 1, plots: 0, stray })
+        let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
+        Ok(Self {
+            settings,
+            tracks,
+            clutter,
+            level,
+            time,
+            next_number: 1,
+            plots: 0,
+            stray,
+            waiting,
+        })
+    }
+
+    /// A copy of what plots have made of it.
+    pub(super) fn keep(&self) -> Kept {
+        Kept {
+            tracks: self.tracks.clone(),
+            plans: self.settings.plans.clone(),
+            clutter: self.clutter.clone(),
+            level: self.level,
+            time: self.time,
+            next_number: self.next_number,
+            stray: self.stray,
+            waiting: self.waiting.clone(),
+        }
+    }
+
+    /// Goes back to such a copy.
+    pub(super) fn restore(&mut self, kept: Kept) {
+        let Kept { tracks, plans, clutter, level, time, next_number, stray, waiting } = kept;
+        (self.tracks, self.clutter, self.waiting) = (tracks, clutter, waiting);
+        (self.settings.plans, self.level) = (plans, level);
+        (self.time, self.next_number, self.stray) = (time, next_number, stray);
+    }
+
+    /// Whether there are neither tracks nor plots that wait.
+    pub(super) fn is_empty(&self) -> bool {
+        self.tracks.is_empty() && self.waiting.is_empty()
+    }
+
+    /// First plots of the confirmed tracks.
+    pub(super) fn first_plots(&self) -> impl Iterator<Item = usize> {
+        self.tracks.iter().filter(|track| track.is_confirmed()).map(|track| track.first_plot)
+    }
+
+    /// The number of the next track.
+    pub(super) fn next_number(&self) -> u64 {
+        self.next_number
+    }
+
+    /// Counts plots that were given.
+    pub(super) fn count(&mut self, plots: usize) {
+        self.plots += plots;
     }
 
     /// All that the tracker knows, to the last bit.
@@ -129,49 +208,81 @@ impl Tracker {
         self.plots += plots.len();
         let last = order.last().map_or(self.time, |(time, _)| *time);
         let end = end.unwrap_or(last).max(last).max(self.time);
-        let radars = &self.settings.radars;
-        let period = radars.iter().map(|r| r.scan_period).fold(f64::INFINITY, f64::min);
-        let stretches: Vec<f64> = radars.iter().map(Radar::stretch).collect();
+        let period = self.period();
         let mut scan = Scan::default();
-        let mut waiting: Vec<Measured> = Vec::new();
         let mut rest = &order[..];
         let mut until = f64::NEG_INFINITY;
-        while let Some(next) = rest.first().map(|p| p.0).or(waiting.first().map(|p| p.time)) {
+        while let Some(next) = rest.first().map(|p| p.0).or(self.waiting.first().map(|p| p.time)) {
             // with the plots that wait no more than a scan: no target is in it twice
             until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
             let (now, later) = rest.split_at(rest.partition_point(|(time, _)| *time < until));
-            let threads = threads(n_threads, waiting.len() + now.len());
-            self.finish(next.min(end), rows, threads);
-            self.bury();
-            let convert = |&(_, index): &(f64, usize)| {
-                let plot = plots.get(index);
-                let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
-                let geometry = self.settings.geometry(plot.radar);
-                let level = levels.get(index).unwrap_or(&self.level);
-                Measured::new(first + index, &plot, (radar, geometry), stretch, level)
-            };
-            extend(&mut waiting, now, threads, convert);
             rest = later;
             let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
-            let mut sky = Sky {
-                settings: &self.settings,
-                tracks: &mut self.tracks,
-                clutter: &mut self.clutter,
-                next_number: &mut self.next_number,
-                rows,
-                threads,
-            };
-            let oldest = hold - WAITING * period;
+            let (index, times) = (|index| first + index, [next, hold, end]);
+            let part = Part { plots, now, levels: &levels, index, times };
             let report = |plot: usize, status| statuses[plot - first] = status;
-            scan.process(&mut sky, &mut waiting, [oldest, hold], report);
-            self.finish(hold.min(end), rows, threads);
+            self.stretch(&mut scan, &part, report, rows, n_threads);
         }
         self.finish(end, rows, 1);
         self.bury();
         Ok(())
     }
 
-    fn check<P: Plots + ?Sized>(&self, plots: &P, end: Option<f64>) -> Result<()> {
+    /// Processes a part of the plots, after those that wait.
+    pub(super) fn stretch<P: Plots + Sync + ?Sized, R: Rows>(
+        &mut self,
+        scan: &mut Scan,
+        part: &Part<'_, P, impl Fn(usize) -> usize + Sync>,
+        report: impl FnMut(usize, PlotStatus),
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
+    ) {
+        let &Part { plots, now, levels, ref index, times: [next, hold, end] } = part;
+        let threads = threads(n_threads, self.waiting.len() + now.len());
+        self.finish(next.min(end), rows, threads);
+        self.bury();
+        let stretches: Vec<f64> = self.settings.radars.iter().map(Radar::stretch).collect();
+        let convert = |&(_, i): &(f64, usize)| {
+            let plot = plots.get(i);
+            let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
+            let geometry = self.settings.geometry(plot.radar);
+            let level = levels.get(i).unwrap_or(&self.level);
+            Measured::new(index(i), &plot, (radar, geometry), stretch, level)
+        };
+        let mut waiting = std::mem::take(&mut self.waiting);
+        extend(&mut waiting, now, threads, convert);
+        let oldest = hold - WAITING * self.period();
+        let mut sky = Sky {
+            settings: &self.settings,
+            tracks: &mut self.tracks,
+            clutter: &mut self.clutter,
+            next_number: &mut self.next_number,
+            rows,
+            threads,
+        };
+        scan.process(&mut sky, &mut waiting, [oldest, hold], report);
+        self.waiting = waiting;
+        self.finish(hold.min(end), rows, threads);
+    }
+
+    /// The first plot that waits.
+    pub(super) fn waits(&self) -> Option<f64> {
+        self.waiting.first().map(|plot| plot.time)
+    }
+
+    /// The shortest scan, s.
+    pub(super) fn period(&self) -> f64 {
+        let periods = self.settings.radars.iter().map(|radar| radar.scan_period);
+        periods.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Seconds without plots after which a single one is taken for a wrong clock.
+    pub(super) fn silence(&self) -> f64 {
+        let periods = self.settings.radars.iter().map(|radar| radar.scan_period);
+        (self.settings.coasting as f64 + 0.5) * periods.fold(0.0, f64::max)
+    }
+
+    pub(super) fn check<P: Plots + ?Sized>(&self, plots: &P, end: Option<f64>) -> Result<()> {
         let radars = self.settings.radars.len();
         if let Some(at) = (0..plots.len()).find(|&i| plots.get(i).radar >= radars) {
             let (argument, requirement) = ("radar", "the index of one of the radars");
@@ -183,7 +294,11 @@ impl Tracker {
     }
 
     /// Level of the traffic at the time of each plot, by its index; nothing where all have heights.
-    fn levels<P: Plots + ?Sized>(&mut self, plots: &P, order: &[(f64, usize)]) -> Vec<Level> {
+    pub(super) fn levels<P: Plots + ?Sized>(
+        &mut self,
+        plots: &P,
+        order: &[(f64, usize)],
+    ) -> Vec<Level> {
         let any = order.iter().any(|&(_, index)| plots.get(index).height.is_nan());
         let mut levels = vec![self.level; if any { plots.len() } else { 0 }];
         for &(_, index) in order {
@@ -199,7 +314,7 @@ impl Tracker {
     }
 
     /// Times and indices of the plots that can be used, by time.
-    fn order<P: Plots + ?Sized>(
+    pub(super) fn order<P: Plots + ?Sized>(
         &mut self,
         plots: &P,
         statuses: &mut Vec<PlotStatus>,
@@ -236,29 +351,13 @@ impl Tracker {
     /// Refuses single plots long after the others: with a wrong clock they would end all tracks. A
     /// second plot at about that time shows that there was a gap.
     fn refuse_strays(&mut self, order: &mut Vec<(f64, usize)>, statuses: &mut [PlotStatus]) {
-        let period = self.settings.radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
-        let silence = (self.settings.coasting as f64 + 0.5) * period;
-        let mut before = self.time;
-        let mut kept = 0;
-        for i in 0..order.len() {
-            let (time, index) = order[i];
-            let follows = time - before <= silence || before == f64::NEG_INFINITY;
-            let is_followed = order.get(i + 1).is_some_and(|(next, _)| next - time <= silence);
-            let is_second = (time - self.stray).abs() <= silence;
-            if follows || is_followed || is_second {
-                before = time;
-                order[kept] = (time, index);
-                kept += 1;
-            } else {
-                self.stray = time;
-                statuses[index] = PlotStatus::ClockError;
-            }
-        }
-        order.truncate(kept);
+        let silence = self.silence();
+        let refuse = |index: usize| statuses[index] = PlotStatus::ClockError;
+        keep_followed(order, self.time, &mut self.stray, silence, refuse);
     }
 
     /// Counts missed detections until `end`.
-    fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
+    pub(super) fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
         let Self { settings, tracks, .. } = self;
         let part = part(tracks.len(), threads);
         let mut missed = vec![Vec::new(); tracks.len().div_ceil(part)];
@@ -277,13 +376,42 @@ impl Tracker {
     }
 
     /// Removes the tracks that have ended.
-    fn bury(&mut self) {
+    pub(super) fn bury(&mut self) {
         let before = self.tracks.len();
         self.tracks.retain(|track| track.is_alive(&self.settings));
         if self.tracks.len() < before {
             self.settings.plans.free(|number| self.tracks.iter().all(|t| t.number != number));
         }
     }
+}
+
+/// Keeps times, in their order, that come within a silence `after` the ones before, or with others;
+/// returns the last. A single one after a longer silence is refused, and is the next `stray`.
+pub(super) fn keep_followed(
+    order: &mut Vec<(f64, usize)>,
+    after: f64,
+    stray: &mut f64,
+    silence: f64,
+    mut refuse: impl FnMut(usize),
+) -> f64 {
+    let mut before = after;
+    let mut kept = 0;
+    for i in 0..order.len() {
+        let (time, index) = order[i];
+        let follows = time - before <= silence || before == f64::NEG_INFINITY;
+        let is_followed = order.get(i + 1).is_some_and(|(next, _)| next - time <= silence);
+        let is_second = (time - *stray).abs() <= silence;
+        if follows || is_followed || is_second {
+            before = time;
+            order[kept] = (time, index);
+            kept += 1;
+        } else {
+            *stray = time;
+            refuse(index);
+        }
+    }
+    order.truncate(kept);
+    before
 }
 
 /// Items of a part, where each thread takes several parts, or all of them.

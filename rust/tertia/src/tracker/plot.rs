@@ -4,12 +4,16 @@ use super::geometry::Geometry;
 use super::level::Level;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
+use serde::{Deserialize, Serialize};
 
 /// Largest time, s (3000 years), beyond which the resolution of seconds is lost, and range, m.
 const LATEST: f64 = 1e11;
 const FARTHEST: f64 = 1e9;
+/// Codes of tracks without a final number are above all others.
+const FIRST_PROVISIONAL: i64 = 1 << 40;
+
 /// A plot of a radar.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plot {
     /// s
     pub time: f64,
@@ -99,6 +103,8 @@ pub enum PlotStatus {
     Duplicate,
     /// It comes alone, long after the others.
     ClockError,
+    /// It belongs to a track without a final number: index of the first plot of that.
+    Provisional(usize),
 }
 
 impl PlotStatus {
@@ -112,12 +118,13 @@ impl PlotStatus {
             Self::OutOfRange => -4,
             Self::ClockError => -5,
             Self::Duplicate => -6,
+            Self::Provisional(first) => FIRST_PROVISIONAL + first as i64,
         }
     }
 }
 
 /// How the position of a plot is known.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) enum Source {
     /// By range and azimuth in the plane, with the noise of its radar there.
     #[default]
@@ -130,7 +137,7 @@ pub(super) enum Source {
 }
 
 /// A plot in the plane.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Measured {
     /// Index among the plots that were given.
     pub index: usize,

@@ -4,14 +4,18 @@ use super::estimate::Estimate;
 use super::track::Track;
 use crate::base::plane::Plane;
 use crate::flightplan::Status;
+use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 
 /// The state of a track after a plot, or after a scan without one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// s
     pub time: f64,
-    /// Number of the track.
-    pub track: u64,
+    /// Number of the track; 2^40 and more where it is not final.
+    pub track: i64,
+    /// Index of the first plot of the track.
+    pub first_plot: usize,
     /// Index of the radar.
     pub radar: usize,
     /// Index of the plot, in the order of all plots ever given; none where it was missed.
@@ -38,6 +42,8 @@ pub struct Row {
     pub plan_status: Status,
     /// Whether it follows that.
     pub conforms: bool,
+    /// Whether it stays as it is, whatever comes late.
+    pub is_final: bool,
 }
 
 impl Row {
@@ -50,7 +56,8 @@ impl Row {
         let (height, vertical_rate) = vertical.unwrap_or((f64::NAN, f64::NAN));
         Self {
             time: track.time,
-            track: track.number,
+            track: track.number as i64,
+            first_plot: track.first_plot,
             radar,
             plot,
             estimate: track.widened(),
@@ -64,7 +71,35 @@ impl Row {
             plan: track.plan(),
             plan_status: track.plan_status(),
             conforms: track.filter.guide().is_some_and(|guide| guide.conforms),
+            is_final: true,
         }
+    }
+
+    /// The order of time, then of track and radar.
+    pub(super) fn by_time(&self, other: &Self) -> Ordering {
+        let own = (self.track, self.radar);
+        self.time.total_cmp(&other.time).then(own.cmp(&(other.track, other.radar)))
+    }
+
+    /// Whether it is the same to the last bit.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        let numbers = |row: &Self| {
+            let Plane { xx, xy, yy } = row.innovation_covariance;
+            let [a, b] = row.innovation;
+            [row.time, a, b, xx, xy, yy, row.turn_probability, row.height, row.vertical_rate]
+        };
+        let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+        let (mine, others) = (&self.estimate, &other.estimate);
+        let whole = |row: &Self| {
+            let plan = (row.plan, row.plan_status);
+            (row.track, row.radar, row.plot, row.identity, plan)
+        };
+        let flags = |row: &Self| (row.confirmed, row.conforms);
+        whole(self) == whole(other)
+            && flags(self) == flags(other)
+            && same(&numbers(self), &numbers(other))
+            && same(mine.mean.as_slice(), others.mean.as_slice())
+            && same(mine.covariance.as_slice(), others.covariance.as_slice())
     }
 }
 

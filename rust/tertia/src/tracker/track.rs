@@ -71,6 +71,8 @@ pub(super) struct Track {
     pub filter: Filter,
     /// Radar and time of the first plot.
     pub begun: (usize, f64),
+    /// Its index among all that were given.
+    pub first_plot: usize,
     /// Of the last plot, and its covariance.
     pub innovation: ([f64; 2], Plane),
     beams: Beams,
@@ -120,6 +122,7 @@ impl Track {
             time: plot.time,
             seen: plot.time,
             begun: (plot.radar, plot.time),
+            first_plot: plot.index,
             filter: Filter::Straight(estimate),
             estimate,
             innovation: ([0.0; 2], r),

@@ -1,0 +1,530 @@
+//! Late plots: what follows a late plot is processed again, so that final rows are those of plots in order.
+//!
+//! Time is cut into steps of half the shortest scan. The plots of a step are sorted by content,
+//! not by arrival, and a step is final when it is older than the lag. Copies of the tracks are kept at
+//! four instants of the lag; a late plot goes back to the last one before it.
+
+use super::control::Refusal;
+use super::live::{Kept, Part, Tracker, WAITING, keep_followed};
+use super::plot::{Plot, PlotStatus, Plots};
+use super::row::{Row, Rows};
+use super::scan::Scan;
+use crate::base::error::{Error, require};
+use crate::base::state::{restored, saved};
+use crate::flightplan::Plan;
+use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, VecDeque};
+use std::num::NonZero;
+
+/// Steps in the shortest scan: the more, the less is done again for plots that come in order.
+const STEPS: f64 = 2.0;
+/// Copies of the tracks within the lag.
+const COPIES: i64 = 4;
+/// The step before all others.
+const BEFORE_ALL: i64 = i64::MIN;
+
+/// A tracker that takes plots up to `lag` seconds late.
+///
+/// Rows that are older are final: they do not depend on the order in which plots came. Younger ones may
+/// be replaced.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct LagTracker {
+    tracker: Tracker,
+    /// s; 0: plots are processed as they come.
+    lag: f64,
+    /// Tracks at the beginnings of steps, the last of which is that of the step of `now`.
+    kept: VecDeque<(i64, Kept)>,
+    /// Plots of steps since the first of these, with their indices.
+    journal: BTreeMap<i64, Vec<(Plot, usize)>>,
+    /// What a controller changed, at the ends of steps.
+    commands: Vec<(i64, Command)>,
+    /// Rows of steps that are not final, and the next number of a track after each.
+    steps: VecDeque<Step>,
+    /// What was shown of these rows, by step.
+    shown: Vec<(i64, Row)>,
+    /// The first step whose rows were not given out as final.
+    open: i64,
+    /// Tracks with smaller numbers have them for good.
+    numbered: u64,
+    /// The newest time, and that until which all is final.
+    now: f64,
+    closed: f64,
+    /// Time of a plot long after the others, perhaps from a wrong clock.
+    stray: f64,
+}
+
+/// What a controller changes while the tracker runs.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Command {
+    /// [`Tracker::add_plan`]
+    Add(Plan),
+    /// [`Tracker::replace_plan`]
+    Replace(usize, Plan),
+    /// [`Tracker::remove_plan`]
+    Remove(usize),
+    /// [`Tracker::correlate`]
+    Correlate(u64, usize, bool),
+    /// [`Tracker::decorrelate`]
+    Decorrelate(u64),
+    /// [`Tracker::suspend_plan`]
+    Suspend(u64, bool),
+}
+
+impl Command {
+    fn track(&self) -> Option<u64> {
+        match *self {
+            Self::Correlate(number, ..) | Self::Decorrelate(number) | Self::Suspend(number, _) => {
+                Some(number)
+            }
+            _ => None,
+        }
+    }
+
+    fn apply(&self, tracker: &mut Tracker) -> Result<Option<usize>, Refusal> {
+        match self {
+            Self::Add(plan) => return tracker.add_plan(plan.clone()).map(Some),
+            Self::Replace(number, plan) => tracker.replace_plan(*number, plan.clone()),
+            Self::Remove(number) => tracker.remove_plan(*number),
+            Self::Correlate(number, plan, take) => tracker.correlate(*number, *plan, *take),
+            Self::Decorrelate(number) => tracker.decorrelate(*number),
+            Self::Suspend(number, suspended) => tracker.suspend_plan(*number, *suspended),
+        }?;
+        Ok(None)
+    }
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Step {
+    number: i64,
+    next_number: u64,
+    rows: Vec<Row>,
+}
+
+/// Collects rows, and the tracks of the plots that were given last.
+struct Sink<'a> {
+    rows: Vec<Row>,
+    claims: &'a mut [Claim],
+    first: usize,
+    tentative: bool,
+}
+
+/// What became of a plot: its track and the first plot of that, or why it was not used.
+type Claim = Result<(u64, usize), PlotStatus>;
+
+impl Rows for Sink<'_> {
+    fn wants(&self, _: bool) -> bool {
+        true
+    }
+
+    fn push(&mut self, row: &Row) {
+        if let Some(plot) = row.plot.and_then(|plot| plot.checked_sub(self.first)) {
+            self.claims[plot] = Ok((row.track as u64, row.first_plot));
+        }
+        if self.tentative || row.confirmed {
+            self.rows.push(*row);
+        }
+    }
+}
+
+/// Plots of a step with their indices.
+struct Own<'a>(&'a [(Plot, usize)]);
+
+impl Plots for Own<'_> {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn get(&self, index: usize) -> Plot {
+        self.0[index].0
+    }
+}
+
+impl LagTracker {
+    /// A tracker of plots up to so many seconds late.
+    ///
+    /// # Errors
+    /// A lag that is negative or not finite.
+    pub fn try_new(tracker: Tracker, lag: f64) -> Result<Self, Error> {
+        require("lag", lag, lag >= 0.0 && lag.is_finite(), "0 or a positive number of seconds")?;
+        let kept = VecDeque::from([(BEFORE_ALL, tracker.keep())]);
+        let before = f64::NEG_INFINITY;
+        Ok(Self {
+            tracker,
+            lag,
+            kept,
+            journal: BTreeMap::new(),
+            commands: Vec::new(),
+            steps: VecDeque::new(),
+            shown: Vec::new(),
+            open: BEFORE_ALL,
+            numbered: 1,
+            now: before,
+            closed: before,
+            stray: before,
+        })
+    }
+
+    /// The tracker, with all plots that came.
+    pub fn tracker(&self) -> &Tracker {
+        &self.tracker
+    }
+
+    /// The same, to be changed; what is changed holds for plots that come later.
+    pub fn tracker_mut(&mut self) -> &mut Tracker {
+        &mut self.tracker
+    }
+
+    /// All that the tracker knows, to the last bit.
+    ///
+    /// # Panics
+    /// Never: what it knows can be written.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        saved(self)
+    }
+
+    /// The tracker that was written; none where these are not such bytes, or damaged.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        restored(bytes)
+    }
+
+    /// Changes a plan, or which track has which, from now on; returns the number of a plan that was added.
+    ///
+    /// # Errors
+    /// As the methods of [`Tracker`]; also for a track whose number is not final.
+    pub fn command(&mut self, command: Command) -> Result<Option<usize>, Refusal> {
+        if let Some(number) =
+            command.track().filter(|number| *number >= self.next_number_for_good())
+        {
+            return Err(Refusal::NoTrack(number));
+        }
+        let done = command.apply(&mut self.tracker)?;
+        if self.now == f64::NEG_INFINITY {
+            self.kept = VecDeque::from([(BEFORE_ALL, self.tracker.keep())]);
+        } else if self.lag > 0.0 {
+            self.commands.push((self.step_of(self.now), command));
+        }
+        Ok(done)
+    }
+
+    /// Numbers of the confirmed tracks whose plans are suspended, as far as they are final.
+    pub fn suspended_plans(&self) -> Vec<u64> {
+        let mut suspended = self.tracker.suspended_plans();
+        suspended.retain(|number| *number < self.next_number_for_good());
+        suspended
+    }
+
+    /// Numbers and positions of the confirmed tracks, as [`Tracker::extrapolate`]; 2^40 and more where
+    /// the number is not final.
+    pub fn extrapolate(&self, seconds: f64) -> Vec<(i64, [f64; 2])> {
+        let first = self.tracker.first_plots();
+        let found = self.tracker.extrapolate(seconds).into_iter().zip(first);
+        found
+            .map(|((number, position), first)| (self.shown_number(number, first), position))
+            .collect()
+    }
+
+    fn shown_number(&self, number: u64, first_plot: usize) -> i64 {
+        if number < self.next_number_for_good() {
+            number as i64
+        } else {
+            PlotStatus::Provisional(first_plot).code()
+        }
+    }
+
+    fn next_number_for_good(&self) -> u64 {
+        if self.lag > 0.0 { self.numbered } else { u64::MAX }
+    }
+
+    /// Processes plots that came, as [`Tracker::track`]. First come rows that became final; then, of
+    /// each track, those that are new or differ from what was shown, and all after these.
+    /// Cost: that of the plots since the oldest one that is late, or since the last step.
+    ///
+    /// # Errors
+    /// As [`Tracker::track`].
+    pub fn track<P: Plots + Sync + ?Sized, R: Rows>(
+        &mut self,
+        plots: &P,
+        end: Option<f64>,
+        statuses: &mut Vec<PlotStatus>,
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<(), Error> {
+        if self.lag == 0.0 {
+            return self.tracker.track(plots, end, statuses, rows, n_threads);
+        }
+        self.tracker.check(plots, end)?;
+        let first = self.tracker.plots();
+        let mut claims = self.file(plots, end);
+        let final_steps = self.step_of(self.now - self.lag);
+        self.run((&mut claims, first), final_steps, rows, n_threads);
+        self.tell(&claims, statuses);
+        Ok(())
+    }
+
+    /// Processes a whole recording: all rows are final.
+    ///
+    /// # Errors
+    /// As [`Tracker::track`].
+    pub fn record<P: Plots + Sync + ?Sized, R: Rows>(
+        &mut self,
+        plots: &P,
+        statuses: &mut Vec<PlotStatus>,
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<(), Error> {
+        if self.lag == 0.0 {
+            return self.tracker.track(plots, None, statuses, rows, n_threads);
+        }
+        self.tracker.check(plots, None)?;
+        let first = self.tracker.plots();
+        let mut claims = self.file(plots, None);
+        self.close((&mut claims, first), rows, n_threads);
+        self.tell(&claims, statuses);
+        Ok(())
+    }
+
+    fn tell(&self, claims: &[Claim], statuses: &mut Vec<PlotStatus>) {
+        statuses.clear();
+        statuses.extend(claims.iter().map(|claim| match *claim {
+            Ok((number, first)) if number >= self.numbered => PlotStatus::Provisional(first),
+            Ok((number, _)) => PlotStatus::Track(number),
+            Err(status) => status,
+        }));
+    }
+
+    /// Makes all final that came.
+    pub fn finish<R: Rows>(&mut self, rows: &mut R, n_threads: Option<NonZero<usize>>) {
+        if self.lag > 0.0 {
+            self.close((&mut [], usize::MAX), rows, n_threads);
+        }
+    }
+
+    fn close<R: Rows>(
+        &mut self,
+        claims: (&mut [Claim], usize),
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
+    ) {
+        if self.now == f64::NEG_INFINITY {
+            return;
+        }
+        let last = self.step_of(self.now);
+        self.run(claims, last.saturating_add(1), rows, n_threads);
+        (self.closed, self.open) = (self.now, last);
+        self.journal.clear();
+        self.commands.clear();
+        self.kept = VecDeque::from([(last, self.tracker.keep())]);
+    }
+
+    fn step(&self) -> f64 {
+        self.tracker.period() / STEPS
+    }
+
+    fn step_of(&self, time: f64) -> i64 {
+        (time / self.step()).floor() as i64
+    }
+
+    /// Files plots in the journal, and goes back to the time of the oldest. Returns why they are not
+    /// used, as far as that is known.
+    fn file<P: Plots + ?Sized>(&mut self, plots: &P, end: Option<f64>) -> Vec<Claim> {
+        let first = self.tracker.plots();
+        let oldest = self.step_of(self.now - self.lag);
+        let mut order = Vec::with_capacity(plots.len());
+        let mut claims = Vec::with_capacity(plots.len());
+        for i in 0..plots.len() {
+            let plot = plots.get(i);
+            let step = self.step_of(plot.time);
+            let late = step < oldest || plot.time <= self.closed;
+            let settings = &self.tracker.settings;
+            let fault = plot.fault(&settings.radars[plot.radar], settings.geometry(plot.radar));
+            let fault = fault.or(late.then_some(PlotStatus::Late));
+            claims.push(Err(fault.unwrap_or(PlotStatus::ClockError)));
+            if fault.is_some() {
+                continue;
+            }
+            order.push((plot.time, i));
+            let own = self.journal.entry(step).or_default();
+            let place = own.partition_point(|(other, _)| by_content(other, &plot).is_le());
+            own.insert(place, (plot, first + i));
+            while self.kept.len() > 1 && self.kept.back().is_some_and(|(next, _)| *next > step) {
+                self.kept.pop_back();
+            }
+        }
+        self.tracker.count(plots.len());
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let silence = self.tracker.silence();
+        let newest = keep_followed(&mut order, self.now, &mut self.stray, silence, |_| ());
+        self.now = end.map_or(newest, |end| end.max(newest)).max(self.now);
+        claims
+    }
+
+    /// Processes the journal until now. Steps before `final_steps` are final.
+    fn run<R: Rows>(
+        &mut self,
+        (claims, first): (&mut [Claim], usize),
+        final_steps: i64,
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
+    ) {
+        if self.now == f64::NEG_INFINITY {
+            return;
+        }
+        let spacing = ((self.lag / self.step()) as i64 / COPIES).max(1);
+        let (mut next, kept) = self.last_kept(spacing);
+        let changed = next;
+        self.tracker.restore(kept);
+        while self.steps.back().is_some_and(|step| step.number >= next) {
+            self.steps.pop_back();
+        }
+        let head = self.step_of(self.now);
+        let oldest = head.saturating_sub((COPIES + 1) * spacing);
+        let mut scan = Scan::default();
+        let tentative = rows.wants(false);
+        let mut sink = Sink { rows: Vec::new(), claims, first, tentative };
+        while let Some(step) = self.next_step(next).filter(|step| *step < head) {
+            let until = (step + 1) as f64 * self.step();
+            let hold = until - WAITING * self.tracker.period();
+            self.process(&mut scan, step, [until, hold], &mut sink, n_threads);
+            self.log(step, &mut sink);
+            next = step + 1;
+            let last = self.kept.back().map_or(BEFORE_ALL, |(last, _)| *last);
+            if next >= oldest && next.saturating_sub(last) >= spacing && next < head {
+                self.kept.push_back((next, self.tracker.keep()));
+            }
+        }
+        if self.kept.back().is_none_or(|(last, _)| *last < head) {
+            self.kept.push_back((head, self.tracker.keep()));
+        }
+        self.process(&mut scan, head, [self.now, f64::INFINITY], &mut sink, n_threads);
+        self.log(head, &mut sink);
+        let renumbered = self.settle(final_steps, rows);
+        self.show(final_steps, if renumbered { BEFORE_ALL } else { changed }, rows);
+        self.forget(final_steps);
+    }
+
+    /// The next step that changes anything.
+    fn next_step(&self, next: i64) -> Option<i64> {
+        if !self.tracker.is_empty() {
+            return Some(next);
+        }
+        let commands = self.commands.iter().map(|(step, _)| *step).filter(|step| *step >= next);
+        let plots = self.journal.range(next..).next().map(|(step, _)| *step);
+        commands.chain(plots).min()
+    }
+
+    /// Processes the plots of a step and those that wait: until the first time, assigning those before
+    /// the second.
+    fn process(
+        &mut self,
+        scan: &mut Scan,
+        step: i64,
+        [until, hold]: [f64; 2],
+        sink: &mut Sink<'_>,
+        n_threads: Option<NonZero<usize>>,
+    ) {
+        let filed = self.journal.get(&step).map_or(&[][..], Vec::as_slice);
+        let own = Own(&filed[..filed.partition_point(|(plot, _)| plot.time <= until)]);
+        let mut statuses = Vec::new();
+        let order = self.tracker.order(&own, &mut statuses);
+        for ((_, index), status) in own.0.iter().zip(statuses) {
+            if let Some(claim) = index.checked_sub(sink.first) {
+                sink.claims[claim] = Err(status);
+            }
+        }
+        let next = order.first().map(|(time, _)| *time).or(self.tracker.waits());
+        let times = [next.unwrap_or(hold), hold, until];
+        let levels = self.tracker.levels(&own, &order);
+        let index = |i: usize| own.0[i].1;
+        let part = Part { plots: &own, now: &order[..], levels: &levels, index, times };
+        self.tracker.stretch(scan, &part, |_, _| (), sink, n_threads);
+        if hold > until {
+            self.tracker.finish(until, sink, 1);
+        }
+        self.tracker.bury();
+    }
+
+    /// Logs the rows of a step that was processed.
+    fn log(&mut self, step: i64, sink: &mut Sink<'_>) {
+        for (_, command) in self.commands.iter().filter(|(at, _)| *at == step) {
+            // without what late plots have taken away it changes nothing
+            let _ = command.apply(&mut self.tracker);
+        }
+        let rows = std::mem::take(&mut sink.rows);
+        let next_number = self.tracker.next_number();
+        if step >= self.open {
+            self.steps.push_back(Step { number: step, next_number, rows });
+        }
+    }
+
+    /// The last copy; it is taken away where the one before it is near.
+    fn last_kept(&mut self, spacing: i64) -> (i64, Kept) {
+        let mut from_last = self.kept.iter().rev().map(|(next, _)| *next);
+        let (last, before) = (from_last.next(), from_last.next());
+        let near = last.zip(before).is_some_and(|(a, b)| a.saturating_sub(b) < spacing);
+        let last = if near { self.kept.pop_back() } else { self.kept.back().cloned() };
+        last.expect("there is always one")
+    }
+
+    /// Gives out the rows of steps that became final. Returns whether tracks have got their numbers.
+    fn settle<R: Rows>(&mut self, final_steps: i64, rows: &mut R) -> bool {
+        let before = self.numbered;
+        while let Some(mut step) = self.steps.pop_front_if(|step| step.number < final_steps) {
+            self.numbered = step.next_number;
+            step.rows.sort_by(Row::by_time);
+            step.rows.iter().for_each(|row| rows.push(row));
+        }
+        self.open = self.open.max(final_steps);
+        self.numbered > before
+    }
+
+    /// Gives out rows that are not final, as far as they differ from what was shown: of each track all
+    /// from the first that differs. Rows of steps before `changed` are as they were.
+    fn show<R: Rows>(&mut self, final_steps: i64, changed: i64, rows: &mut R) {
+        let place = self.shown.partition_point(|(step, _)| *step < final_steps.max(changed));
+        let mut old: Vec<Row> = self.shown.drain(place..).map(|(_, row)| row).collect();
+        self.shown.retain(|(step, _)| *step >= final_steps);
+        let mut new = Vec::new();
+        for step in self.steps.iter().filter(|step| step.number >= changed) {
+            for row in step.rows.iter().filter(|row| row.confirmed) {
+                let track = self.shown_number(row.track as u64, row.first_plot);
+                let row = Row { track, is_final: false, ..*row };
+                self.shown.push((step.number, row));
+                new.push(row);
+            }
+        }
+        let by_track = |a: &Row, b: &Row| a.track.cmp(&b.track).then(a.by_time(b));
+        old.sort_by(by_track);
+        new.sort_by(by_track);
+        let mut differing = Vec::new();
+        for new in new.chunk_by(|a, b| a.track == b.track) {
+            let from = old.partition_point(|row| row.track < new[0].track);
+            let to = old.partition_point(|row| row.track <= new[0].track);
+            let old = &old[from..to];
+            let same = new.iter().zip(old).take_while(|(new, old)| new.is_same(old)).count();
+            // where the last rows have gone the one before them says so
+            let gone = same == new.len() && old.len() > same;
+            differing.extend_from_slice(&new[same - usize::from(gone)..]);
+        }
+        differing.sort_by(Row::by_time);
+        differing.iter().for_each(|row| rows.push(row));
+    }
+
+    /// Forgets what only final steps need.
+    fn forget(&mut self, final_steps: i64) {
+        while self.kept.len() > 1 && self.kept[1].0 <= final_steps {
+            self.kept.pop_front();
+        }
+        let first = self.kept[0].0;
+        self.journal = self.journal.split_off(&first);
+        self.commands.retain(|command| command.0 >= first);
+    }
+}
+
+/// The order of plots in a step: by what they are, not by when they came.
+fn by_content(a: &Plot, b: &Plot) -> Ordering {
+    let numbers = |plot: &Plot| [plot.range, plot.azimuth, plot.height];
+    let times = a.time.total_cmp(&b.time).then(a.radar.cmp(&b.radar));
+    let pairs = numbers(a).into_iter().zip(numbers(b));
+    pairs.fold(times, |order, (a, b)| order.then(a.total_cmp(&b))).then(a.identity.cmp(&b.identity))
+}
