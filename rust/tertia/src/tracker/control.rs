@@ -3,6 +3,7 @@
 use super::live::Tracker;
 use super::track::Track;
 use crate::flightplan::Plan;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Why nothing was changed.
@@ -124,5 +125,46 @@ impl Tracker {
         let mut tracks = self.tracks.iter_mut();
         let found = tracks.find(|track| track.number == number && track.is_confirmed());
         found.ok_or(Refusal::NoTrack(number))
+    }
+}
+
+/// What a controller changes while the tracker runs.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Command {
+    /// [`Tracker::add_plan`]
+    Add(Plan),
+    /// [`Tracker::replace_plan`]
+    Replace(usize, Plan),
+    /// [`Tracker::remove_plan`]
+    Remove(usize),
+    /// [`Tracker::correlate`]
+    Correlate(u64, usize, bool),
+    /// [`Tracker::decorrelate`]
+    Decorrelate(u64),
+    /// [`Tracker::suspend_plan`]
+    Suspend(u64, bool),
+}
+
+impl Command {
+    /// The track that it changes.
+    pub(super) fn track(&self) -> Option<u64> {
+        match *self {
+            Self::Correlate(number, ..) | Self::Decorrelate(number) | Self::Suspend(number, _) => {
+                Some(number)
+            }
+            _ => None,
+        }
+    }
+
+    pub(super) fn apply(&self, tracker: &mut Tracker) -> Done<Option<usize>> {
+        match self {
+            Self::Add(plan) => return tracker.add_plan(plan.clone()).map(Some),
+            Self::Replace(number, plan) => tracker.replace_plan(*number, plan.clone()),
+            Self::Remove(number) => tracker.remove_plan(*number),
+            Self::Correlate(number, plan, take) => tracker.correlate(*number, *plan, *take),
+            Self::Decorrelate(number) => tracker.decorrelate(*number),
+            Self::Suspend(number, suspended) => tracker.suspend_plan(*number, *suspended),
+        }?;
+        Ok(None)
     }
 }

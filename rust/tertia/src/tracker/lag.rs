@@ -4,14 +4,13 @@
 //! not by arrival, and a step is final when it is older than the lag. Copies of the tracks are kept at
 //! four instants of the lag; a late plot goes back to the last one before it.
 
-use super::control::Refusal;
+use super::control::{Command, Refusal};
 use super::live::{Kept, Part, Tracker, WAITING, keep_followed};
 use super::plot::{Plot, PlotStatus, Plots};
 use super::row::{Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
 use crate::base::state::{restored, saved};
-use crate::flightplan::Plan;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, VecDeque};
@@ -52,46 +51,6 @@ pub struct LagTracker {
     closed: f64,
     /// Time of a plot long after the others, perhaps from a wrong clock.
     stray: f64,
-}
-
-/// What a controller changes while the tracker runs.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub enum Command {
-    /// [`Tracker::add_plan`]
-    Add(Plan),
-    /// [`Tracker::replace_plan`]
-    Replace(usize, Plan),
-    /// [`Tracker::remove_plan`]
-    Remove(usize),
-    /// [`Tracker::correlate`]
-    Correlate(u64, usize, bool),
-    /// [`Tracker::decorrelate`]
-    Decorrelate(u64),
-    /// [`Tracker::suspend_plan`]
-    Suspend(u64, bool),
-}
-
-impl Command {
-    fn track(&self) -> Option<u64> {
-        match *self {
-            Self::Correlate(number, ..) | Self::Decorrelate(number) | Self::Suspend(number, _) => {
-                Some(number)
-            }
-            _ => None,
-        }
-    }
-
-    fn apply(&self, tracker: &mut Tracker) -> Result<Option<usize>, Refusal> {
-        match self {
-            Self::Add(plan) => return tracker.add_plan(plan.clone()).map(Some),
-            Self::Replace(number, plan) => tracker.replace_plan(*number, plan.clone()),
-            Self::Remove(number) => tracker.remove_plan(*number),
-            Self::Correlate(number, plan, take) => tracker.correlate(*number, *plan, *take),
-            Self::Decorrelate(number) => tracker.decorrelate(*number),
-            Self::Suspend(number, suspended) => tracker.suspend_plan(*number, *suspended),
-        }?;
-        Ok(None)
-    }
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -116,7 +116,7 @@ impl Tracker {
 
     /// First plots of the confirmed tracks.
     pub(super) fn first_plots(&self) -> impl Iterator<Item = usize> {
-        self.tracks.iter().filter(|track| track.is_confirmed()).map(|track| track.first_plot)
+        self.tracks.iter().filter(|track| track.is_confirmed()).map(|track| track.first.index)
     }
 
     /// The number of the next track.

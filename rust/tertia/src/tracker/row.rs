@@ -57,7 +57,7 @@ impl Row {
         Self {
             time: track.time,
             track: track.number as i64,
-            first_plot: track.first_plot,
+            first_plot: track.first.index,
             radar,
             plot,
             estimate: track.widened(),

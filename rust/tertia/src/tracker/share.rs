@@ -191,7 +191,8 @@ impl Share {
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
-            let begun = (!confirmed && track.is_confirmed()).then_some(track.begun);
+            let begun = (!confirmed && track.is_confirmed())
+                .then_some((track.first.radar, track.first.time));
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, begun);
         }

@@ -69,10 +69,8 @@ pub(super) struct Track {
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
     pub filter: Filter,
-    /// Radar and time of the first plot.
-    pub begun: (usize, f64),
-    /// Its index among all that were given.
-    pub first_plot: usize,
+    /// The first plot.
+    pub first: Measured,
     /// Of the last plot, and its covariance.
     pub innovation: ([f64; 2], Plane),
     beams: Beams,
@@ -121,8 +119,7 @@ impl Track {
             },
             time: plot.time,
             seen: plot.time,
-            begun: (plot.radar, plot.time),
-            first_plot: plot.index,
+            first: *plot,
             filter: Filter::Straight(estimate),
             estimate,
             innovation: ([0.0; 2], r),
