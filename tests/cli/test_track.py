@@ -750,8 +750,8 @@ def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
     )
     told = judge(*arguments, "--max-distance", 700, "--plot", picture, folder=tmp_path)
     expected = terminal.indicators(frame, truth, max_distance=700.0, update_interval=5.0)
-    assert told["probability of update"] == expected.probability_of_update > 0.98
-    assert told["RMSE"] == expected.rmse < 100.0
+    assert told["probability of update"] == expected.probability_of_update.value > 0.98
+    assert told["RMSE"] == expected.rmse.value < 100.0
     assert told["false tracks"] == expected.false_tracks == 0
     assert told["missed targets"] == 0
     assert 0.5 < (told["NEES per axis"] or 0.0) < 1.5

@@ -265,29 +265,29 @@ def judged(*rows, truth=ONE, update_interval=4.0, max_distance=500.0):
 class TestIndicators:
     def test_everything_is_there(self):
         found = judged(*seen(*range(0, 101, 4)))
-        assert found.probability_of_update == 1
-        assert found.long_gap_ratio == 0
+        assert found.probability_of_update.value == 1
+        assert found.long_gap_ratio.value == 0
         np.testing.assert_array_equal(found.expected_updates, [26])
         np.testing.assert_array_equal(found.missed_updates, [0])
         np.testing.assert_array_equal(found.latency, [0])
         assert (found.false_tracks, found.false_updates, found.missed_targets) == (0, 0, 0)
         assert found.switches == 0
-        assert found.rmse == pytest.approx(0, abs=1e-9)
+        assert found.rmse.value == pytest.approx(0, abs=1e-9)
 
     def test_single_misses_by_hand(self):
         """One and two updates are missed in two gaps of 8 s and 12 s: 23 of 26 are there."""
         times = [t for t in range(0, 101, 4) if t not in (20, 48, 52)]
         found = judged(*seen(*times))
         np.testing.assert_array_equal(found.missed_updates, [3])
-        assert found.probability_of_update == pytest.approx(23 / 26)
-        assert found.long_gap_ratio == 0
+        assert found.probability_of_update.value == pytest.approx(23 / 26)
+        assert found.long_gap_ratio.value == 0
 
     def test_a_long_gap_by_hand(self):
         """Three are missed in 16 s, which is more than 3.3 periods; one in 8 s."""
         times = [t for t in range(0, 101, 4) if t not in (20, 48, 52, 56)]
         found = judged(*seen(*times))
-        assert found.probability_of_update == pytest.approx(22 / 26)
-        assert found.long_gap_ratio == pytest.approx(3 / 26)
+        assert found.probability_of_update.value == pytest.approx(22 / 26)
+        assert found.long_gap_ratio.value == pytest.approx(3 / 26)
 
     @pytest.mark.parametrize(("last", "missed"), [(96.0, 1), (96.3, 1), (96.5, 0)])
     def test_an_update_is_due_a_tenth_of_an_interval_before_the_end(self, last, missed):
@@ -297,7 +297,7 @@ class TestIndicators:
     def test_late_by_a_little_is_not_missed(self):
         times = np.arange(0, 101, 4) + np.resize([0, 0.9, -0.9], 26)
         found = judged(*seen(*np.clip(times, 0, 100)))
-        assert found.probability_of_update == 1
+        assert found.probability_of_update.value == 1
         np.testing.assert_array_equal(found.expected_updates, [26])
 
     def test_the_end_counts_and_the_beginning_is_latency(self):
@@ -305,11 +305,11 @@ class TestIndicators:
         np.testing.assert_array_equal(found.latency, [20])
         np.testing.assert_array_equal(found.expected_updates, [21])
         np.testing.assert_array_equal(found.missed_updates, [10])
-        assert found.long_gap_ratio == pytest.approx(10 / 21)
+        assert found.long_gap_ratio.value == pytest.approx(10 / 21)
 
     def test_more_updates_than_needed_are_no_merit(self):
         every = judged(*seen(*range(0, 101, 1)))
-        assert every.probability_of_update == 1
+        assert every.probability_of_update.value == 1
         times = [*np.arange(0, 21, 0.5), *range(40, 101, 4)]
         found = judged(*seen(*times))
         assert found.missed_updates[0] == 4
@@ -322,8 +322,8 @@ class TestIndicators:
         found = judged(*seen(*range(0, 101, 4)), truth=Truth(**truth))
         np.testing.assert_array_equal(found.expected_updates, [6, 26])
         np.testing.assert_array_equal(found.missed_updates, [6, 0])
-        assert found.probability_of_update == pytest.approx(26 / 32)
-        assert found.long_gap_ratio == pytest.approx(6 / 32)
+        assert found.probability_of_update.value == pytest.approx(26 / 32)
+        assert found.long_gap_ratio.value == pytest.approx(6 / 32)
         assert found.missed_targets == 1
         np.testing.assert_array_equal(found.latency, [NAN, 0])
         assert "1 of 2 targets missed" in repr(found)
@@ -345,7 +345,9 @@ class TestIndicators:
         found = judged(*rows)
         assert found.switches == 1
         count = 13
-        assert found.rmse == pytest.approx(np.sqrt((count * 900 + count * 1600) / (2 * count)))
+        assert found.rmse.value == pytest.approx(
+            np.sqrt((count * 900 + count * 1600) / (2 * count))
+        )
         _, across = track_errors(found.matching.error, np.pi / 2)
         np.testing.assert_allclose(np.sort(np.unique(across.round(6))), [-30, 40])
 
@@ -364,16 +366,16 @@ class TestIndicators:
         found = judged(*rows, truth=Truth(**truth))
         total = found.expected_updates.sum()
         sigma = np.sqrt(0.9 * 0.1 / total)
-        assert abs(found.probability_of_update - 0.9) < 3 * sigma
-        assert found.long_gap_ratio == missed / total > 0
+        assert abs(found.probability_of_update.value - 0.9) < 3 * sigma
+        assert found.long_gap_ratio.value == missed / total > 0
 
     def test_no_updates_at_all(self):
         none = tracks([], np.empty(0, int), np.empty((0, 2)))
         found = indicators(none, ONE, update_interval=4.0, max_distance=500.0)
-        assert found.probability_of_update == 0
-        assert found.long_gap_ratio == 1
+        assert found.probability_of_update.value == 0
+        assert found.long_gap_ratio.value == 1
         assert found.missed_targets == 1
-        assert np.isnan(found.rmse)
+        assert np.isnan(found.rmse.value)
 
     def test_errors(self):
         for key in ("update_interval", "max_distance"):

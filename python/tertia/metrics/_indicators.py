@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray, positive_number
-from tertia.metrics._consistency import rmse
+from tertia._arrays import FloatArray, IntArray, positive_number, probability, real
+from tertia.metrics._by_flight import root_by_flight, share_by_flight
+from tertia.metrics._indicator import Indicator
 from tertia.metrics._matching import Matching, Tracks, match_tracks
 from tertia.metrics._truth import Truth
 
 # a gap is long beyond three update intervals and a tenth
 LONG_GAP = 3.3
+# figures that may have limits
+_LIMITED = frozenset({"probability_of_update", "long_gap_ratio", "rmse"})
 # share of an interval by which an update may be late
 TOLERANCE = 0.1
 
@@ -23,9 +27,9 @@ class Indicators:
 
     Attributes
     ----------
-    probability_of_update : float
+    probability_of_update : Indicator
         Fraction of the expected updates that took place; nan if none was expected.
-    long_gap_ratio : float
+    long_gap_ratio : Indicator
         Fraction of the expected updates that are missing in gaps longer than 3.3 update intervals.
     expected_updates, missed_updates : ndarray of int, shape (K,)
         Number of updates for each target.
@@ -39,14 +43,14 @@ class Indicators:
         Number of track swaps: a target continues under another track.
     latency : ndarray of shape (K,)
         Seconds from the first time of a target to its first update; nan where it has none.
-    rmse : float
+    rmse : Indicator
         Root mean square distance of the updates from their targets, in metres.
     matching : Matching
         Target of each update; the order of targets is that of `matching.targets`.
     """
 
-    probability_of_update: float
-    long_gap_ratio: float
+    probability_of_update: Indicator
+    long_gap_ratio: Indicator
     expected_updates: IntArray
     missed_updates: IntArray
     false_updates: int
@@ -54,21 +58,27 @@ class Indicators:
     missed_targets: int
     switches: int
     latency: FloatArray
-    rmse: float
+    rmse: Indicator
     matching: Matching
 
     def __repr__(self) -> str:
         """Return the main figures."""
         return (
-            f"Indicators(probability of update {self.probability_of_update:.4f}, "
-            f"long gaps {self.long_gap_ratio:.4f}, {self.false_tracks} false tracks, "
+            f"Indicators(probability of update {self.probability_of_update.value:.4f}, "
+            f"long gaps {self.long_gap_ratio.value:.4f}, {self.false_tracks} false tracks, "
             f"{self.missed_targets} of {len(self.latency)} targets missed, "
-            f"{self.switches} switches, RMSE {self.rmse:.4g} m)"
+            f"{self.switches} switches, RMSE {self.rmse.value:.4g} m)"
         )
 
 
 def indicators(
-    tracks: Tracks, truth: Truth, *, max_distance: float, update_interval: float
+    tracks: Tracks,
+    truth: Truth,
+    *,
+    max_distance: float,
+    update_interval: float,
+    limits: Mapping[str, float] | None = None,
+    confidence_level: float = 0.95,
 ) -> Indicators:
     """Compare tracks with the truth, by the indicators of air navigation services.
 
@@ -82,6 +92,12 @@ def indicators(
         Largest distance in metres from a track to its target.
     update_interval : float
         Required seconds between updates.
+    limits : mapping of str to float, optional
+        Limits of `probability_of_update` (at least), `long_gap_ratio` and `rmse` (at most), from
+        the specification that is in force: none are built in. The verdicts then are "met", "not
+        met", or "not shown" where the interval has the limit in it.
+    confidence_level : float
+        Probability of the confidence intervals.
 
     Returns
     -------
@@ -91,7 +107,8 @@ def indicators(
     Raises
     ------
     ValueError, TypeError
-        As `match_tracks`, and an `update_interval` that is not positive.
+        As `match_tracks`, an `update_interval` that is not positive, a limit of no such figure,
+        a confidence level that is none.
 
     Notes
     -----
@@ -102,6 +119,12 @@ def indicators(
     the end of the truth, `floor(dt / update_interval + 0.1)` are missed. A target without any
     update misses all from its first time on. Sums are over all targets, so every expected update
     has the same weight. The time until the first update is not counted; it is given in `latency`.
+
+    Updates of one flight are not independent, so intervals are by flight. Shares have Wilson's
+    (1927), with the number of updates divided by the design effect, the variance by flight over
+    that of independent updates (Kish 1965), and quantiles of Student's distribution. Where all or
+    none took place, or there is one flight only, the design effect is taken to be 4. The root mean
+    square has percentiles of 2000 samples of the flights; that of one flight is unbounded.
 
     Examples
     --------
@@ -119,16 +142,32 @@ def indicators(
 missed, 0 switches, RMSE 0 m)
     """
     interval = positive_number(update_interval, "update_interval")
+    level = probability(confidence_level, "confidence_level")
+    required = {name: real(value, f"limits[{name!r}]") for name, value in (limits or {}).items()}
+    if unknown := required.keys() - _LIMITED:
+        raise ValueError(f"limits has {min(unknown)!r}; it may have {', '.join(sorted(_LIMITED))}")
     matching = match_tracks(tracks, truth, max_distance=max_distance, update_interval=interval)
     times = np.asarray(tracks.time, dtype=np.float64)
     expected, missed, long, first = _updates(truth, matching, times, interval)
     _, track = np.unique(np.asarray(tracks.track), return_inverse=True)
     shows = np.bincount(track, matching.matched)
-    total = int(expected.sum())
-    off = np.linalg.norm(matching.error, axis=-1)
+    squares = np.sum(matching.error[matching.matched] ** 2, axis=-1)
+    flight, flights = matching.target[matching.matched], len(truth)
     return Indicators(
-        1.0 - missed.sum() / total if total else float("nan"),
-        long.sum() / total if total else float("nan"),
+        share_by_flight(
+            (expected - missed).astype(float),
+            expected.astype(float),
+            level,
+            required.get("probability_of_update"),
+            least=True,
+        ),
+        share_by_flight(
+            long.astype(float),
+            expected.astype(float),
+            level,
+            required.get("long_gap_ratio"),
+            least=False,
+        ),
         expected,
         missed,
         int(np.count_nonzero(~matching.matched)),
@@ -136,7 +175,12 @@ missed, 0 switches, RMSE 0 m)
         int(np.count_nonzero(np.isnan(first))),
         int(matching.switches.sum()),
         first - truth.first,
-        float(rmse(off)),
+        root_by_flight(
+            np.bincount(flight, squares, minlength=flights).astype(float),
+            np.bincount(flight, minlength=flights).astype(float),
+            level,
+            required.get("rmse"),
+        ),
         matching,
     )
 

@@ -499,8 +499,8 @@ def findings(analysis: Analysis) -> list[str]:
         found.append(f"Left their plans: {listed}{more}.")
     if TOGETHER in analysis.judged:
         nees = analysis.judged[TOGETHER].nees
-        rmse = analysis.judged[TOGETHER].indicators.rmse
-        words = f"All radars together: RMSE {text(float(rmse))} m"
+        rmse = analysis.judged[TOGETHER].indicators.rmse.value
+        words = f"All radars together: RMSE {text(rmse)} m"
         if nees is not None and np.any(np.isfinite(nees)):
             words += (
                 f", NEES per axis {text(float(np.nanmean(nees)) / 2)}, "
@@ -522,10 +522,13 @@ def findings(analysis: Analysis) -> list[str]:
 def _better(analysis: Analysis) -> list[str]:
     """Return how the estimated noise changes the tracks, if the change is significant."""
     stated, found = (analysis.judged[name].indicators for name in (TOGETHER, FOUND))
-    if stated.false_tracks <= found.false_tracks and found.rmse > (1.0 - _OFF) * stated.rmse:
+    if (
+        stated.false_tracks <= found.false_tracks
+        and found.rmse.value > (1.0 - _OFF) * stated.rmse.value
+    ):
         return []
     return [
-        f"With noise and biases as found: RMSE {text(float(found.rmse))} m, {found.false_tracks} "
+        f"With noise and biases as found: RMSE {text(found.rmse.value)} m, {found.false_tracks} "
         f"false tracks instead of {stated.false_tracks}."
     ]
 

@@ -112,8 +112,8 @@ def _draw_plan(ax: "Axes", judged: Judged) -> None:
         if np.any(chosen):
             ax.plot(*places[chosen].T, mark, color=colour, markersize=3, label=label)
     ax.set(
-        title=f"probability of update {judged.indicators.probability_of_update:.3f}, "
-        f"RMSE {judged.indicators.rmse:.3g} m",
+        title=f"probability of update {judged.indicators.probability_of_update.value:.3f}, "
+        f"RMSE {judged.indicators.rmse.value:.3g} m",
         xlabel="east (km)",
         ylabel="north (km)",
     )
