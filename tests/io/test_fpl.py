@@ -1,6 +1,7 @@
 """Flight plans from ICAO messages."""
 
 import datetime
+import json
 import pickle
 
 import numpy as np
@@ -227,10 +228,24 @@ def test_messages_in_a_file_and_tables(tmp_path):
     airways = pl.DataFrame(rows[::-1], ["airway", "sequence", "fix"], orient="row")
     fixes.write_csv(tmp_path / "fixes.csv")
     airways.write_csv(tmp_path / "airways.csv")
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [longitude, latitude]},
+            "properties": {"name": name},
+        }
+        for name, latitude, longitude in fixes.rows()
+    ]
+    collection = {"type": "FeatureCollection", "features": features}
+    (tmp_path / "fixes.geojson").write_text(json.dumps(collection), encoding="utf-8")
+    (tmp_path / "bad.geojson").write_text('{"features": [{}]}', encoding="utf-8")
+    with pytest.raises(ValueError, match="cannot read"):
+        read(text, fixes=tmp_path / "bad.geojson")
     for source, options in (
         (text, {}),
         (file, {"fixes": fixes, "airways": airways}),
         (text, {"fixes": fixes.to_pandas(), "airways": airways.to_pandas()}),
+        (text, {"fixes": tmp_path / "fixes.geojson"}),
         (text, {"fixes": tmp_path / "fixes.csv", "airways": str(tmp_path / "airways.csv")}),
     ):
         plans = read(source, **options)

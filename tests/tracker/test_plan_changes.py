@@ -229,3 +229,13 @@ def test_a_plan_given_by_hand_is_free_when_its_track_ends():
     assert set(found.track.tolist()) == {2}
     assert found.plan[-1] == 0
     assert found.plan_status[-1] == CorrelationStatus.ACCEPTED
+
+
+def test_a_blocked_plan_that_is_replaced_counts_once_the_track_is_on_the_new_route():
+    cleared = plan_of(SHORTCUT)
+    plots = flight(cleared, 80)
+    tracker = Tracker([RADAR], plans=[plan_of(ROUTE)])
+    assert not scans(tracker, plots[:60])[-1].conforms[-1]
+    tracker.replace_plan(0, cleared)
+    found = scans(tracker, plots[60:66])
+    assert [bool(table.conforms[-1]) for table in found] == [False] * 4 + [True] * 2

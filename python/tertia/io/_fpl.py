@@ -103,12 +103,13 @@ def read_fpl(
     ----------
     text : str or Path
         The messages, or a file of them. What is outside parentheses is ignored.
-    fixes : mapping, table or path of a CSV file
+    fixes : mapping, table or path of a CSV or GeoJSON file
         Aerodromes, navigation aids and waypoints: a mapping from names to (latitude, longitude) or
-        (latitude, longitude, declination) in degrees, or to a list of these, or a table with the
-        columns `name`, `latitude_deg`, `longitude_deg`, and optionally `declination_deg`. Of
-        several places of a name the one nearest to the point before is meant. Radials are magnetic:
-        the declination is added to them.
+        (latitude, longitude, declination) in degrees, or to a list of these; a table with the
+        columns `name`, `latitude_deg`, `longitude_deg`, and optionally `declination_deg`; or Points
+        with the properties `name` and `declination_deg`. Of several places of a name the one
+        nearest to the point before is meant. Radials are magnetic: the declination is added to
+        them.
     airways : mapping, table or path of a CSV file
         A mapping from names to the names of fixes in order, or a table with the columns `airway`,
         `sequence`, `fix`. They are flown both ways.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -244,6 +245,9 @@ def _fixes(fixes: Any) -> dict[str, list[Place]]:
 
 
 def _fix_rows(fixes: Any) -> Iterator[Sequence[Any]]:
+    if isinstance(fixes, (str, Path)) and Path(fixes).suffix.lower() in {".json", ".geojson"}:
+        yield from _geojson(Path(fixes))
+        return
     columns = table_columns(fixes, _FIXES, "fixes", ("declination_deg",))
     if columns is not None:
         yield from zip(*columns.values(), strict=True)
@@ -280,6 +284,19 @@ def table_columns(
         raise ValueError(f"{what} has no column {missing[0]}")
     names = [*required, *(name for name in optional if name in there)]
     return {name: np.asarray(table[name]).tolist() for name in names}
+
+
+def _geojson(path: Path) -> Iterator[Sequence[Any]]:
+    """Yield name, latitude, longitude and declination of the points of a FeatureCollection."""
+    try:
+        for feature in json.loads(path.read_text("utf-8"))["features"]:
+            properties, geometry = feature["properties"], feature["geometry"]
+            if geometry["type"] != "Point":
+                raise ValueError(f"it has a {geometry['type']}; fixes are Points")
+            longitude, latitude, *_ = geometry["coordinates"]
+            yield properties["name"], latitude, longitude, properties.get("declination_deg", 0.0)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"cannot read {path}: {error}") from None
 
 
 def _csv(path: str | Path) -> Any:
