@@ -607,6 +607,7 @@ def test_regions_and_protection_levels(write: Write, stations: Path, tmp_path: P
     assert_column(frame["region_area_m2"], region.area)
     assert_column(frame["region_semi_major_m"], region.semi_major)
     assert_column(frame["region_orientation_deg"], np.degrees(region.orientation))
+    assert_column(frame["cep_m"], expected.cep())
     assert_column(frame["protection_level_m"], np.where(np.isfinite(level), level, NAN))
 
 

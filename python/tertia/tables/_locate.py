@@ -43,6 +43,7 @@ def locate(
     method: LocationMethod = "robust",
     max_range: float | None = None,
     pooled: bool = False,
+    redundancy: int | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
     multipath: bool = True,
@@ -82,6 +83,8 @@ def locate(
     pooled : bool
         Whether the sigmas are relative, or one sigma is unknown, for all instants of a target
         together.
+    redundancy : int, optional
+        See `tertia.location.locate`.
     range_difference_correlation, propagation_speed : float
         See `tertia.location.locate`.
     multipath : bool
@@ -91,7 +94,8 @@ def locate(
     initial : array_like, optional
         A position near the targets, to select one of several that fit the measurements.
     probability : float, optional
-        Content of the regions of the positions; adds their columns.
+        Content of the regions of the positions; adds their columns, and `cep_m`, the radius
+        that holds the target with a probability of one half.
     risk : float, optional
         Risk of a protection level; adds its column.
 
@@ -134,6 +138,7 @@ def locate(
         method=method,
         max_range=max_range,
         pooled=pooled,
+        redundancy=redundancy,
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
         multipath=multipath,
@@ -240,7 +245,7 @@ def _regions(
     if probability is not None:
         region = found.region(probability)
         axes = region.semi_major, region.semi_minor, np.degrees(region.orientation)
-        columns |= zip(REGION, (region.area, *axes), strict=True)
+        columns |= zip(REGION, (region.area, *axes, found.cep()), strict=True)
     if risk is not None:
         columns[PROTECTION_LEVEL] = found.protection_level(risk)
     return {name: known(np.asarray(values)) for name, values in columns.items()}

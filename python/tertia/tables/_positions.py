@@ -40,6 +40,7 @@ REGION = (
     "region_semi_major_m",
     "region_semi_minor_m",
     "region_orientation_deg",
+    "cep_m",
 )
 PROTECTION_LEVEL = "protection_level_m"
 

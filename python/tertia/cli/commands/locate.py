@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import polars as pl
@@ -10,7 +10,7 @@ import typer
 
 from tertia import plot
 from tertia.cli.commands import positions
-from tertia.cli.files import maps, read, write
+from tertia.cli.files import krakensdr, maps, read, write
 from tertia.cli.terminal.options import (
     By,
     ColumnNames,
@@ -28,6 +28,7 @@ from tertia.tables._groups import group_name
 from tertia.tables._locate import locations_of
 from tertia.tables._measurements import UNITS
 from tertia.tables._positions import Located, Positions
+from tertia.tables._records import Source
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -38,6 +39,7 @@ EXAMPLES = (
     "tertia locate ranges.csv --sensors two.toml --initial 1200,3400 --method least-squares",
     "tertia locate telemetry.csv --sensors towers.csv --method posterior --max-range 5000 --pooled",
     "tertia locate hour.csv --sensors finders.toml --tolerance inf --output position.geojson",
+    "tertia locate *.csv --format krakensdr --sensors finders.toml --tolerance inf",
     "tertia locate shots.csv --sensors microphones.toml --propagation-speed 343",
 )
 # what a picture of one instant shows
@@ -50,6 +52,10 @@ def locate(
     sensors: SensorFile,
     column: ColumnNames = None,
     by: By = None,
+    form: Annotated[
+        Literal["table", "krakensdr"],
+        typer.Option("--format", help="Of the files: krakensdr is that of its app, with spectra."),
+    ] = "table",
     tolerance: Annotated[
         float,
         typer.Option(
@@ -66,6 +72,10 @@ def locate(
         bool,
         typer.Option("--pooled", help="Sigmas are relative: one factor for all instants."),
     ] = False,
+    redundancy: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Degrees of freedom that a search for outliers needs: 3."),
+    ] = None,
     range_difference_correlation: Annotated[
         float,
         typer.Option(
@@ -93,7 +103,7 @@ def locate(
     ] = None,
     probability: Annotated[
         float | None,
-        typer.Option(metavar="P", help="Write regions with this probability: area, axes."),
+        typer.Option(metavar="P", help="Write regions with this probability: area, axes, CEP."),
     ] = None,
     risk: Annotated[
         float | None,
@@ -110,10 +120,14 @@ def locate(
     within --tolerance, form an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
-    stations = read.read_stations(sensors)
+    if form == "krakensdr":
+        source: Source = [krakensdr.recording(path) for path in files]
+    else:
+        source = read.tables(*files)
+    stations = read.read_stations(sensors, source)
     maps.check(output, stations)
     found = locations_of(
-        read.tables(*files),
+        source,
         sensors=stations,
         columns=column_names(column),
         by=by or [],
@@ -121,6 +135,7 @@ def locate(
         method=method,
         max_range=max_range,
         pooled=pooled,
+        redundancy=redundancy,
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
         multipath=multipath,

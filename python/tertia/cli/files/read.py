@@ -16,7 +16,7 @@ from tertia.cli.files.text import Dialect, read_text
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._records import Part, Source
-from tertia.tables._sensors import Sensors, radars, stations
+from tertia.tables._sensors import GEODETIC, LOCAL, Sensors, radars, stations
 
 if TYPE_CHECKING:
     from tertia.flightplan import FlightPlan
@@ -188,9 +188,16 @@ def read_radars(path: Path, source: Source = (), *, flat: bool = False) -> Senso
     return sensors
 
 
-def read_stations(path: Path) -> Sensors[Station]:
-    """Return the stations of a sensors file."""
+def read_stations(path: Path, source: Source = ()) -> Sensors[Station]:
+    """Return the stations of a sensors file; without a place, at that of their recording."""
     rows, origin = _described(path, "station")
+    found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
+    rows = [
+        row
+        if {LOCAL[0], GEODETIC[0]} & set(row)
+        else {**found.get(str(row.get("name")), {}), **row}
+        for row in rows
+    ]
     return stations(rows, origin=origin, file=str(path))
 
 

@@ -1,0 +1,108 @@
+"""Recordings of KrakenSDR direction finders, in the format of their app."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray
+from tertia.cli.terminal.say import WRONG_USAGE, fail
+from tertia.tables._records import Part, doubt
+
+# what the columns before the spectrum hold; they have no header
+_COLUMNS = (
+    "time",
+    "angle",
+    "confidence",
+    "power",
+    "frequency",
+    "array",
+    "latency",
+    "sensor",
+    "latitude_deg",
+    "longitude_deg",
+    "gps_heading",
+    "compass_heading",
+    "heading",
+)
+_NUMBERS = ("angle", "latitude_deg", "longitude_deg", "gps_heading", "compass_heading")
+_RESERVED = 4
+_SPECTRUM = 360
+# degrees between an angle and the maximum of its spectrum, and a share of rows that agree
+_NEAR, _AGREE = 2.0, 0.9
+# of a station that stands, in degrees: noise of its receiver of positions
+_STANDS = 1e-3
+
+
+def recording(path: Path) -> Part:
+    """Return the bearings of a recording, and the places of its stations."""
+    try:
+        cells = pl.read_csv(path, has_header=False, infer_schema=False, glob=False)
+    except FileNotFoundError:
+        fail(f"there is no file {path}", WRONG_USAGE)
+    except OSError as error:
+        fail(f"cannot read {path}: {error.strerror or error}")
+    except pl.exceptions.PolarsError as error:
+        fail(f"cannot read {path}: {str(error).splitlines()[0]}")
+    first = len(_COLUMNS) + _RESERVED
+    if cells.width not in {first, first + _SPECTRUM}:
+        fail(
+            f"{path} is no recording of KrakenSDR: it has {cells.width} columns; these have "
+            f"{first}, or {first + _SPECTRUM} with spectra (format 'Kraken App')"
+        )
+    cells = cells.select(pl.all().str.strip_chars())
+    rows = cells[:, : len(_COLUMNS)].rename(dict(zip(cells.columns, _COLUMNS, strict=False)))
+    try:
+        rows = rows.with_columns(
+            pl.col("time").cast(pl.Int64), *(pl.col(name).cast(pl.Float64) for name in _NUMBERS)
+        )
+        spectra = cells[:, first:].cast(pl.Float64).to_numpy() if cells.width > first else None
+    except pl.exceptions.PolarsError as error:
+        fail(f"{path}: a number is none: {str(error).splitlines()[0]}")
+    relative = rows["angle"].to_numpy()
+    if spectra is None:
+        doubt(f"{path} has no spectra: its angles are taken for clockwise from the heading")
+    elif not _is_compass(path, relative, spectra):
+        relative = -relative
+    heading = pl.when(pl.col("heading") == "Compass").then("compass_heading")
+    table = rows.select(
+        pl.from_epoch("time", time_unit="ms").dt.replace_time_zone("UTC").alias("time_s"),
+        "sensor",
+        ((heading.otherwise("gps_heading") + pl.Series(relative)) % 360.0).alias("azimuth_deg"),
+    )
+    return Part(table, str(path), path.stem, 1, sensors=_places(path, rows))
+
+
+def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
+    """Return whether angles are clockwise; the spectra are along the unit circle, anticlockwise."""
+    maximum = np.argmax(spectra, axis=1)
+    telling = np.abs(np.sin(np.radians(maximum))) > np.sin(np.radians(2 * _NEAR))
+    circle, compass = (
+        np.mean(np.abs((angle - one + 180.0) % 360.0 - 180.0)[telling] <= _NEAR)
+        if telling.any()
+        else 0.0
+        for one in (maximum, -maximum)
+    )
+    if max(circle, compass) < _AGREE:
+        fail(
+            f"{path}: it cannot be told whether angles are clockwise: {circle:.0%} agree with the "
+            f"maxima of the spectra, {compass:.0%} with their mirror images"
+        )
+    said = "clockwise from the heading" if compass > circle else "anticlockwise (unit circle)"
+    doubt(f"{path}: by the spectra its angles are {said}")
+    return bool(compass > circle)
+
+
+def _places(path: Path, rows: pl.DataFrame) -> dict[str, dict[str, float]]:
+    """Return the places of the stations, which must stand."""
+    places = {}
+    for (name,), own in rows.group_by("sensor"):
+        place = own.select("latitude_deg", "longitude_deg")
+        spread = place.select(pl.all().max() - pl.all().min()).row(0)
+        if max(spread) > _STANDS:
+            fail(
+                f"{path}: {name} moves, by {max(spread):.3g} degrees; locate takes stations that "
+                "stand"
+            )
+        places[str(name)] = place.median().row(0, named=True)
+    return places
