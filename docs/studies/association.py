@@ -174,8 +174,8 @@ def updates() -> str:
         # m in a row, m >= 3, between two updates: m miss^m probability^2 a scan
         long = miss**3 * (3 - 2 * miss)
         rows.append(
-            [f"{probability:.2f}", f"{found.probability_of_update:.4f}",
-             f"{found.long_gap_ratio:.5f}", f"{long:.5f}"]
+            [f"{probability:.2f}", f"{found.probability_of_update.value:.4f}",
+             f"{found.long_gap_ratio.value:.5f}", f"{long:.5f}"]
         )  # fmt: skip
     head = ["probability of detection", "probability of update", "long-gap ratio", "expected"]
     return markdown(head, rows)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray, positive_number, probability, real
+from tertia._arrays import FloatArray, IntArray, instance, positive_number, probability, real
 from tertia.metrics._by_flight import root_by_flight, share_by_flight
 from tertia.metrics._indicator import Indicator
 from tertia.metrics._matching import Matching, Tracks, match_tracks
@@ -143,7 +143,9 @@ missed, 0 switches, RMSE 0 m)
     """
     interval = positive_number(update_interval, "update_interval")
     level = probability(confidence_level, "confidence_level")
-    required = {name: real(value, f"limits[{name!r}]") for name, value in (limits or {}).items()}
+    limits = {} if limits is None else limits
+    instance(limits, "limits", Mapping)
+    required = {name: real(value, f"limits[{name!r}]") for name, value in limits.items()}
     if unknown := required.keys() - _LIMITED:
         raise ValueError(f"limits has {min(unknown)!r}; it may have {', '.join(sorted(_LIMITED))}")
     matching = match_tracks(tracks, truth, max_distance=max_distance, update_interval=interval)
