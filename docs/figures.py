@@ -34,6 +34,7 @@ from studies import (
     registration,
     screening,
     smoothing,
+    tertiary,
     tracker,
     trajectory,
     weights,
@@ -121,6 +122,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "other errors": audit.other_errors,
         "verdicts": audit.verdicts,
     },
+    "tertiary.md": {"association": tertiary.association, "fusion": tertiary.fusion},
     "registration.md": {
         "coverage": registration.coverage,
         "aligned": registration.aligned,

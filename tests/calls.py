@@ -18,6 +18,7 @@ from tertia import (
     sensors,
     simulate,
     smoothing,
+    tertiary,
     tracker,
     trajectory,
     weights,
@@ -57,6 +58,7 @@ HEARD = {
 SEEN = {"range": RANGE, "azimuth": AZIMUTH}
 TRAFFIC = simulate.dense_traffic(3, duration=40.0, rng=1)
 FRAME = geo.LocalFrame(52.0, 11.0)
+STATES = {"time": TIME, "sensor": 0, "track": 1, "position": PATH, "velocity": VELOCITY}
 SERIES = {"z": Z, "measurement_variance": 0.01, "model": MODEL}
 
 # every argument by its name
@@ -156,6 +158,9 @@ CALLS: list[tuple[Any, dict[str, Any]]] = [
     (registration.calibrate, {"station": STATIONS[0], "time": TIME, "position": PATH,
                               "azimuth": AZIMUTH[:, 0]}),
     (registration.register, {"plots": PLOTS, "sensors": RADARS}),
+    (tertiary.SensorTracks, STATES),
+    (tertiary.FusionCentre, {"sensors": RADARS}),
+    (tertiary.fuse_tracks, {"tracks": tertiary.SensorTracks(**STATES), "sensors": RADARS}),
     (simulate.dense_traffic, {"n": 2, "duration": 20.0}),
     (simulate.direction_finder, {"n": 20}),
     (simulate.encounter, {"name": "crossing", "duration": 20.0}),

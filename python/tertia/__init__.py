@@ -14,7 +14,8 @@ The modules, in the order in which they build on each other:
 - `tertia.association` assigns plots to tracks;
 - `tertia.flightplan` compares tracks with flight plans;
 - `tertia.tracker` tracks many targets;
-- `tertia.registration` estimates the noise and the biases of radars.
+- `tertia.registration` estimates the noise and the biases of radars;
+- `tertia.tertiary` makes one picture of the tracks of several sensors.
 
 `tertia.simulate` simulates records, `tertia.metrics` evaluates errors and tracks, and `tertia.io`
 reads flight plans and ASTERIX. Further modules need extras: `tertia.geo`, `tertia.plot`,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
         sensors,
         simulate,
         smoothing,
+        tertiary,
         tracker,
         trajectory,
         weights,
@@ -68,6 +70,7 @@ __all__ = [
     "sensors",
     "simulate",
     "smoothing",
+    "tertiary",
     "tracker",
     "trajectory",
     "weights",

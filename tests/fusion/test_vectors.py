@@ -6,8 +6,8 @@ from checks import NAN, close
 from fusion.scenes import MODEL
 from reference import fusion as reference
 
-from tertia.fusion import fuse_series
-from tertia.kalman import SingerModel
+from tertia.fusion import fuse, fuse_series
+from tertia.kalman import SingerModel, filter_series
 
 T4 = SingerModel(4.0, 0.05, np.sqrt(4e-6 / 0.36))
 V2 = np.array([[NAN, 10.41, 10.77, 11.25, 11.60, 12.05], [NAN, 10.30, 10.95, 11.10, NAN, 12.30]])
@@ -88,6 +88,59 @@ class TestVectors:
         start = np.array([angles[0], 0, 0]), np.diag([0.01, 0.04, 1e-4])
         x, _ = reference.third_filter(angles[1:], 0.01, f, q, *start)
         assert x == close(V2_THIRD, V2_DIGITS)
+
+    def test_third_filter_by_its_option(self):
+        options = {"method": "paper", "initial": V2_INITIAL, "outage": "printed"}
+        fused = fuse_series(V2, V2_NOISE, T4, **options)
+        np.testing.assert_array_equal(fused.weights[:, 4], [[0, 0, 0], [1, 1, 1]])
+        start = [10.05, 0, 0], np.diag([0.01, 0.04, 1e-4])
+        angles = np.concatenate([[NAN], fused.mean[1:, 0]])
+        again = filter_series(angles, 0.01, T4, initial=start)
+        assert again.mean[-1] == close(V2_THIRD, V2_DIGITS)
+        both = fuse_series(V2, V2_NOISE, T4, **options, third_filter=T4)
+        np.testing.assert_array_equal(both.unfiltered, fused.mean)
+        own = filter_series(fused.mean[:, 0], np.mean(V2_NOISE) / 2, T4)
+        np.testing.assert_array_equal(both.mean, own.mean)
+        np.testing.assert_array_equal(both.upper, own.upper)
+
+    @pytest.mark.parametrize("options", [{"outage": "printed"}, {"third_filter": T4}])
+    def test_options_of_the_paper_alone(self, options):
+        with pytest.raises(ValueError, match="are for 'paper'"):
+            fuse_series(V2, V2_NOISE, T4, **options)
+        with pytest.raises(ValueError, match="outage is 'none'"):
+            fuse_series(V2, V2_NOISE, T4, method="paper", outage="none")
+
+    def test_states_by_their_corrections(self):
+        """Weights as products of the others' squares, over their sum."""
+        x = [[359.98, 0.110, 0.0010], [0.03, 0.125, 0.0004]]
+        y = [[0.05, 0.004, 0.0002], [-0.02, 0.001, -0.0003]]
+        found = fuse(x, method="paper", corrections=y, period=360.0)
+        second = [0.8620689655172, 0.9411764705882, 0.3076923076923]
+        assert np.diag(found.weights[1]) == close(second, 1e-12)
+        expected = [0.02310344827583, 0.1241176470588, 0.0008153846153846]
+        assert found.mean == close(expected, 1e-11)
+        assert np.all(np.isnan(found.covariance))
+        known = fuse(x, [np.eye(3)] * 2, method="paper", corrections=y, period=360.0)
+        share = np.diagonal(known.weights, axis1=1, axis2=2)
+        assert np.diag(known.covariance) == close(np.sum(share**2, axis=0), 1e-15)
+
+    def test_corrections_of_zero(self):
+        corrections = [[0.0, 0.0, 1e-200], [0.0, 1.0, 1e-200]]
+        found = fuse(np.zeros((2, 3)), method="paper", corrections=corrections)
+        np.testing.assert_array_equal(np.diag(found.weights[0]), [0.5, 1.0, 0.5])
+        alone = fuse([[1.0], [NAN]], method="paper", corrections=[[1.0], [0.0]])
+        assert alone.mean == 1.0
+
+    def test_what_the_rule_needs(self):
+        x, s = np.zeros((2, 3)), [np.eye(3)] * 2
+        with pytest.raises(ValueError, match="needs corrections"):
+            fuse(x, s, method="paper")
+        with pytest.raises(ValueError, match="takes no corrections"):
+            fuse(x, s, corrections=x)
+        with pytest.raises(ValueError, match="needs them"):
+            fuse(x)
+        with pytest.raises(ValueError, match=r"corrections\[0, 0\] is nan"):
+            fuse(x, method="paper", corrections=x + NAN)
 
     def test_without_a_plot_a_radar_is_left_out_of_the_papers_rule(self):
         np.testing.assert_array_equal(fused_v2("paper").weights[:, 4], [[1, 1, 1], [0, 0, 0]])

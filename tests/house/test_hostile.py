@@ -13,7 +13,8 @@ from checks import INF, NAN
 
 MODULES = (
     "screening", "bearing", "weights", "location", "kalman", "smoothing", "trajectory", "fusion",
-    "association", "flightplan", "tracker", "registration", "simulate", "metrics",
+    "association", "flightplan", "tracker", "registration", "tertiary", "simulate",
+    "metrics",
 )  # fmt: skip
 REFUSED = (ValueError, TypeError, np.linalg.LinAlgError)
 # in seconds; on a busy machine, too

@@ -1,10 +1,10 @@
 """Concepts import those to their left, on every floor; nothing imports in circles; files are short.
 
 `base <- screening <- bearing <- weights <- sensors, geo <- location <- kalman <- smoothing <-
-trajectory <- fusion <- association <- flightplan <- registration <- tracker`, and outside
-`simulate, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration` is
-right of the tracker, because it takes recordings, and makes tracks of them first. `geo` is beside
-the sensors: it makes sensors in Python, and their plots go through it.
+trajectory <- fusion <- association <- flightplan <- registration <- tracker <- tertiary`, and
+outside `simulate, metrics <- plot, tables, io, interop <- report <- cli`. In Python `registration`
+is right of the tracker, because it takes recordings, and makes tracks of them first. `geo` is
+beside the sensors: it makes sensors in Python, and their plots go through it.
 """
 
 import ast
@@ -33,6 +33,7 @@ ORDER = [
     {"flightplan"},
     {"registration"},
     {"tracker"},
+    {"tertiary"},
     {"simulate", "metrics"},
     {"plot", "tables", "io", "interop", "asterix"},
     {"report"},

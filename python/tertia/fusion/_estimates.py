@@ -27,7 +27,7 @@ from tertia.weights._readers import deviation, moderate, of_one_batch
 from tertia.weights._spread import counts
 
 InstantMethod: TypeAlias = Literal[
-    "matrix", "posterior", "covariance-intersection", "static", "equal"
+    "matrix", "posterior", "covariance-intersection", "static", "equal", "paper"
 ]
 
 
@@ -93,13 +93,14 @@ class FusedEstimate:
 
 def fuse(
     estimates: npt.ArrayLike,
-    covariances: npt.ArrayLike,
+    covariances: npt.ArrayLike | None = None,
     *,
     bias_sigma: npt.ArrayLike | None = 0.0,
     n: Count | None = None,
     method: InstantMethod = "matrix",
     cross_covariances: npt.ArrayLike | None = None,
     weights: npt.ArrayLike | None = None,
+    corrections: npt.ArrayLike | None = None,
     period: float | None = None,
     n_threads: int | None = None,
 ) -> FusedEstimate:
@@ -110,10 +111,10 @@ def fuse(
     estimates : array_like of shape (..., K, m)
         Estimates of K >= 1 sensors. nan in all components means that the sensor has no estimate;
         its other data are not read.
-    covariances : array_like of shape (..., K, m, m)
-        Their covariances. Leading axes of all arrays are broadcast against each other. With
-        "matrix", a covariance may be singular where the others are not singular in the same
-        direction.
+    covariances : array_like of shape (..., K, m, m), optional
+        Their covariances; only "paper" can do without, and the covariance of its result is then
+        nan. Leading axes of all arrays are broadcast against each other. With "matrix", a
+        covariance may be singular where the others are not singular in the same direction.
     bias_sigma : float, array_like of shape (K,), or None
         Standard deviation of the systematic error of each estimate and component, which is not in
         its covariance: one for all sensors or one for each, in the unit of the estimates. 0: there
@@ -129,12 +130,16 @@ def fuse(
         "covariance-intersection": for errors whose correlation is unknown; all sensors at once,
         with the upper bound of the covariance that has the least determinant.
         "static": by `weights`. "equal": equal weights.
+        "paper": component by component by the inverse squares of `corrections`, as in the source.
     cross_covariances : array_like of shape (..., K, K, m, m), optional
         Covariances of the errors of two sensors: block [i, j] is that of the errors of i (rows) and
         of j (columns), and the transpose of [j, i]. Blocks [i, i] are not read. By default the
         errors are independent. Covariance intersection does not use them: its bound holds for any.
     weights : array_like of shape (K,), optional
         Weights for "static", and only there, up to a common factor.
+    corrections : array_like of shape (..., K, m), optional
+        By which the last measurement moved each estimate, for "paper", and only there. A correction
+        of zero takes all the weight of its component; where all are zero, weights are equal.
     period : float, optional
         Of the first component, if that is an angle: 360.0 for degrees, 2*pi for radians. The fused
         angle is in [0, period).
@@ -176,6 +181,9 @@ def fuse(
     least determinant does not depend on the units. The problem is convex and treats all sensors
     alike.
 
+    "paper" takes a small correction for a small error, which it is not: the correction of a filter
+    whose model is right says nothing about the error that is left.
+
     With a period, angles are turned to within half of it of the angle with the least variance.
 
     `bias_sigma=None` is a random-effects model: `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)` and
@@ -209,11 +217,16 @@ def fuse(
     >>> fuse(x, S, bias_sigma=None)
     FusedEstimate([12.9594 ± 2.9], p-value 4.78e-06)
     """
-    x, s = samples(estimates, "estimates"), samples(covariances, "covariances")
+    x = samples(estimates, "estimates")
     if x.ndim < 2 or 0 in x.shape[-2:]:
         raise ValueError(f"estimates has shape {x.shape}; it must be (..., K, m)")
     sensors, m = x.shape[-2:]
+    _require_paper(method, corrections, covariances)
+    # without covariances, any: that of the result is not told
+    s = samples([np.eye(m)] * sensors if covariances is None else covariances, "covariances")
     given = {"estimates": (x, (sensors, m)), "covariances": (s, (sensors, m, m))}
+    if corrections is not None:
+        given["corrections"] = (samples(corrections, "corrections"), (sensors, m))
     if cross_covariances is not None:
         cross = samples(cross_covariances, "cross_covariances")
         given["cross_covariances"] = (cross, (sensors, sensors, m, m))
@@ -223,11 +236,15 @@ def fuse(
             raise ValueError(f"{name} is for method 'matrix' without cross_covariances")
     laws = None if n is None else _core.wishart_law(counts(n), "sample-mean", sensors)
     arrays = of_one_batch(**given)
+    if corrections is not None:
+        holds = np.isfinite(arrays["corrections"]) | np.isnan(arrays["estimates"])
+        require_each(arrays["corrections"], holds, "corrections", "a finite number")
     if bias_sigma is not None:
         bias = _biases(bias_sigma, sensors)
         arrays |= _with_bias(arrays["estimates"], arrays["covariances"], bias)
     arguments: dict[str, object] = {
         "cross_covariances": None,
+        "corrections": None,
         **arrays,
         "weights": _proportions(weights, method, sensors),
         "method": str(method),
@@ -235,6 +252,8 @@ def fuse(
         "period": None if period is None else real(period, "period"),
     }
     found = _fused(_core.fuse(arguments, threads(n_threads)))
+    if covariances is None:
+        found = replace(found, covariance=np.full_like(found.covariance, np.nan))
     if bias_sigma is not None:
         found = replace(found, bias_sigma=scalar_or_array(bias))
     else:
@@ -244,6 +263,17 @@ def fuse(
     if laws is None or all(np.isinf(degrees) for degrees, _ in laws):
         return found
     return allowing_for(found, arrays["estimates"], arrays["covariances"], laws)
+
+
+def _require_paper(
+    method: str, corrections: npt.ArrayLike | None, covariances: npt.ArrayLike | None
+) -> None:
+    """Fail where the paper's rule lacks its corrections, or another one its covariances."""
+    if (corrections is None) == (method == "paper"):
+        needed = "needs corrections" if corrections is None else "takes no corrections"
+        raise ValueError(f"method {method!r} {needed}; they are for 'paper'")
+    if covariances is None and method != "paper":
+        raise ValueError(f"covariances is None; method {method!r} needs them")
 
 
 def _biases(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from tertia._arrays import (
     threads,
 )
 from tertia.fusion._lasting import correlation_times, growth
+from tertia.kalman import filter_series
 from tertia.kalman._batch import _initial, _intervals
 from tertia.kalman._model import SingerModel, _full, _require_model, _sigma
 
@@ -36,6 +37,8 @@ FusionMethod: TypeAlias = Literal[
     "equal",
     "paper",
 ]
+
+Outage: TypeAlias = Literal["left-out", "printed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +67,8 @@ class FusedSeries:
         Time over which each radar's noise is correlated: as given, or as found; 0 for white noise.
     systematic : {"not included"}
         A systematic error of a radar is not part of the covariance.
+    unfiltered : ndarray of shape (..., steps, 3) or None
+        The fused states before the third filter; None without one.
     """
 
     mean: FloatArray
@@ -75,6 +80,7 @@ class FusedSeries:
     innovation_variance: FloatArray
     correlation_time: FloatArray
     systematic: Systematic = "not included"
+    unfiltered: FloatArray | None = None
 
     @property
     def covariance(self) -> FloatArray:
@@ -109,6 +115,8 @@ def fuse_series(
     threshold: float = 1.6,
     outlier_gate: float = 16.0,
     correlation_time: npt.ArrayLike | None = 0.0,
+    outage: Outage = "left-out",
+    third_filter: SingerModel | None = None,
     n_threads: int | None = None,
 ) -> FusedSeries:
     """Fuse the plots of several radars into one track.
@@ -135,8 +143,7 @@ def fuse_series(
         "covariance-intersection": without the correlation; the covariance is an upper bound.
         "ewma": by the inverse running mean of the squared innovations.
         "static": by the inverse variances as stated. "equal": equal weights.
-        "paper": component by component by the inverse squares of this step's corrections; radars
-        without a plot are left out.
+        "paper": component by component by the inverse squares of this step's corrections.
     initial : (mean, covariance), optional
         States of the radars' filters at the first step before their plots, of shapes (..., K, 3)
         and (..., K, 3, 3). By default they are unknown.
@@ -161,6 +168,13 @@ def fuse_series(
         Time over which a radar's noise is correlated, `exp(-T / correlation_time)` between plots a
         time T apart: one for all radars, or one for each. None: found for each radar, as by
         `tertia.smoothing.smooth`. The covariance grows, the track is the same.
+    outage : {"left-out", "printed"}
+        For "paper", and only there: a radar without a plot is left out, or its correction is zero,
+        as in the source, which gives it all the weight.
+    third_filter : SingerModel, optional
+        For "paper", and only there: the fused angle is filtered again by this model, as in the
+        source, with the mean of the radars' variances over K. The covariance is then that which the
+        third filter believes in: it takes correlated errors for white noise.
     n_threads : int, optional
         Threads to use; by default one for small tasks and all cores for large ones.
 
@@ -218,6 +232,7 @@ def fuse_series(
     *batch, radars, steps = plots.shape
     stated = _variances(measurement_variance, tuple(batch), radars, steps)
     wrap = None if period is None else real(period, "period")
+    _require_paper(str(method), outage, third_filter)
     arguments = {
         "z": plots,
         "variance": stated,
@@ -226,6 +241,7 @@ def fuse_series(
         "model": model,
         "period": wrap,
         "method": str(method),
+        "printed": outage == "printed",
         "change_probability": real(change_probability, "change_probability"),
         "forgetting_factor": real(forgetting_factor, "forgetting_factor"),
         "threshold": real(threshold, "threshold"),
@@ -245,9 +261,26 @@ def fuse_series(
         phi = _correlations(lasting, instants, plots)
         factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
         upper = upper * factor[..., np.newaxis]
-    return FusedSeries(
+    found = FusedSeries(
         mean, upper, weights, noise, outlier, innovation, innovation_variance, lasting
     )
+    if third_filter is None:
+        return found
+    noise_of_mean = np.mean(np.broadcast_to(stated, plots.shape), axis=-2) / radars
+    again = filter_series(
+        mean[..., 0], noise_of_mean, third_filter, time=time, period=wrap, n_threads=n_threads
+    )
+    return replace(found, mean=again.mean, upper=again.upper, unfiltered=mean)
+
+
+def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
+    """Fail where options of the paper's rule are wrong, or given for another one."""
+    if outage not in get_args(Outage):
+        raise ValueError(f"outage is {outage!r}; it must be 'left-out' or 'printed'")
+    if third_filter is not None:
+        _require_model(third_filter)
+    if method != "paper" and (outage != "left-out" or third_filter is not None):
+        raise ValueError(f"outage and third_filter are for 'paper', method is {method!r}")
 
 
 def _correlation_times(

@@ -14,6 +14,7 @@ from tertia.tables._audit import audit
 from tertia.tables._bearing import bearing
 from tertia.tables._evaluate import evaluate
 from tertia.tables._fuse_series import fuse_series
+from tertia.tables._fuse_tracks import fuse_tracks
 from tertia.tables._locate import locate
 from tertia.tables._reconstruct import reconstruct
 from tertia.tables._records import ColumnError, RecordError, RecordWarning
@@ -36,6 +37,7 @@ __all__ = [
     "bearing",
     "evaluate",
     "fuse_series",
+    "fuse_tracks",
     "locate",
     "reconstruct",
     "register",

@@ -32,6 +32,7 @@ from tertia.tables._records import (
 )
 from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
+from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
 
 PLOTS: Schema = {
@@ -284,7 +285,7 @@ def track_rows(
 
 
 def movement(
-    table: TrackTable | SmoothedTracks, sensors: Sensors[Radar]
+    table: TrackTable | SmoothedTracks | SystemTracks, sensors: Sensors[Radar]
 ) -> tuple[FloatArray, FloatArray]:
     """Return courses and speeds; on the earth the true ones."""
     course, speed = np.arctan2(*table.velocity.T), np.hypot(*table.velocity.T)
@@ -305,7 +306,7 @@ def covariance_columns() -> dict[tuple[int, int], str]:
     }
 
 
-def state_columns(table: TrackTable | SmoothedTracks) -> dict[str, FloatArray]:
+def state_columns(table: TrackTable | SmoothedTracks | SystemTracks) -> dict[str, FloatArray]:
     """Return position and velocity with their covariance, as columns."""
     values = np.hstack([table.position, table.velocity])
     columns = {}

@@ -40,6 +40,7 @@ def enlarged(
             "estimates": errors,
             "covariances": drawn,
             "cross_covariances": None,
+            "corrections": None,
             "weights": None,
             "method": "matrix",
             "random_effects": False,

@@ -15,6 +15,7 @@ mod screening;
 mod sensors;
 mod simulate;
 mod smoothing;
+mod tertiary;
 mod tracker;
 mod trajectory;
 mod weights;
@@ -74,6 +75,8 @@ mod core_module {
     use super::simulate::{Flights, beam_meetings, traffic_states};
     #[pymodule_export]
     use super::smoothing::{local_polynomial, smooth};
+    #[pymodule_export]
+    use super::tertiary::FusionCentre;
     #[pymodule_export]
     use super::tracker::{
         Geometry, Motion, PlotTracker, TrackAssociation, TrackColumns, TrackerSettings,

@@ -26,6 +26,7 @@
 //! | [`flightplan`] | paths of flight plans, and how tracks relate to them |
 //! | [`registration`] | noise and biases of radars, from their tracks |
 //! | [`tracker`] | tracks of scans of plots |
+//! | [`tertiary`] | tracks of several sensors fused into one picture |
 //! | [`asterix`] | records of ASTERIX as columns of numbers |
 //! | [`simulate`] | flights along routes, and when the beam of a radar passes them |
 //! | [`batch`], [`missing`] | rows on threads; nan left out |
@@ -35,8 +36,8 @@
 //! # Order
 //!
 //! `base <- screening <- bearing <- weights <- geo <- location <- kalman <- smoothing <-
-//! fusion <- association <- flightplan <- registration <- tracker`: a module uses those to its left only.
-//! [`simulate`], [`metrics`] and [`asterix`] stand outside. [`batch`] and [`missing`] are for callers.
+//! fusion <- association <- flightplan <- registration <- tracker <- tertiary`: a module uses those to its
+//! left only. [`simulate`], [`metrics`] and [`asterix`] stand outside. [`batch`] and [`missing`] are for callers.
 //! Kernels take slices and fill the caller's outputs.
 //!
 //! # Costs
@@ -94,6 +95,7 @@ pub mod screening;
 pub mod sensors;
 pub mod simulate;
 pub mod smoothing;
+pub mod tertiary;
 pub mod tracker;
 pub mod trajectory;
 pub mod weights;

@@ -15,13 +15,14 @@ type Fused<'py> =
     ((Output<'py>, Output<'py>, Output<'py>, Output<'py>, Array<'py>, Array<'py>), Integers<'py>);
 
 /// Estimates (..., K, m), covariances (..., K, m, m) and those between sensors (..., K, K, m, m), of
-/// one batch; weights (K) for "static".
+/// one batch; weights (K) for "static", corrections (..., K, m) for "paper".
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Given<'py> {
     estimates: Input<'py>,
     covariances: Input<'py>,
     cross_covariances: Option<Input<'py>>,
+    corrections: Option<Input<'py>>,
     weights: Option<Vec<f64>>,
     method: String,
     /// Whether systematic errors are found from contradictions; of method "matrix".
@@ -36,6 +37,7 @@ fn weighting(name: &str, weights: Option<Vec<f64>>) -> PyResult<Weighting> {
         ("covariance-intersection", Weighting::Intersection),
         ("static", Weighting::Static(weights.unwrap_or_default())),
         ("equal", Weighting::Equal),
+        ("paper", Weighting::Paper),
     ];
     choice("method", name, &choices)
 }
@@ -129,6 +131,8 @@ pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyRe
     let pairs = if cross.is_some() { sensors.saturating_mul(sensors) } else { sensors };
     room_for::<f64>(MATRICES.saturating_mul(pairs).saturating_mul(m).saturating_mul(m))?;
     let cross = cross.map(|cross| cross.blocks("cross_covariances", 4)).transpose()?;
+    let corrections = given.corrections.as_ref();
+    let corrections = corrections.map(|given| given.blocks("corrections", 2)).transpose()?;
     let x = given.estimates.blocks("estimates", 2)?;
     let s = given.covariances.blocks("covariances", 3)?;
     let mut results = Results::new(py, x.batch(), m, &[sensors, m, m])?;
@@ -137,7 +141,10 @@ pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyRe
     let outputs = x.iter().zip(results.rows()?);
     s.each(py, cost, n_threads, outputs, new, |solver, (row, s), (x, (mut out, found))| {
         let cross = cross.as_ref().map(|rows| &rows.values[row * rows.len()..][..rows.len()]);
-        *found = solver.fuse(&Estimates { values: x, covariances: s, cross }, &mut out)?;
+        let corrections =
+            corrections.as_ref().map(|rows| &rows.values[row * rows.len()..][..rows.len()]);
+        let estimates = Estimates { values: x, covariances: s, cross, corrections };
+        *found = solver.fuse(&estimates, &mut out)?;
         Ok(())
     })?;
     results.into_fused(py, x.batch())

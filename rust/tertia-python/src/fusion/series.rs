@@ -26,6 +26,8 @@ pub struct Batch<'py> {
     model: Model,
     period: Option<f64>,
     method: String,
+    /// Whether the paper's rule is as printed where a radar has no plot.
+    printed: bool,
     forgetting_factor: f64,
     threshold: f64,
     outlier_gate: f64,
@@ -175,7 +177,10 @@ pub fn fuse_series<'py>(
         initial: initial.map(|initial| initial.blocks("initial", 2)).transpose()?,
         model: singer(batch.model)?,
         period: batch.period,
-        rule: rule(&batch.method)?,
+        rule: match rule(&batch.method)? {
+            Rule::Paper if batch.printed => Rule::PaperPrinted,
+            other => other,
+        },
         beliefs: Beliefs::try_new(
             batch.forgetting_factor,
             batch.threshold,

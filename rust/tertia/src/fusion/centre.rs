@@ -357,10 +357,11 @@ impl Centre {
         let same = Vector3::repeat;
         match self.rule {
             Rule::Static => same(1.0 / r),
-            Rule::Paper => match radar.innovation {
+            Rule::Paper | Rule::PaperPrinted => match radar.innovation {
                 // ∞ for a residual of zero
                 Some(new) => radar.gain.map(|k| (k * new.value).powi(-2)),
-                None => same(0.0),
+                None if self.rule == Rule::Paper => same(0.0),
+                None => same(f64::INFINITY),
             },
             Rule::Ewma => {
                 let mean = self.beliefs[i].map_or(f64::NAN, |belief| belief.mean_square);

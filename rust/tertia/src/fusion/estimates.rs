@@ -73,6 +73,8 @@ where
     covariances: Vec<Square<D>>,
     /// cov(x_j, x_l), row after row; empty for independent errors.
     blocks: Vec<Square<D>>,
+    /// Y_k (K, m) of the paper's weights.
+    corrections: Vec<f64>,
     /// Estimates from `origin`, angles turned to it.
     relative: Vec<f64>,
     origin: OVector<f64, D>,
@@ -151,6 +153,7 @@ where
             present: Vec::with_capacity(sensors),
             covariances: Vec::with_capacity(sensors),
             blocks: Vec::new(),
+            corrections: Vec::new(),
             relative: Vec::new(),
             origin: vector(order),
             weight: vec![zeros(order); sensors],
@@ -180,6 +183,8 @@ where
             read_covariance(COVARIANCES, &[k], values, covariance, &mut factor)?;
         }
         self.blocks.clear();
+        self.corrections.clear();
+        self.corrections.extend(estimates.corrections.unwrap_or_default());
         match estimates.cross {
             Some(cross) => self.read_cross(cross),
             None => Ok(()),
@@ -314,11 +319,21 @@ where
 
     /// Sets the weights of a rule that weighs component by component.
     fn weigh_components(&mut self) {
-        for component in 0..self.order.value() {
+        let m = self.order.value();
+        let mut largest = vec![f64::MIN_POSITIVE; if self.corrections.is_empty() { 0 } else { m }];
+        for &k in &self.present {
+            for (component, largest) in largest.iter_mut().enumerate() {
+                *largest = self.corrections[k * m + component].abs().max(*largest);
+            }
+        }
+        for component in 0..m {
             let precision = self.present.iter().zip(&self.covariances).map(|(&k, covariance)| {
                 match &self.weighting {
                     Weighting::Static(weights) => weights[k],
                     Weighting::Posterior => 1.0 / covariance[(component, component)],
+                    Weighting::Paper => {
+                        (self.corrections[k * m + component] / largest[component]).powi(-2)
+                    }
                     _ => 1.0,
                 }
             });
@@ -411,7 +426,8 @@ mod tests {
     const ESTIMATES: [f64; 4] = [10.0, 20.0, 13.0, 21.0];
 
     fn fused(weighting: Weighting, cross: Option<&[f64]>) -> Result<([f64; 2], [f64; 4])> {
-        let estimates = Estimates { values: &ESTIMATES, covariances: &TWO, cross };
+        let estimates =
+            Estimates { values: &ESTIMATES, covariances: &TWO, cross, corrections: None };
         result(weighting, &estimates)
     }
 
@@ -445,7 +461,8 @@ mod tests {
         let (_, with) = fused(Weighting::Matrix, Some(&cross)).unwrap();
         let mut rest = TWO;
         rest.iter_mut().zip(common.repeat(2)).for_each(|(s, c)| *s -= c);
-        let estimates = Estimates { values: &ESTIMATES, covariances: &rest, cross: None };
+        let estimates =
+            Estimates { values: &ESTIMATES, covariances: &rest, cross: None, corrections: None };
         let (_, mut covariance) = result(Weighting::Matrix, &estimates).unwrap();
         covariance.iter_mut().zip(common).for_each(|(s, c)| *s += c);
         assert_all_close(&with, &covariance);

@@ -9,6 +9,8 @@ pub enum Weighting {
     Static(Vec<f64>),
     /// Component by component by the inverse variances.
     Posterior,
+    /// Component by component by 1/Y² of the corrections (1) to (13).
+    Paper,
     /// The best linear combination.
     Matrix,
     /// The best linear combination where systematic errors are found from contradictions.
@@ -28,6 +30,9 @@ pub struct Estimates<'a> {
     pub covariances: &'a [f64],
     /// S_jk.
     pub cross: Option<&'a [f64]>,
+    /// Y_k (K, m), by which the last measurements moved the estimates; read by the paper's rule only,
+    /// which cannot do without. Where all are zero, weights are equal.
+    pub corrections: Option<&'a [f64]>,
 }
 
 /// Where a fused estimate goes.

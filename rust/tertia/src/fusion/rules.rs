@@ -12,6 +12,8 @@ pub enum Rule {
     /// Component by component by 1/Y², Y = K ν of this step (1)–(13); radars without a plot are
     /// left out.
     Paper,
+    /// The same as printed: a radar without a plot has Y = 0, and all the weight.
+    PaperPrinted,
     /// By the running mean of ν².
     Ewma,
     /// Component by component by 1/P of the radars' own filters.

@@ -104,6 +104,10 @@ impl Block {
         let own = prior.select_rows(&self.columns).select_columns(&self.columns);
         // (P⁻¹ + Y)⁻¹ η = P (I + Y P)⁻¹ η, without an inverse of P
         let size = self.columns.len();
+        if size == 0 {
+            // sensors that are trusted
+            return Some((DVector::zeros(0), self.square));
+        }
         let sum = DMatrix::identity(size, size) + &self.information * &own;
         let step = &own * sum.lu().solve(&self.score)?;
         let misfit = self.square - self.score.dot(&step);

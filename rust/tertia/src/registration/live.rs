@@ -118,6 +118,20 @@ impl Registrar {
         found
     }
 
+    /// Their covariance, radar after radar.
+    pub(crate) fn covariance(&self) -> DMatrix<f64> {
+        let order = ERRORS * self.radars.len();
+        let mut all = DMatrix::zeros(order, order);
+        let unknowns = self.unknowns();
+        for_each(&unknowns, |k, j, row, sigma| {
+            for_each(&unknowns, |l, i, column, other| {
+                let place = (ERRORS * k + j, ERRORS * l + i);
+                all[place] = self.covariance[(row, column)] * sigma * other;
+            });
+        });
+        all
+    }
+
     /// All that is known, as bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         saved(self)

@@ -1,0 +1,301 @@
+"""Figures of docs/tertiary.md."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from studies.pages import markdown, repetitions
+from tertia import simulate
+from tertia._arrays import FloatArray, IntArray
+from tertia.sensors import Bias, Radar
+from tertia.simulate import Traffic
+from tertia.tertiary import FusionCentre, SensorTracks, SystemTracks
+from tertia.tracker import Plots, Tracker, track
+
+SEED = 21
+SCENES = repetitions(10)
+CYCLE, WARM, ASTRAY = 5.0, 60.0, 2000.0
+METHODS = ("tracklets", "matrix", "covariance-intersection", "static", "equal", "paper")
+SHIFT = (150.0, 0.15)
+WHOLE = ("routes", "dense")
+KINDS = ("routes", "dense", "pairs", "dense, biased", "pairs, biased")
+PLACES = ((0.0, 0.0), (60e3, 20e3), (-20e3, 90e3))
+ACCURACY = ((75.0, 0.10, 6.0), (50.0, 0.08, 4.0), (100.0, 0.12, 10.0))
+
+
+def sensors(*, biased: bool = False) -> list[Radar]:
+    """Return three radars, whose systematic errors are unknown or known to be none."""
+    prior = Bias(range_sigma=SHIFT[0], azimuth_sigma=SHIFT[1], degrees=True) if biased else Bias()
+    return [
+        Radar(
+            place,
+            range_sigma=range_sigma,
+            azimuth_sigma=azimuth_sigma,
+            scan_period=period,
+            max_range=250e3,
+            detection_probability=0.95,
+            bias=prior,
+            degrees=True,
+        )
+        for place, (range_sigma, azimuth_sigma, period) in zip(PLACES, ACCURACY, strict=True)
+    ]
+
+
+def joined(one: Traffic, other: Traffic) -> Traffic:
+    """Return the flights of both, which have the same samples."""
+    columns = (name for name in Traffic.__slots__ if name not in ("step", "plans"))
+    both: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in columns
+    }
+    return replace(one, plans=(), **both)
+
+
+def traffic(kind: str, random: np.random.Generator) -> Traffic:
+    """Return the aircraft of a scene."""
+    if kind.startswith("routes"):
+        setting = simulate.set_up("middle")
+        routes = simulate.routes("middle", 40, rng=random)
+        return simulate.flights(routes, wind=setting.wind, rng=random)
+    if kind.startswith("dense"):
+        return simulate.dense_traffic(150, area=(160e3, 160e3), rng=random)
+    leaders = simulate.dense_traffic(30, area=(160e3, 160e3), rng=random)
+    angle, distance = random.uniform(0, 2 * np.pi, 30), random.uniform(400.0, 1500.0, 30)
+    off = distance[:, np.newaxis] * np.column_stack([np.sin(angle), np.cos(angle)])
+    return joined(leaders, replace(leaders, position=leaders.position + off[:, np.newaxis]))
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Tracks of each radar, with the aircraft that they are of, and the central tracker's plots."""
+
+    flights: Traffic
+    tracks: SensorTracks
+    truth: IntArray
+    plots: simulate.RadarPlots
+    radars: list[Radar]
+    bias: Bias
+
+
+def majority(track: IntArray, target: IntArray) -> IntArray:
+    """Return which aircraft most of the last five plots of the track are of, at each row."""
+    recent: dict[int, list[int]] = defaultdict(list)
+    found = np.empty(len(track), dtype=np.int64)
+    for row, (number, aircraft) in enumerate(zip(track.tolist(), target.tolist(), strict=True)):
+        last = recent[number]
+        last.append(aircraft)
+        del last[:-5]
+        found[row] = max(set(last), key=last.count)
+    return found
+
+
+@cache
+def scene(kind: str, seed: int) -> Scene:
+    """Return a scene, its radars' tracks and the truth."""
+    random = np.random.default_rng([SEED, KINDS.index(kind), seed])
+    flown, biased = traffic(kind, random), kind.endswith("biased")
+    radars = sensors(biased=biased)
+    size = np.array([SHIFT[0], np.radians(SHIFT[1])]) * biased
+    off = size * random.standard_normal((len(radars), 2))
+    bias = Bias(range=off[:, 0], azimuth=off[:, 1])
+    noise = int(random.integers(2**31))
+    # the same noise with and without systematic errors
+    record, clean = (
+        simulate.radar_plots(
+            flown, radars, clutter=20, bias=one, identity_missing_probability=1.0, rng=noise
+        )
+        for one in (bias, None)
+    )
+    several, truths = [], []
+    for k, radar in enumerate(radars):
+        own = np.flatnonzero(record.plots.sensor == k)
+        alone = replace_sensor(record.plots[own])
+        table = track(alone, [replace(radar, bias=Bias())])
+        target = np.where(table.plot >= 0, record.target[own][table.plot], -2)
+        kept = (table.plot >= 0) & table.confirmed
+        several.append(SensorTracks.of(table, sensor=k))
+        truths.append(majority(table.track[kept], target[kept]))
+    tracks, truth = SensorTracks.concatenate(several), np.concatenate(truths)
+    order = np.argsort(tracks.time, kind="stable")
+    return Scene(flown, tracks[order], truth[order], clean, radars, bias)
+
+
+def replace_sensor(plots: Plots) -> Plots:
+    """Return plots of the only sensor."""
+    return Plots(plots.time, plots.range, plots.azimuth, height=plots.height)
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """The error of a state, and its covariance."""
+
+    cycle: int
+    target: int
+    error: FloatArray
+    covariance: FloatArray
+    turning: bool
+
+
+class Outcome:
+    """What a centre makes of a scene."""
+
+    def __init__(self, one: Scene) -> None:
+        self.scene = one
+        self.pairs = self.right = self.possible = self.cycles = self.excess = self.changes = 0
+        self.bias: FloatArray = np.zeros((2, 0))
+        self.errors: list[Error] = []
+        # aircraft of each track, number of each aircraft
+        self.seen: dict[tuple[int, int], int] = {}
+        self.names: dict[int, int] = {}
+
+    def judge(self, picture: SystemTracks, live: set[tuple[int, int]], cycle: int) -> None:
+        """Count pairs and targets, and keep errors."""
+        aircraft: dict[int, int] = defaultdict(int)
+        for key in live:
+            if self.seen[key] >= 0:
+                aircraft[self.seen[key]] += 1
+        self.possible += sum(n * (n - 1) // 2 for n in aircraft.values())
+        self.excess += int(np.sum(picture.confirmed & ~picture.doubtful)) - len(aircraft)
+        self.cycles += 1
+        shown: set[int] = set()
+        # of two that show one aircraft, the one with more tracks counts
+        for row in np.argsort(-np.sum(picture.members >= 0, axis=1), kind="stable").tolist():
+            own = [self.seen[k, t] for k, t in enumerate(picture.members[row].tolist()) if t >= 0]
+            pairs = [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]]
+            self.pairs += len(pairs)
+            self.right += sum(a == b and a >= 0 for a, b in pairs)
+            target = max(set(own), key=own.count)
+            if target >= 0 and target not in shown:
+                shown.add(target)
+                self.compare(picture, row, target, cycle)
+
+    def compare(self, picture: SystemTracks, row: int, target: int, cycle: int) -> None:
+        """Keep the error of a state."""
+        flights, time = self.scene.flights, float(picture.time[row])
+        truth = np.concatenate(flights.at(target, time))
+        if not np.all(np.isfinite(truth)):
+            return
+        number = int(picture.track[row])
+        self.changes += self.names.get(target, number) != number
+        self.names[target] = number
+        state = np.concatenate([picture.position[row], picture.velocity[row]])
+        step = int((time - flights.start[target]) / flights.step)
+        turning = bool(flights.turning[target, step])
+        one = Error(cycle, target, state - truth, picture.covariance[row], turning)
+        self.errors.append(one)
+
+
+def run(kind: str, seed: int, **options: object) -> Outcome:
+    """Return how a centre does."""
+    one = scene(kind, seed)
+    centre = FusionCentre(one.radars, **options)  # type: ignore[arg-type]
+    outcome, last = Outcome(one), dict[tuple[int, int], float]()
+    old = [2.5 * radar.scan_period for radar in one.radars]
+    start, at, cycle = float(one.tracks.time[0]), 0, 0
+    while at < len(one.tracks):
+        cycle += 1
+        time = start + CYCLE * cycle
+        end = int(np.searchsorted(one.tracks.time, time, side="right"))
+        for row in range(at, end):
+            key = int(one.tracks.sensor[row]), int(one.tracks.track[row])
+            last[key], outcome.seen[key] = float(one.tracks.time[row]), int(one.truth[row])
+        picture = centre.update(one.tracks[at:end], time=time)
+        at = end
+        if time - start > WARM:
+            live = {key for key, when in last.items() if time - when <= old[key[0]]}
+            outcome.judge(picture, live, cycle)
+    found = np.stack([np.asarray(centre.bias.range), np.asarray(centre.bias.azimuth)])
+    outcome.bias = found - np.stack([np.asarray(one.bias.range), np.asarray(one.bias.azimuth)])
+    return outcome
+
+
+@cache
+def central(kind: str, seed: int) -> dict[tuple[int, int], FloatArray]:
+    """Return position errors of a tracker of all plots without biases, by cycle and aircraft."""
+    one = scene(kind, seed)
+    tracker = Tracker([replace(radar, bias=Bias()) for radar in one.radars])
+    start, at, cycle = one.tracks.time[0], 0, 0
+    recent: dict[int, list[int]] = defaultdict(list)
+    found: dict[tuple[int, int], FloatArray] = {}
+    while at < len(one.plots):
+        cycle += 1
+        time = start + CYCLE * cycle
+        end = int(np.searchsorted(one.plots.plots.time, time, side="right"))
+        table = tracker.update(one.plots.plots[at:end], time=time)
+        at = end
+        for number, plot in zip(table.track.tolist(), table.plot.tolist(), strict=True):
+            if plot >= 0:
+                recent[number] = [*recent[number][-4:], int(one.plots.target[plot])]
+        numbers, places = tracker.extrapolate(0.0)
+        flights = np.arange(len(one.flights))
+        position, _ = one.flights.at(flights, np.full(len(flights), time))
+        for number, place in zip(numbers.tolist(), places, strict=True):
+            own = recent[number] or [-1]
+            target = max(set(own), key=own.count)
+            if target >= 0:
+                error = place - position[target]
+                known = found.get((cycle, target))
+                if known is None or np.hypot(*error) < np.hypot(*known):
+                    found[cycle, target] = error
+    return found
+
+
+def association() -> str:
+    """Return how many pairs are found and right, and how many targets too many are shown."""
+    rows = []
+    for kind in KINDS:
+        several = [run(kind, seed) for seed in range(SCENES)]
+        found = sum(o.right for o in several) / sum(o.possible for o in several)
+        right = sum(o.right for o in several) / sum(o.pairs for o in several)
+        count = sum(o.excess for o in several) / sum(o.cycles for o in several)
+        changes = sum(o.changes for o in several) / len(several)
+        off = np.mean(np.abs(np.concatenate([o.bias for o in several], axis=1)), axis=1)
+        left = f"{off[0]:.1f} m, {np.degrees(off[1]):.4f}°" if kind.endswith("biased") else ""
+        rows.append([kind, f"{found:.2%}", f"{right:.2%}", f"{count:+.2f}", f"{changes:.1f}", left])
+    return markdown(
+        ["", "found", "right", "targets too many", "changes of number", "biases left"], rows
+    )
+
+
+def squares(errors: list[tuple[FloatArray, FloatArray]], size: int) -> float:
+    """Return the mean of `e' P⁻¹ e` of the first components, over their number."""
+    if not errors:
+        return np.nan
+    parts = [e[:size] @ np.linalg.solve(p[:size, :size], e[:size]) / size for e, p in errors]
+    return float(np.mean(parts))
+
+
+def against_central(kind: str, method: str) -> list[str]:
+    """Return errors over those of the central tracker, and NEES: of all, in turns, straight on."""
+    own, other = [], []
+    parts: dict[bool, list[tuple[FloatArray, FloatArray]]] = {True: [], False: []}
+    for seed in range(SCENES):
+        outcome, best = run(kind, seed, method=method), central(kind, seed)
+        for one in outcome.errors:
+            error = best.get((one.cycle, one.target))
+            # farther away it is another target
+            if error is None or max(np.hypot(*error), np.hypot(*one.error[:2])) > ASTRAY:
+                continue
+            own.append(one.error[:2])
+            other.append(error)
+            parts[one.turning].append((one.error, one.covariance))
+    ratio = np.linalg.norm(own) / np.linalg.norm(other)
+    median = np.median(np.linalg.norm(own, axis=1)) / np.median(np.linalg.norm(other, axis=1))
+    everything = parts[True] + parts[False]
+    groups = (everything, parts[True], parts[False])
+    cells = [f"{squares(group, 2):.2f}, {squares(group, 4):.2f}" for group in groups]
+    return [f"{ratio:.3f}", f"{median:.3f}", *cells]
+
+
+def fusion() -> str:
+    """Return position errors over those of the central tracker, and NEES, by scene and method."""
+    rows = []
+    for kind in KINDS:
+        methods = METHODS if kind in WHOLE else METHODS[:1]
+        rows += [[kind, f"`{method}`", *against_central(kind, method)] for method in methods]
+    head = ["", "method", "position rms", "median", "NEES", "in turns", "straight on"]
+    return markdown(head, rows)

@@ -1,0 +1,72 @@
+"""`tertia fuse-tracks`: one picture of the tracks of several sensors."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import (
+    ColumnNames,
+    Flat,
+    Output,
+    SensorFile,
+    column_names,
+)
+from tertia.cli.terminal.say import print_table, working
+from tertia.tables._fuse_tracks import fused_tracks
+from tertia.tertiary._centre import TrackMethod, core_settings
+
+EXAMPLES = (
+    "tertia fuse-tracks north.csv south.csv --sensors sensors.toml --output picture.csv",
+    "tertia fuse-tracks tracks.parquet --sensors sensors.toml --method covariance-intersection",
+)
+
+
+def fuse_tracks(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="TRACKS...",
+            readable=False,
+            help="Tracks of single sensors, as tertia track writes them; stacked.",
+        ),
+    ],
+    *,
+    sensors: SensorFile,
+    flat: Flat = False,
+    column: ColumnNames = None,
+    method: Annotated[
+        TrackMethod, typer.Option(help="How the tracks of one target are fused.")
+    ] = "tracklets",
+    registration: Annotated[
+        bool | None, typer.Option(help="Estimate the systematic errors of the sensors.")
+    ] = None,
+    update_interval: Annotated[
+        float, typer.Option(metavar="S", help="Seconds from picture to picture.")
+    ] = 5.0,
+    output: Output = None,
+) -> dict[str, Any]:
+    """Fuse the tracks of several sensors: which are of one target, and where it is.
+
+    The tracks of each sensor come from its plots alone. Rows without a plot are left out.
+    """
+    write.check_suffixes(output)
+    options = {"method": method, "registration": registration, "update_interval": update_interval}
+    core_settings(**options)  # type: ignore[arg-type]
+    tracks = read.tables(*files)
+    radars = read.read_radars(sensors, tracks, flat=flat)
+    with working("Fusing the tracks"):
+        found = fused_tracks(tracks, radars, column_names(column), **options)
+    table = found.per_sensor
+    print_table(table, text=["sensor"], limited="sensors are shown")
+    if output is not None:
+        write.write(found.rows, output)
+    sure = found.picture[found.picture.confirmed & ~found.picture.doubtful]
+    return {
+        "target_count": found.picture.count,
+        "row_count": len(found.picture),
+        "mean_target_count": len(sure) / max(len(np.unique(found.picture.time)), 1),
+        "sensors": table.to_dicts(),
+    }

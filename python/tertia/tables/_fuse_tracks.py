@@ -1,0 +1,203 @@
+"""One picture of the tracks of several sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia import tertiary
+from tertia._arrays import FloatArray
+from tertia._units import FLIGHT_LEVEL
+from tertia.sensors import Radar
+from tertia.tables._frames import Table, result
+from tertia.tables._groups import known
+from tertia.tables._records import (
+    IDENTITIES,
+    SENSOR,
+    TIME,
+    Field,
+    Schema,
+    Source,
+    identity_texts,
+    number,
+    read,
+    source_of,
+)
+from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tables._times import Clock
+from tertia.tables._track import covariance_columns, movement, state_columns
+from tertia.tertiary import SensorTracks, SystemTracks
+
+_MEANS = ("east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s")
+_SIGMAS = tuple(name.replace("_m", "_sigma_m", 1) for name in _MEANS)
+TRACKS: Schema = {
+    "time": TIME,
+    "track": Field("name", {"track": 1.0}, required=True, whole=True),
+    "sensor": SENSOR,
+    "plot": number("plot"),
+    "confirmed": Field("flag", {"confirmed": 1.0}),
+    **{name: number(name, required=True) for name in _MEANS},
+    **{name: number(name) for name in (*_SIGMAS, *covariance_columns().values())},
+    "turn_probability": number("turn_probability"),
+    "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
+    "identity": Field("identity", IDENTITIES),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fused:
+    """Tracks of sensors, the picture that was made of them, and the names of the tracks."""
+
+    tracks: SensorTracks
+    names: list[str]
+    picture: SystemTracks
+    sensors: Sensors[Radar]
+    clock: Clock
+    identity: str
+
+    @property
+    def rows(self) -> pl.DataFrame:
+        """One row per target and cycle; unknown values are null."""
+        found = self.picture
+        course, speed = movement(found, self.sensors)
+        members = {
+            f"track_{name}": pl.Series(
+                np.array([*self.names, None], dtype=object)[found.members[:, k]].tolist(),
+                dtype=pl.String,
+            )
+            for k, name in enumerate(self.sensors.names)
+        }
+        return pl.DataFrame(
+            {
+                "time_s": self.clock.moments(found.time),
+                "track": found.track,
+                **state_columns(found),
+                **self.sensors.geodetic(found.position, found.height),
+                "course_deg": np.degrees(course) % 360.0,
+                "speed_m_s": speed,
+                "height_m": known(found.height),
+                self.identity: identity_texts(found.identity, self.identity),
+                "pvalue": known(found.pvalue),
+                "confirmed": found.confirmed,
+                "doubtful": found.doubtful,
+                **members,
+            }
+        )
+
+    @property
+    def per_sensor(self) -> pl.DataFrame:
+        """Return one row per sensor: its tracks, and how many are together with others."""
+        found, rows = self.picture, []
+        together = np.sum(found.members >= 0, axis=1) > 1
+        for k, name in enumerate(self.sensors.names):
+            own = found.members[:, k] >= 0
+            count = len(np.unique(self.tracks.track[self.tracks.sensor == k]))
+            share = float(np.mean(together[own])) if np.any(own) else None
+            rows.append((name, int(np.sum(self.tracks.sensor == k)), count, share))
+        names = ("row_count", "track_count")
+        schema: dict[str, Any] = {"sensor": pl.String} | dict.fromkeys(names, pl.Int64)
+        return pl.DataFrame(rows, schema | {"shared_share": pl.Float64}, orient="row")
+
+
+def fuse_tracks(
+    table: Table,
+    *,
+    sensors: Sequence[Radar] | Sensors[Radar],
+    columns: Mapping[str, str] | None = None,
+    **options: Any,
+) -> Table:
+    """Fuse the tracks of several sensors, as the command `tertia fuse-tracks` does.
+
+    Parameters
+    ----------
+    table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
+        One row per message, in any order, as `track` returns them: `time_s`, `track`, `sensor`,
+        `east_m`, `north_m`, `velocity_east_m_s`, `velocity_north_m_s`; and, if known, their sigmas
+        and covariances, `turn_probability`, `height_m` or `flight_level`, and `icao_address`,
+        `mode_3a` or `identity`. Rows without a `plot`, and rows that are not `confirmed`, are left
+        out where there are these columns.
+    sensors : sequence of Radar
+        The sensors. A sensor without a name has its index as name.
+    columns : mapping of str to str, optional
+        Column names in this table, keyed by standard name.
+    **options
+        See `tertia.tertiary.FusionCentre`.
+
+    Returns
+    -------
+    table of the same kind
+        One row per target and cycle: `time_s`, `track`, position and velocity with their
+        covariance, `course_deg`, `speed_m_s`, `height_m`, the identity, `pvalue`, `confirmed`,
+        `doubtful`, and the track of each sensor, `track_<sensor>`; null where nothing is known.
+
+    Raises
+    ------
+    RecordError
+        A missing column, a sensor that is not among `sensors`, or a cell that cannot be understood.
+    ValueError
+        An option outside its domain.
+    TypeError
+        A table of an unsupported kind, or an option of the wrong type.
+
+    Examples
+    --------
+    >>> import numpy as np, polars as pl
+    >>> from tertia import tables
+    >>> from tertia.sensors import Radar
+    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+    >>> time = np.arange(0.0, 100.0, 4.0)
+    >>> plots = pl.DataFrame({"time_s": time, "range_m": 50e3 + 200 * time, "azimuth_deg": 30.0})
+    >>> tracks = tables.track(plots, sensors=[radar])
+    >>> tables.fuse_tracks(tracks, sensors=[radar])["track_0"].unique().to_list()
+    ['1']
+    """
+    found = fused_tracks(source_of(table), sensors, columns, **options)
+    return result(table, found.rows)  # type: ignore[no-any-return]
+
+
+def fused_tracks(
+    source: Source,
+    sensors: Sequence[Radar] | Sensors[Radar],
+    columns: Mapping[str, str] | None = None,
+    **options: Any,
+) -> Fused:
+    """Return the picture that is made of tables or files of tracks."""
+    radars = sensors_of(sensors)
+    records = read(source, TRACKS, columns=columns, sensors=radars.names)
+    rows, clock = records.rows, Clock.of(records.rows["time"], midnight=False)
+    kept = np.ones(rows.height, dtype=bool)
+    if "plot" in records.column:
+        kept &= np.isfinite(rows["plot"].to_numpy())
+    if "confirmed" in records.column:
+        kept &= rows["confirmed"].fill_null(False).to_numpy()
+    names, numbers = np.unique(rows["track"].to_numpy(), return_inverse=True)
+    states = rows.select(_MEANS).to_numpy()
+    whole = kept & np.all(np.isfinite(states), axis=1)
+    tracks = SensorTracks(
+        clock.seconds(rows["time"])[whole],
+        rows["sensor"].to_numpy()[whole],
+        numbers[whole],
+        states[whole, :2],
+        states[whole, 2:],
+        covariance=_covariances(rows)[whole],
+        height=rows["height"].to_numpy()[whole],
+        identity=rows["identity"].to_numpy()[whole],
+        turn_probability=rows["turn_probability"].to_numpy()[whole],
+    )
+    identity = records.column.get("identity", "identity")
+    picture = tertiary.fuse_tracks(tracks, radars.items, **options)
+    return Fused(tracks, names.tolist(), picture, radars, clock, identity)
+
+
+def _covariances(rows: pl.DataFrame) -> FloatArray:
+    """Return covariances (N, 4, 4); nan where not all is known."""
+    covariance = np.empty((rows.height, 4, 4))
+    for i, name in enumerate(_SIGMAS):
+        covariance[:, i, i] = rows[name].to_numpy() ** 2
+    for (i, j), name in covariance_columns().items():
+        covariance[:, i, j] = covariance[:, j, i] = rows[name].to_numpy()
+    return covariance

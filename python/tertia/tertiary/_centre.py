@@ -1,0 +1,416 @@
+"""The centre: one picture of the tracks of several sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    instance,
+    integer,
+    positive_number,
+    real,
+    sequence_of,
+)
+from tertia.sensors import Bias, Radar
+from tertia.sensors._bias import KINDS
+from tertia.sensors._sensors import own_biases
+from tertia.tertiary._tracks import SensorTracks
+from tertia.tracker._earth import plane_of
+from tertia.tracker._models import core_radar
+
+TrackMethod: TypeAlias = Literal[
+    "tracklets", "matrix", "covariance-intersection", "static", "equal", "paper"
+]
+# a week at the default interval; more are errors of times
+_CYCLES = 100_000
+_State: TypeAlias = "tuple[tuple[Radar, ...], float, float, bytes]"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SystemTracks:
+    """Targets as a centre sees them, one row for each at each instant.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Seconds.
+    track : ndarray of int, shape (N,)
+        Number of the target, from 1, which it keeps.
+    position, velocity : ndarray of shape (N, 2)
+        East and north, in metres and metres per second.
+    covariance : ndarray of shape (N, 4, 4)
+        Covariance of position and velocity.
+    members : ndarray of int, shape (N, K)
+        Number of the track of each sensor; -1 where it has none.
+    pvalue : ndarray of shape (N,)
+        Probability that tracks of one target differ more; nan for a single one.
+    confirmed : ndarray of bool, shape (N,)
+        Whether the target was there for three cycles.
+    doubtful : ndarray of bool, shape (N,)
+        Whether only one sensor has seen it for ten cycles although another one must: it is within
+        `max_range`, with a detection probability above 0.8.
+    height : ndarray of shape (N,)
+        Metres; nan where it is not known.
+    identity : ndarray of int, shape (N,)
+        Reply of the transponder; -1 where there is none.
+    """
+
+    time: FloatArray
+    track: IntArray
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    members: IntArray
+    pvalue: FloatArray
+    confirmed: BoolArray
+    doubtful: BoolArray
+    height: FloatArray
+    identity: IntArray
+
+    @property
+    def count(self) -> int:
+        """Number of targets that are confirmed and not doubtful."""
+        return len(np.unique(self.track[self.confirmed & ~self.doubtful]))
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.time)
+
+    def __getitem__(self, index: slice | BoolArray | IntArray) -> SystemTracks:
+        """Return the rows of a slice, a mask or indices."""
+        return SystemTracks(**{name: getattr(self, name)[index] for name in self.__slots__})
+
+    def __repr__(self) -> str:
+        """Return the numbers of targets and rows, as text."""
+        return f"SystemTracks({len(np.unique(self.track))} tracks, {len(self)} rows)"
+
+
+class FusionCentre:
+    """A centre that makes one picture of the tracks of several sensors, cycle by cycle.
+
+    It brings tracks to one instant, removes the systematic errors of their sensors, which it
+    estimates at the same time, decides which tracks are of one target, and fuses these. It can be
+    pickled and copied; the copy goes on to the last bit.
+
+    Parameters
+    ----------
+    sensors : sequence of Radar
+        The sensors; tracks refer to them by their index. `bias` is what is known of their
+        systematic errors before.
+    method : str
+        "tracklets": the plot behind each row is reconstructed from the track, and the plots are
+        filtered as the tracker does it (default). `range_sigma` and `azimuth_sigma` must be those
+        that the sensor's own tracker assumes.
+        "matrix": the states are combined with the least covariance, where errors of two tracks of
+        one target have the given `cross_correlation`.
+        "covariance-intersection": for sensors of which nothing is known.
+        "static": fixed weights by the accuracy of the sensors at 100 km. "equal": equal weights.
+        "paper": component by component by the inverse squares of the last corrections.
+    cross_correlation : (float, float)
+        Correlation of the errors of two tracks of one target in position and in velocity, from
+        their common process noise; only for "matrix". (0, 0): they are independent.
+    registration : bool, optional
+        Whether to estimate the systematic errors of the sensors; by default from two sensors on.
+    update_interval : float
+        Seconds from cycle to cycle, of `fuse_tracks`.
+
+    Raises
+    ------
+    ValueError
+        A number outside its domain.
+    TypeError
+        An argument of the wrong type.
+
+    Notes
+    -----
+    Two tracks are compared by `D² = d' T⁻¹ d`, with d their difference and T the sum of their
+    covariances and of what is not known of the biases, and by its mean over the last cycles: a new
+    pair needs both within 99.9 %, one that has been a pair one of them within 99.9999 %. Sensors
+    follow one another, each with one assignment of its tracks to the groups so far. A group takes
+    the number of the target with most members in common.
+
+    Source: Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann 1988, chapter 10; Bar-Shalom,
+    Campo 1986.
+
+    Examples
+    --------
+    >>> from tertia.tertiary import FusionCentre, SensorTracks
+    >>> from tertia.tracker import Radar
+    >>> radars = [
+    ...     Radar(range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0),
+    ...     Radar([60e3, 0.0], range_sigma=75.0, azimuth_sigma=0.0017, scan_period=6.0),
+    ... ]
+    >>> centre = FusionCentre(radars)
+    >>> tracks = SensorTracks(
+    ...     [0.0, 1.0], [0, 1], [17, 4], [[30e3, 40e3], [30.2e3, 40e3]], [[200.0, 0.0]] * 2
+    ... )
+    >>> centre.update(tracks, time=2.0).members
+    array([[17,  4]])
+    """
+
+    __slots__ = ("_core", "_time", "sensors", "update_interval")
+
+    def __init__(
+        self,
+        sensors: Sequence[Radar],
+        *,
+        method: TrackMethod = "tracklets",
+        cross_correlation: tuple[float, float] = (0.1, 0.3),
+        registration: bool | None = None,
+        update_interval: float = 5.0,
+    ) -> None:
+        self.sensors = sequence_of(sensors, Radar, "sensors")
+        if not self.sensors:
+            raise ValueError("sensors is empty; there must be at least one")
+        plane_of(self.sensors)
+        options = core_settings(
+            method=method,
+            cross_correlation=cross_correlation,
+            registration=registration,
+            update_interval=update_interval,
+        )
+        self.update_interval = options.pop("update_interval")
+        if options["registers"] is None:
+            options["registers"] = len(self.sensors) > 1
+        prior = own_biases(self.sensors)
+        mean, sigma = (
+            np.stack([np.asarray(getattr(prior, kind + suffix)) for kind in KINDS], axis=-1)
+            for suffix in ("", "_sigma")
+        )
+        radars = [core_radar(radar) for radar in self.sensors]
+        self._core = _core.FusionCentre(radars, **options, mean=mean, sigma=sigma)
+        self._time = -np.inf
+
+    @property
+    def bias(self) -> Bias:
+        """Systematic errors of the sensors, (K,), as they are known by now."""
+        columns: dict[str, Any] = {}
+        for suffix, table in zip(("", "_sigma"), self._core.known(), strict=True):
+            columns |= {kind + suffix: table[:, at] for at, kind in enumerate(KINDS)}
+        return Bias(**columns)
+
+    def update(self, tracks: SensorTracks, *, time: float) -> SystemTracks:
+        """Take messages about tracks, and return the picture of a time.
+
+        Parameters
+        ----------
+        tracks : SensorTracks
+            Messages since the last cycle, in any order. What is later than `time` waits for the
+            next cycle; what is not newer than its track is dropped.
+        time : float
+            Seconds; it must grow.
+
+        Returns
+        -------
+        SystemTracks
+            One row for each target.
+
+        Raises
+        ------
+        ValueError
+            A sensor that does not exist, or a time that is not later than the one before.
+        TypeError
+            An argument of the wrong type.
+        """
+        instance(tracks, "tracks", SensorTracks)
+        instant = float(finite(real(time, "time"), "time"))
+        if instant <= self._time:
+            raise ValueError(f"time is {instant}; it must be later than {self._time}")
+        unknown = np.flatnonzero(tracks.sensor >= len(self.sensors))
+        if len(unknown):
+            first = tracks.sensor[unknown[0]]
+            raise ValueError(
+                f"tracks.sensor[{unknown[0]}] is {first}; there are {len(self.sensors)} sensors"
+            )
+        columns = {name: getattr(tracks, name) for name in SensorTracks.__slots__}
+        columns["state"] = np.hstack([columns.pop("position"), columns.pop("velocity")])
+        track, numbers, integers, marks = self._core.update(columns, instant)
+        self._time = instant
+        state, covariance, pvalue, height = numbers
+        return SystemTracks(
+            time=np.full(len(track), instant),
+            track=track,
+            position=state[:, :2].copy(),
+            velocity=state[:, 2:].copy(),
+            covariance=covariance,
+            members=integers[0],
+            pvalue=pvalue,
+            confirmed=marks[0],
+            doubtful=marks[1],
+            height=height,
+            identity=integers[1],
+        )
+
+    def join(self, a: int, b: int) -> None:
+        """Take the tracks of two targets for those of one, until `release`.
+
+        Parameters
+        ----------
+        a, b : int
+            Numbers of two targets that no sensor sees both.
+
+        Raises
+        ------
+        ValueError
+            There is no such target, or a sensor has a track of each.
+        TypeError
+            A number that is not an integer.
+        """
+        self._decide(a, b, joined=True)
+
+    def separate(self, a: int, b: int) -> None:
+        """Take the tracks of two targets for those of two, until `release`.
+
+        Parameters
+        ----------
+        a, b : int
+            Numbers of two targets.
+
+        Raises
+        ------
+        ValueError
+            There is no such target.
+        TypeError
+            A number that is not an integer.
+        """
+        self._decide(a, b, joined=False)
+
+    def _decide(self, a: int, b: int, *, joined: bool) -> None:
+        first, second = integer(a, "a", 1), integer(b, "b", 1)
+        if not self._core.decide(first, second, joined):
+            clash = ", or a sensor has a track of each" if joined else ""
+            raise ValueError(f"a is {first}, b is {second}; these are not two targets{clash}")
+
+    def release(self, a: int) -> None:
+        """Forget what `join` and `separate` decided of a target's tracks.
+
+        Parameters
+        ----------
+        a : int
+            Number of the target.
+
+        Raises
+        ------
+        ValueError
+            There is no such target.
+        TypeError
+            A number that is not an integer.
+        """
+        number = integer(a, "a", 1)
+        if not self._core.release(number):
+            raise ValueError(f"a is {number}; there is no such target")
+
+    def __getstate__(self) -> _State:
+        """Return the complete state of the centre."""
+        return self.sensors, self.update_interval, self._time, self._core.__getstate__()
+
+    def __setstate__(self, state: _State) -> None:
+        """Restore the state of the centre."""
+        self.sensors, self.update_interval, self._time, saved = state
+        self._core = _core.FusionCentre.from_state(saved)
+
+    def __repr__(self) -> str:
+        """Return the number of sensors and the time, as text."""
+        return f"FusionCentre({len(self.sensors)} sensors, time {self._time:.6g} s)"
+
+
+def core_settings(
+    *,
+    method: TrackMethod = "tracklets",
+    cross_correlation: tuple[float, float] = (0.1, 0.3),
+    registration: bool | None = None,
+    update_interval: float = 5.0,
+) -> dict[str, Any]:
+    """Check the options of `FusionCentre` that need neither sensors nor tracks.
+
+    Commands call it to refuse wrong options before they read files.
+    """
+    if registration is not None:
+        instance(registration, "registration", bool)
+    if not isinstance(cross_correlation, Sequence) or len(cross_correlation) != 2:
+        raise TypeError(f"cross_correlation is {cross_correlation!r}; it must be a pair")
+    pair = [float(real(one, "cross_correlation")) for one in cross_correlation]
+    if not all(0.0 <= one < 1.0 for one in pair):
+        raise ValueError(
+            f"cross_correlation is {cross_correlation!r}; it must be from 0 to below 1"
+        )
+    return {
+        "method": str(method),
+        "cross_correlation": pair,
+        "registers": registration,
+        "update_interval": positive_number(update_interval, "update_interval"),
+    }
+
+
+def fuse_tracks(tracks: SensorTracks, sensors: Sequence[Radar], **options: Any) -> SystemTracks:
+    """Fuse the tracks of several sensors, of a whole recording.
+
+    Parameters
+    ----------
+    tracks : SensorTracks
+        Tracks in any order.
+    sensors : sequence of Radar
+        The sensors.
+    **options
+        Options of `FusionCentre`.
+
+    Returns
+    -------
+    SystemTracks
+        All targets at all cycles, the first one `update_interval` after the first row.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As for `FusionCentre`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.tertiary import SensorTracks, fuse_tracks
+    >>> from tertia.tracker import Plots, Radar, track
+    >>> radars = [Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=1e-3, scan_period=4.0)
+    ...           for east in (0.0, 40e3)]
+    >>> time = np.arange(0.0, 100.0, 4.0)
+    >>> north = 50e3 + 200.0 * time
+    >>> plots = [Plots(time, np.hypot(20e3, north), np.arctan2(side * 20e3, north))
+    ...          for side in (1, -1)]
+    >>> tracks = [SensorTracks.of(track(one, [radar]), sensor=k)
+    ...           for k, (one, radar) in enumerate(zip(plots, radars))]
+    >>> fuse_tracks(SensorTracks.concatenate(tracks), radars)
+    SystemTracks(1 tracks, 17 rows)
+    """
+    instance(tracks, "tracks", SensorTracks)
+    centre = FusionCentre(sensors, **options)
+    pictures = []
+    if len(tracks):
+        ordered = tracks[np.argsort(tracks.time, kind="stable")]
+        first, last = ordered.time[0], ordered.time[-1]
+        cycles = np.ceil((last - first) / centre.update_interval) or 1.0
+        if cycles > _CYCLES:
+            raise ValueError(
+                f"update_interval is {centre.update_interval}; that makes {cycles:.3g} cycles of "
+                f"{last - first:.6g} s, {_CYCLES} are allowed"
+            )
+        ends = first + centre.update_interval * np.arange(1, cycles + 1)
+        edges = np.searchsorted(ordered.time, ends, side="right")
+        begin = 0
+        for end, time in zip(edges, ends, strict=True):
+            pictures.append(centre.update(ordered[begin:end], time=time))
+            begin = end
+    else:
+        pictures.append(centre.update(tracks, time=0.0))
+    columns = {
+        name: np.concatenate([getattr(one, name) for one in pictures])
+        for name in SystemTracks.__slots__
+    }
+    return SystemTracks(**columns)

@@ -1,0 +1,222 @@
+"""Tracks of single sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite,
+    instance,
+    integer,
+    require_each,
+    samples,
+)
+from tertia.tracker import TrackTable
+from tertia.tracker._plots import NO_IDENTITY, _whole
+
+# as for plots: larger ones are errors of units
+_LARGEST = {"time": 1e11, "position": 1e9, "velocity": 1e5, "covariance": 1e18, "height": 1e9}
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class SensorTracks:
+    """Tracks of one or several sensors, each row a state after a plot, in any order.
+
+    Attributes
+    ----------
+    time : ndarray of shape (N,)
+        Seconds.
+    sensor : ndarray of int, shape (N,)
+        Index of the sensor.
+    track : ndarray of int, shape (N,)
+        Number of the track at its sensor, not negative. A number that has not been there for six
+        scans is another track.
+    position, velocity : ndarray of shape (N, 2)
+        East and north, in metres and metres per second.
+    covariance : ndarray of shape (N, 4, 4)
+        Covariance of position and velocity; nan where the sensor does not state it. It is then
+        that of a plot of the sensor, and of the velocity of a line through three of them.
+    height : ndarray of shape (N,)
+        Metres; nan where it is not known.
+    identity : ndarray of int, shape (N,)
+        Reply of the transponder, for example a code or an address; -1 where there is none.
+    turn_probability : ndarray of shape (N,)
+        Probability that the target turns; nan where it is not known.
+
+    Raises
+    ------
+    ValueError
+        Columns of different lengths, numbers that are not finite or too large, or a covariance that
+        is not positive definite.
+    TypeError
+        A column of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.tertiary import SensorTracks
+    >>> SensorTracks([0.0], 0, 17, [[30e3, 40e3]], [[200.0, 0.0]])
+    SensorTracks(1 tracks, 1 rows)
+    """
+
+    time: FloatArray
+    sensor: IntArray
+    track: IntArray
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    height: FloatArray
+    identity: IntArray
+    turn_probability: FloatArray
+
+    def __init__(
+        self,
+        time: npt.ArrayLike,
+        sensor: npt.ArrayLike,
+        track: npt.ArrayLike,
+        position: npt.ArrayLike,
+        velocity: npt.ArrayLike,
+        *,
+        covariance: npt.ArrayLike | None = None,
+        height: npt.ArrayLike = np.nan,
+        identity: npt.ArrayLike = NO_IDENTITY,
+        turn_probability: npt.ArrayLike = np.nan,
+    ) -> None:
+        instants = finite(samples(time, "time"), "time")
+        if instants.ndim != 1:
+            raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
+        covariances = np.nan if covariance is None else covariance
+        columns: dict[str, tuple[npt.NDArray[Any], tuple[int, ...]]] = {
+            "time": (instants, ()),
+            "sensor": (_whole(sensor, "sensor"), ()),
+            "track": (_whole(track, "track"), ()),
+            "position": (finite(samples(position, "position"), "position"), (2,)),
+            "velocity": (finite(samples(velocity, "velocity"), "velocity"), (2,)),
+            "covariance": (samples(covariances, "covariance"), (4, 4)),
+            "height": (samples(height, "height"), ()),
+            "identity": (_whole(identity, "identity"), ()),
+            "turn_probability": (samples(turn_probability, "turn_probability"), ()),
+        }
+        for key, (values, tail) in columns.items():
+            shape = (len(instants), *tail)
+            try:
+                column = np.ascontiguousarray(np.broadcast_to(values, shape))
+            except ValueError:
+                raise ValueError(f"{key} has shape {values.shape}; it must be {shape}") from None
+            object.__setattr__(self, key, column)
+        for key in ("sensor", "track"):
+            wrong = np.flatnonzero(getattr(self, key) < 0)
+            if len(wrong):
+                value = getattr(self, key)[wrong[0]]
+                raise ValueError(f"{key}[{wrong[0]}] is {value}; it must not be negative")
+        for key, largest in _LARGEST.items():
+            values = getattr(self, key)
+            require_each(values, ~(np.abs(values) > largest), key, f"at most {largest:g} in size")
+        known = np.all(np.isfinite(self.covariance), axis=(1, 2))
+        try:
+            np.linalg.cholesky(self.covariance[known])
+        except np.linalg.LinAlgError:
+            least = [np.min(np.linalg.eigvalsh(one)) for one in self.covariance[known]]
+            first = np.flatnonzero(known)[np.argmax(np.array(least) <= 0.0)]
+            raise ValueError(f"covariance[{first}] is not positive definite") from None
+
+    @classmethod
+    def of(cls, table: TrackTable, *, sensor: int | None = None) -> SensorTracks:
+        """Return the tracks of a tracker: the rows of confirmed tracks that have a plot.
+
+        Where a plot is missing a row repeats what was known before, and tells nothing.
+
+        Parameters
+        ----------
+        table : TrackTable
+            Tracks of one sensor.
+        sensor : int, optional
+            Index of the sensor at the centre; by default that of the table.
+
+        Returns
+        -------
+        SensorTracks
+            The rows in their order.
+
+        Raises
+        ------
+        ValueError
+            A negative sensor.
+        TypeError
+            An argument of the wrong type.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from tertia.tertiary import SensorTracks
+        >>> from tertia.tracker import Plots, Radar, track
+        >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+        >>> time = np.arange(0.0, 100.0, 4.0)
+        >>> table = track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
+        >>> SensorTracks.of(table, sensor=2)
+        SensorTracks(1 tracks, 22 rows)
+        """
+        instance(table, "table", TrackTable)
+        # what was not confirmed at the time was not known to be a track
+        kept = (table.plot >= 0) & table.confirmed
+        index = table.sensor[kept] if sensor is None else integer(sensor, "sensor", 0)
+        return cls(
+            table.time[kept],
+            index,
+            table.track[kept],
+            table.position[kept],
+            table.velocity[kept],
+            covariance=table.covariance[kept],
+            height=table.height[kept],
+            identity=table.identity[kept],
+            turn_probability=table.turn_probability[kept],
+        )
+
+    @classmethod
+    def concatenate(cls, several: Sequence[SensorTracks]) -> SensorTracks:
+        """Return the rows of several tables, one after the other.
+
+        Parameters
+        ----------
+        several : sequence of SensorTracks
+            At least one.
+
+        Returns
+        -------
+        SensorTracks
+            All rows.
+
+        Raises
+        ------
+        ValueError
+            No table.
+        """
+        if not several:
+            raise ValueError("several is empty; there must be at least one table")
+        joined = {
+            name: np.concatenate([getattr(one, name) for one in several]) for name in cls.__slots__
+        }
+        return cls(**joined)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.time)
+
+    def __getitem__(self, index: slice | BoolArray | IntArray) -> SensorTracks:
+        """Return the rows of a slice, a mask or indices."""
+        some = SensorTracks.__new__(SensorTracks)
+        for name in self.__slots__:
+            object.__setattr__(some, name, np.ascontiguousarray(getattr(self, name)[index]))
+        return some
+
+    def __repr__(self) -> str:
+        """Return the numbers of tracks and rows, as text."""
+        tracks = np.unique(np.column_stack([self.sensor, self.track]), axis=0)
+        return f"SensorTracks({len(tracks)} tracks, {len(self)} rows)"

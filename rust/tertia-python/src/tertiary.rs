@@ -1,0 +1,167 @@
+//! Bindings of `tertia::tertiary`.
+
+use crate::arrays::{Array, Input, Integers, Marks, array, choice, value_error};
+use crate::sensors::Radar;
+use numpy::PyReadonlyArray1;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use tertia::registration::ERRORS;
+use tertia::tertiary::{Centre, Row, Rule, Settings, SystemTrack};
+
+/// Rows of tracks of sensors.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct TrackRows<'py> {
+    time: Input<'py>,
+    sensor: PyReadonlyArray1<'py, i64>,
+    track: PyReadonlyArray1<'py, i64>,
+    state: Input<'py>,
+    covariance: Input<'py>,
+    height: Input<'py>,
+    identity: PyReadonlyArray1<'py, i64>,
+    turn_probability: Input<'py>,
+}
+
+impl TrackRows<'_> {
+    fn read(&self) -> PyResult<Vec<Row>> {
+        let columns = [&self.time, &self.height, &self.turn_probability];
+        let [time, height, turning] = columns.map(|column| column.numbers("tracks"));
+        let (time, height, turning) = (time?, height?, turning?);
+        let state = self.state.points::<4>("state", 1)?;
+        let covariance = self.covariance.points::<16>("covariance", 2)?;
+        let (sensor, track) = (self.sensor.as_slice()?, self.track.as_slice()?);
+        let identity = self.identity.as_slice()?;
+        let n = time.len();
+        let counts = [height.len(), turning.len(), state.len(), covariance.len()];
+        if counts.iter().chain(&[sensor.len(), track.len(), identity.len()]).any(|&k| k != n) {
+            return Err(PyValueError::new_err("the columns differ in length"));
+        }
+        let row = |i: usize| {
+            let sensor = usize::try_from(sensor[i])
+                .map_err(|_| PyValueError::new_err(format!("sensor is {}", sensor[i])))?;
+            Ok(Row {
+                sensor,
+                track: track[i],
+                time: time[i],
+                state: state[i],
+                covariance: covariance[i],
+                height: height[i],
+                identity: identity[i],
+                turn_probability: turning[i],
+            })
+        };
+        (0..n).map(row).collect()
+    }
+}
+
+/// Numbers (N,), states (N, 4), covariances (N, 4, 4), p-values and heights (N,); tracks of the sensors
+/// (N, K), −1 for none, and identities (N,); what is confirmed and what is doubtful, (N,).
+type Picture<'py> = (Integers<'py>, [Array<'py>; 4], [Integers<'py>; 2], [Marks<'py>; 2]);
+
+/// The centre.
+#[pyclass(module = "tertia._core")]
+pub struct FusionCentre {
+    centre: Centre,
+    sensors: usize,
+}
+
+#[pymethods]
+impl FusionCentre {
+    /// Errors (K, 4) as they are known before, and their standard deviations.
+    #[new]
+    fn new(
+        radars: Vec<PyRef<'_, Radar>>,
+        method: &str,
+        cross_correlation: [f64; 2],
+        registers: bool,
+        mean: Input<'_>,
+        sigma: Input<'_>,
+    ) -> PyResult<Self> {
+        let choices = [
+            ("tracklets", Rule::Tracklets),
+            ("matrix", Rule::Matrix),
+            ("covariance-intersection", Rule::Intersection),
+            ("static", Rule::Static),
+            ("equal", Rule::Equal),
+            ("paper", Rule::Paper),
+        ];
+        let rule = choice("method", method, &choices)?;
+        let (mean, sigma) =
+            (mean.points::<ERRORS>("mean", 1)?, sigma.points::<ERRORS>("sigma", 1)?);
+        let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+        let sensors = radars.len();
+        if mean.len() != sensors || sigma.len() != sensors {
+            return Err(PyValueError::new_err("the columns differ in length"));
+        }
+        let errors = mean.into_iter().zip(sigma).map(|(mean, sigma)| [mean, sigma]).collect();
+        let centre = Centre::new(Settings { radars, rule, cross_correlation, registers, errors });
+        Ok(Self { centre, sensors })
+    }
+
+    /// The picture of a time, by rows in any order.
+    fn update<'py>(
+        &mut self,
+        py: Python<'py>,
+        tracks: TrackRows<'py>,
+        time: f64,
+    ) -> PyResult<Picture<'py>> {
+        let rows = tracks.read()?;
+        if let Some(row) = rows.iter().find(|row| row.sensor >= self.sensors) {
+            let text = format!("sensor is {}; there are {}", row.sensor, self.sensors);
+            return Err(PyValueError::new_err(text));
+        }
+        let found = py.detach(|| self.centre.update(&rows, time)).map_err(value_error)?;
+        let (n, k) = (found.len(), self.sensors);
+        let members = found.iter().flat_map(|one| &one.members);
+        let numbers = |of: fn(&SystemTrack) -> f64| array(py, &[n], found.iter().map(of));
+        let marks = |of: fn(&SystemTrack) -> bool| array(py, &[n], found.iter().map(of));
+        Ok((
+            array(py, &[n], found.iter().map(|one| one.number as i64))?,
+            [
+                array(py, &[n, 4], found.iter().flat_map(|one| one.state))?,
+                array(py, &[n, 4, 4], found.iter().flat_map(|one| one.covariance))?,
+                numbers(|one| one.pvalue)?,
+                numbers(|one| one.height)?,
+            ],
+            [
+                array(py, &[n, k], members.map(|track| track.unwrap_or(-1)))?,
+                array(py, &[n], found.iter().map(|one| one.identity))?,
+            ],
+            [marks(|one| one.confirmed)?, marks(|one| one.doubtful)?],
+        ))
+    }
+
+    /// Joins two targets, or keeps them apart; false where that cannot be.
+    fn decide(&mut self, a: u64, b: u64, joined: bool) -> bool {
+        self.centre.decide(a, b, joined)
+    }
+
+    /// Forgets decisions; false where there is no such target.
+    fn release(&mut self, number: u64) -> bool {
+        self.centre.release(number)
+    }
+
+    /// Errors and their standard deviations, (K, 4).
+    fn known<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py>; 2]> {
+        let registrar = self.centre.registrar();
+        let shape = [self.sensors, ERRORS];
+        Ok([
+            array(py, &shape, registrar.errors().into_flattened())?,
+            array(py, &shape, registrar.sigmas().into_flattened())?,
+        ])
+    }
+
+    fn __getstate__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.centre.to_bytes())
+    }
+
+    /// The centre of such a state.
+    #[staticmethod]
+    fn from_state(state: &[u8]) -> PyResult<Self> {
+        let centre = Centre::from_bytes(state)
+            .ok_or_else(|| PyValueError::new_err("this is not the state of a fusion centre"))?;
+        let sensors = centre.registrar().errors().len();
+        Ok(Self { centre, sensors })
+    }
+}

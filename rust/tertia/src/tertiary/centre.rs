@@ -1,0 +1,489 @@
+//! The centre, cycle by cycle.
+
+use super::bias::{corrected, sensitivity};
+use super::groups::{Group, grouped};
+use super::pairs::{Known, Manual, Pairs, Sample, key};
+use super::row::Row;
+use super::rule::{Part, Rule, correction};
+use super::target::{Target, Tracklet};
+use super::tracklet::{Behind, behind};
+use crate::base::distribution::chi_square_upper;
+use crate::base::error::Result;
+use crate::base::state::{restored, saved};
+use crate::registration::{Errors, Registrar, Update};
+use crate::sensors::Radar;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Scans after which a track is old, and after which it is forgotten.
+const OLD: f64 = 2.5;
+const FORGOTTEN: f64 = 6.0;
+/// Cycles after which a target is confirmed, and after which a sensor should have seen it.
+const CONFIRMED: usize = 3;
+const UNSEEN: usize = 10;
+/// Detection probability of a sensor that must see a target within its range.
+const CERTAIN: f64 = 0.8;
+/// Least density of other targets, per m², and the spread of their velocities, m/s.
+const LEAST_DENSITY: f64 = 2e-9;
+const VELOCITIES: f64 = 250.0;
+
+/// How a centre works.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// The sensors.
+    pub radars: Vec<Radar>,
+    /// How states are fused.
+    pub rule: Rule,
+    /// Correlation of positions and velocities of two tracks of one target, for [`Rule::Matrix`].
+    pub cross_correlation: [f64; 2],
+    /// Whether the errors of the sensors are estimated.
+    pub registers: bool,
+    /// Systematic errors as they are known before, and their standard deviations.
+    pub errors: Vec<[Errors; 2]>,
+}
+
+/// A target of the picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SystemTrack {
+    /// Its number, from 1.
+    pub number: u64,
+    /// East and north, and their rates.
+    pub state: [f64; 4],
+    /// Row by row.
+    pub covariance: [f64; 16],
+    /// Number of the track of each sensor.
+    pub members: Vec<Option<i64>>,
+    /// Of the agreement of its members; nan of one.
+    pub pvalue: f64,
+    /// Whether it was there for three cycles.
+    pub confirmed: bool,
+    /// Whether a sensor that must see it does not.
+    pub doubtful: bool,
+    /// Metres; nan where no sensor reports one.
+    pub height: f64,
+    /// The identity of its newest member that has one; −1.
+    pub identity: i64,
+}
+
+/// A track of a sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Member {
+    id: u64,
+    last: Row,
+    before: [Option<Row>; 2],
+    pending: Vec<Tracklet>,
+    target: Option<u64>,
+}
+
+/// A centre that makes one picture of the tracks of several sensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Centre {
+    settings: Settings,
+    registrar: Registrar,
+    members: BTreeMap<(usize, i64), Member>,
+    waiting: Vec<Row>,
+    targets: BTreeMap<u64, Target>,
+    pairs: Pairs,
+    manual: Manual,
+    next: [u64; 2],
+}
+
+impl Centre {
+    /// A centre that knows no tracks.
+    pub fn new(settings: Settings) -> Self {
+        let [start, sigma] = [0, 1].map(|at| settings.errors.iter().map(|one| one[at]).collect());
+        Self {
+            registrar: Registrar::new(settings.radars.clone(), start, sigma),
+            settings,
+            members: BTreeMap::new(),
+            waiting: Vec::new(),
+            targets: BTreeMap::new(),
+            pairs: Pairs::default(),
+            manual: Manual::default(),
+            next: [1; 2],
+        }
+    }
+
+    /// What is known of the errors of the sensors.
+    pub fn registrar(&self) -> &Registrar {
+        &self.registrar
+    }
+
+    /// The centre, as bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        saved(self)
+    }
+
+    /// The centre that was written; none where these are not such bytes, or damaged.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        restored(bytes)
+    }
+
+    /// Takes messages, in any order, and makes the picture of a time. What is later waits for the next
+    /// one; what is older than the last row of its track is dropped.
+    ///
+    /// # Errors
+    /// A state that is not finite.
+    pub fn update(&mut self, rows: &[Row], time: f64) -> Result<Vec<SystemTrack>> {
+        self.take(rows, time);
+        let radars = &self.settings.radars;
+        self.members.retain(|_, member| {
+            time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
+        });
+        let known =
+            Known { errors: self.registrar.errors(), covariance: self.registrar.covariance() };
+        let (samples, keys) = self.samples(time, &known);
+        let density = density(&samples);
+        let candidates = self.pairs.look(&samples, &known, &self.manual, density)?;
+        let groups = grouped(&samples, &candidates, &self.order());
+        let ids = groups.iter().enumerate();
+        let ids = ids.flat_map(|(g, group)| group.members.iter().map(move |&i| (i, g)));
+        let group_of: BTreeMap<u64, usize> = ids.map(|(i, g)| (samples[i].id, g)).collect();
+        self.pairs.remember(&group_of);
+        let numbers = self.name(&groups, &keys);
+        self.follow(&groups, &numbers, &samples, &keys, &known, time);
+        groups
+            .iter()
+            .zip(&numbers)
+            .map(|(group, &number)| self.shown(group, number, &samples, &keys, &known, time))
+            .collect()
+    }
+
+    /// Takes the rows of the tracks in order of time.
+    fn take(&mut self, rows: &[Row], time: f64) {
+        let mut all = std::mem::take(&mut self.waiting);
+        all.extend_from_slice(rows);
+        all.sort_by(|a, b| {
+            (a.sensor, a.track).cmp(&(b.sensor, b.track)).then(a.time.total_cmp(&b.time))
+        });
+        for row in all {
+            if row.time > time {
+                self.waiting.push(row);
+                continue;
+            }
+            let radar = &self.settings.radars[row.sensor];
+            match self.members.get_mut(&(row.sensor, row.track)) {
+                Some(member) if row.time - member.last.time > FORGOTTEN * radar.scan_period => {
+                    // the number is used again
+                    *member = Member::new(self.next[0], row, radar);
+                    self.next[0] += 1;
+                }
+                Some(member) if row.time > member.last.time => member.add(row, radar),
+                Some(_) => {}
+                None => {
+                    let member = Member::new(self.next[0], row, radar);
+                    self.members.insert((row.sensor, row.track), member);
+                    self.next[0] += 1;
+                }
+            }
+        }
+    }
+
+    /// The tracks that are not old, at a time, without the errors of their sensors; by their ids.
+    fn samples(&self, time: f64, known: &Known) -> (Vec<Sample>, Vec<(usize, i64)>) {
+        let mut live: Vec<_> = self
+            .members
+            .iter()
+            .filter(|((sensor, _), member)| {
+                time - member.last.time <= OLD * self.settings.radars[*sensor].scan_period
+            })
+            .collect();
+        live.sort_unstable_by_key(|(_, member)| member.id);
+        let sample = |(&place, member): (&(usize, i64), &Member)| {
+            let (row, sensor) = (&member.last, place.0);
+            let radar = &self.settings.radars[sensor];
+            let estimate = row.at(time, radar);
+            let sensitivity = sensitivity(&estimate.mean, row.height, radar);
+            let sample = Sample {
+                id: member.id,
+                sensor,
+                mean: corrected(&estimate.mean, &sensitivity, &known.errors[sensor]),
+                covariance: estimate.covariance,
+                sensitivity,
+                height: row.height,
+                age: time - row.time,
+                identity: row.identity,
+            };
+            (sample, place)
+        };
+        live.into_iter().map(sample).unzip()
+    }
+
+    /// The sensors, best first.
+    fn order(&self) -> Vec<usize> {
+        let radars = &self.settings.radars;
+        let mut order: Vec<_> = (0..radars.len()).collect();
+        let cell =
+            |k: usize| radars[k].range_sigma * radars[k].azimuth_sigma * radars[k].scan_period;
+        order.sort_by(|&a, &b| cell(a).total_cmp(&cell(b)));
+        order
+    }
+
+    /// The number of each group: that of the target with most members in common, or a new one.
+    fn name(&mut self, groups: &[Group], keys: &[(usize, i64)]) -> Vec<u64> {
+        let mut common: BTreeMap<(u64, usize), usize> = BTreeMap::new();
+        for (g, group) in groups.iter().enumerate() {
+            for &i in &group.members {
+                if let Some(number) = self.members[&keys[i]].target {
+                    *common.entry((number, g)).or_default() += 1;
+                }
+            }
+        }
+        let mut common: Vec<_> = common.into_iter().collect();
+        // the sort is stable: then the older number, then the first group
+        common.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
+        let (mut numbers, mut used) = (vec![None; groups.len()], BTreeSet::new());
+        for ((number, g), _) in common {
+            if numbers[g].is_none() && used.insert(number) {
+                numbers[g] = Some(number);
+            }
+        }
+        let mut found = Vec::with_capacity(groups.len());
+        for (group, number) in groups.iter().zip(numbers) {
+            let number = number.unwrap_or_else(|| {
+                self.next[1] += 1;
+                self.next[1] - 1
+            });
+            self.targets.entry(number).or_insert_with(|| Target::new(number));
+            for &i in &group.members {
+                if let Some(member) = self.members.get_mut(&keys[i]) {
+                    member.target = Some(number);
+                }
+            }
+            found.push(number);
+        }
+        let kept: BTreeSet<_> = self.members.values().filter_map(|one| one.target).collect();
+        self.targets.retain(|number, _| kept.contains(number));
+        found
+    }
+
+    /// Filters the plots behind the tracks, and learns the errors of the sensors from them.
+    fn follow(
+        &mut self,
+        groups: &[Group],
+        numbers: &[u64],
+        samples: &[Sample],
+        keys: &[(usize, i64)],
+        known: &Known,
+        time: f64,
+    ) {
+        let radars = self.noisy();
+        let mut learnt: Vec<Update> = Vec::new();
+        for (group, number) in groups.iter().zip(numbers) {
+            let best = best(group, samples);
+            let start = (self.members[&keys[best]].last, samples[best].clone());
+            let period = self.period(group, samples);
+            let mut tracklets = Vec::new();
+            for &i in &group.members {
+                if let Some(member) = self.members.get_mut(&keys[i]) {
+                    tracklets.append(&mut member.pending);
+                }
+            }
+            tracklets.sort_by(|a, b| {
+                let order = a.report.time.total_cmp(&b.report.time);
+                order.then(a.report.radar.cmp(&b.report.radar))
+            });
+            let seen = self.is_seen(group, samples);
+            if let Some(target) = self.targets.get_mut(number) {
+                target.cycles += 1;
+                target.unseen = if seen { 0 } else { target.unseen + 1 };
+                learnt.extend(target.follow(&tracklets, &start, &radars, known, period));
+            }
+        }
+        if !self.settings.registers {
+            return;
+        }
+        learnt.sort_by(|a, b| a.plot.report.time.total_cmp(&b.plot.report.time));
+        let added = self.registrar.learn(&learnt, time);
+        for (update, added) in learnt.iter().zip(added) {
+            if let Some(target) = self.targets.get_mut(&(update.plot.target as u64)) {
+                target.added = nalgebra::SMatrix::from_row_slice(&added);
+            }
+        }
+    }
+
+    /// The sensors with the noise that their plots have.
+    fn noisy(&self) -> Vec<Radar> {
+        let noise = self.registrar.noise();
+        let radars = self.settings.radars.iter().zip(noise);
+        radars
+            .map(|(&radar, [range_sigma, azimuth_sigma])| Radar {
+                range_sigma,
+                azimuth_sigma,
+                ..radar
+            })
+            .collect()
+    }
+
+    /// Scan period of the slowest sensor of a group.
+    fn period(&self, group: &Group, samples: &[Sample]) -> f64 {
+        let periods = group.members.iter().map(|&i| samples[i].sensor);
+        periods.map(|k| self.settings.radars[k].scan_period).fold(0.0, f64::max)
+    }
+
+    /// Whether several sensors see a target, or no other one must.
+    fn is_seen(&self, group: &Group, samples: &[Sample]) -> bool {
+        let [only] = group.members[..] else { return true };
+        let sample = &samples[only];
+        !self.settings.radars.iter().enumerate().any(|(k, radar)| {
+            let [x, y] = [0, 1].map(|axis| sample.mean[axis] - radar.position[axis]);
+            k != sample.sensor
+                && x.hypot(y) < radar.max_range
+                && radar.max_range.is_finite()
+                && radar.detection_probability > CERTAIN
+        })
+    }
+
+    /// A target as it is shown.
+    fn shown(
+        &self,
+        group: &Group,
+        number: u64,
+        samples: &[Sample],
+        keys: &[(usize, i64)],
+        known: &Known,
+        time: f64,
+    ) -> Result<SystemTrack> {
+        let target = &self.targets[&number];
+        let rows: Vec<_> = group.members.iter().map(|&i| &self.members[&keys[i]]).collect();
+        let estimate = match self.settings.rule {
+            Rule::Tracklets => target.at(time, self.period(group, samples)),
+            _ => None,
+        };
+        let estimate = match estimate {
+            Some(estimate) => estimate,
+            None => {
+                let parts: Vec<_> = group
+                    .members
+                    .iter()
+                    .zip(&rows)
+                    .map(|(&i, member)| Part {
+                        sensor: samples[i].sensor,
+                        estimate: crate::tracker::Estimate {
+                            mean: samples[i].mean,
+                            covariance: samples[i].covariance + known.added(&samples[i]),
+                        },
+                        correction: correction(&member.last, member.before[0].as_ref()),
+                    })
+                    .collect();
+                let settings = &self.settings;
+                settings.rule.fuse(&parts, &settings.radars, settings.cross_correlation)?
+            }
+        };
+        let n = group.members.len();
+        let pvalue = if n > 1 {
+            chi_square_upper(2.0 / n as f64 * group.squared, 4 * (n - 1))
+        } else {
+            f64::NAN
+        };
+        let mut members = vec![None; self.settings.radars.len()];
+        let (mut height, mut identity, mut newest) = (f64::NAN, -1, [f64::NEG_INFINITY; 2]);
+        for &i in &group.members {
+            let row = &self.members[&keys[i]].last;
+            members[row.sensor] = Some(row.track);
+            if row.height.is_finite() && row.time > newest[0] {
+                (height, newest[0]) = (row.height, row.time);
+            }
+            if row.identity >= 0 && row.time > newest[1] {
+                (identity, newest[1]) = (row.identity, row.time);
+            }
+        }
+        Ok(SystemTrack {
+            number,
+            state: estimate.mean.into(),
+            covariance: std::array::from_fn(|i| estimate.covariance[(i / 4, i % 4)]),
+            members,
+            pvalue,
+            confirmed: target.cycles >= CONFIRMED,
+            doubtful: target.unseen >= UNSEEN,
+            height,
+            identity,
+        })
+    }
+
+    /// Takes the tracks of two targets for those of one, or keeps them apart, until they are released.
+    /// False where there is no such target, or both have a track of the same sensor to be joined.
+    pub fn decide(&mut self, a: u64, b: u64, joined: bool) -> bool {
+        let ids = |number: u64| -> Vec<(usize, u64)> {
+            let own = self.members.iter().filter(|(_, member)| member.target == Some(number));
+            own.map(|((sensor, _), member)| (*sensor, member.id)).collect()
+        };
+        let (first, second) = (ids(a), ids(b));
+        let clash = first.iter().any(|one| second.iter().any(|other| one.0 == other.0));
+        if a == b || first.is_empty() || second.is_empty() || (joined && clash) {
+            return false;
+        }
+        for pair in first.iter().flat_map(|one| second.iter().map(|other| key(one.1, other.1))) {
+            let (own, other) = if joined {
+                (&mut self.manual.joined, &mut self.manual.separate)
+            } else {
+                (&mut self.manual.separate, &mut self.manual.joined)
+            };
+            own.insert(pair);
+            other.remove(&pair);
+        }
+        true
+    }
+
+    /// Forgets what was decided of the tracks of a target; false where there is no such target.
+    pub fn release(&mut self, number: u64) -> bool {
+        let ids: BTreeSet<u64> = self
+            .members
+            .values()
+            .filter(|member| member.target == Some(number))
+            .map(|member| member.id)
+            .collect();
+        let kept = |pair: &(u64, u64)| !ids.contains(&pair.0) && !ids.contains(&pair.1);
+        self.manual.joined.retain(kept);
+        self.manual.separate.retain(kept);
+        !ids.is_empty()
+    }
+}
+
+impl Member {
+    fn new(id: u64, row: Row, radar: &Radar) -> Self {
+        let mut member =
+            Self { id, last: row, before: [None; 2], pending: Vec::new(), target: None };
+        member.look_behind(radar);
+        member
+    }
+
+    /// Adds a row, and the plot behind it.
+    fn add(&mut self, row: Row, radar: &Radar) {
+        self.before = [Some(self.last), self.before[0]];
+        self.last = row;
+        self.look_behind(radar);
+    }
+
+    fn look_behind(&mut self, radar: &Radar) {
+        let (place, own) = match behind(&self.last, &self.before, radar) {
+            Behind::Plot(place) => (place, None),
+            Behind::State(place, covariance) => (place, Some(covariance)),
+            Behind::Nothing => return,
+        };
+        self.pending.push(Tracklet::new(&self.last, place, own, radar));
+    }
+}
+
+/// The track of a group with the least uncertainty of its position.
+fn best(group: &Group, samples: &[Sample]) -> usize {
+    let trace = |i: usize| samples[i].covariance[(0, 0)] + samples[i].covariance[(1, 1)];
+    let first = group.members[0];
+    group.members.iter().copied().fold(first, |a, b| if trace(b) < trace(a) { b } else { a })
+}
+
+/// Density of other targets in position and velocity: that of the sensor with most tracks, in the
+/// rectangle that holds nine tenths of each axis.
+fn density(samples: &[Sample]) -> f64 {
+    let velocities = std::f64::consts::PI * VELOCITIES * VELOCITIES;
+    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+    samples.iter().for_each(|one| *counts.entry(one.sensor).or_default() += 1);
+    let most = counts.into_values().max().unwrap_or(0) as f64;
+    let extent = |axis: usize| {
+        let mut values: Vec<_> = samples.iter().map(|one| one.mean[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        let n = values.len();
+        if n < 2 { f64::INFINITY } else { (values[n - 1 - n / 20] - values[n / 20]) / 0.9 }
+    };
+    (most / (extent(0) * extent(1))).max(LEAST_DENSITY) / velocities
+}

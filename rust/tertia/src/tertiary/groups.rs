@@ -1,0 +1,124 @@
+//! Tracks of several sensors in groups, one group a target.
+
+use super::pairs::{Candidate, Sample};
+use crate::association::{Assigner, Pair};
+
+/// Tracks that are one target.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Group {
+    /// Places in the list of samples.
+    pub members: Vec<usize>,
+    /// Of the gains of all its pairs.
+    sum: f64,
+    /// Of the distances squared.
+    pub squared: f64,
+}
+
+/// What a track would add to a group.
+#[derive(Clone, Copy, Default)]
+struct Offer {
+    group: usize,
+    gain: f64,
+    squared: f64,
+    pairs: usize,
+    passes: bool,
+}
+
+/// Groups by one assignment for each sensor, in this order, of its tracks to the groups so far.
+///
+/// With the sum s of the gains of its pairs a group of n tracks is worth `2 s / n`: for equal
+/// covariances that is the joint log-likelihood ratio. Cost O(pairs) and that of the assignments.
+pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usize]) -> Vec<Group> {
+    let near = Near::new(samples.len(), candidates);
+    let mut groups: Vec<Group> = Vec::new();
+    let mut group_of = vec![usize::MAX; samples.len()];
+    let mut assigner = Assigner::default();
+    for &sensor in order {
+        let own: Vec<usize> = (0..samples.len()).filter(|&i| samples[i].sensor == sensor).collect();
+        let (mut pairs, mut offers) = (Vec::new(), Vec::new());
+        for (row, &i) in own.iter().enumerate() {
+            for offer in near.offers(i, &group_of, &groups) {
+                let group = &groups[offer.group];
+                let n = group.members.len() as f64;
+                let gain = 2.0 / (n + 1.0) * (group.sum + offer.gain) - 2.0 / n * group.sum;
+                let pair = Pair { row: row as u32, column: offer.group as u32, gain };
+                pairs.push(pair);
+                offers.push(offer);
+            }
+        }
+        let chosen = assigner.assign(&pairs, own.len(), groups.len()).to_vec();
+        for (pair, offer) in pairs.iter().zip(&offers) {
+            if chosen[pair.row as usize] == Some(pair.column) {
+                let group = &mut groups[offer.group];
+                group.sum += offer.gain;
+                group.squared += offer.squared;
+            }
+        }
+        for (&i, column) in own.iter().zip(chosen) {
+            let group = column.map_or_else(
+                || {
+                    groups.push(Group::default());
+                    groups.len() - 1
+                },
+                |column| column as usize,
+            );
+            groups[group].members.push(i);
+            group_of[i] = group;
+        }
+    }
+    groups
+}
+
+/// The candidates of each track.
+struct Near {
+    start: Vec<usize>,
+    others: Vec<(usize, Candidate)>,
+}
+
+impl Near {
+    fn new(count: usize, candidates: &[Candidate]) -> Self {
+        let mut start = vec![0; count + 1];
+        for one in candidates {
+            start[one.first + 1] += 1;
+            start[one.second + 1] += 1;
+        }
+        for i in 0..count {
+            start[i + 1] += start[i];
+        }
+        let mut next = start.clone();
+        let mut others: Vec<Option<(usize, Candidate)>> = vec![None; 2 * candidates.len()];
+        for one in candidates {
+            for (own, other) in [(one.first, one.second), (one.second, one.first)] {
+                others[next[own]] = Some((other, *one));
+                next[own] += 1;
+            }
+        }
+        Self { start, others: others.into_iter().flatten().collect() }
+    }
+
+    /// What the track would add to groups that have a pair with it in the gate, and none that is out of
+    /// the question.
+    fn offers(&self, i: usize, group_of: &[usize], groups: &[Group]) -> Vec<Offer> {
+        let mut offers: Vec<Offer> = Vec::new();
+        for &(other, candidate) in &self.others[self.start[i]..self.start[i + 1]] {
+            let group = group_of[other];
+            if group == usize::MAX {
+                continue;
+            }
+            let at = offers.iter().position(|offer| offer.group == group);
+            let offer = match at {
+                Some(at) => &mut offers[at],
+                None => {
+                    offers.push(Offer { group, ..Offer::default() });
+                    offers.last_mut().expect("it was pushed")
+                }
+            };
+            offer.gain += candidate.gain;
+            offer.squared += candidate.squared;
+            offer.pairs += 1;
+            offer.passes |= candidate.passes;
+        }
+        offers.retain(|one| one.passes && one.pairs == groups[one.group].members.len());
+        offers
+    }
+}

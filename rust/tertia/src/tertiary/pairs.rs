@@ -1,0 +1,240 @@
+//! Which tracks of different sensors may be of one target: now and before.
+
+use super::compare::Distance;
+use crate::association::Grid;
+use crate::base::error::Result;
+use crate::registration::{ERRORS, Errors};
+use nalgebra::{DMatrix, Matrix4, Vector4};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// χ² of four components: .999, and .999999 for a pair that has been one.
+const GATE: f64 = 18.466_826_952_9;
+const KEEP: f64 = 33.376_841_581_66;
+/// Beyond this distance squared nothing is remembered of a pair.
+const FAR: f64 = 100.0;
+/// Share of the newest value in running means.
+const SHARE: f64 = 0.25;
+/// What a pair that has been one is worth at least, and more than others.
+const LEAST: f64 = 0.1;
+const BONUS: f64 = 2.0;
+/// Largest distance of positions along an axis, m.
+const REACH: f64 = 8000.0;
+/// Standard deviation of a height, m, and how fast that of an old one grows, m/s.
+const HEIGHT: f64 = 60.0;
+const CLIMB: f64 = 10.0;
+/// Heights that differ by so many standard deviations are of two targets.
+const APART: f64 = 4.5;
+/// Range of heights over which other targets are spread, m.
+const LAYER: f64 = 10_000.0;
+/// Likelihood ratio of equal identities.
+const IDENTITIES: f64 = 4096.0;
+/// Cycles in a row in which identities differ, after which they are of two targets.
+const DIFFERENT: u8 = 2;
+/// By a hand that joined them.
+const JOINED: f64 = 1e6;
+
+/// A track of a sensor at the instant of the picture, without its biases.
+#[derive(Clone, Debug)]
+pub(super) struct Sample {
+    /// Which track, in the order of their beginnings.
+    pub id: u64,
+    pub sensor: usize,
+    pub mean: Vector4<f64>,
+    pub covariance: Matrix4<f64>,
+    /// By the errors of the sensor.
+    pub sensitivity: Matrix4<f64>,
+    pub height: f64,
+    /// Seconds since the message.
+    pub age: f64,
+    pub identity: i64,
+}
+
+/// What is remembered of a pair.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct History {
+    score: f64,
+    squared: f64,
+    /// Whether the two were of one target.
+    pub paired: bool,
+    /// Cycles in which their identities differed.
+    different: u8,
+}
+
+/// Two tracks, by their places in the list of samples, with the gain of pairing them; `passes` in the
+/// gate.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    pub first: usize,
+    pub second: usize,
+    pub gain: f64,
+    pub passes: bool,
+    /// D² now.
+    pub squared: f64,
+}
+
+/// What hands have decided of pairs of tracks.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Manual {
+    pub joined: BTreeSet<(u64, u64)>,
+    pub separate: BTreeSet<(u64, u64)>,
+}
+
+/// Pairs and their histories, in the order of the numbers of their tracks.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Pairs {
+    known: Vec<((u64, u64), History)>,
+}
+
+/// Covariances of the errors between all sensors, and their values.
+pub(super) struct Known {
+    pub errors: Vec<Errors>,
+    pub covariance: DMatrix<f64>,
+}
+
+impl Known {
+    /// Between two sensors.
+    pub fn block(&self, a: usize, b: usize) -> Matrix4<f64> {
+        self.covariance.fixed_view::<ERRORS, ERRORS>(ERRORS * a, ERRORS * b).into_owned()
+    }
+
+    /// What errors that are not known add to the covariance of a state.
+    pub fn added(&self, sample: &Sample) -> Matrix4<f64> {
+        let j = &sample.sensitivity;
+        j * self.block(sample.sensor, sample.sensor) * j.transpose()
+    }
+}
+
+/// The key of two tracks.
+pub(super) fn key(a: u64, b: u64) -> (u64, u64) {
+    (a.min(b), a.max(b))
+}
+
+impl Pairs {
+    /// All pairs of samples, in order of their ids, that may be one target, with `density` of others.
+    ///
+    /// # Errors
+    /// A position that is not finite.
+    pub fn look(
+        &mut self,
+        samples: &[Sample],
+        known: &Known,
+        manual: &Manual,
+        density: f64,
+    ) -> Result<Vec<Candidate>> {
+        let places: Vec<_> = samples.iter().map(|one| [one.mean[0], one.mean[1]]).collect();
+        let own: Vec<_> = samples.iter().map(|one| one.covariance + known.added(one)).collect();
+        let variances = own.iter().flat_map(|p| [p[(0, 0)], p[(1, 1)]]);
+        let largest = variances.fold(0.0, f64::max);
+        let by_hand = !manual.joined.is_empty();
+        let reach = |variance: f64| (FAR * (variance + largest)).sqrt().min(REACH);
+        let grid = Grid::new(&places, reach(largest).max(1.0))?;
+        let blocks = blocks(known);
+        let sensors = known.errors.len();
+        let before = std::mem::take(&mut self.known);
+        let mut old = before.into_iter().peekable();
+        let (mut found, mut near) = (Vec::new(), Vec::new());
+        for (i, a) in samples.iter().enumerate() {
+            near.clear();
+            let p = &own[i];
+            let around = if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) };
+            grid.within(places[i], around, &mut |j| {
+                let is_far = |k: usize| {
+                    let d = places[i][k] - places[j][k];
+                    d * d > FAR * (p[(k, k)] + own[j][(k, k)])
+                };
+                let is_other = j > i && samples[j].sensor != a.sensor;
+                if is_other && (by_hand || !(is_far(0) || is_far(1))) {
+                    near.push(j);
+                }
+            });
+            near.sort_unstable();
+            for &j in &near {
+                let b = &samples[j];
+                let pair = (a.id, b.id);
+                while old.next_if(|(key, _)| *key < pair).is_some() {}
+                let history = old.next_if(|(key, _)| *key == pair).map(|(_, history)| history);
+                let total = own[i] + own[j];
+                let d = a.mean - b.mean;
+                let joined = by_hand && manual.joined.contains(&pair);
+                let cross = a.sensitivity
+                    * blocks[a.sensor * sensors + b.sensor]
+                    * b.sensitivity.transpose();
+                let distance = Distance::new(&d, total - cross - cross.transpose());
+                let Some(distance) = distance else { continue };
+                if distance.squared > FAR && !joined {
+                    continue;
+                }
+                let (mut candidate, history) = judged(a, b, distance, density, history);
+                (candidate.first, candidate.second) = (i, j);
+                if joined {
+                    (candidate.gain, candidate.passes) = (JOINED, true);
+                } else if manual.separate.contains(&pair) {
+                    candidate.gain = f64::NEG_INFINITY;
+                }
+                found.push(candidate);
+                self.known.push((pair, history));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Remembers which pairs are one target: `group` of each track by its id.
+    pub fn remember(&mut self, group: &BTreeMap<u64, usize>) {
+        for ((a, b), history) in &mut self.known {
+            history.paired = group.get(a) == group.get(b);
+        }
+    }
+}
+
+fn blocks(known: &Known) -> Vec<Matrix4<f64>> {
+    let k = known.errors.len();
+    (0..k * k).map(|at| known.block(at / k, at % k)).collect()
+}
+
+/// The gain of a pair, and what is remembered of it.
+fn judged(
+    a: &Sample,
+    b: &Sample,
+    distance: Distance,
+    density: f64,
+    history: Option<History>,
+) -> (Candidate, History) {
+    let mut score = distance.score(density);
+    let mut apart = false;
+    let up = a.height - b.height;
+    if up.is_finite() {
+        let variance = 2.0 * HEIGHT * HEIGHT + CLIMB * CLIMB * (a.age * a.age + b.age * b.age);
+        apart = up * up > APART * APART * variance;
+        score -= 0.5 * (up * up / variance + (std::f64::consts::TAU * variance).ln()) - LAYER.ln();
+    }
+    let mut different = 0;
+    if a.identity >= 0 && b.identity >= 0 {
+        if a.identity == b.identity {
+            score += IDENTITIES.ln();
+        } else {
+            different = history.map_or(0, |h| h.different).saturating_add(1);
+        }
+    }
+    let mut next = History { score, squared: distance.squared, paired: false, different };
+    let mut passes = distance.squared <= GATE;
+    if let Some(before) = history {
+        next.score = before.score + SHARE * (score - before.score);
+        next.squared = before.squared + SHARE * (distance.squared - before.squared);
+        next.paired = before.paired;
+        passes = if before.paired {
+            distance.squared.min(next.squared) <= KEEP
+        } else {
+            passes && next.squared <= GATE
+        };
+    }
+    let mut gain = next.score;
+    if next.paired && passes {
+        gain = gain.max(LEAST) + BONUS;
+    }
+    if apart || different >= DIFFERENT {
+        gain = f64::NEG_INFINITY;
+    }
+    let squared = distance.squared;
+    (Candidate { first: 0, second: 0, gain, passes, squared }, next)
+}

@@ -1,0 +1,81 @@
+//! A message about a track of one sensor, and where the track is at another time.
+
+use crate::sensors::Radar;
+use crate::tracker::{Estimate, ImmModel};
+use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+/// Acceleration of a target between two messages, straight on and in a turn, m/s².
+const STRAIGHT: f64 = 0.1;
+const TURNING: f64 = 3.0;
+
+/// A message about a track of one sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Index of the sensor.
+    pub sensor: usize,
+    /// Number of the track, which the sensor may use again.
+    pub track: i64,
+    /// Seconds.
+    pub time: f64,
+    /// East and north, and their rates, m and m/s.
+    pub state: [f64; 4],
+    /// Of the state, row by row; nan where the sensor does not say.
+    pub covariance: [f64; 16],
+    /// Metres; nan where it is not known.
+    pub height: f64,
+    /// Reply of the transponder; negative where there is none.
+    pub identity: i64,
+    /// Probability that the target turns; nan where it is not known.
+    pub turn_probability: f64,
+}
+
+impl Row {
+    /// Position and velocity with their covariance, by the accuracy of the sensor where it states none:
+    /// that of a plot, and of the velocity by a line through three plots.
+    pub fn estimate(&self, radar: &Radar) -> Estimate<4> {
+        let mean = SVector::from(self.state);
+        if self.covariance.iter().all(|value| value.is_finite()) {
+            return Estimate { mean, covariance: SMatrix::from_row_slice(&self.covariance) };
+        }
+        let noise = radar.noise_at([mean[0], mean[1]], self.height - radar.position[2]);
+        let share = 2.0 / (3.0 * radar.scan_period.powi(2));
+        let mut covariance = SMatrix::zeros();
+        for (at, scale) in [(0, 1.0), (2, share)] {
+            covariance[(at, at)] = scale * noise.xx;
+            covariance[(at, at + 1)] = scale * noise.xy;
+            covariance[(at + 1, at)] = scale * noise.xy;
+            covariance[(at + 1, at + 1)] = scale * noise.yy;
+        }
+        Estimate { mean, covariance }
+    }
+
+    /// Probability of a turn, in the mean of traffic where it is not known.
+    pub fn turning(&self) -> f64 {
+        if self.turn_probability.is_finite() {
+            return self.turn_probability.clamp(0.0, 1.0);
+        }
+        let model = ImmModel::default();
+        model.turn_time / (model.turn_time + model.straight_time)
+    }
+
+    /// The track straight on at another time: `F P F' + σ² Γ Γ'`, Γ = (t²/2, t), where σ is an
+    /// acceleration that may begin at any time.
+    pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
+        let Estimate { mut mean, mut covariance } = self.estimate(radar);
+        let t = time - self.time;
+        let turning = self.turning();
+        let square = (1.0 - turning) * STRAIGHT * STRAIGHT + turning * TURNING * TURNING;
+        let mut f = SMatrix::<f64, 4, 4>::identity();
+        (f[(0, 2)], f[(1, 3)]) = (t, t);
+        mean = f * mean;
+        covariance = f * covariance * f.transpose();
+        for i in 0..2 {
+            covariance[(i, i)] += 0.25 * square * t.powi(4);
+            covariance[(i, i + 2)] += 0.5 * square * t.powi(3);
+            covariance[(i + 2, i)] += 0.5 * square * t.powi(3);
+            covariance[(i + 2, i + 2)] += square * t * t;
+        }
+        Estimate { mean, covariance }
+    }
+}

@@ -1,0 +1,146 @@
+//! A target of the picture: its number, its age, and its filter.
+
+use super::pairs::{Known, Sample};
+use super::row::Row;
+use crate::base::plane::Plane;
+use crate::registration::{Report, TargetPlot, Update};
+use crate::sensors::Radar;
+use crate::tracker::{Estimate, Follower, ImmModel};
+use nalgebra::SMatrix;
+use serde::{Deserialize, Serialize};
+
+/// Share of the newest plot in the running mean of innovations, and the most that one counts.
+const MEMORY: f64 = 0.3;
+const SURPRISE: f64 = 20.0;
+
+/// A plot behind a row of a track, as its sensor measured it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Tracklet {
+    pub report: Report,
+    pub turn_probability: f64,
+    /// Its covariance where that is not the sensor's.
+    pub own: Option<Plane>,
+}
+
+impl Tracklet {
+    /// Of a position by a row.
+    pub fn new(row: &Row, [x, y]: [f64; 2], own: Option<Plane>, radar: &Radar) -> Self {
+        let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
+        let up = if row.height.is_finite() { row.height - radar.position[2] } else { 0.0 };
+        let report = Report {
+            radar: row.sensor,
+            time: row.time,
+            range: dx.hypot(dy).hypot(up),
+            azimuth: dx.atan2(dy),
+            height: row.height,
+        };
+        Self { report, turn_probability: row.turning(), own }
+    }
+}
+
+/// A target.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Target {
+    pub number: u64,
+    /// Cycles in which it was there.
+    pub cycles: usize,
+    /// Cycles for which a sensor that must see it has not.
+    pub unseen: usize,
+    pub follower: Option<Follower>,
+    /// Running mean of the normalised squares of innovations, over what is expected.
+    surprise: f64,
+    /// Running mean of the squares of innovations, m².
+    square: f64,
+    /// What unknown errors of the sensors add to its covariance.
+    pub added: SMatrix<f64, 4, 4>,
+}
+
+impl Target {
+    pub fn new(number: u64) -> Self {
+        let added = SMatrix::zeros();
+        Self { number, cycles: 0, unseen: 0, follower: None, surprise: 1.0, square: 0.0, added }
+    }
+
+    /// Filters the plots behind its rows, in order of time, or begins with a state. Returns what the
+    /// registration can learn of.
+    pub fn follow(
+        &mut self,
+        tracklets: &[Tracklet],
+        start: &(Row, Sample),
+        radars: &[Radar],
+        known: &Known,
+        period: f64,
+    ) -> Vec<Update> {
+        let model = ImmModel::default();
+        let (row, sample) = start;
+        let (mut learnt, mut begins) = (Vec::new(), None);
+        if self.follower.is_none() {
+            let mut covariance = row.estimate(&radars[row.sensor]).covariance;
+            covariance += known.added(sample);
+            let mut mean = sample.mean;
+            mean[0] -= sample.age * mean[2];
+            mean[1] -= sample.age * mean[3];
+            let estimate = Estimate { mean, covariance };
+            self.follower = Some(Follower::new(&model, estimate, row.turning(), row.time));
+            begins = Some(row.sensor);
+        }
+        let Some(follower) = &mut self.follower else { return learnt };
+        for tracklet in tracklets.iter().filter(|one| Some(one.report.radar) != begins) {
+            let report = tracklet.report.corrected(&known.errors[tracklet.report.radar]);
+            let radar = &radars[report.radar];
+            let up =
+                if report.height.is_finite() { report.height - radar.position[2] } else { 0.0 };
+            let ground = (report.range * report.range - up * up).max(0.0).sqrt();
+            let (sine, cosine) = report.azimuth.sin_cos();
+            let mut z = [radar.position[0] + ground * sine, radar.position[1] + ground * cosine];
+            let mut noise = tracklet.own.unwrap_or_else(|| radar.noise_at(z, up));
+            follower.predict(&model, report.time, period);
+            let estimate = follower.estimate();
+            // a late one comes along with the velocity
+            let late = follower.time - report.time;
+            if late > 0.0 {
+                let p = &estimate.covariance;
+                z[0] += late * estimate.mean[2];
+                z[1] += late * estimate.mean[3];
+                noise.xx += late * late * p[(2, 2)];
+                noise.xy += late * late * p[(2, 3)];
+                noise.yy += late * late * p[(3, 3)];
+            }
+            let y = [z[0] - estimate.mean[0], z[1] - estimate.mean[1]];
+            let p = &estimate.covariance;
+            let own = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] };
+            let both = own.plus(noise);
+            let square = (0.5 * both.inverse().form(y)).min(SURPRISE);
+            self.surprise += MEMORY * (square - self.surprise);
+            self.square += MEMORY * (0.5 * (both.xx + both.yy) - self.square);
+            follower.correct(z, noise);
+            if tracklet.own.is_some() {
+                continue;
+            }
+            let estimate = follower.estimate();
+            let plot = TargetPlot {
+                report: tracklet.report,
+                target: self.number as i64,
+                turn_probability: follower.turn_probability(),
+            };
+            let velocity = [estimate.mean[2], estimate.mean[3]];
+            let covariance = std::array::from_fn(|i| estimate.covariance[(i / 4, i % 4)]);
+            learnt.push(Update { plot, velocity, covariance });
+        }
+        learnt
+    }
+
+    /// Position and velocity at a time.
+    pub fn at(&self, time: f64, period: f64) -> Option<Estimate<4>> {
+        let mut follower = self.follower?;
+        follower.predict(&ImmModel::default(), time, period);
+        let mut estimate = follower.estimate();
+        let surprise = self.surprise.max(1.0);
+        estimate.covariance = estimate.covariance * surprise + self.added;
+        // a turn that is not noticed yet moves plots by half of what it adds to the velocity over time
+        let velocity = (surprise - 1.0) * self.square / (period * period);
+        estimate.covariance[(2, 2)] += velocity;
+        estimate.covariance[(3, 3)] += velocity;
+        Some(estimate)
+    }
+}

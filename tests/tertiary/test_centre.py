@@ -1,0 +1,236 @@
+"""The centre: which tracks are of one target, their numbers, what hands decide, saved states."""
+
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tertia.sensors import Bias, Radar
+from tertia.tertiary import FusionCentre, SensorTracks, fuse_tracks
+
+ACCURACY = {"range_sigma": 50.0, "azimuth_sigma": 1e-3}
+RADARS = [
+    Radar([0.0, 0.0], scan_period=4.0, max_range=250e3, bias=Bias(), **ACCURACY),
+    Radar([60e3, 0.0], scan_period=5.0, max_range=250e3, bias=Bias(), **ACCURACY),
+    Radar([0.0, 60e3], scan_period=6.0, max_range=250e3, bias=Bias(), **ACCURACY),
+]
+COVARIANCE = np.diag([2500.0, 2500.0, 25.0, 25.0])
+PLACES = np.array([[30e3, 40e3], [33e3, 40e3], [-50e3, 20e3], [10e3, -80e3]])
+VELOCITIES = np.array([[200.0, 0.0], [200.0, 0.0], [0.0, -150.0], [100.0, 100.0]])
+
+
+def messages(
+    seconds: float = 100.0, *, seed: int = 1, sensors=range(3), places=PLACES, shift=None
+) -> SensorTracks:
+    """Return tracks with errors that last, as those of trackers do."""
+    random = np.random.default_rng(seed)
+    rows = []
+    for k in sensors:
+        error = random.standard_normal((len(places), 4)) * [50, 50, 5, 5]
+        for time in np.arange(0.3 * k, seconds, RADARS[k].scan_period):
+            fresh = random.standard_normal(error.shape) * [50, 50, 5, 5]
+            error = 0.6 * error + 0.8 * fresh
+            for i, place in enumerate(places):
+                state = np.concatenate([place + time * VELOCITIES[i], VELOCITIES[i]]) + error[i]
+                if shift is not None:
+                    away = state[:2] - RADARS[k].position
+                    state[:2] += shift[k] * away / np.linalg.norm(away)
+                rows.append((time, k, 10 * k + i, state))
+    time, sensor, track, state = (np.array(column) for column in zip(*rows, strict=True))
+    covariance = np.broadcast_to(COVARIANCE, (len(time), 4, 4))
+    return SensorTracks(
+        time, sensor, track, state[:, :2], state[:, 2:], covariance=covariance, turn_probability=0.0
+    )
+
+
+def last(found):
+    """Return the last picture."""
+    return found[found.time == found.time[-1]]
+
+
+def test_tracks_of_one_target_are_one():
+    found = last(fuse_tracks(messages(), RADARS))
+    assert_array_equal(found.members % 10, np.arange(4)[:, np.newaxis] + np.zeros((1, 3), int))
+    assert found.count == 4
+    assert np.all(found.confirmed & ~found.doubtful)
+    truth = PLACES + found.time[0] * VELOCITIES
+    assert np.all(np.linalg.norm(found.position - truth, axis=1) < 100.0)
+
+
+@pytest.mark.parametrize(
+    "method", ["tracklets", "matrix", "covariance-intersection", "static", "equal", "paper"]
+)
+def test_every_method_fuses(method):
+    found = fuse_tracks(messages(), RADARS, method=method)
+    truth = PLACES[(last(found).members[:, 0]) % 10] + last(found).time[0] * VELOCITIES
+    assert np.all(np.linalg.norm(last(found).position - truth, axis=1) < 200.0)
+    assert_allclose(found.covariance, np.swapaxes(found.covariance, 1, 2), rtol=1e-9, atol=1e-9)
+    assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+
+
+def test_numbers_last_and_the_order_of_messages_does_not_matter():
+    tracks = messages()
+    found = fuse_tracks(tracks, RADARS)
+    names = {}
+    for number, members in zip(found.track, found.members, strict=True):
+        for k, member in enumerate(members.tolist()):
+            if member >= 0:
+                assert names.setdefault((k, member), number) == number
+    shuffled = tracks[np.random.default_rng(3).permutation(len(tracks))]
+    again = fuse_tracks(shuffled, RADARS)
+    assert_array_equal(found.track, again.track)
+    assert_array_equal(found.covariance, again.covariance)
+
+
+def test_biases_are_found():
+    # the range of the second radar is 300 m too long
+    shift = np.array([0.0, 300.0, 0.0])
+    radars = [
+        Radar(
+            r.position,
+            scan_period=r.scan_period,
+            max_range=250e3,
+            bias=Bias(range_sigma=200.0, azimuth_sigma=3e-3),
+            **ACCURACY,
+        )
+        for r in RADARS
+    ]
+    tracks = messages(600.0, shift=shift)
+    found = last(fuse_tracks(tracks, radars))
+    assert len(found) == 4
+    without = last(fuse_tracks(tracks, RADARS, registration=False))
+    assert len(without) > 4
+
+
+def test_a_saved_centre_goes_on_to_the_last_bit():
+    tracks = messages()
+    whole = FusionCentre(RADARS)
+    half = FusionCentre(RADARS)
+    early = tracks[tracks.time <= 50.0]
+    late = tracks[tracks.time > 50.0]
+    for centre in (whole, half):
+        centre.update(early, time=50.0)
+    restored = pickle.loads(pickle.dumps(half))
+    one, other = whole.update(late, time=100.0), restored.update(late, time=100.0)
+    for name in type(one).__slots__:
+        assert_array_equal(getattr(one, name), getattr(other, name))
+    assert_array_equal(np.asarray(whole.bias.range), np.asarray(restored.bias.range))
+
+
+def test_damaged_states_are_refused():
+    state = list(FusionCentre(RADARS).__getstate__())
+    saved = bytearray(state[-1])
+    saved[len(saved) // 2] ^= 1
+    empty = FusionCentre.__new__(FusionCentre)
+    with pytest.raises(ValueError, match="not the state of a fusion centre"):
+        empty.__setstate__((*state[:-1], bytes(saved)))
+
+
+def test_hands_join_separate_and_release():
+    # two sensors that see one target so far apart that the tests refuse them
+    centre = FusionCentre(RADARS[:2], registration=False)
+    tracks = messages(60.0, sensors=(0, 1), places=PLACES[:1], shift=(0.0, 1500.0))
+
+    def advance(time):
+        new = tracks[(tracks.time > time - 5.0) & (tracks.time <= time)]
+        return centre.update(new, time=time)
+
+    first = advance(5.0)
+    assert len(first) == 2
+    centre.join(*first.track.tolist())
+    assert_array_equal(advance(10.0).members, [[0, 10]])
+    centre.release(1)
+    assert len(advance(15.0)) == 2
+    near = FusionCentre(RADARS[:2], registration=False)
+    same = messages(60.0, sensors=(0, 1), places=PLACES[:1])
+    alone = same[same.sensor == 0]
+    near.update(alone[alone.time <= 5.0], time=5.0)
+    with pytest.raises(ValueError, match="not two targets"):
+        near.join(1, 2)
+    with pytest.raises(ValueError, match="no such target"):
+        near.release(7)
+
+
+def test_separate_targets_stay_apart():
+    centre = FusionCentre(RADARS[:2], registration=False)
+    apart = messages(10.0, sensors=(0, 1), places=PLACES[:1], shift=(0.0, 3000.0))
+    found = centre.update(apart, time=10.0)
+    assert len(found) == 2
+    centre.separate(*found.track.tolist())
+    close = messages(60.0, sensors=(0, 1), places=PLACES[:1])
+    close = close[close.time > 10.0]
+    for time in (20.0, 30.0, 40.0):
+        new = close[(close.time > time - 10.0) & (close.time <= time)]
+        assert len(centre.update(new, time=time)) == 2
+    centre.release(int(found.track[0]))
+    new = close[(close.time > 40.0) & (close.time <= 50.0)]
+    assert len(centre.update(new, time=50.0)) == 1
+
+
+def test_identities_contradict():
+    tracks = messages(places=PLACES[:1], sensors=(0, 1))
+    names = {name: getattr(tracks, name) for name in SensorTracks.__slots__}
+    different = SensorTracks(**(names | {"identity": 100 + tracks.sensor}))
+    assert len(last(fuse_tracks(different, RADARS))) == 2
+    equal = SensorTracks(**(names | {"identity": 100}))
+    found = last(fuse_tracks(equal, RADARS))
+    assert len(found) == 1
+    assert found.identity[0] == 100
+
+
+def test_what_one_sensor_sees_alone_is_doubtful():
+    tracks = messages(places=PLACES[:2])
+    ghost = (tracks.sensor > 0) & (tracks.track % 10 == 1)
+    found = last(fuse_tracks(tracks[~ghost], RADARS))
+    assert_array_equal(found.doubtful, [False, True])
+    assert found.count == 1
+
+
+def test_a_sensor_without_covariances():
+    tracks = messages()
+    names = {name: getattr(tracks, name) for name in SensorTracks.__slots__}
+    bare = SensorTracks(**(names | {"covariance": None}))
+    assert last(fuse_tracks(bare, RADARS, method="matrix")).count == 4
+
+
+def test_late_messages_wait():
+    tracks = messages(20.0)
+    centre = FusionCentre(RADARS)
+    centre.update(tracks, time=10.0)
+    found = centre.update(tracks[:0], time=20.0)
+    assert len(found) == 4
+    whole = fuse_tracks(tracks, RADARS, update_interval=10.0)
+    assert_array_equal(found.position, last(whole).position)
+
+
+def test_nothing():
+    assert len(fuse_tracks(messages()[:0], RADARS)) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"method": "best"}, "method is 'best'"),
+        ({"cross_correlation": (0.1, 1.0)}, "cross_correlation is"),
+        ({"update_interval": 0.0}, "update_interval"),
+    ],
+)
+def test_wrong_options(options, text):
+    with pytest.raises(ValueError, match=text):
+        FusionCentre(RADARS, **options)
+
+
+def test_wrong_messages():
+    with pytest.raises(ValueError, match=r"sensor\[0\] is -1"):
+        SensorTracks([0.0], -1, 1, [[0.0, 0.0]], [[0.0, 0.0]])
+    with pytest.raises(ValueError, match=r"time\[0\]"):
+        SensorTracks([np.nan], 0, 1, [[0.0, 0.0]], [[0.0, 0.0]])
+    centre = FusionCentre(RADARS[:1])
+    with pytest.raises(ValueError, match=r"sensor\[0\] is 1; there are 1"):
+        centre.update(SensorTracks([0.0], 1, 1, [[1e3, 0.0]], [[0.0, 0.0]]), time=1.0)
+    centre.update(SensorTracks([0.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]]), time=1.0)
+    with pytest.raises(ValueError, match="later"):
+        centre.update(SensorTracks([0.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]]), time=1.0)
+    with pytest.raises(TypeError, match="tracks"):
+        centre.update(None, time=2.0)
