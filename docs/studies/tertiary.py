@@ -18,7 +18,7 @@ from tertia.tertiary import FusionCentre, SensorTracks, SystemTracks
 from tertia.tracker import Plots, Tracker, track
 
 SEED = 21
-SCENES = repetitions(10)
+SCENES = repetitions(10, 1)
 CYCLE, WARM, ASTRAY = 5.0, 60.0, 2000.0
 METHODS = ("tracklets", "matrix", "covariance-intersection", "static", "equal", "paper")
 SHIFT = (150.0, 0.15)
