@@ -12,6 +12,7 @@ __all__ = [
     "AngleFusion",
     "Flights",
     "Frame",
+    "FusionCentre",
     "Geometry",
     "Motion",
     "PlotTracker",

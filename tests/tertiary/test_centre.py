@@ -58,6 +58,11 @@ def test_tracks_of_one_target_are_one():
     assert np.all(np.linalg.norm(found.position - truth, axis=1) < 100.0)
 
 
+def test_one_target_alone_is_one():
+    found = last(fuse_tracks(messages(places=PLACES[:1]), RADARS))
+    assert_array_equal(found.members, [[0, 10, 20]])
+
+
 @pytest.mark.parametrize(
     "method", ["tracklets", "matrix", "covariance-intersection", "static", "equal", "paper"]
 )

@@ -387,7 +387,7 @@ def fuse_tracks(tracks: SensorTracks, sensors: Sequence[Radar], **options: Any) 
     >>> tracks = [SensorTracks.of(track(one, [radar]), sensor=k)
     ...           for k, (one, radar) in enumerate(zip(plots, radars))]
     >>> fuse_tracks(SensorTracks.concatenate(tracks), radars)
-    SystemTracks(1 tracks, 17 rows)
+    SystemTracks(1 tracks, 18 rows)
     """
     instance(tracks, "tracks", SensorTracks)
     centre = FusionCentre(sensors, **options)

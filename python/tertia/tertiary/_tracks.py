@@ -161,7 +161,7 @@ class SensorTracks:
         >>> time = np.arange(0.0, 100.0, 4.0)
         >>> table = track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
         >>> SensorTracks.of(table, sensor=2)
-        SensorTracks(1 tracks, 22 rows)
+        SensorTracks(1 tracks, 23 rows)
         """
         instance(table, "table", TrackTable)
         # what was not confirmed at the time was not known to be a track

@@ -26,6 +26,8 @@ const CERTAIN: f64 = 0.8;
 /// Least density of other targets, per m², and the spread of their velocities, m/s.
 const LEAST_DENSITY: f64 = 2e-9;
 const VELOCITIES: f64 = 250.0;
+/// Sides of the least rectangle that others are spread over, m.
+const LEAST_EXTENT: f64 = 20e3;
 
 /// How a centre works.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -483,7 +485,11 @@ fn density(samples: &[Sample]) -> f64 {
         let mut values: Vec<_> = samples.iter().map(|one| one.mean[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);
         let n = values.len();
-        if n < 2 { f64::INFINITY } else { (values[n - 1 - n / 20] - values[n / 20]) / 0.9 }
+        if n < 2 {
+            f64::INFINITY
+        } else {
+            ((values[n - 1 - n / 20] - values[n / 20]) / 0.9).max(LEAST_EXTENT)
+        }
     };
     (most / (extent(0) * extent(1))).max(LEAST_DENSITY) / velocities
 }
