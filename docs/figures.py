@@ -47,6 +47,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "detection": screening.detection,
         "clean bursts": screening.clean_bursts,
         "repeated passes": screening.repeated_passes,
+        "moving": screening.moving,
     },
     "bearing.md": {
         "reproduction": bearing.reproduction,

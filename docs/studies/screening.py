@@ -17,6 +17,7 @@ from tertia.screening import (
     k_sigma,
     leave_one_out,
     leave_one_out_mask,
+    moving_polynomial,
 )
 from tertia.simulate import direction_finder
 
@@ -108,6 +109,37 @@ def repeated_passes() -> str:
         shares += [f"{ever.mean():.1%}"] * (4 - len(shares))
         rows.append([f"k = {k}", *shares])
     return markdown(["clean values replaced", "1 pass", "10", "100", "1000"], rows)
+
+
+def _running_median(y: FloatArray) -> npt.NDArray[np.bool_]:
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, ((0, 0), (6, 6)), "edge"), 13, -1)
+    deviation = np.abs(y - np.median(windows, axis=-1))
+    return np.asarray(deviation > 4 * 1.4826 * np.median(deviation, axis=-1, keepdims=True))
+
+
+def moving() -> str:
+    """Share of outliers found, false alarms and noise that is left, of series that move."""
+    n, count = 500, repetitions(400)
+    t = np.arange(n)
+    paths = {"stays": 0.0 * t, "drifts": 0.3 * t, "turns": 10 * np.sin(t / 10)}
+    rules: dict[str, Callable[[FloatArray], npt.NDArray[np.bool_]]] = {
+        "moving polynomial": lambda y: moving_polynomial(y).outlier,
+        "running median": _running_median,
+        "one mean": lambda y: leave_one_out(y, 4.0).outlier,
+    }
+    noise, wrong = generator(26).standard_normal((count, n)), generator(27).uniform(size=(count, n))
+    bad = wrong < 0.04
+    off = generator(28).uniform(6, 12, bad.shape) * generator(29).choice([-1.0, 1.0], bad.shape)
+    error = noise + np.where(bad, off, 0.0)
+    rows = []
+    for name, rule in rules.items():
+        cells = []
+        for path in paths.values():
+            flagged = rule(path + error)
+            left = np.sqrt(np.mean(error[~flagged] ** 2))
+            cells.append(f"{flagged[bad].mean():.1%}, {flagged[~bad].mean():.2%}, {left:.2f}")
+        rows.append([name, *cells])
+    return markdown(["rule", *paths], rows)
 
 
 def record_figure() -> Figure:

@@ -140,6 +140,15 @@ def bursts(
     omit: bool,
     n_threads: int | None,
 ) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
+def moving_polynomial(
+    y: FloatArray,
+    time: FloatArray,
+    window: int,
+    degree: int,
+    k: float,
+    period: float | None,
+    n_threads: int | None,
+) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
 def unwrap_about_median(theta: FloatArray, period: float, n_threads: int | None) -> FloatArray: ...
 def z_test(
     x: FloatArray, row: IntArray, y: FloatArray, sigma: FloatArray

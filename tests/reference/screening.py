@@ -191,3 +191,47 @@ def unwrap_about_median(theta, period=360.0):
 
 def _wrap(angle, period):
     return angle - period * np.round(angle / period)
+
+
+def moving_polynomial(y, window=13, degree=2, k=4.0, time=None, period=None):
+    """Outliers, cleaned series and s: each value against the polynomial of the others."""
+    n = len(y)
+    t = np.arange(n, dtype=float) if time is None else np.asarray(time, dtype=float)
+    kept, outlier = ~np.isnan(y), np.zeros(n, dtype=bool)
+    for number in range(4):
+        expected, z = np.full(n, np.nan), np.full(n, np.nan)
+        for i in range(n):
+            width = min(window, n)
+            start = min(max(i - window // 2, 0), n - width)
+            j = np.array([j for j in range(start, start + width) if j != i and kept[j]], dtype=int)
+            if len(j) < degree + 3 or len(set(t[j])) <= degree:
+                continue
+            x = t[j] - t[i]
+            value = y[j] if period is None else unwrap_about_median(y[j], period)
+            columns = np.vander(x / np.abs(x).max(), degree + 1, increasing=True)
+            weight = np.linalg.pinv(columns)[0]
+            expected[i] = value[0] + weight @ (value - value[0])
+            e = y[i] - expected[i]
+            if period is not None:
+                e -= period * np.round(e / period)
+            z[i] = abs(e) / np.sqrt(1 + weight @ weight)
+        judged = kept & ~np.isnan(z)
+        if not judged.any():
+            return outlier, np.array(y), np.nan
+        s = 1.4826 * np.median(z[judged])
+        large = np.where(judged & (z > k * s), z, 0.0)
+        found = [
+            i
+            for i in np.flatnonzero(large)
+            if large[i] > large[max(i - 2, 0) : i].max(initial=0.0)
+            and large[i] >= large[i + 1 : i + 3].max(initial=0.0)
+        ]
+        back = np.flatnonzero(outlier & (z <= k * s))
+        outlier[back], kept[back] = False, True
+        if number == 3 or not (found or len(back)):
+            break
+        outlier[found], kept[found] = True, False
+    cleaned = np.where(outlier, expected, y)
+    if period is not None:
+        cleaned = np.where(outlier, cleaned - period * np.round((cleaned - y) / period), y)
+    return outlier, cleaned, s

@@ -26,6 +26,7 @@ from tertia.screening._rules import (
     leave_one_out,
     leave_one_out_mask,
     leave_one_out_statistics,
+    moving_polynomial,
     unwrap_about_median,
 )
 
@@ -43,6 +44,7 @@ __all__ = [
     "leave_one_out",
     "leave_one_out_mask",
     "leave_one_out_statistics",
+    "moving_polynomial",
     "t_test",
     "thompson_tau",
     "unwrap_about_median",

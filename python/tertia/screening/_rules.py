@@ -37,7 +37,8 @@ class Screening:
         Mean and variance (divisor n - 1) of the cleaned sample; unit of y and its square.
     threshold : float or ndarray of shape (...)
         Half width of the band about the mean outside which a measurement is an outlier; unit of y.
-        A sequential screening moves the band: this is the last one.
+        A sequential screening moves the band: this is the last one. `moving_polynomial` says what
+        these three are for a series that moves.
     """
 
     outlier: BoolArray
@@ -340,6 +341,97 @@ def bursts(
             real(correlation, "correlation"),
             real(rounding, "rounding"),
             omits(nan_policy),
+            threads(n_threads),
+        )
+    )
+
+
+def moving_polynomial(
+    y: npt.ArrayLike,
+    window: int = 13,
+    degree: int = 2,
+    *,
+    k: float = 4.0,
+    time: npt.ArrayLike | None = None,
+    period: float | None = None,
+    n_threads: int | None = None,
+) -> Screening:
+    """Find outliers of a series that moves, by comparing each measurement with its neighbours.
+
+    The others in its window determine a least-squares polynomial, from which the measurement
+    deviates by e. The variance of that polynomial is h times that of the noise, and
+    `z = e / sqrt(1 + h)`. An outlier has `|z| > k s` with `s = 1.4826 median |z|`, and the largest
+    `|z|` within two places. It leaves, and all are judged again, up to three times; outliers that
+    agree with what is left return.
+
+    Parameters
+    ----------
+    y : array_like of shape (..., N)
+        Measurements in the order of time; nan where there is none.
+    window : int
+        Number of instants in a window, odd. Each instant is in the middle of its window; near the
+        ends, the first and the last window are used.
+    degree : int
+        Degree of the polynomials, at most 9 and less than `window` - 3.
+    k : float
+        Threshold in standard deviations.
+    time : array_like of shape (N,) or (..., N), optional
+        Times of the measurements, in non-decreasing order; by default 0, 1, 2, ...
+    period : float, optional
+        360.0 or 2*pi for angles, which must move by less than half a period in half a window.
+    n_threads : int, optional
+        Number of threads; by default one for small tasks and all cores for large ones.
+
+    Returns
+    -------
+    Screening
+        Outliers are replaced by the polynomials; `variance` is that of the noise about these, s²,
+        and `threshold` is k s. A measurement with fewer than `degree` + 3 good ones in its window
+        is not judged. Where no measurement is judged, `variance` and `threshold` are nan, and so is
+        `mean` where there is none.
+
+    Raises
+    ------
+    ValueError
+        An infinite measurement, decreasing times, shapes that do not fit, or a parameter outside
+        its domain.
+    TypeError
+        `y` or `time` does not hold real numbers.
+
+    Notes
+    -----
+    Outliers that follow each other for more than a quarter of a window determine the polynomials:
+    for a value that stays, `bursts` finds these. The cost is O(N window degree).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tertia.screening import moving_polynomial
+    >>> t = np.arange(100)
+    >>> y = 50 * np.sin(t / 20) + np.random.default_rng(1).normal(size=100)
+    >>> y[[20, 60, 61]] += [9, -12, 8]
+    >>> moving_polynomial(y).outlier.nonzero()[0]
+    array([20, 60, 61])
+    """
+    series = samples(y, "y")
+    n = series.shape[-1] if series.ndim else 0
+    instants = np.arange(n, dtype=np.float64) if time is None else samples(time, "time")
+    if series.ndim and instants.shape != (n,):
+        try:
+            instants = np.broadcast_to(instants, series.shape)
+        except ValueError:
+            raise ValueError(
+                f"time has shape {instants.shape}; for y of shape {series.shape} it must be ({n},) "
+                f"or {series.shape}"
+            ) from None
+    return _screening(
+        _core.moving_polynomial(
+            series,
+            instants,
+            integer(window, "window", 1),
+            integer(degree, "degree", 0),
+            real(k, "k"),
+            None if period is None else real(period, "period"),
             threads(n_threads),
         )
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from tertia import smoothing
 from tertia._arrays import FloatArray, IntArray, finite, real
 from tertia.tables._frames import Table, extended
 from tertia.tables._groups import as_names, by_length, column_name, known, layout
-from tertia.tables._records import TIME, Field, Schema, read, source_of
+from tertia.tables._records import TIME, Field, Schema, Source, read, source_of
 from tertia.tables._times import Clock
 
 # what becomes of a quantity, and what its unit is divided by
@@ -58,7 +59,7 @@ def smooth(
         The same rows with additional columns for each axis: the smoothed value, rate and
         acceleration, each followed by its sigma, for example `east_smoothed_m`,
         `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`; unknown values are
-        null.
+        null. `smoothing_outlier` marks the rows that were left out.
 
     Raises
     ------
@@ -82,6 +83,40 @@ def smooth(
     >>> [round(v, 2) for v in track.select("east_rate_m_s", "east_rate_sigma_m_s").row(9)]
     [99.85, 0.39]
     """
+    found = smoothing_of(
+        source_of(table),
+        columns=columns,
+        values=values,
+        sigma=sigma,
+        by=by,
+        correlation_time=correlation_time,
+        robust=robust,
+        jerk=jerk,
+    )
+    return extended(table, found.added)  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothedRows:
+    """The groups, times and values of the rows, and the columns that smoothing adds."""
+
+    rows: pl.DataFrame
+    added: pl.DataFrame
+    targets: int
+
+
+def smoothing_of(
+    source: Source,
+    *,
+    columns: Mapping[str, str] | None,
+    values: str | Sequence[str],
+    sigma: float | str | Sequence[float | str],
+    by: str | Sequence[str],
+    correlation_time: float | None,
+    robust: bool,
+    jerk: float | None,
+) -> SmoothedRows:
+    """Smooth the rows of all parts, in their order."""
     axes = as_names(values)
     sigmas = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
     if len(sigmas) != len(axes):
@@ -91,7 +126,7 @@ def smooth(
         name: Field("number", {name: 1.0}, required=True)
         for name in [*axes, *(one for one in sigmas if isinstance(one, str))]
     }
-    records = read(source_of(table), schema, columns=columns, by=as_names(by))
+    records = read(source, schema, columns=columns, by=as_names(by))
     frame = records.rows
     groups = layout(records.by, frame.height)
     t = Clock.of(frame["time"]).seconds(frame["time"])
@@ -100,6 +135,7 @@ def smooth(
     variance = np.column_stack([_sigmas(frame, one) for one in sigmas])[rows] ** 2
     moments = t[rows]
     found, spread = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
+    outlier = np.zeros(frame.height, dtype=bool)
 
     def track(
         plots: FloatArray, variances: FloatArray, instants: FloatArray, places: IntArray
@@ -119,7 +155,12 @@ def smooth(
             raise one
         places, smoothed = one
         found[places], spread[places] = smoothed.mean, smoothed.sigma
-    return extended(table, _added(found, spread, axes))  # type: ignore[no-any-return]
+        outlier[places] = smoothed.outlier
+    added = _added(found, spread, axes).with_columns(smoothing_outlier=outlier)
+    times = frame.select(pl.col("time").alias("time_s"), pl.col(axes).fill_nan(None))
+    return SmoothedRows(
+        pl.concat([records.by, times], how="horizontal"), added, len(groups.lengths)
+    )
 
 
 def _sigmas(frame: pl.DataFrame, sigma: float | str) -> FloatArray:

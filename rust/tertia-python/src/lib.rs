@@ -66,8 +66,8 @@ mod core_module {
     #[pymodule_export]
     use super::screening::{
         bursts, cochran, critical_value, false_alarm_probability, grubbs, k_sigma, leave_one_out,
-        leave_one_out_mask, leave_one_out_statistics, t_test, thompson_tau, unwrap_about_median,
-        z_test,
+        leave_one_out_mask, leave_one_out_statistics, moving_polynomial, t_test, thompson_tau,
+        unwrap_about_median, z_test,
     };
     #[pymodule_export]
     use super::sensors::Radar;

@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use tertia::Moments;
 use tertia::batch::for_each_row;
 use tertia::screening::{
-    self, BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, Replacement,
-    Statistics, Summary, Test,
+    self, BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, MovingRule,
+    MovingWorkspace, Replacement, Statistics, Summary, Test,
 };
 
 /// Cost of the streaming kernels per measurement, for the choice of threads.
@@ -20,6 +20,8 @@ const STREAM_NS: f64 = 1.0;
 const SCREEN_NS: f64 = 3.0;
 /// Cost of the burst detection, likewise.
 const BURST_NS: f64 = 60.0;
+/// Cost of a measurement and tap of a moving polynomial, likewise.
+const MOVING_NS: f64 = 15.0;
 /// Cost of an incomplete beta function, likewise.
 const TAIL_NS: f64 = 500.0;
 /// Cost of a sine, a cosine and a median, likewise.
@@ -152,7 +154,29 @@ pub fn bursts<'py>(
     screen(py, &y, 3, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
 }
 
-/// Runs a screening kernel over all rows.
+/// Screening by a moving polynomial. `time` may have one row for all.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the Python signature
+pub fn moving_polynomial<'py>(
+    py: Python<'py>,
+    y: Input<'py>,
+    time: Input<'py>,
+    window: usize,
+    degree: usize,
+    k: f64,
+    period: Option<f64>,
+    n_threads: Threads,
+) -> PyResult<Screened<'py>> {
+    let rule = MovingRule::try_new(window, degree, k, period).map_err(value_error)?;
+    let time = time.rows("time", 0)?;
+    let cost = MOVING_NS * window as f64;
+    let kernel = |row, y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
+        rule.screen(y, time.shared(row), outlier, cleaned, work)
+    };
+    screen_rows(py, &y, 0, cost, n_threads, MovingWorkspace::default, kernel)
+}
+
+/// Runs a screening kernel over all rows, or over what is there of them.
 #[allow(clippy::too_many_arguments)] // what the three callers have in common
 fn screen<'py, S>(
     py: Python<'py>,
@@ -164,24 +188,44 @@ fn screen<'py, S>(
     state: impl Fn() -> S + Sync + Send,
     kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync + Send,
 ) -> PyResult<Screened<'py>> {
-    let rows = y.rows("y", if omit { 0 } else { minimum })?;
+    if !omit {
+        let kernel = |_, y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], state: &mut S| {
+            kernel(y, outlier, cleaned, state)
+        };
+        return screen_rows(py, y, minimum, nanoseconds, n_threads, state, kernel);
+    }
+    let new = || (state(), Gaps::default());
+    screen_rows(py, y, 0, nanoseconds, n_threads, new, |_, y, flags, kept, (state, gaps)| {
+        gaps.collect(y);
+        let Gaps { present, outlier, cleaned } = gaps;
+        let found = kernel(present.values(), outlier, cleaned, state)
+            .map_err(|error| present.locate(error))?;
+        present.scatter(outlier, false, flags);
+        present.scatter(cleaned, f64::NAN, kept);
+        Ok(found)
+    })
+}
+
+/// Runs a screening kernel with the number of each row.
+fn screen_rows<'py, S>(
+    py: Python<'py>,
+    y: &Input<'py>,
+    minimum: usize,
+    nanoseconds: f64,
+    n_threads: Threads,
+    state: impl Fn() -> S + Sync + Send,
+    kernel: impl Fn(usize, &[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary>
+    + Sync
+    + Send,
+) -> PyResult<Screened<'py>> {
+    let rows = y.rows("y", minimum)?;
     let (mut outlier, mut cleaned) = (rows.output(py)?, rows.output(py)?);
     let none = Summary { mean: 0.0, variance: 0.0, threshold: 0.0 };
     let mut summaries = repeated(none, rows.count())?;
     let outputs = outlier.rows()?.zip(cleaned.rows()?).zip(&mut summaries);
-    let new = || (state(), Gaps::default());
     let cost = nanoseconds * rows.size();
-    rows.each(py, cost, n_threads, outputs, new, |(state, gaps), (_, y), ((flags, kept), out)| {
-        if omit {
-            gaps.collect(y);
-            let Gaps { present, outlier, cleaned } = gaps;
-            *out = kernel(present.values(), outlier, cleaned, state)
-                .map_err(|error| present.locate(error))?;
-            present.scatter(outlier, false, flags);
-            present.scatter(cleaned, f64::NAN, kept);
-        } else {
-            *out = kernel(y, flags, kept, state)?;
-        }
+    rows.each(py, cost, n_threads, outputs, state, |state, (row, y), ((flags, kept), out)| {
+        *out = kernel(row, y, flags, kept, state)?;
         Ok(())
     })?;
     let of: [fn(&Summary) -> f64; 3] = [|s| s.mean, |s| s.variance, |s| s.threshold];

@@ -1,7 +1,7 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
-//! random effects, correlated noise, rows on threads.
+//! orthogonal polynomials, random effects, correlated noise, rows on threads.
 //!
-//! `error <- matrix, moments, distribution, angle, vector, exponential, plane, missing,
+//! `error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, basis,
 //! batch <- effects, autoregression`
 
 // indices are those of the formulas
@@ -9,6 +9,7 @@
 
 pub(crate) mod angle;
 pub(crate) mod autoregression;
+pub(crate) mod basis;
 pub mod batch;
 #[cfg(test)]
 pub(crate) mod checks;

@@ -3,13 +3,15 @@
 //! Sources: Manoilov, Pysarchuk, Pavliuk 2006, equations (M1)–(M4); Motylev 2010, (R1)–(R3);
 //! Fisch, Eckley, Fearnhead 2022 for points and bursts.
 //!
-//! `summary, others <- leave_one_out <- mask;  summary, others <- k_sigma, bursts, hypothesis`
+//! `summary, others <- leave_one_out <- mask;  summary, others <- k_sigma, bursts, moving,
+//! hypothesis`
 
 mod bursts;
 mod hypothesis;
 mod k_sigma;
 mod leave_one_out;
 mod mask;
+mod moving;
 mod others;
 mod summary;
 
@@ -23,5 +25,6 @@ pub use hypothesis::{
 pub use k_sigma::{KSigmaRule, Replacement};
 pub use leave_one_out::{Direction, LeaveOneOutRule, Statistics};
 pub use mask::mask;
+pub use moving::{MovingRule, MovingWorkspace};
 pub use others::statistics;
 pub use summary::Summary;

@@ -4,7 +4,6 @@
 //! smoother of position, velocity and acceleration, [`fit_jerk`] finds how restless the target is.
 
 pub(crate) mod adjoint;
-mod basis;
 mod faults;
 mod information;
 mod jerk;

@@ -1,9 +1,9 @@
 //! A polynomial through the instants around each, by least squares (Savitzky and Golay 1964), whose
 //! degree may be chosen by a test.
 
-use super::basis::Basis;
 use super::record::{Record, complete_runs, regular_step, require_record};
 use super::stencil::{Adaptive, Choice, Convolution, HIGHEST, Stencil};
+use crate::base::basis::Basis;
 use crate::base::distribution::{fisher_upper_quantile, normal_two_sided_quantile};
 use crate::base::error::{Result, require, require_significance};
 use std::ops::Range;

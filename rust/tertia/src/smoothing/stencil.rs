@@ -1,7 +1,7 @@
 //! Windows of equal steps without a gap: the fit in the middle is a convolution, side by side for
 //! many windows.
 
-use super::basis::Basis;
+use crate::base::basis::Basis;
 use pulp::{Simd, WithSimd};
 use std::borrow::Cow;
 

@@ -1,6 +1,6 @@
 //! The plots of a target: positions with their covariances, at instants.
 
-use super::basis::Basis;
+use crate::base::basis::Basis;
 use crate::base::error::{Error, Result, require_elements, require_times};
 
 /// Products of two standard deviations and of their reciprocals stay finite.

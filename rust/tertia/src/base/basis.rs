@@ -3,7 +3,7 @@
 
 /// Orthonormal polynomials on weighted points.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Basis {
+pub(crate) struct Basis {
     points: usize,
     /// Values at the points, degree by degree.
     values: Vec<f64>,

@@ -1,0 +1,95 @@
+"""`tertia smooth`: positions of targets, or any series, smoothed over time."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import polars as pl
+import typer
+
+from tertia.cli.files import read, write
+from tertia.cli.terminal.options import By, ColumnNames, Output, Recordings, column_names
+from tertia.cli.terminal.say import counted, note, print_table, working
+from tertia.tables._smooth import smoothing_of
+
+EXAMPLES = (
+    "tertia smooth positions.csv --sigma 20 --by target --output smoothed.csv",
+    "tertia smooth heights.csv --value up_m --sigma up_sigma_m --column time_s=t",
+)
+
+
+def smooth(
+    files: Recordings,
+    *,
+    sigma: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NUMBER|COLUMN",
+            help="Standard deviation of the measurements, or its column: of all values, or one "
+            "after the other.",
+        ),
+    ],
+    value: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Column of an axis; may be repeated. By default east_m and north_m.",
+        ),
+    ] = None,
+    column: ColumnNames = None,
+    by: By = None,
+    correlation_time: Annotated[
+        float | None,
+        typer.Option(help="Seconds over which the noise is correlated; by default found."),
+    ] = None,
+    robust: Annotated[
+        bool, typer.Option(help="Whether there may be outliers, jumps and larger noise.")
+    ] = True,
+    jerk: Annotated[
+        float | None,
+        typer.Option(help="Intensity of the white jerk; by default found for each track."),
+    ] = None,
+    output: Output = None,
+) -> dict[str, Any]:
+    """Smooth positions over time, without their outliers and over their jumps.
+
+    One row per measurement, in any order: time_s, and the columns of the values. Where one is
+    missing, or several have one time, the track is still estimated.
+    """
+    write.check_suffixes(output)
+    with working("Smoothing"):
+        found = smoothing_of(
+            read.tables(*files),
+            columns=column_names(column),
+            values=list(dict.fromkeys(value or ("east_m", "north_m"))),
+            sigma=_sigmas(sigma),
+            by=by or [],
+            correlation_time=correlation_time,
+            robust=robust,
+            jerk=jerk,
+        )
+    rows = pl.concat([found.rows, found.added], how="horizontal")
+    if output is None:
+        print_table(rows, text=by or [], limited="rows are shown: --output writes all")
+    else:
+        write.write(rows, output)
+    outliers = int(rows["smoothing_outlier"].sum())
+    typer.echo(
+        f"{counted(found.targets, 'track')} of {counted(rows.height, 'row')}, "
+        f"{counted(outliers, 'outlier')} left out"
+    )
+    note("sigma does not include an error that all rows of a track share")
+    return {"tracks": found.targets, "rows": rows.height, "outliers": outliers}
+
+
+def _sigmas(options: Sequence[str]) -> float | str | list[float | str]:
+    """Return numbers as numbers, and names of columns as they are."""
+
+    def parsed(text: str) -> float | str:
+        try:
+            number = float(text)
+        except ValueError:
+            return text
+        return number if math.isfinite(number) else text
+
+    return parsed(options[0]) if len(options) == 1 else [parsed(one) for one in options]

@@ -1,0 +1,73 @@
+"""The command `tertia smooth`: what the library says of a file of positions."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import terminal
+
+from tertia import tables
+
+run = partial(terminal.run, "smooth")
+
+
+def positions() -> pl.DataFrame:
+    """Two targets on straight lines; one plot is far off, one is missing, one comes twice."""
+    random = np.random.default_rng(4)
+    time = np.arange(60.0)
+    parts = []
+    for target, speed in (("007", 100.0), ("b", -40.0)):
+        east, north = speed * time, 2000.0 - 0.5 * speed * time
+        east, north = (a + 20.0 * random.normal(size=60) for a in (east, north))
+        parts.append(
+            pl.DataFrame({"time_s": time, "target": target, "east_m": east, "north_m": north})
+        )
+    rows = pl.concat(parts).with_columns(
+        east_m=pl.when(pl.int_range(pl.len()) == 30)
+        .then(pl.col("east_m") + 3000)
+        .otherwise("east_m")
+    )
+    rows = rows.with_columns(north_m=pl.when(pl.int_range(pl.len()) != 80).then("north_m"))
+    return pl.concat([rows, rows[40:41]])
+
+
+def test_it_is_the_function_of_tables(tmp_path: Path) -> None:
+    file, output = tmp_path / "positions.csv", tmp_path / "smoothed.parquet"
+    rows = positions()
+    rows.write_csv(file)
+    done = run(file, "--by", "target", "--sigma", 20, "--output", output, "--json")
+    assert done.code == 0
+    assert json.loads(done.out) == {"tracks": 2, "rows": 121, "outliers": 1}
+    found, expected = pl.read_parquet(output), tables.smooth(rows, by="target", sigma=20.0)
+    for name in expected.columns:
+        assert found[name].to_list() == expected[name].to_list(), name
+    assert found["smoothing_outlier"].arg_true().to_list() == [30]
+    off = found[30, "east_smoothed_m"] - 100.0 * 30
+    assert abs(off) < 3 * found[30, "east_smoothed_sigma_m"]
+
+
+def test_values_and_columns_of_sigma(tmp_path: Path) -> None:
+    file = tmp_path / "up.csv"
+    rows = positions().select(t="time_s", up_m="east_m").head(60).with_columns(s=pl.lit(20.0))
+    rows.write_csv(file)
+    done = run(file, "--value", "up_m", "--sigma", "s", "--column", "time_s=t")
+    assert done.code == 0
+    assert "1 track of 60 rows, 1 outlier left out" in done.out
+    assert "up_smoothed_sigma_m" in done.out
+
+
+def test_mistakes(tmp_path: Path) -> None:
+    file = tmp_path / "positions.csv"
+    positions().write_csv(file)
+    for options, message in (
+        (("--sigma", "x"), "x"),
+        (("--sigma", 0), "covariance"),
+        (("--sigma", 1, "--sigma", 2, "--sigma", 3), "sigma has 3 elements"),
+        (("--sigma", 1, "--value", "up_m"), "up_m"),
+    ):
+        done = run(file, *options)
+        assert done.code != 0
+        assert message in done.err
+        assert done.err.count("\n") == 1
