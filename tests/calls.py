@@ -64,6 +64,7 @@ SERIES = {"z": Z, "measurement_variance": 0.01, "model": MODEL}
 # every argument by its name
 CALLS: list[tuple[Any, dict[str, Any]]] = [
     (screening.bursts, {"y": Y}),
+    (screening.moving_polynomial, {"y": Y, "time": TIME, "period": 360.0}),
     (screening.cochran, {"variances": Y, "degrees_of_freedom": 9}),
     (screening.critical_value, {"n": 9, "significance": 0.05}),
     (screening.critical_value, {"n": 9, "significance": 0.05, "test": "cochran",

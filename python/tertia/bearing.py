@@ -207,7 +207,7 @@ def estimate_bearing(
     >>> import tertia
     >>> record = tertia.simulate.direction_finder(100, bearing=359.0, rng=7)
     >>> tertia.estimate_bearing(record.theta, bias_sigma=1.0)
-    BearingEstimate(358.477 ± 1.05, outliers 2 of 100, polarity -0.02)
+    BearingEstimate(358.476 ± 1.06, outliers 2 of 100, polarity -0.02)
     """
     theta = samples(theta, "theta")
     labels = None if groups is None else _numbered(groups, theta.shape)
