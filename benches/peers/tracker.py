@@ -398,7 +398,7 @@ def figures(picture, scene):
             mean_gospa(picture, scene),
             found.switches,
             found.false_tracks * 3600 / scene.duration,
-            100 * (1 - found.probability_of_update),
+            100 * (1 - found.probability_of_update.value),
             1e3 * picture.cost,
         ]
     )
