@@ -16,6 +16,7 @@ os.environ["TERTIA_STUDY_SHARE"] = "0.01" if "--small" in sys.argv else "1"
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 from studies import (
+    ambiguity,
     arrivals,
     association,
     audit,
@@ -116,6 +117,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "gates": association.gates,
         "zeros": association.zeros,
         "ambiguity": association.ambiguity,
+        "hypotheses": ambiguity.hypotheses,
+        "resolution": ambiguity.resolution,
         "updates": association.updates,
     },
     "audit.md": {

@@ -317,6 +317,7 @@ class Radar:
         scan_period: float,
         max_range: float,
         detection_probability: float,
+        resolution: list[float] | None = None,
     ) -> Radar: ...
 
 @final
@@ -345,6 +346,8 @@ class TrackAssociation:
     def gnn() -> TrackAssociation: ...
     @staticmethod
     def paper(q: float) -> TrackAssociation: ...
+    @staticmethod
+    def mht(*, max_hypotheses: int, scans: int, cut: float) -> TrackAssociation: ...
 
 @final
 class Geometry:

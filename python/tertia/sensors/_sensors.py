@@ -135,7 +135,7 @@ class Radar:
     Parameters
     ----------
     degrees : bool
-        Whether `azimuth_sigma` is given in degrees; radians are stored.
+        Whether `azimuth_sigma` and `azimuth_resolution` are given in degrees; radians are stored.
 
     Attributes
     ----------
@@ -151,6 +151,9 @@ class Radar:
         Largest range of detections in metres.
     detection_probability : float
         Probability that a target within range is detected in a scan.
+    range_resolution, azimuth_resolution : float or None
+        Differences in metres and in radians at each of which two targets make one plot with a
+        probability of a half. Both or none: without them every target has a plot of its own.
     bias : Bias or None
         Its systematic errors of range, azimuth and time: what they are about, and how well that is
         known. None: nothing is known but `RADAR_LIMITS`; `Bias()`: there are none.
@@ -177,6 +180,8 @@ class Radar:
     scan_period: float
     max_range: float
     detection_probability: float
+    range_resolution: float | None
+    azimuth_resolution: float | None
     bias: Bias | None
     name: str | None
     frame: SystemPlane | None
@@ -190,6 +195,8 @@ class Radar:
         scan_period: float,
         max_range: float = np.inf,
         detection_probability: float = 0.9,
+        range_resolution: float | None = None,
+        azimuth_resolution: float | None = None,
         bias: Bias | None = None,
         name: str | None = None,
         frame: SystemPlane | None = None,
@@ -211,6 +218,13 @@ class Radar:
         }
         for key, number in numbers.items():
             object.__setattr__(self, key, _sigma(number, key, degrees))
+        cell = {"range_resolution": range_resolution, "azimuth_resolution": azimuth_resolution}
+        if (range_resolution is None) != (azimuth_resolution is None):
+            missing = next(key for key, size in cell.items() if size is None)
+            raise ValueError(f"{missing} is None; both resolutions must be given, or none")
+        for key, size in cell.items():
+            number = None if size is None else _sigma(size, key, degrees)
+            object.__setattr__(self, key, number)
         if self.azimuth_sigma > _WIDEST_BEAM:
             raise ValueError(
                 f"azimuth_sigma is {self.azimuth_sigma:g}; that of a radar must be at most "

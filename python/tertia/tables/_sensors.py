@@ -35,6 +35,10 @@ _RADAR = {
     "scan_period": ("scan_period_s", 1.0),
 }
 _OPTIONAL = {"max_range": "max_range_m", "detection_probability": "detection_probability"}
+_RESOLUTION = {
+    "range_resolution": ("range_resolution_m", 1.0),
+    "azimuth_resolution": ("azimuth_resolution_deg", math.pi / 180),
+}
 _STATION = {
     "range_sigma": ("range_sigma_m", 1.0),
     "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
@@ -191,6 +195,9 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
         columns[column] = [getattr(one, key) / unit for one in sensors.items]
     for key, column in _OPTIONAL.items():
         columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
+    for key, (column, unit) in _RESOLUTION.items():
+        sizes = [getattr(one, key) for one in sensors.items]
+        columns[column] = [None if size is None else size / unit for size in sizes]
     for kind, (*pair, unit) in _BIAS.items():
         for column, name in zip(pair, (kind, f"{kind}_sigma"), strict=True):
             values = [getattr(one.bias, name, None) for one in sensors.items]
@@ -325,6 +332,10 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
         value = cells.number(column)
         if value is not None:
             options[key] = value
+    for key, (column, unit) in _RESOLUTION.items():
+        size = cells.number(column)
+        if size is not None:
+            options[key] = size * unit
     options["bias"] = _bias(cells)
     sigma = math.degrees(options["azimuth_sigma"])
     if sigma < _DOUBTFUL_SIGMA:

@@ -178,8 +178,9 @@ def track(
     table of the same kind
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
         `track`, `sensor`, `plot` (its index), position and velocity with their covariance,
-        `course_deg`, `speed_m_s`, `turn_probability`, `height_m`, `vertical_rate_m_s`, the
-        identity, `plan`, `conforms` and `confirmed`; null where nothing is known.
+        `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`, `height_m`,
+        `vertical_rate_m_s`, the identity, `plan`, `conforms`, `merged` and `confirmed`; null where
+        nothing is known.
 
     Raises
     ------
@@ -274,11 +275,13 @@ def track_rows(
             "course_deg": np.degrees(course) % 360.0,
             "speed_m_s": speed,
             "turn_probability": table.turn_probability,
+            "association_probability": table.association_probability,
             "height_m": known(table.height),
             "vertical_rate_m_s": known(table.vertical_rate),
             identity: identity_texts(table.identity, identity),
             "plan": named(table.plan, plan_names(plans)),
             "conforms": known(table.conforms, followed),
+            "merged": table.merged,
             "confirmed": table.confirmed,
         }
     )

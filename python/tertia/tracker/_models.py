@@ -16,8 +16,8 @@ from tertia.tracker._earth import reach
 
 MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
 Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
-AssociationName: TypeAlias = Literal["gnn", "paper"]
-Association: TypeAlias = "AssociationName | PaperScore"
+AssociationName: TypeAlias = Literal["gnn", "mht", "paper"]
+Association: TypeAlias = "AssociationName | Mht | PaperScore"
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +166,40 @@ class PlanModel:
         object.__setattr__(self, "wind_sigma", sigma)
 
 
+@dataclass(frozen=True, slots=True)
+class Mht:
+    """Several hypotheses of which plot belongs to which track (multiple-hypothesis tracking).
+
+    Attributes
+    ----------
+    max_hypotheses : int
+        Most joint hypotheses of tracks that compete for plots.
+    scans : int
+        Number of scans after which a choice is final. Nothing is shown later for it: the best
+        hypothesis is shown at once.
+    cut : float
+        A hypothesis is dropped when it is exp(cut) times less likely than the best.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A number outside its domain, or of the wrong type.
+    """
+
+    max_hypotheses: int = 32
+    scans: int = 15
+    cut: float = 7.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("max_hypotheses", "scans"):
+            object.__setattr__(self, name, integer(getattr(self, name), name, 1))
+        cut = float(finite(real(self.cut, "cut"), "cut"))
+        if cut < 0.0:
+            raise ValueError(f"cut is {cut}; it must be 0 or positive")
+        object.__setattr__(self, "cut", cut)
+
+
 def core_motion(motion: Motion) -> _core.Motion:
     """Return a motion model as an argument of the core."""
     names = get_args(MotionName)
@@ -199,15 +233,22 @@ def core_association(association: Association) -> _core.TrackAssociation:
             return _core.TrackAssociation.paper(PaperScore().q)
         case PaperScore():
             return _core.TrackAssociation.paper(association.q)
+        case "mht":
+            return core_association(Mht())
+        case Mht():
+            return _core.TrackAssociation.mht(**asdict(association))
     names = ", ".join(get_args(AssociationName))
     if isinstance(association, str):
         raise ValueError(f"association is {association!r}; it must be one of {names}")
-    raise TypeError(f"association is {association!r}; it must be a PaperScore, or one of {names}")
+    raise TypeError(
+        f"association is {association!r}; it must be an Mht, a PaperScore, or one of {names}"
+    )
 
 
 def core_radar(radar: Radar) -> _core.Radar:
     """Return a radar as an argument of the core."""
     east, north, *up = radar.position.tolist()
+    size, angle = radar.range_resolution, radar.azimuth_resolution
     return _core.Radar(
         position=[east, north, *(up or [0.0])],
         range_sigma=radar.range_sigma,
@@ -215,6 +256,7 @@ def core_radar(radar: Radar) -> _core.Radar:
         scan_period=radar.scan_period,
         max_range=reach(radar),
         detection_probability=radar.detection_probability,
+        resolution=None if size is None or angle is None else [size, angle],
     )
 
 

@@ -92,6 +92,8 @@ class TrackTable(_Columns):
         Covariance of the innovation.
     turn_probability : ndarray of shape (N,)
         Probability that the target turns.
+    association_probability : ndarray of shape (N,)
+        Probability that the plots of the track are its own; 1 where no other choice is likely.
     height, vertical_rate : ndarray of shape (N,)
         Metres, and metres per second upward; nan where no height was reported.
     identity : ndarray of int, shape (N,)
@@ -100,6 +102,8 @@ class TrackTable(_Columns):
         Index of the flight plan; -1 if the track has none.
     plan_status : ndarray of int, shape (N,)
         How the track came to its plan, or why it has none: a `flightplan.CorrelationStatus`.
+    merged : ndarray of bool, shape (N,)
+        Whether the plot is that of another track as well, not resolved by the radar.
     confirmed : ndarray of bool, shape (N,)
         Whether the track was confirmed by then.
     conforms : ndarray of bool, shape (N,)
@@ -120,11 +124,13 @@ class TrackTable(_Columns):
     innovation: FloatArray
     innovation_covariance: FloatArray
     turn_probability: FloatArray
+    association_probability: FloatArray
     height: FloatArray
     vertical_rate: FloatArray
     identity: IntArray
     plan: IntArray
     plan_status: IntArray
+    merged: BoolArray
     confirmed: BoolArray
     conforms: BoolArray
     final: BoolArray

@@ -118,9 +118,12 @@ class Tracker:
         position and time.
     plan_model : PlanModel, optional
         Parameters of the use of flight plans, and the wind.
-    association : {"gnn", "paper"} or PaperScore
-        By what plots are given to tracks: the largest likelihood ratio against false plots
-        (default), or the score of the source, for comparison.
+    association : {"gnn", "mht", "paper"} or Mht, PaperScore
+        How plots are given to tracks. "gnn": by the assignment of each scan with the largest
+        likelihood ratio against false plots, for good (global nearest neighbour). "mht": where
+        plots are not certain, several hypotheses are kept until later plots decide, and the best is
+        shown; for targets close to one another. "paper": by the score of the source, for
+        comparison.
     confirmation : (int, int)
         Number of plots that confirm a track, and number of scans in which they must occur. In
         clutter more are required, so that at most one false track is confirmed in a thousand scans.

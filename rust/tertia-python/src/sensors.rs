@@ -11,7 +11,7 @@ pub struct Radar(pub sensors::Radar);
 #[pymethods]
 impl Radar {
     #[new]
-    #[pyo3(signature = (*, position, range_sigma, azimuth_sigma, scan_period, max_range, detection_probability))]
+    #[pyo3(signature = (*, position, range_sigma, azimuth_sigma, scan_period, max_range, detection_probability, resolution=None))]
     fn new(
         position: [f64; 3],
         range_sigma: f64,
@@ -19,6 +19,7 @@ impl Radar {
         scan_period: f64,
         max_range: f64,
         detection_probability: f64,
+        resolution: Option<[f64; 2]>,
     ) -> PyResult<Self> {
         let radar = sensors::Radar {
             position,
@@ -27,6 +28,7 @@ impl Radar {
             scan_period,
             max_range,
             detection_probability,
+            resolution,
         };
         radar.check().map_err(value_error)?;
         Ok(Self(radar))

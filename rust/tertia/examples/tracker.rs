@@ -17,6 +17,7 @@ fn settings() -> Settings {
         scan_period: PERIOD,
         max_range: 80e3,
         detection_probability: 0.95,
+        resolution: None,
     };
     Settings::new(vec![radar], Motion::Imm(ImmModel::default()))
 }

@@ -10,12 +10,16 @@
 //! | `score` | the paper's score, the likelihood ratio |
 //! | `grid` | a spatial index of points |
 //! | `assignment`, `pair`, `dense` | at most one plot for each track, and one track for each plot |
+//! | `event`, `events`, `murty` | the best joint events, of which the assignment is the first |
 //! | `scan` | all of it for the plots of one scan |
 
 pub mod assignment;
 mod dense;
+pub mod event;
+pub mod events;
 pub mod gate;
 pub mod grid;
+mod murty;
 mod pair;
 mod scan;
 pub mod score;

@@ -5,9 +5,9 @@
 //! tentative ones; every plot that is left begins a tentative track. Radars see a target at
 //! different times, each once in its scan.
 //!
-//! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; geometry, plans, association, motion <-
-//! settings <- plan, curve <- window <- filter;
-//! plan <- correlation; height, identity, beams, filter, correlation <- track <- row, claim, clutter <- share <- scan
+//! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
+//! association, motion <- settings <- plan, curve <- window <- filter <- resolution; plan <- correlation;
+//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, clutter <- share <- scan
 //! <- live <- control <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -15,6 +15,7 @@ mod association;
 mod bank;
 mod beams;
 mod claim;
+mod cluster;
 mod clutter;
 mod columns;
 mod control;
@@ -31,10 +32,12 @@ mod lag;
 mod lean;
 mod level;
 mod live;
+mod mht;
 mod motion;
 mod plan;
 mod plans;
 mod plot;
+mod resolution;
 mod row;
 mod scan;
 mod settings;
@@ -42,6 +45,7 @@ mod share;
 mod smooth;
 mod table;
 mod track;
+mod tree;
 mod window;
 
 pub use crate::base::plane::Plane;
@@ -54,6 +58,7 @@ pub(crate) use follower::Follower;
 pub use geometry::Geometry;
 pub use lag::LagTracker;
 pub use live::Tracker;
+pub use mht::Mht;
 pub use motion::{ImmModel, Motion, WindowModel};
 pub use plans::Plans;
 pub use plot::{Plot, PlotStatus, Plots};

@@ -47,7 +47,8 @@ def track(
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
     association: Annotated[
-        AssociationName, typer.Option(help="By what plots are given to tracks.")
+        AssociationName,
+        typer.Option(help="How plots are given to tracks; mht: by several hypotheses."),
     ] = "gnn",
     flown_probability: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")

@@ -4,7 +4,7 @@ use crate::arrays::value_error;
 use crate::kalman;
 use pyo3::prelude::*;
 use tertia::association::gate;
-use tertia::tracker::{self, ImmModel, WindowModel};
+use tertia::tracker::{self, ImmModel, Mht, WindowModel};
 
 /// A model of how targets move, by the name of the constructor.
 #[pyclass(frozen, module = "tertia._core")]
@@ -76,6 +76,12 @@ impl TrackAssociation {
     #[staticmethod]
     fn paper(q: f64) -> Self {
         Self(tracker::Association::Paper(q))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (*, max_hypotheses, scans, cut))]
+    fn mht(max_hypotheses: usize, scans: usize, cut: f64) -> Self {
+        Self(tracker::Association::Mht(Mht { max_hypotheses, scans, cut }))
     }
 }
 

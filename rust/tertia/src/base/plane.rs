@@ -18,6 +18,10 @@ impl Plane {
         Self { xx: self.xx + other.xx, xy: self.xy + other.xy, yy: self.yy + other.yy }
     }
 
+    pub(crate) fn scaled(self, by: f64) -> Self {
+        Self { xx: by * self.xx, xy: by * self.xy, yy: by * self.yy }
+    }
+
     pub(crate) fn determinant(self) -> f64 {
         self.xx * self.yy - self.xy * self.xy
     }

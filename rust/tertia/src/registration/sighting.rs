@@ -110,6 +110,7 @@ pub(super) mod tests {
             scan_period: 4.0,
             max_range: f64::INFINITY,
             detection_probability: 0.9,
+            resolution: None,
         }
     }
 

@@ -24,6 +24,9 @@ pub struct Radar {
     pub max_range: f64,
     /// Probability that a target is detected in a scan.
     pub detection_probability: f64,
+    /// Differences of range, m, and azimuth, rad, at each of which two targets make one plot with a
+    /// probability of a half; none: all targets are resolved.
+    pub resolution: Option<[f64; 2]>,
 }
 
 impl Radar {
@@ -37,6 +40,10 @@ impl Radar {
         require_positive("azimuth_sigma", self.azimuth_sigma)?;
         require_positive("scan_period", self.scan_period)?;
         require("max_range", self.max_range, self.max_range > 0.0, "a positive number")?;
+        if let Some([range, azimuth]) = self.resolution {
+            require_positive("range_resolution", range)?;
+            require_positive("azimuth_resolution", azimuth)?;
+        }
         let p = self.detection_probability;
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }

@@ -1,6 +1,7 @@
 //! By what plots are given to tracks.
 
 use super::estimate::Estimate;
+use super::mht::Mht;
 use crate::association::score;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
@@ -15,6 +16,8 @@ pub enum Association {
     /// The score of the source with this ratio Q: neither the size of covariances nor the density of
     /// false plots counts, and M plots in N scans confirm a track whatever they are.
     Paper(f64),
+    /// As the first, with several hypotheses where plots are not certain.
+    Mht(Mht),
 }
 
 impl Association {
@@ -23,6 +26,7 @@ impl Association {
     pub(super) fn check(self) -> Result<()> {
         match self {
             Self::Gnn => Ok(()),
+            Self::Mht(limits) => limits.check(),
             Self::Paper(q) => score::paper(0.0, q, 2).map(|_| ()),
         }
     }

@@ -137,17 +137,25 @@ impl Bank {
         moments.estimate()
     }
 
-    /// Calls `each` with the expected plot of every model that is not negligible.
-    #[inline]
-    pub fn components(&self, each: &mut impl FnMut(Component)) {
-        let models = [
+    /// Where each model expects the target.
+    pub fn models(&self) -> [Component; MODELS] {
+        let places = [
             (self.straight.position(), self.straight.position_covariance()),
             (self.turn.position(), self.turn.position_covariance()),
             (self.plan.position(), self.plan.position_covariance()),
         ];
-        for (probability, (position, covariance)) in self.probability.into_iter().zip(models) {
-            if probability > NEGLIGIBLE {
-                each(Component { probability, position, covariance });
+        std::array::from_fn(|i| {
+            let (position, covariance) = places[i];
+            Component { probability: self.probability[i], position, covariance }
+        })
+    }
+
+    /// Calls `each` with the expected plot of every model that is not negligible.
+    #[inline]
+    pub fn components(&self, each: &mut impl FnMut(Component)) {
+        for model in self.models() {
+            if model.probability > NEGLIGIBLE {
+                each(model);
             }
         }
     }

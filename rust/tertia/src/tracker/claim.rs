@@ -70,9 +70,13 @@ pub(super) fn reach(
     // no target is farther than it can have flown
     let scans = (time - track.seen).abs().max(station.scan_period);
     let flown = 2.0 * settings.max_speed * scans + sway;
+    // a plot of two targets is between them
+    let merged = station
+        .resolution
+        .map_or(0.0, |[range, azimuth]| range.max(azimuth * station.about(centre)));
     let half = |variance: f64, noise: f64| {
         let most = flown + (settings.guard * noise).sqrt();
-        ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
+        ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most) + merged
     };
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
     let nearest = station.about(centre) - half[0] - half[1];

@@ -82,6 +82,7 @@ mod tests {
             scan_period: 4.0,
             max_range: 1e5,
             detection_probability: 0.9,
+            resolution: None,
         };
         let counted = |plots: usize| {
             let mut clutter = Clutter::new(f64::NAN);

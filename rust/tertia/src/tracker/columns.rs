@@ -53,7 +53,7 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 18] = [
+pub const COLUMNS: [Column; 20] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
     Column::new(
         "track",
@@ -119,6 +119,13 @@ pub const COLUMNS: [Column; 18] = [
         "probability that the target turns",
     ),
     Column::new(
+        "association_probability",
+        "",
+        &[],
+        Numbers(|row, out| out[0] = row.association_probability),
+        "probability that the plots of the track are its own; 1 where no other choice is likely",
+    ),
+    Column::new(
         "height",
         "m",
         &[],
@@ -152,6 +159,13 @@ pub const COLUMNS: [Column; 18] = [
         &[],
         Integers(|row| row.plan_status as i64),
         "how the track came to its plan, or why it has none: a `CorrelationStatus`",
+    ),
+    Column::new(
+        "merged",
+        "",
+        &[],
+        Flags(|row| row.merged),
+        "whether the plot is that of another track as well, not resolved by the radar",
     ),
     Column::new(
         "confirmed",

@@ -60,7 +60,7 @@ impl Tracker {
     fn change_plan(&mut self, number: usize, plan: Option<Plan>) -> Done<()> {
         let old = self.settings.plans.get(number).ok_or(Refusal::NoPlan(number))?;
         for track in &mut self.tracks {
-            track.change_plan(number, old, plan.as_ref());
+            track.each_state(|state| state.change_plan(number, old, plan.as_ref()));
         }
         self.settings.plans.change(number, plan);
         Ok(())
@@ -83,13 +83,13 @@ impl Tracker {
             if !take {
                 return Err(Refusal::Taken(plan, other.number));
             }
-            other.decorrelate(Some(plan));
+            other.each_state(|state| state.decorrelate(Some(plan)));
         }
         self.settings.plans.give(plan, number);
         let Self { tracks, settings, .. } = self;
         let found = tracks.iter_mut().find(|track| track.number == number);
         if let Some(track) = found {
-            track.correlate(plan, settings, true);
+            track.each_state(|state| state.correlate(plan, settings, true));
         }
         Ok(())
     }
@@ -102,7 +102,7 @@ impl Tracker {
     pub fn decorrelate(&mut self, number: u64) -> Done<()> {
         let track = self.confirmed(number)?;
         let plan = track.plan().ok_or(Refusal::NotCorrelated(number))?;
-        track.decorrelate(Some(plan));
+        track.each_state(|state| state.decorrelate(Some(plan)));
         self.settings.plans.free(|track| track == number);
         Ok(())
     }

@@ -13,7 +13,7 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 /// A plot that all models exclude, by less than this, says nothing about which is right.
-const LEAST_DENSITY: f64 = 1e-300;
+pub(super) const LEAST_DENSITY: f64 = 1e-300;
 
 /// Models of straight flight and turns, and the flight plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -232,11 +232,11 @@ impl Filter {
 
 impl Multiple {
     /// The bank of straight flight and free turns, and the one in which a planned turn is flown.
-    fn banks(&self) -> impl Iterator<Item = &Bank> {
+    pub(super) fn banks(&self) -> impl Iterator<Item = &Bank> {
         std::iter::once(&self.bank).chain(self.guide.as_ref().and_then(Guide::turning))
     }
 
-    fn banks_mut(&mut self) -> impl Iterator<Item = &mut Bank> {
+    pub(super) fn banks_mut(&mut self) -> impl Iterator<Item = &mut Bank> {
         let second = self.guide.as_mut().and_then(Guide::turning_mut);
         std::iter::once(&mut self.bank).chain(second)
     }

@@ -1,5 +1,6 @@
 //! The tracker: all tracks, and the plots that update them.
 
+use super::cluster::Clusters;
 use super::clutter::Clutter;
 use super::level::Level;
 use super::plans::Plans;
@@ -37,6 +38,7 @@ const PLOTS_PER_THREAD: usize = 1000;
 pub struct Tracker {
     pub(super) settings: Settings,
     pub(super) tracks: Vec<Track>,
+    pub(super) clusters: Clusters,
     clutter: Vec<Clutter>,
     /// Heights of all plots so far.
     level: Level,
@@ -55,6 +57,7 @@ pub struct Tracker {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Kept {
     tracks: Vec<Track>,
+    clusters: Clusters,
     plans: Plans,
     clutter: Vec<Clutter>,
     level: Level,
@@ -74,9 +77,11 @@ impl Tracker {
         let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
+        let clusters = Clusters::default();
         Ok(Self {
             settings,
             tracks,
+            clusters,
             clutter,
             level,
             time,
@@ -91,6 +96,7 @@ impl Tracker {
     pub(super) fn keep(&self) -> Kept {
         Kept {
             tracks: self.tracks.clone(),
+            clusters: self.clusters.clone(),
             plans: self.settings.plans.clone(),
             clutter: self.clutter.clone(),
             level: self.level,
@@ -103,7 +109,9 @@ impl Tracker {
 
     /// Goes back to such a copy.
     pub(super) fn restore(&mut self, kept: Kept) {
-        let Kept { tracks, plans, clutter, level, time, next_number, stray, waiting } = kept;
+        let Kept { tracks, clusters, plans, clutter, level, time, next_number, stray, waiting } =
+            kept;
+        self.clusters = clusters;
         (self.tracks, self.clutter, self.waiting) = (tracks, clutter, waiting);
         (self.settings.plans, self.level) = (plans, level);
         (self.time, self.next_number, self.stray) = (time, next_number, stray);
@@ -255,6 +263,7 @@ impl Tracker {
         let mut sky = Sky {
             settings: &self.settings,
             tracks: &mut self.tracks,
+            clusters: &mut self.clusters,
             clutter: &mut self.clutter,
             next_number: &mut self.next_number,
             rows,
@@ -369,6 +378,7 @@ impl Tracker {
                         rows.push(Row::of(track, radar, None));
                     }
                 });
+                track.miss_alternatives(end, settings);
             }
         });
         missed.iter().flatten().for_each(|row| rows.push(row));

@@ -28,12 +28,16 @@ pub struct Row {
     pub innovation_covariance: Plane,
     /// Probability that the target turns.
     pub turn_probability: f64,
+    /// Probability of the choice of plots, among those that are kept.
+    pub association_probability: f64,
     /// Height, m; nan where none was reported.
     pub height: f64,
     /// Vertical rate, up, m/s; nan as the height.
     pub vertical_rate: f64,
     /// Reply of the transponder; negative where there is none.
     pub identity: i64,
+    /// Whether the plot is that of another track as well.
+    pub merged: bool,
     /// Whether the track is confirmed.
     pub confirmed: bool,
     /// Index of its plan.
@@ -64,9 +68,11 @@ impl Row {
             innovation,
             innovation_covariance,
             turn_probability: track.filter.turn_probability(),
+            association_probability: track.association_probability(),
             height,
             vertical_rate,
             identity: track.identity().unwrap_or(-1),
+            merged: plot.is_some() && track.merged,
             confirmed: track.is_confirmed(),
             plan: track.plan(),
             plan_status: track.plan_status(),

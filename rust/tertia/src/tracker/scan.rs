@@ -5,6 +5,7 @@
 //! the order of the groups: tracks that compete for plots of one radar.
 
 use super::claim::Claim;
+use super::cluster::{Cells, Clusters};
 use super::clutter::Clutter;
 use super::plot::{Measured, PlotStatus, Source};
 use super::row::{Row, Rows};
@@ -49,6 +50,7 @@ pub(super) struct Scan {
 pub(super) struct Sky<'a, R> {
     pub settings: &'a Settings,
     pub tracks: &'a mut Vec<Track>,
+    pub clusters: &'a mut Clusters,
     pub clutter: &'a mut [Clutter],
     pub next_number: &'a mut u64,
     pub rows: &'a mut R,
@@ -69,9 +71,14 @@ impl Scan {
         self.load(sky, plots);
         for confirmed in [true, false] {
             self.claim(sky, confirmed);
-            self.join();
+            let cells = if confirmed { sky.clusters.open() } else { Cells::default() };
+            self.join(&cells, sky.tracks);
             self.defer(oldest, hold);
-            self.settle(sky, confirmed, &mut report);
+            self.settle(sky, &cells, confirmed, &mut report);
+            if let Some(limits) = sky.settings.limits().filter(|_| confirmed) {
+                let back = self.shares.clusters();
+                sky.clusters.close(cells, back, sky.tracks, (sky.settings, &limits));
+            }
         }
         self.begin(sky, hold, &mut report);
         plots.clear();
@@ -122,7 +129,11 @@ impl Scan {
                         let i = plot as usize;
                         !taken[i] && !deferred[i]
                     };
-                    share.find(track, (begin, end), settings, (grid, plots), *placed, free);
+                    let (times, around) = ((begin, end), (&*grid, &plots[..]));
+                    share.find(track, times, settings, around, *placed, free);
+                    for leaf in track.alternatives() {
+                        share.find_more(&leaf.track, times, settings, around, *placed, free);
+                    }
                     share.claim(first + index, plots);
                 }
             }
@@ -132,7 +143,7 @@ impl Scan {
     }
 
     /// Joins plots that the same track claims, and sorts claims by group and by component.
-    fn join(&mut self) {
+    fn join(&mut self, cells: &Cells, tracks: &[Track]) {
         let Self { plots, claims, sorted, claimed, joined, last, counts, order, .. } = self;
         joined.clear();
         joined.extend(0..plots.len() as u32);
@@ -155,6 +166,18 @@ impl Scan {
         counts.extend_from_slice(joined);
         for pair in claims.windows(2).filter(|pair| pair[0].track == pair[1].track) {
             unite(counts, pair[0].root, pair[1].root);
+        }
+        // and groups of tracks whose states depend on one another
+        if !cells.is_empty() {
+            let mut roots = vec![NOWHERE; cells.len()];
+            for claim in claims.iter() {
+                let track = &tracks[claim.track as usize];
+                let Some(cluster) = cells.of(track.number) else { continue };
+                if roots[cluster] == NOWHERE {
+                    roots[cluster] = claim.root;
+                }
+                unite(counts, claim.root, roots[cluster]);
+            }
         }
         // components in the order of their first tracks, so that memory is read in order
         order.clear();
@@ -189,6 +212,7 @@ impl Scan {
     fn settle<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
+        cells: &Cells,
         confirmed: bool,
         report: &mut impl FnMut(usize, PlotStatus),
     ) {
@@ -217,22 +241,32 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter) = (sky.settings, &*sky.clutter);
-        let view = View { plots, claimed, deferred, settings, clutter };
+        let view = View { plots, claimed, deferred, settings, clutter, cells };
+        let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
         shares.settle(sky.threads, claims, &mut tracks, same, |share, claims, tracks| {
-            for group in claims.chunk_by(|a, b| a.root == b.root) {
-                share.group(group, tracks, view);
-                share.assign();
-                share.correct(group, tracks, view, (confirmed, with_rows));
-                if confirmed {
-                    share.guard(group, tracks, view);
+            for component in claims.chunk_by(same) {
+                for group in component.chunk_by(|a, b| a.root == b.root) {
+                    share.group(group, tracks, view);
+                    let doubts = limits.map(|limits| share.doubt(group, tracks, view, limits));
+                    share.assign();
+                    for doubt in doubts.into_iter().flatten() {
+                        share.decide(doubt, group, tracks, view, with_rows);
+                    }
+                    share.correct(group, tracks, view, (confirmed, with_rows));
+                    if confirmed {
+                        share.guard(group, tracks, view);
+                    }
                 }
+                share.finish();
             }
         });
         shares.report(claims.len(), |given, row| {
-            taken[given.plot as usize] = true;
-            report(plots[given.plot as usize].index, PlotStatus::Track(given.track));
+            // a plot of two tracks counts as that of the first
+            if !std::mem::replace(&mut taken[given.plot as usize], true) {
+                report(plots[given.plot as usize].index, PlotStatus::Track(given.track));
+            }
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
             }

@@ -2,6 +2,7 @@
 
 use super::association::Association;
 use super::geometry::Geometry;
+use super::mht::Mht;
 use super::motion::Motion;
 use super::plans::Plans;
 use crate::association::gate::{self, GUARD};
@@ -96,6 +97,16 @@ impl Settings {
         let [short, long] = GUARD_PERIODS;
         let [first, last] = self.guard_acceleration;
         first + (last - first) * ((period - short) / (long - short)).clamp(0.0, 1.0)
+    }
+
+    /// How many hypotheses there may be; none where each radar resolves all targets and there may be
+    /// only one.
+    pub(super) fn limits(&self) -> Option<Mht> {
+        let merges = self.radars.iter().any(|radar| radar.resolution.is_some());
+        match self.association {
+            Association::Mht(limits) => Some(limits),
+            _ => merges.then_some(Mht::SINGLE),
+        }
     }
 
     /// Checks everything but the radars and the plans.

@@ -1,6 +1,7 @@
 //! The part of a scan that one thread processes, and its results.
 
 use super::claim::{Claim, reach};
+use super::cluster::{Cells, Cluster};
 use super::clutter::Clutter;
 use super::plot::Measured;
 use super::row::Row;
@@ -9,6 +10,8 @@ use super::track::Track;
 use crate::association::{Assigner, Grid, Pair};
 use crate::base::batch::for_each_row;
 use std::num::NonZero;
+
+mod doubt;
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 pub(super) const SHARES_PER_THREAD: usize = 8;
@@ -38,6 +41,8 @@ pub(super) struct View<'a> {
     pub deferred: &'a [bool],
     pub settings: &'a Settings,
     pub clutter: &'a [Clutter],
+    /// Clusters of tracks whose states depend on one another.
+    pub cells: &'a Cells,
 }
 
 /// The work of one thread at a time, and its buffers.
@@ -53,6 +58,11 @@ pub(super) struct Share {
     columns: Vec<u32>,
     /// The plot of each claim of a group.
     choice: Vec<Option<u32>>,
+    /// Claims that were settled by hypotheses.
+    settled: Vec<bool>,
+    /// Clusters of the component, and of all that are settled.
+    clusters: Vec<Cluster>,
+    closed: Vec<Cluster>,
     assigner: Assigner,
     given: Vec<Given>,
     rows: Vec<Row>,
@@ -69,8 +79,21 @@ impl Share {
         placed: Option<[f64; 2]>,
         free: impl Fn(&u32) -> bool,
     ) {
+        self.near.clear();
+        self.find_more(track, times, settings, (grid, plots), placed, free);
+    }
+
+    /// Adds the free plots near another state of the same track.
+    pub fn find_more(
+        &mut self,
+        track: &Track,
+        times: (f64, f64),
+        settings: &Settings,
+        (grid, plots): (&Grid, &[Measured]),
+        placed: Option<[f64; 2]>,
+        free: impl Fn(&u32) -> bool,
+    ) {
         let Self { near, boxes, .. } = self;
-        near.clear();
         boxes.clear();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let unseen = track.unseen(settings);
@@ -102,6 +125,7 @@ impl Share {
         });
         if near.len() > 1 {
             near.sort_unstable_by_key(|&i| (plots[i as usize].radar, i));
+            near.dedup();
         }
     }
 
@@ -117,11 +141,13 @@ impl Share {
 
     /// Brings the tracks of a group to the time of their plots, and scores the pairs.
     pub fn group(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
-        let View { plots, claimed, deferred, settings, clutter } = view;
+        let View { plots, claimed, deferred, settings, clutter, .. } = view;
         self.pairs.clear();
         self.columns.clear();
         self.choice.clear();
         self.choice.resize(group.len(), None);
+        self.settled.clear();
+        self.settled.resize(group.len(), false);
         let radar = plots[group[0].root as usize].radar;
         let station = &settings.radars[radar];
         let odds = settings.odds(radar, clutter[radar].density(station));
@@ -135,6 +161,9 @@ impl Share {
             };
             track.predict(plots[first as usize].time, station.scan_period, settings);
             for &plot in wanted {
+                if track.tree.is_some() && !track.is_due(&plots[plot as usize], station) {
+                    continue;
+                }
                 let Some(gain) = track.score(&plots[plot as usize], odds, settings) else {
                     continue;
                 };
@@ -176,7 +205,7 @@ impl Share {
         (confirmed, with_rows): (bool, bool),
     ) {
         for (row, claim) in group.iter().enumerate() {
-            let Some(plot) = self.choice[row] else { continue };
+            let Some(plot) = self.choice[row].filter(|_| !self.settled[row]) else { continue };
             let measured = &plots[plot as usize];
             let track = &mut *tracks[claim.track as usize];
             if !confirmed {
@@ -200,9 +229,9 @@ impl Share {
 
     /// Tracks without a plot take the likeliest remaining one in the guard gate.
     pub fn guard(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
-        let View { plots, claimed, deferred, settings, clutter } = view;
+        let View { plots, claimed, deferred, settings, clutter, .. } = view;
         for row in 0..group.len() {
-            if self.choice[row].is_some() {
+            if self.choice[row].is_some() || self.settled[row] {
                 continue;
             }
             let claim = &group[row];
@@ -248,6 +277,7 @@ impl Share {
         self.claimed.clear();
         self.given.clear();
         self.rows.clear();
+        self.closed.clear();
     }
 }
 
@@ -264,6 +294,11 @@ pub(super) struct Shares {
 }
 
 impl Shares {
+    /// The clusters of all shares.
+    pub fn clusters(&mut self) -> impl Iterator<Item = Cluster> {
+        self.shares.iter_mut().flat_map(|share| share.closed.drain(..))
+    }
+
     fn ready(&mut self, threads: usize) -> &mut [Share] {
         let count = if threads > 1 { threads * SHARES_PER_THREAD } else { 1 };
         self.shares.resize_with(count, Share::default);

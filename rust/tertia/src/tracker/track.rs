@@ -12,6 +12,7 @@ use super::motion::Motion;
 use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::settings::{MAX_DELAY, Settings};
+use super::tree::Tree;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
@@ -20,6 +21,9 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 mod levelled;
+mod merged;
+mod missed;
+mod states;
 #[cfg(test)]
 mod tests;
 
@@ -64,7 +68,7 @@ pub(super) struct Track {
     /// Of the last plot.
     pub seen: f64,
     /// Scans of the slowest radar that sees the target, s.
-    period: f64,
+    pub period: f64,
     pub number: u64,
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
@@ -73,6 +77,8 @@ pub(super) struct Track {
     pub first: Measured,
     /// Of the last plot, and its covariance.
     pub innovation: ([f64; 2], Plane),
+    /// Whether the last plot is that of another track as well.
+    pub merged: bool,
     beams: Beams,
     pub vertical: Option<Vertical>,
     /// How far the estimate depends on the height, where plots without one were used.
@@ -83,6 +89,8 @@ pub(super) struct Track {
     suspended: bool,
     /// Emergency codes in a row.
     emergencies: u8,
+    /// The states that it may have instead.
+    pub tree: Option<Box<Tree<Self>>>,
 }
 
 impl Track {
@@ -123,6 +131,7 @@ impl Track {
             filter: Filter::Straight(estimate),
             estimate,
             innovation: ([0.0; 2], r),
+            merged: false,
             beams: Beams::default(),
             due: f64::NEG_INFINITY,
             period: 0.0,
@@ -132,6 +141,7 @@ impl Track {
             correlation: Correlation::default(),
             suspended: false,
             emergencies: 0,
+            tree: None,
         };
         track.take(plot, settings);
         track
@@ -307,6 +317,7 @@ impl Track {
         }
         let motion = self.motion(settings);
         self.filter.correct(motion, here.position, here.noise);
+        self.merged = false;
         self.estimate = self.filter.estimate();
         self.lean_by(plot, &here);
         self.seen = self.seen.max(plot.time);
@@ -415,7 +426,7 @@ impl Track {
         self.set_due(settings);
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += 1;
-            let counts = settings.association == Association::Gnn;
+            let counts = !matches!(settings.association, Association::Paper(_));
             if *hits >= settings.confirmation.0 && (*evidence >= 0.0 || !counts) {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
@@ -432,6 +443,9 @@ impl Track {
     pub fn suspend_plan(&mut self, suspended: bool) {
         self.suspended = suspended;
         self.filter.suspend_plan(suspended);
+        for leaf in self.alternatives_mut() {
+            leaf.track.suspend_plan(suspended);
+        }
     }
 
     /// Acceleration that the target may have unnoticed, m/s², and how long without a plot at most, s.
@@ -439,41 +453,9 @@ impl Track {
         (settings.unnoticed(self.period), 5.0 * self.period)
     }
 
-    /// Counts the scans in which radars should have seen the target before `end`; calls `missed`
-    /// for each.
-    #[inline]
-    pub fn miss(&mut self, end: f64, settings: &Settings, missed: impl FnMut(&Self, usize)) {
-        if self.due < end {
-            self.miss_due(end, settings, missed);
-            self.set_due(settings);
-        }
-    }
-
     fn set_due(&mut self, settings: &Settings) {
         let due = |e: &Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period;
         self.due = self.beams.all().iter().map(due).fold(f64::INFINITY, f64::min);
-    }
-
-    fn miss_due(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
-        for i in 0..self.beams.all().len() {
-            loop {
-                let Expected { radar, time, .. } = self.beams.all()[i];
-                let station = &settings.radars[radar];
-                if time + MAX_DELAY * station.scan_period >= end || !self.is_alive(settings) {
-                    break;
-                }
-                self.beams.all_mut()[i].time += station.scan_period;
-                self.predict(time, station.scan_period, settings);
-                if station.covers(self.estimate.position()) {
-                    if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
-                        *misses += 1;
-                        *evidence += (1.0 - station.detection_probability).ln();
-                    }
-                    self.follow(station.scan_period, settings);
-                    missed(self, radar);
-                }
-            }
-        }
     }
 
     /// Whether the track goes on: plots enough at the beginning, and not too long without one.

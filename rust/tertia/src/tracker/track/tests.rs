@@ -10,6 +10,7 @@ fn settings() -> Settings {
         scan_period: 4.0,
         max_range: 1e5,
         detection_probability: 0.9,
+        resolution: None,
     };
     let near = Radar { max_range: 1e4, ..radar };
     Settings::new(vec![radar, near], Motion::Imm(ImmModel::default()))

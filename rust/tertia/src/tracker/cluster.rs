@@ -1,0 +1,285 @@
+//! Tracks that compete for plots, and the joint hypotheses of their states.
+
+use super::mht::Mht;
+use super::settings::Settings;
+use super::track::Track;
+use super::tree::Branch;
+use serde::{Deserialize, Serialize};
+use std::sync::Mutex;
+
+/// The states of all members of a cluster, and how likely that is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Hypothesis {
+    /// Logarithm of the ratio to the best one.
+    pub weight: f64,
+    /// The name of each member's state.
+    pub states: Vec<u32>,
+}
+
+/// Tracks whose states depend on one another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Cluster {
+    /// Numbers of the tracks.
+    pub members: Vec<u64>,
+    /// The best first.
+    pub hypotheses: Vec<Hypothesis>,
+}
+
+impl Cluster {
+    /// A track of one state.
+    pub fn of(track: &Track) -> Self {
+        let hypothesis = Hypothesis { weight: 0.0, states: vec![0] };
+        Self { members: vec![track.number], hypotheses: vec![hypothesis] }
+    }
+
+    /// Both together: the best products of their hypotheses.
+    pub fn times(self, other: &Self, limits: &Mht) -> Self {
+        let mut members = self.members;
+        members.extend(&other.members);
+        let mut hypotheses = Vec::new();
+        for one in &self.hypotheses {
+            hypotheses.extend(other.hypotheses.iter().map(|two| Hypothesis {
+                weight: one.weight + two.weight,
+                states: [&one.states[..], &two.states[..]].concat(),
+            }));
+        }
+        let mut product = Self { members, hypotheses };
+        product.prune(limits);
+        product
+    }
+
+    /// Keeps the best hypotheses, and normalises weights to the best.
+    pub fn prune(&mut self, limits: &Mht) {
+        self.hypotheses.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+        let best = self.hypotheses.first().map_or(0.0, |first| first.weight);
+        self.hypotheses.retain(|hypothesis| hypothesis.weight >= best - limits.cut);
+        self.hypotheses.truncate(limits.max_hypotheses);
+        self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.weight -= best);
+    }
+
+    /// Probability of a state of a member.
+    pub fn probability(&self, member: usize, state: u32) -> f64 {
+        let weights = |h: &Hypothesis| h.weight.exp();
+        let all: f64 = self.hypotheses.iter().map(weights).sum();
+        let with = self.hypotheses.iter().filter(|h| h.states[member] == state);
+        with.map(weights).sum::<f64>() / all
+    }
+
+    /// Leaves out members; of hypotheses that are then the same, only the best stays.
+    pub fn keep(&mut self, kept: &[bool]) {
+        let keep = |i: &mut usize| {
+            *i += 1;
+            kept[*i - 1]
+        };
+        let mut i = 0;
+        self.members.retain(|_| keep(&mut i));
+        for hypothesis in &mut self.hypotheses {
+            let mut i = 0;
+            hypothesis.states.retain(|_| keep(&mut i));
+        }
+        self.merge();
+    }
+
+    /// Adds the probabilities of equal hypotheses.
+    fn merge(&mut self) {
+        let mut merged: Vec<Hypothesis> = Vec::new();
+        for hypothesis in self.hypotheses.drain(..) {
+            match merged.iter_mut().find(|other| other.states == hypothesis.states) {
+                Some(same) => same.weight = ln_sum(same.weight, hypothesis.weight),
+                None => merged.push(hypothesis),
+            }
+        }
+        self.hypotheses = merged;
+    }
+
+    /// Drops hypotheses that the best excludes by a choice that is final now, or with a state that has
+    /// ended.
+    fn decide(&mut self, tracks: &mut [&mut Track], settings: &Settings, limits: &Mht) {
+        for (member, track) in tracks.iter_mut().enumerate() {
+            let memory = (limits.scans as f64 - 0.5) * track.period;
+            loop {
+                let best = self.hypotheses[0].states[member];
+                let of = |state: u32| track.branch(state).map(|branch| &branch.choices);
+                let Some(choices) = of(best) else { break };
+                let (Some(first), Some(last)) = (choices.front(), choices.back()) else { break };
+                if last.time - first.time < memory {
+                    break;
+                }
+                let first = first.plot;
+                let agrees = |state: u32| {
+                    of(state).is_some_and(|c| c.front().is_some_and(|c| c.plot == first))
+                };
+                self.hypotheses.retain(|hypothesis| agrees(hypothesis.states[member]));
+                track.forget_first();
+            }
+            let alive = |state: u32| track.state(state).is_alive(settings);
+            let best = self.hypotheses[0].states[member];
+            self.hypotheses.retain(|h| h.states[member] == best || alive(h.states[member]));
+        }
+    }
+
+    /// The first member that each one depends on: one of their states has a plot that a state of the
+    /// other has as well.
+    fn joined(&self, tracks: &[&mut Track]) -> Vec<usize> {
+        let mut plots: Vec<(usize, usize)> = Vec::new();
+        for (member, track) in tracks.iter().enumerate() {
+            let held =
+                |branch: &&Branch| self.hypotheses.iter().any(|h| h.states[member] == branch.id);
+            for branch in track.branches().filter(held) {
+                plots.extend(branch.choices.iter().filter_map(|c| Some((c.plot?, member))));
+            }
+        }
+        plots.sort_unstable();
+        let mut joined: Vec<usize> = (0..self.members.len()).collect();
+        for pair in plots.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+            let (a, b) = (joined[pair[0].1], joined[pair[1].1]);
+            joined.iter_mut().filter(|own| **own == a.max(b)).for_each(|own| *own = a.min(b));
+        }
+        joined
+    }
+
+    /// The members that depend on this one, as a cluster.
+    fn part(&self, joined: &[usize], first: usize) -> Self {
+        let mut part = self.clone();
+        let kept: Vec<bool> = joined.iter().map(|own| *own == first).collect();
+        part.keep(&kept);
+        part
+    }
+}
+
+/// `ln(eᵃ + eᵇ)`
+fn ln_sum(a: f64, b: f64) -> f64 {
+    a.max(b) + (-(a - b).abs()).exp().ln_1p()
+}
+
+/// All clusters, by their first members.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Clusters(pub(super) Vec<Cluster>);
+
+/// Clusters while threads take them, and the cluster of each track.
+#[derive(Default)]
+pub(super) struct Cells {
+    cells: Vec<Mutex<Option<Cluster>>>,
+    of: Vec<(u64, u32)>,
+}
+
+impl Clusters {
+    /// The clusters for threads to take.
+    pub fn open(&mut self) -> Cells {
+        let mut cells = Cells::default();
+        for (index, cluster) in self.0.drain(..).enumerate() {
+            cells.of.extend(cluster.members.iter().map(|number| (*number, index as u32)));
+            cells.cells.push(Mutex::new(Some(cluster)));
+        }
+        cells.of.sort_unstable();
+        cells
+    }
+
+    /// Those that were not taken, and those that came back. Final choices are made, members part that
+    /// do not depend on one another, and the best states are shown. `tracks` are by their numbers.
+    pub fn close(
+        &mut self,
+        cells: Cells,
+        back: impl Iterator<Item = Cluster>,
+        tracks: &mut [Track],
+        (settings, limits): (&Settings, &Mht),
+    ) {
+        let left = cells.cells.into_iter().filter_map(|cell| cell.into_inner().ok().flatten());
+        for mut cluster in left.chain(back) {
+            let is_there = |number: &u64| find(tracks, *number).is_some();
+            let there: Vec<bool> = cluster.members.iter().map(is_there).collect();
+            if there.contains(&false) {
+                cluster.keep(&there);
+            }
+            if cluster.members.is_empty() {
+                continue;
+            }
+            let mut members: Vec<(u64, usize)> = cluster.members.iter().copied().zip(0..).collect();
+            members.sort_unstable();
+            let mut own = Vec::with_capacity(members.len());
+            let mut rest = &mut *tracks;
+            let mut before = 0;
+            for &(number, _) in &members {
+                let Some(at) = find(rest, number) else { continue };
+                let (track, later) =
+                    std::mem::take(&mut rest)[at..].split_first_mut().expect("found");
+                before += at + 1;
+                own.push(track);
+                rest = later;
+            }
+            debug_assert!(before > 0 && own.len() == members.len());
+            cluster.members = members.iter().map(|(number, _)| *number).collect();
+            for hypothesis in &mut cluster.hypotheses {
+                hypothesis.states = members.iter().map(|(_, i)| hypothesis.states[*i]).collect();
+            }
+            cluster.prune(limits);
+            cluster.decide(&mut own, settings, limits);
+            let joined = cluster.joined(&own);
+            for first in 0..own.len() {
+                if joined[first] == first {
+                    self.settle(cluster.part(&joined, first), &mut own, limits);
+                }
+            }
+        }
+        self.0.sort_by_key(|cluster| cluster.members[0]);
+    }
+
+    /// Shows the best states of a cluster, and keeps it where there is more than one hypothesis.
+    fn settle(&mut self, mut cluster: Cluster, tracks: &mut [&mut Track], limits: &Mht) {
+        cluster.prune(limits);
+        let states = &cluster.hypotheses[0].states;
+        for (member, (number, &state)) in cluster.members.iter().zip(states).enumerate() {
+            let track = tracks.iter_mut().find(|track| track.number == *number);
+            let track = &mut **track.expect("members are there");
+            track.show(state);
+            let held = |id: u32| cluster.hypotheses.iter().any(|h| h.states[member] == id);
+            if let Some(tree) = &mut track.tree {
+                tree.others.retain(|leaf| held(leaf.branch.id));
+                tree.probability = cluster.probability(member, state);
+                if tree.others.is_empty() {
+                    track.tree = None;
+                }
+            }
+        }
+        let varies: Vec<bool> = (0..cluster.members.len())
+            .map(|i| {
+                cluster.hypotheses.iter().any(|h| h.states[i] != cluster.hypotheses[0].states[i])
+            })
+            .collect();
+        if varies.contains(&true) {
+            if varies.contains(&false) {
+                cluster.keep(&varies);
+            }
+            self.0.push(cluster);
+        }
+    }
+}
+
+impl Cells {
+    /// Whether there are no clusters.
+    pub fn is_empty(&self) -> bool {
+        self.cells.is_empty()
+    }
+
+    /// Number of the cluster of a track.
+    pub fn of(&self, number: u64) -> Option<usize> {
+        let at = self.of.binary_search_by_key(&number, |(number, _)| *number).ok()?;
+        Some(self.of[at].1 as usize)
+    }
+
+    /// Number of clusters.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// The cluster of a track, once.
+    pub fn take(&self, number: u64) -> Option<Cluster> {
+        let cell = &self.cells[self.of(number)?];
+        cell.lock().ok()?.take()
+    }
+}
+
+/// Index of the track of this number.
+fn find(tracks: &[Track], number: u64) -> Option<usize> {
+    tracks.binary_search_by_key(&number, |track| track.number).ok()
+}
