@@ -15,6 +15,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.flightplan import FlightPlan
 from tertia.tracker import (
     COLUMNS,
+    AssociationName,
     CvModel,
     ImmModel,
     Motion,
@@ -514,7 +515,8 @@ def crowd(set_up: simulate.SetUpName, clutter: float) -> simulate.RadarPlots:
 def associations() -> str:
     """Tabulate plots that went astray, flights that were lost and false tracks in clutter."""
     rows = []
-    for motion in MOTIONS:
+    rules: list[tuple[str, AssociationName]] = [(motion, "gnn") for motion in MOTIONS]
+    for motion, rule in [*rules, ("window", "paper")]:
         cells = []
         for set_up in SET_UPS:
             seen = crowd(set_up, CLUTTER)
@@ -523,6 +525,7 @@ def associations() -> str:
                 seen.plots,
                 [simulate.set_up(set_up).radar],
                 motion=model(motion, set_up),
+                association=rule,
                 plans=plans if motion.endswith("plans") else [],
             )
             rows_with_plots = found[(found.plot >= 0) & found.confirmed]
@@ -535,7 +538,8 @@ def associations() -> str:
             held = np.array([k for k in owner.values() if k >= 0])
             lost = np.mean([np.count_nonzero(held == k) != 1 for k in range(CROWD)])
             cells.append(f"{np.mean(target != own):.2%}, {lost:.1%}, {len(owner) - len(held)}")
-        rows.append([motion, *cells])
+        name = motion if rule == "gnn" else f"{motion}, score of the paper"
+        rows.append([name, *cells])
     return markdown(["wrong plots, flights lost, false tracks", *SET_UPS], rows)
 
 
