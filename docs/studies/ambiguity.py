@@ -108,7 +108,8 @@ def merged(polar: FloatArray, radar: Radar, rng: np.random.Generator) -> FloatAr
         return polar
     share = 0.5 + 0.12 * rng.normal()
     noise = rng.normal(size=2) * [radar.range_sigma, radar.azimuth_sigma]
-    return (share * polar[0] + (1 - share) * polar[1] + noise / np.sqrt(2))[None]
+    plot: FloatArray = share * polar[0] + (1 - share) * polar[1] + noise / np.sqrt(2)
+    return plot[np.newaxis]
 
 
 @dataclass(frozen=True)
@@ -228,7 +229,7 @@ def hypotheses() -> str:
     return markdown(head, rows)
 
 
-RESOLUTION = {"range_resolution": 150.0, "azimuth_resolution": 1.4}
+RESOLUTION: dict[str, Any] = {"range_resolution": 150.0, "azimuth_resolution": 1.4}
 MERGED = (
     abreast(300.0),
     abreast(600.0),
@@ -242,7 +243,12 @@ MERGED_RUNS = repetitions(150)
 
 def resolution() -> str:
     """Compare trackers that know of merged plots with those that do not."""
-    numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.08, "scan_period": PERIOD, "degrees": True}
+    numbers: dict[str, Any] = {
+        "range_sigma": 50.0,
+        "azimuth_sigma": 0.08,
+        "scan_period": PERIOD,
+        "degrees": True,
+    }
     knows = Radar(detection_probability=DETECTION, **numbers, **RESOLUTION)
     rows = []
     for at, cell in enumerate(MERGED):
