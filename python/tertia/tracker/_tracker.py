@@ -268,6 +268,11 @@ class Tracker:
         """Systematic errors of the sensors, (K,), as they are known by now."""
         return own_biases(self.sensors) if self._registrar is None else self._registrar.bias
 
+    @property
+    def noise_factor(self) -> FloatArray:
+        """Noise of each sensor over what it states, (K,), nan before a hundred plots: reported only."""
+        return self._core.noise_factor()
+
     def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
         """Process the plots of a scan, or of any period.
 

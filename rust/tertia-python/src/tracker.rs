@@ -84,6 +84,12 @@ impl PlotTracker {
         Ok((TrackColumns::new(table), codes(py, &statuses)?))
     }
 
+    /// Noise of each radar over what it states.
+    fn noise_factor<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let factors: Vec<f64> = self.0.noise_factors().collect();
+        array(py, &[factors.len()], factors)
+    }
+
     /// Makes all rows final.
     fn finish<'py>(
         &mut self,

@@ -7,8 +7,8 @@
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
 //! association, motion <- settings <- plan, curve <- window <- filter <- resolution; plan <- correlation;
-//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, clutter <- share <- scan
-//! <- live <- control <- lag`; `kinematics, motion <- smooth` beside them.
+//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, clutter, doubles, resume <- share <- scan
+//! <- live <- control, health <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod association;
@@ -21,10 +21,12 @@ mod columns;
 mod control;
 mod correlation;
 mod curve;
+mod doubles;
 mod estimate;
 mod filter;
 mod follower;
 mod geometry;
+mod health;
 mod height;
 mod identity;
 mod kinematics;
@@ -38,6 +40,7 @@ mod plan;
 mod plans;
 mod plot;
 mod resolution;
+mod resume;
 mod row;
 mod scan;
 mod settings;

@@ -9,6 +9,8 @@ const CHANGED_AFTER: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Identity {
     pub code: i64,
+    /// Whether it was received at least twice.
+    pub is_sure: bool,
     /// A different code, and how often in a row it was received.
     other: i64,
     times: u8,
@@ -16,13 +18,13 @@ pub(super) struct Identity {
 
 impl Identity {
     pub fn new(code: i64) -> Self {
-        Self { code, other: code, times: 0 }
+        Self { code, is_sure: false, other: code, times: 0 }
     }
 
     /// Processes one more reply; the code changes only after several equal ones.
     pub fn answer(&mut self, code: i64) {
         if code == self.code {
-            self.times = 0;
+            (self.is_sure, self.times) = (true, 0);
             return;
         }
         self.times = if code == self.other { self.times + 1 } else { 1 };

@@ -5,14 +5,14 @@
 //! four instants of the lag; a late plot goes back to the last one before it.
 
 use super::control::{Command, Refusal};
-use super::live::{Kept, Part, Tracker, WAITING, keep_followed};
-use super::plot::{Plot, PlotStatus, Plots};
+use super::health::{Health, Watched};
+use super::live::{Kept, Part, Tracker, WAITING};
+use super::plot::{Plot, PlotStatus, Plots, keep_followed};
 use super::row::{Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
 use crate::base::state::{restored, saved};
 use serde::{Deserialize, Serialize};
-use std::cmp::Ordering;
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZero;
 
@@ -46,6 +46,7 @@ pub struct LagTracker {
     open: i64,
     /// Tracks with smaller numbers have them for good.
     numbered: u64,
+    health: Vec<Health>,
     /// The newest time, and that until which all is final.
     now: f64,
     closed: f64,
@@ -108,6 +109,7 @@ impl LagTracker {
         require("lag", lag, lag >= 0.0 && lag.is_finite(), "0 or a positive number of seconds")?;
         let kept = VecDeque::from([(BEFORE_ALL, tracker.keep())]);
         let before = f64::NEG_INFINITY;
+        let health = vec![Health::default(); tracker.radars()];
         Ok(Self {
             tracker,
             lag,
@@ -118,6 +120,7 @@ impl LagTracker {
             shown: Vec::new(),
             open: BEFORE_ALL,
             numbered: 1,
+            health,
             now: before,
             closed: before,
             stray: before,
@@ -132,6 +135,12 @@ impl LagTracker {
     /// The same, to be changed; what is changed holds for plots that come later.
     pub fn tracker_mut(&mut self) -> &mut Tracker {
         &mut self.tracker
+    }
+
+    /// Noise of each radar over what it states, by its last thousand plots of confirmed tracks; nan
+    /// before there are enough.
+    pub fn noise_factors(&self) -> impl Iterator<Item = f64> {
+        self.health.iter().map(Health::noise_factor)
     }
 
     /// All that the tracker knows, to the last bit.
@@ -210,6 +219,7 @@ impl LagTracker {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<(), Error> {
         if self.lag == 0.0 {
+            let rows = &mut Watched { rows, health: &mut self.health };
             return self.tracker.track(plots, end, statuses, rows, n_threads);
         }
         self.tracker.check(plots, end)?;
@@ -233,6 +243,7 @@ impl LagTracker {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<(), Error> {
         if self.lag == 0.0 {
+            let rows = &mut Watched { rows, health: &mut self.health };
             return self.tracker.track(plots, None, statuses, rows, n_threads);
         }
         self.tracker.check(plots, None)?;
@@ -304,7 +315,7 @@ impl LagTracker {
             }
             order.push((plot.time, i));
             let own = self.journal.entry(step).or_default();
-            let place = own.partition_point(|(other, _)| by_content(other, &plot).is_le());
+            let place = own.partition_point(|(other, _)| other.by_content(&plot).is_le());
             own.insert(place, (plot, first + i));
             while self.kept.len() > 1 && self.kept.back().is_some_and(|(next, _)| *next > step) {
                 self.kept.pop_back();
@@ -427,12 +438,15 @@ impl LagTracker {
 
     /// Gives out the rows of steps that became final. Returns whether tracks have got their numbers.
     fn settle<R: Rows>(&mut self, final_steps: i64, rows: &mut R) -> bool {
+        let mut health = std::mem::take(&mut self.health);
+        let mut rows = Watched { rows, health: &mut health };
         let before = self.numbered;
         while let Some(mut step) = self.steps.pop_front_if(|step| step.number < final_steps) {
             self.numbered = step.next_number;
             step.rows.sort_by(Row::by_time);
             step.rows.iter().for_each(|row| rows.push(row));
         }
+        self.health = health;
         self.open = self.open.max(final_steps);
         self.numbered > before
     }
@@ -478,12 +492,4 @@ impl LagTracker {
         self.journal = self.journal.split_off(&first);
         self.commands.retain(|command| command.0 >= first);
     }
-}
-
-/// The order of plots in a step: by what they are, not by when they came.
-fn by_content(a: &Plot, b: &Plot) -> Ordering {
-    let numbers = |plot: &Plot| [plot.range, plot.azimuth, plot.height];
-    let times = a.time.total_cmp(&b.time).then(a.radar.cmp(&b.radar));
-    let pairs = numbers(a).into_iter().zip(numbers(b));
-    pairs.fold(times, |order, (a, b)| order.then(a.total_cmp(&b))).then(a.identity.cmp(&b.identity))
 }

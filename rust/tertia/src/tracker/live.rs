@@ -2,9 +2,11 @@
 
 use super::cluster::Clusters;
 use super::clutter::Clutter;
+use super::doubles::Doubles;
 use super::level::Level;
 use super::plans::Plans;
-use super::plot::{Measured, PlotStatus, Plots};
+use super::plot::{Measured, PlotStatus, Plots, keep_followed};
+use super::resume::{forget, remember};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
@@ -39,9 +41,12 @@ pub struct Tracker {
     pub(super) settings: Settings,
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Clusters,
+    /// Tracks that have ended and may be resumed.
+    ended: Vec<Track>,
     clutter: Vec<Clutter>,
     /// Heights of all plots so far.
     level: Level,
+    doubles: Vec<Doubles>,
     /// Time until which everything is processed.
     time: f64,
     next_number: u64,
@@ -58,9 +63,11 @@ pub struct Tracker {
 pub(super) struct Kept {
     tracks: Vec<Track>,
     clusters: Clusters,
+    ended: Vec<Track>,
     plans: Plans,
     clutter: Vec<Clutter>,
     level: Level,
+    doubles: Vec<Doubles>,
     time: f64,
     next_number: u64,
     stray: f64,
@@ -77,11 +84,14 @@ impl Tracker {
         let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
+        let doubles = vec![Doubles::default(); settings.radars.len()];
         let clusters = Clusters::default();
         Ok(Self {
             settings,
             tracks,
             clusters,
+            ended: Vec::new(),
+            doubles,
             clutter,
             level,
             time,
@@ -97,9 +107,11 @@ impl Tracker {
         Kept {
             tracks: self.tracks.clone(),
             clusters: self.clusters.clone(),
+            ended: self.ended.clone(),
             plans: self.settings.plans.clone(),
             clutter: self.clutter.clone(),
             level: self.level,
+            doubles: self.doubles.clone(),
             time: self.time,
             next_number: self.next_number,
             stray: self.stray,
@@ -109,11 +121,11 @@ impl Tracker {
 
     /// Goes back to such a copy.
     pub(super) fn restore(&mut self, kept: Kept) {
-        let Kept { tracks, clusters, plans, clutter, level, time, next_number, stray, waiting } =
-            kept;
-        self.clusters = clusters;
-        (self.tracks, self.clutter, self.waiting) = (tracks, clutter, waiting);
-        (self.settings.plans, self.level) = (plans, level);
+        let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
+        let Kept { time, next_number, stray, .. } = kept;
+        (self.tracks, self.ended, self.waiting) = (tracks, ended, waiting);
+        (self.clutter, self.level, self.doubles) = (clutter, level, doubles);
+        (self.clusters, self.settings.plans) = (clusters, plans);
         (self.time, self.next_number, self.stray) = (time, next_number, stray);
     }
 
@@ -264,7 +276,9 @@ impl Tracker {
             settings: &self.settings,
             tracks: &mut self.tracks,
             clusters: &mut self.clusters,
+            ended: &mut self.ended,
             clutter: &mut self.clutter,
+            doubles: &mut self.doubles,
             next_number: &mut self.next_number,
             rows,
             threads,
@@ -387,41 +401,20 @@ impl Tracker {
 
     /// Removes the tracks that have ended.
     pub(super) fn bury(&mut self) {
-        let before = self.tracks.len();
-        self.tracks.retain(|track| track.is_alive(&self.settings));
-        if self.tracks.len() < before {
-            self.settings.plans.free(|number| self.tracks.iter().all(|t| t.number != number));
+        let Self { tracks, ended, settings, time, .. } = self;
+        let before = tracks.len();
+        tracks.retain(|track| {
+            let is_alive = track.is_alive(settings);
+            if !is_alive {
+                remember(ended, track);
+            }
+            is_alive
+        });
+        if tracks.len() < before {
+            forget(ended, *time);
+            settings.plans.free(|number| tracks.iter().all(|t| t.number != number));
         }
     }
-}
-
-/// Keeps times, in their order, that come within a silence `after` the ones before, or with others;
-/// returns the last. A single one after a longer silence is refused, and is the next `stray`.
-pub(super) fn keep_followed(
-    order: &mut Vec<(f64, usize)>,
-    after: f64,
-    stray: &mut f64,
-    silence: f64,
-    mut refuse: impl FnMut(usize),
-) -> f64 {
-    let mut before = after;
-    let mut kept = 0;
-    for i in 0..order.len() {
-        let (time, index) = order[i];
-        let follows = time - before <= silence || before == f64::NEG_INFINITY;
-        let is_followed = order.get(i + 1).is_some_and(|(next, _)| next - time <= silence);
-        let is_second = (time - *stray).abs() <= silence;
-        if follows || is_followed || is_second {
-            before = time;
-            order[kept] = (time, index);
-            kept += 1;
-        } else {
-            *stray = time;
-            refuse(index);
-        }
-    }
-    order.truncate(kept);
-    before
 }
 
 /// Items of a part, where each thread takes several parts, or all of them.

@@ -5,6 +5,7 @@ use super::level::Level;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 
 /// Largest time, s (3000 years), beyond which the resolution of seconds is lost, and range, m.
 const LATEST: f64 = 1e11;
@@ -52,6 +53,15 @@ impl Plot {
         let place = |plot: &Self| radar.position_of(plot.range, plot.azimuth, plot.height);
         let source = self.radar == other.radar && self.identity == other.identity;
         self.time == other.time && source && place(self) == place(other)
+    }
+
+    /// The order of time, then that of all else: by what plots are, not by when they came.
+    pub(super) fn by_content(&self, other: &Self) -> Ordering {
+        let numbers = |plot: &Self| [plot.range, plot.azimuth, plot.height];
+        let times = self.time.total_cmp(&other.time).then(self.radar.cmp(&other.radar));
+        let pairs = numbers(self).into_iter().zip(numbers(other));
+        let order = pairs.fold(times, |order, (a, b)| order.then(a.total_cmp(&b)));
+        order.then(self.identity.cmp(&other.identity))
     }
 
     /// East and north with their covariance; none where the plot is invalid or straight above the
@@ -184,4 +194,33 @@ impl Measured {
         self.position = geometry.placed(radar, polar, prior[0]).position;
         self.source = Source::Slant { polar, prior };
     }
+}
+
+/// Keeps times, in their order, that come within a silence `after` the ones before, or with others;
+/// returns the last. A single one after a longer silence is refused, and is the next `stray`.
+pub(super) fn keep_followed(
+    order: &mut Vec<(f64, usize)>,
+    after: f64,
+    stray: &mut f64,
+    silence: f64,
+    mut refuse: impl FnMut(usize),
+) -> f64 {
+    let mut before = after;
+    let mut kept = 0;
+    for i in 0..order.len() {
+        let (time, index) = order[i];
+        let follows = time - before <= silence || before == f64::NEG_INFINITY;
+        let is_followed = order.get(i + 1).is_some_and(|(next, _)| next - time <= silence);
+        let is_second = (time - *stray).abs() <= silence;
+        if follows || is_followed || is_second {
+            before = time;
+            order[kept] = (time, index);
+            kept += 1;
+        } else {
+            *stray = time;
+            refuse(index);
+        }
+    }
+    order.truncate(kept);
+    before
 }

@@ -7,7 +7,9 @@
 use super::claim::Claim;
 use super::cluster::{Cells, Clusters};
 use super::clutter::Clutter;
+use super::doubles::{self, Doubles};
 use super::plot::{Measured, PlotStatus, Source};
+use super::resume::resume;
 use super::row::{Row, Rows};
 use super::settings::Settings;
 use super::share::{Share, Shares, View};
@@ -43,6 +45,8 @@ pub(super) struct Scan {
     order: Vec<u32>,
     /// Where each track is among those that claim plots.
     places: Vec<u32>,
+    /// The density of second plots of targets where each plot is.
+    doubled: Vec<f64>,
     shares: Shares,
 }
 
@@ -51,7 +55,10 @@ pub(super) struct Sky<'a, R> {
     pub settings: &'a Settings,
     pub tracks: &'a mut Vec<Track>,
     pub clusters: &'a mut Clusters,
+    /// Tracks that may be resumed.
+    pub ended: &'a mut Vec<Track>,
     pub clutter: &'a mut [Clutter],
+    pub doubles: &'a mut [Doubles],
     pub next_number: &'a mut u64,
     pub rows: &'a mut R,
     pub threads: usize,
@@ -70,6 +77,11 @@ impl Scan {
     ) {
         self.load(sky, plots);
         for confirmed in [true, false] {
+            if !confirmed {
+                let plots = (&self.grid, &self.plots[..]);
+                let used = (&self.taken[..], &self.deferred[..]);
+                doubles::find(plots, used, sky.doubles, sky.settings, &mut self.doubled);
+            }
             self.claim(sky, confirmed);
             let cells = if confirmed { sky.clusters.open() } else { Cells::default() };
             self.join(&cells, sky.tracks);
@@ -219,7 +231,7 @@ impl Scan {
         if self.claims.is_empty() {
             return;
         }
-        let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
+        let Self { plots, taken, deferred, claims, claimed, places, doubled, shares, .. } = self;
         // tracks by component
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -241,7 +253,7 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter) = (sky.settings, &*sky.clutter);
-        let view = View { plots, claimed, deferred, settings, clutter, cells };
+        let view = View { plots, claimed, deferred, doubled, settings, clutter, cells };
         let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
@@ -262,16 +274,27 @@ impl Scan {
                 share.finish();
             }
         });
+        let begun = if confirmed { Vec::new() } else { shares.confirmed() };
+        let renamed = resume(sky.tracks, sky.ended, &begun, settings);
+        let number =
+            |own: u64| renamed.iter().find(|(new, _)| *new == own).map_or(own, |(_, old)| *old);
         shares.report(claims.len(), |given, row| {
+            let track = number(given.track);
             // a plot of two tracks counts as that of the first
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
-                report(plots[given.plot as usize].index, PlotStatus::Track(given.track));
+                report(plots[given.plot as usize].index, PlotStatus::Track(track));
             }
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
             }
-            if let Some(row) = row {
-                sky.rows.push(row);
+            match row {
+                Some(row) if track != given.track => {
+                    let past = sky.tracks.iter().find(|past| past.number == track);
+                    let first_plot = past.map_or(row.first_plot, |past| past.first.index);
+                    sky.rows.push(&Row { track: track as i64, first_plot, ..*row });
+                }
+                Some(row) => sky.rows.push(row),
+                None => (),
             }
         });
     }
@@ -289,11 +312,15 @@ impl Scan {
             if self.taken[i] || self.deferred[i] {
                 continue;
             }
-            unused[plot.radar] += 1;
-            let false_plots = sky.clutter[plot.radar].plots(&sky.settings.radars[plot.radar]);
+            let radar = &sky.settings.radars[plot.radar];
+            let (density, false_plots) =
+                (sky.clutter[plot.radar].density(radar), sky.clutter[plot.radar].plots(radar));
             let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             *sky.next_number += 1;
-            report(plot.index, PlotStatus::Track(track.number));
+            let is_double = self.doubled[i] > density;
+            unused[plot.radar] += usize::from(!is_double);
+            let track_or_not = PlotStatus::Track(track.number);
+            report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });
             if sky.rows.wants(false) {
                 sky.rows.push(&Row::of(&track, plot.radar, Some(plot.index)));
             }

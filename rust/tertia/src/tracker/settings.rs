@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 
 /// Scans for which the guard acceleration is given, s; between, it is linear.
 const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
+/// Identities that are read wrongly no more often than this are addresses.
+const ADDRESSES: f64 = 1e-6;
 /// Share of a scan by which a plot may be late.
 pub(super) const MAX_DELAY: f64 = 0.25;
 
@@ -90,6 +92,11 @@ impl Settings {
     pub(super) fn odds(&self, radar: usize, others: f64) -> f64 {
         let p = self.radars[radar].detection_probability;
         (p / ((1.0 - p) * others * std::f64::consts::TAU)).ln()
+    }
+
+    /// Whether identities are addresses, which no two targets share, rather than codes.
+    pub(super) fn has_addresses(&self) -> bool {
+        self.identity_error_probability <= ADDRESSES
     }
 
     /// Acceleration that a target may have unnoticed where scans take so long, m/s².

@@ -39,6 +39,8 @@ pub(super) struct View<'a> {
     pub claimed: &'a [u32],
     /// Which plots wait.
     pub deferred: &'a [bool],
+    /// The density of second plots of targets where each plot is.
+    pub doubled: &'a [f64],
     pub settings: &'a Settings,
     pub clutter: &'a [Clutter],
     /// Clusters of tracks whose states depend on one another.
@@ -119,7 +121,11 @@ impl Share {
                 && x <= centre[0] + half[0]
                 && y >= centre[1] - half[1]
                 && y <= centre[1] + half[1];
-            if inside && free(&(i as u32)) && track.is_due(plot, &radars[plot.radar]) {
+            if inside
+                && free(&(i as u32))
+                && track.is_due(plot, &radars[plot.radar])
+                && !track.refuses(plot, settings)
+            {
                 near.push(i as u32);
             }
         });
@@ -201,7 +207,7 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, .. }: View<'_>,
+        View { plots, settings, doubled, clutter, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         for (row, claim) in group.iter().enumerate() {
@@ -216,7 +222,9 @@ impl Share {
                     pair.row as usize == row && columns[pair.column as usize] == plot
                 };
                 let gain = self.pairs.iter().find(own).map_or(0.0, |pair| pair.gain);
-                track.credit(gain + (1.0 - radar.detection_probability).ln());
+                let density = clutter[measured.radar].density(radar);
+                let others = (1.0 + doubled[plot as usize] / density).ln();
+                track.credit(gain + (1.0 - radar.detection_probability).ln() - others);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
@@ -360,6 +368,15 @@ impl Shares {
             (claims, tracks) = (rest, others);
         }
         run(threads, parts, |(claims, tracks, share)| work(share, claims, tracks));
+    }
+
+    /// Numbers of the tracks that were confirmed, in order.
+    pub fn confirmed(&self) -> Vec<u64> {
+        let given = self.shares.iter().flat_map(|share| &share.given);
+        let mut numbers: Vec<u64> =
+            given.filter(|given| given.begun.is_some()).map(|given| given.track).collect();
+        numbers.sort_unstable();
+        numbers
     }
 
     /// Calls `report` with every assigned plot and its row, in the order of groups.

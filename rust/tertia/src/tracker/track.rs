@@ -21,6 +21,7 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 mod levelled;
+mod life;
 mod merged;
 mod missed;
 mod states;
@@ -432,11 +433,6 @@ impl Track {
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }
         }
-    }
-
-    /// Whether its plan is suspended.
-    pub fn is_suspended(&self) -> bool {
-        self.suspended
     }
 
     /// Suspends its plan, or resumes it.

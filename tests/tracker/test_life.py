@@ -1,0 +1,121 @@
+"""Track life: duplicates, addresses, gaps, and whether the noise is what is stated."""
+
+import numpy as np
+import pytest
+from tracker.flights import RADAR, line, noisy, polar
+
+from tertia import simulate
+from tertia.tracker import Plots, PlotStatus, Radar, Tracker, track
+
+ADDRESS_ERROR = 1e-9
+
+
+def confirmed_tracks(table):
+    return np.unique(table.track[table.confirmed])
+
+
+def traffic_seen(seed, **options):
+    radar = Radar(
+        range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, max_range=150e3
+    )
+    plans = simulate.routes("middle", 30, rng=seed)
+    traffic = simulate.flights(plans, wind=15.0, rng=seed + 1)
+    seen = simulate.radar_plots(
+        traffic, [radar], clutter=20.0, identity_missing_probability=1.0, rng=seed + 2, **options
+    )
+    early = seen.plots.time < 600.0
+    return radar, seen.plots[early], seen.target[early]
+
+
+def test_duplicates_make_few_tracks_of_their_own():
+    # without regard for them there were 62
+    radar, plots, target = traffic_seen(100, duplicate_probability=0.2)
+    table = track(plots, [radar])
+    aircraft = len(np.unique(target[target >= 0]))
+    assert aircraft <= len(confirmed_tracks(table)) <= aircraft + 8
+    assert np.sum(table.track_of_plot == PlotStatus.DUPLICATE) > 0.05 * np.sum(target >= 0)
+
+
+def test_a_track_is_resumed_by_its_address_after_a_gap():
+    early, late = line(15, seed=1), line(15, start=0.0, seed=2)
+    time = np.concatenate([early.time, early.time + 180.0])
+    position = np.array([10e3, 30e3]) + np.outer(time, [120.0, -80.0])
+    distance, azimuth = noisy(position, RADAR, np.random.default_rng(3))
+    plots = Plots(time, distance, azimuth, identity=0x3C6444)
+    assert len(late) == 15
+    options = {"identity_error_probability": ADDRESS_ERROR}
+    assert len(confirmed_tracks(track(plots, [RADAR], **options))) == 1
+    # without an address nobody knows
+    nameless = Plots(time, distance, azimuth)
+    assert len(confirmed_tracks(track(nameless, [RADAR]))) == 2
+    # and nobody flies so far
+    away = np.where(time > 100.0, azimuth + np.pi, azimuth)
+    plots = Plots(time, distance + 60e3 * (time > 100.0), away, identity=0x3C6444)
+    fast = track(plots, [RADAR], max_speed=150.0, **options)
+    assert len(confirmed_tracks(fast)) == 2
+
+
+def test_a_plot_with_another_address_is_never_of_this_track():
+    time = 4.0 * np.arange(40)
+    first = np.array([10e3, 30e3]) + np.outer(time, [50.0, 0.0])
+    second = first + np.array([0.0, 30.0])
+    rng = np.random.default_rng(4)
+    both = [noisy(position, RADAR, rng) for position in (first, second)]
+    # one is seen in even scans, the other in odd ones: each plot is in the gate of both
+    even = np.arange(40) % 4 < 2
+    distance, azimuth = (np.where(even, a, b) for a, b in zip(*both, strict=True))
+    plots = Plots(time, distance, azimuth, identity=np.where(even, 0xABC001, 0xABC002))
+    table = track(plots, [RADAR], identity_error_probability=ADDRESS_ERROR)
+    own = table.track_of_plot
+    for number in np.unique(own[own > 0]):
+        assert len(np.unique(plots.identity[own == number])) == 1
+
+
+@pytest.mark.parametrize(("radars", "most"), [(1, 18), (2, 27)])
+def test_a_turn_with_three_g_is_flown_by_few_tracks(radars, most):
+    # without resumption there were 25 and 40
+    count = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        step = 0.05
+        fine = np.arange(0.0, 180.0, step)
+        rate = np.where((fine > 60.0) & (fine < 80.0), 29.4 / 200.0, 0.0)
+        course = 0.3 + np.cumsum(rate) * step
+        velocity = 200.0 * np.stack([np.sin(course), np.cos(course)], axis=-1)
+        place = np.array([20e3, 40e3]) + np.cumsum(velocity, axis=0) * step
+        sites = [
+            RADAR,
+            Radar((40e3, -10e3), range_sigma=70.0, azimuth_sigma=0.0017, scan_period=5.0),
+        ]
+        parts = []
+        for k, radar in enumerate(sites[:radars]):
+            time = np.arange(rng.uniform(0.0, radar.scan_period), 179.0, radar.scan_period)
+            position = place[(time / step).astype(int)] - radar.position[:2]
+            distance, azimuth = polar(position)
+            distance += radar.range_sigma * rng.standard_normal(len(time))
+            azimuth += radar.azimuth_sigma * rng.standard_normal(len(time))
+            parts.append((time, distance, azimuth, np.full(len(time), k)))
+        time, distance, azimuth, sensor = (np.concatenate(one) for one in zip(*parts, strict=True))
+        table = track(Plots(time, distance, azimuth, sensor=sensor), sites[:radars])
+        count += len(confirmed_tracks(table))
+    assert count <= most
+
+
+def test_noise_that_is_not_what_is_stated_is_told():
+    radar, plots, _ = traffic_seen(300)
+    tracker = Tracker([radar])
+    assert np.isnan(tracker.noise_factor).all()
+    tracker.update(plots)
+    assert tracker.noise_factor == pytest.approx(1.0, abs=0.12)
+    for factor in (0.5, 2.0):
+        stated = Radar(
+            range_sigma=50.0 * factor,
+            azimuth_sigma=np.radians(0.08) * factor,
+            scan_period=4.0,
+            max_range=150e3,
+        )
+        tracker = Tracker([stated], lag=5.0)
+        tracker.update(plots)
+        tracker.finish()
+        found = tracker.noise_factor[0]
+        assert 0.6 / factor < found < 1.35 / factor
