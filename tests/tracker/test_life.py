@@ -71,9 +71,9 @@ def test_a_plot_with_another_address_is_never_of_this_track():
         assert len(np.unique(plots.identity[own == number])) == 1
 
 
-@pytest.mark.parametrize(("radars", "most"), [(1, 18), (2, 27)])
+@pytest.mark.parametrize(("radars", "most"), [(1, 16), (2, 28)])
 def test_a_turn_with_three_g_is_flown_by_few_tracks(radars, most):
-    # without resumption there were 25 and 40
+    # without resumption there were 26 and 41
     count = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -90,6 +90,7 @@ def test_a_turn_with_three_g_is_flown_by_few_tracks(radars, most):
         parts = []
         for k, radar in enumerate(sites[:radars]):
             time = np.arange(rng.uniform(0.0, radar.scan_period), 179.0, radar.scan_period)
+            time = time[rng.random(len(time)) < 0.95]
             position = place[(time / step).astype(int)] - radar.position[:2]
             distance, azimuth = polar(position)
             distance += radar.range_sigma * rng.standard_normal(len(time))

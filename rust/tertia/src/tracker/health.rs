@@ -8,7 +8,7 @@ const WINDOW: f64 = 1000.0;
 const FEWEST: f64 = 100.0;
 /// Median of a normalised innovation squared, and the best step of its logarithm to either side.
 const MEDIAN: f64 = 1.386_294_361_119_890_6;
-const STEP: f64 = 1.442_695_040_888_963_4;
+const STEP: f64 = std::f64::consts::LOG2_E;
 
 /// Innovations of one radar.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -441,7 +441,8 @@ impl LagTracker {
         let mut health = std::mem::take(&mut self.health);
         let mut rows = Watched { rows, health: &mut health };
         let before = self.numbered;
-        while let Some(mut step) = self.steps.pop_front_if(|step| step.number < final_steps) {
+        let count = self.steps.partition_point(|step| step.number < final_steps);
+        for mut step in self.steps.drain(..count) {
             self.numbered = step.next_number;
             step.rows.sort_by(Row::by_time);
             step.rows.iter().for_each(|row| rows.push(row));
