@@ -270,7 +270,7 @@ class Tracker:
 
     @property
     def noise_factor(self) -> FloatArray:
-        """Noise of each sensor over what it states, (K,), nan before a hundred plots: reported only."""
+        """Noise of each sensor over what it states, (K,), nan before a hundred plots; not used."""
         return self._core.noise_factor()
 
     def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
