@@ -108,7 +108,7 @@ def test_a_copy_goes_on_to_the_last_bit():
 
 def test_a_damaged_state_is_refused():
     tracker, _ = followed(recording(3)[:200], registration=True)
-    saved, *_ = tracker._registrar.__getstate__()
+    saved = tracker._registrar.__getstate__()["_core"]
     for at in (0, len(saved) // 2, len(saved) - 1):
         broken = bytearray(saved)
         broken[at] ^= 1
@@ -126,7 +126,70 @@ def test_wrong_arguments():
     assert_refused(lambda: Tracker(RADARS, registration="on"), TypeError, "registration is 'on'")
 
 
-def test_a_recording_has_its_own_function():
-    assert_refused(
-        lambda: track(recording(4)[:50], RADARS, registration=True), ValueError, "registration"
+@pytest.mark.parametrize("beyond", [0.1, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("offset", [0.0, 300.0])
+def test_large_errors_make_no_second_tracks(beyond, offset):
+    bias = Bias(azimuth=[0.0, beyond], range=[0.0, offset], degrees=True)
+    plots = recording(6, bias)
+    tracker, tables = followed(plots)
+    found = tracker.bias
+    assert np.degrees(found.azimuth[1] - found.azimuth[0]) == pytest.approx(beyond, abs=0.02)
+    # from the eighth scan on: before that, nobody can know
+    later = np.unique(np.concatenate([table.track for table in tables[9:]]))
+    assert 20 <= len(later) <= 21
+    whole = track(plots, RADARS)
+    assert 20 <= len(np.unique(whole.track)) <= 21
+    assert len(np.unique(track(plots, RADARS, registration=False).track)) > (
+        30 if beyond > 0.2 or offset else 19
     )
+
+
+@pytest.mark.parametrize("beyond", [0.5, 1.0])
+def test_a_sudden_change_beyond_the_gates_is_found(beyond):
+    plots = recording(7, Bias(azimuth=[0.0, beyond], degrees=True), bias_start=120.0)
+    tracker, tables = followed(plots)
+    ((time, radar), *others) = tracker._registrar.changes
+    assert radar == 1
+    assert 120.0 < time < 135.0
+    assert not others
+    assert len(np.unique(np.concatenate([table.track for table in tables]))) <= 21
+
+
+def test_new_tracks_after_the_start_have_new_numbers():
+    plots = recording(6, Bias(azimuth=[0.0, 0.5], degrees=True))
+    _, tables = followed(plots)
+    before = np.unique(np.concatenate([table.track for table in tables[:6]]))
+    after = np.unique(np.concatenate([table.track for table in tables[9:]]))
+    assert len(before) >= 20
+    assert not np.intersect1d(before, after).size
+    # plots keep their numbers
+    for table in tables[9:]:
+        seen = table.plot >= 0
+        np.testing.assert_allclose(plots.time[table.plot[seen]], table.time[seen], atol=0.3)
+
+
+def test_a_recording_in_any_order():
+    plots = recording(8)
+    order = np.random.default_rng(1).permutation(len(plots))
+    one, other = track(plots, RADARS), track(plots[order], RADARS)
+    np.testing.assert_array_equal(one.time, other.time)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+    seen = one.plot >= 0
+    np.testing.assert_array_equal(one.plot[seen], order[other.plot[seen]])
+    np.testing.assert_array_equal(one.track_of_plot[order], other.track_of_plot)
+
+
+def test_trusted_radars_and_single_ones_are_left_alone():
+    plots = recording(9)
+    trusted = [replace(one, bias=Bias()) for one in RADARS]
+    for sensors, some in ((trusted, plots), (RADARS[:1], plots[plots.sensor == 0])):
+        one, other = track(some, sensors), track(some, sensors, registration=False)
+        np.testing.assert_array_equal(one.position, other.position)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_a_silent_radar_is_no_change():
+    plots = recording(10, Bias())
+    silent = (plots.sensor == 1) & (plots.time > 100.0) & (plots.time < 200.0)
+    tracker, _ = followed(plots[~silent])
+    assert tracker._registrar.changes == []

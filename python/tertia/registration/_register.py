@@ -11,12 +11,13 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, instance, sequence_of
-from tertia.registration._errors import Errors, columns_of, errors, start
+from tertia.registration._errors import Errors, errors
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone, common
 from tertia.sensors import ByKind, Radar
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
+from tertia.tracker._start import columns_of, start
 
 # rounds of tracking, each with the noise found in the one before
 _ROUNDS = 3
@@ -125,7 +126,7 @@ def register(
                 f"tracks is of {len(tracks.track_of_plot)} plots; it must be of the {len(plots)} "
                 "given"
             )
-    run: Run = partial(track, n_threads=n_threads, **options)
+    run: Run = partial(track, registration=False, n_threads=n_threads, **options)
     return rounds(plots, sites, run, tracks).registration
 
 
@@ -182,7 +183,7 @@ def _systematic(
     Where errors are large, the plots of one target go to several tracks, of which no block has
     plots of two radars. So plots are tracked again without the errors found, until these stay.
     """
-    prior = bias = start(alone, sensors)
+    prior = bias = start(alone, sensors)[0]
     projected = in_plane(plots, sensors)
     noise = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])
     for _ in range(_ROUNDS):

@@ -87,7 +87,8 @@ def in_plane(plots: Plots, sensors: Sequence[Radar]) -> Plots:
     limit = np.array([one.max_range for one in sensors])[plots.sensor]
     beyond = plots.range > limit
     flat[beyond, 0] = 2.0 * limit[beyond]
-    return plots._moved(flat[:, 0].copy(), flat[:, 1].copy(), height)
+    distance, azimuth = flat.T.copy()
+    return plots._replaced(range=distance, azimuth=azimuth, height=height)
 
 
 def _levels(height: FloatArray, low: FloatArray) -> FloatArray:

@@ -154,10 +154,10 @@ class Plots:
             return _core.plots_to_cartesian([core_radar(radar) for radar in radars], self)
         return positions(self, radars, plane)
 
-    def _moved(self, range: FloatArray, azimuth: FloatArray, height: FloatArray) -> Plots:  # noqa: A002
-        """Return the same plots with other measurements."""
+    def _replaced(self, **columns: FloatArray | IntArray) -> Plots:
+        """Return the same plots with other values in some of the columns."""
         some = self[:]
-        for name, column in (("range", range), ("azimuth", azimuth), ("height", height)):
+        for name, column in columns.items():
             object.__setattr__(some, name, column)
         return some
 

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Bias, Radar
-from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import in_plane
 from tertia.tracker._models import core_radar
 from tertia.tracker._plots import Plots
+from tertia.tracker._start import bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
+
+# scans of the slowest radar in which errors far larger than expected are sought
+_SCANS = 7.0
+
+Alone = Callable[[Plots, Radar], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
@@ -32,32 +36,49 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
     }
 
 
+def is_registrable(sensors: Sequence[Radar]) -> bool:
+    """Return whether there is more than one sensor, and one that may have constant errors."""
+    deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
+    unknown = columns_of(own_biases(sensors), "_sigma") > 0.0
+    return len(sensors) > 1 and not deviates and bool(np.any(unknown))
+
+
 class Registrar:
-    """Errors of radars as they are known after each scan, and the correction of plots by them."""
+    """Errors of radars as they are known after each scan.
+
+    Attributes
+    ----------
+    sensors : tuple of Radar
+        The radars.
+    kept : list of Plots
+        Plots of the last scans, while large errors are sought.
+    """
 
     def __init__(self, sensors: Sequence[Radar]) -> None:
-        prior = own_biases(sensors)
-        mean, sigma = (
-            np.stack([np.asarray(getattr(prior, kind + suffix)) for kind in KINDS], axis=-1)
-            for suffix in ("", "_sigma")
-        )
-        self._core = _core.Registrar([core_radar(radar) for radar in sensors], mean, sigma)
-        self._sensors = tuple(sensors)
-        self._given = 0
+        self.sensors = tuple(sensors)
+        self.kept: list[Plots] = []
+        self._begin = self._due = np.nan
+        self._paired: BoolArray = np.zeros(len(sensors), dtype=bool)
+        self._start_from(own_biases(sensors))
+
+    @property
+    def period(self) -> float:
+        """Seconds of a scan of the slowest radar."""
+        return max(radar.scan_period for radar in self.sensors)
 
     @property
     def bias(self) -> Bias:
         """The errors of each radar and their standard deviations, (K,)."""
         value, sigma, _ = self._core.known()
-        return Bias(
-            range=value[:, 0],
-            range_gain=value[:, 1],
-            azimuth=value[:, 2],
-            time=value[:, 3],
-            range_sigma=sigma[:, 0],
-            range_gain_sigma=sigma[:, 1],
-            azimuth_sigma=sigma[:, 2],
-            time_sigma=sigma[:, 3],
+        return bias_of(value, sigma)
+
+    def correct(self, plots: Plots) -> Plots:
+        """Return plots without the errors of their sensors."""
+        offset, gain, azimuth, clock = self._core.known()[0][plots.sensor].T
+        return plots._replaced(
+            time=plots.time - clock,
+            range=(plots.range - offset) / (1.0 + gain),
+            azimuth=plots.azimuth - azimuth,
         )
 
     @property
@@ -70,23 +91,126 @@ class Registrar:
         """Times and sensors of sudden changes."""
         return self._core.changes()
 
-    def learn(self, plots: Plots, tracks: TrackTable, time: float) -> TrackTable:
-        """Learn from the rows that these plots made; return them with what is not known added."""
-        rows = np.flatnonzero(tracks.plot >= self._given)
-        own = plots[tracks.plot[rows] - self._given]
-        self._given += len(plots)
-        height = np.where(np.isfinite(own.height), own.height, tracks.height[rows])
-        own = in_plane(own._moved(own.range, own.azimuth, height), self._sensors)
-        columns = target_plots(own, tracks, rows)
-        velocity, covariance = tracks.velocity[rows], tracks.covariance.copy()
-        covariance[rows] += self._core.learn(columns, velocity, covariance[rows], time)
-        return replace(tracks, covariance=covariance)
+    def learn(self, plots: Plots, first: int, tracks: TrackTable, time: float) -> FloatArray:
+        """Learn from the rows that these plots made, of which the first has this number.
 
-    def __getstate__(self) -> tuple[bytes, int, tuple[Radar, ...]]:
+        Returns the covariances of the rows, with what is not known of the errors.
+        """
+        place = tracks.plot - first
+        seen = place >= 0
+        own = plots[np.where(seen, place, 0)] if len(plots) else _nothing(len(tracks))
+        height = np.where(np.isfinite(own.height), own.height, tracks.height)
+        own = own._replaced(
+            sensor=tracks.sensor,
+            time=np.where(seen, own.time, tracks.time),
+            range=np.where(seen, own.range, np.nan),
+            height=height,
+        )
+        columns = target_plots(in_plane(own, self.sensors), tracks, np.arange(len(tracks)))
+        rows = {
+            "plots": columns,
+            "confirmed": tracks.confirmed,
+            "position": tracks.position,
+            "velocity": tracks.velocity,
+            "covariance": tracks.covariance,
+        }
+        loose = tracks.track_of_plot >= 0
+        loose[place[seen & tracks.confirmed]] = False
+        added = self._core.learn(rows, _loose(in_plane(plots[loose], self.sensors)), time)
+        return tracks.covariance + added
+
+    def search(self, plots: Plots, time: float, alone: Alone) -> bool:
+        """Seek large errors in the first scans; return whether there are, and so to start anew.
+
+        Then `kept` are the plots from which on. What is found comes from the tracks of each radar
+        alone; it is sought again later where radars have no targets in common yet.
+        """
+        if np.all(self._paired):
+            return False
+        span = _SCANS * self.period
+        if np.isnan(self._begin):
+            self._begin, self._due = time, time + span
+        self.kept = [one for one in self.kept if np.max(one.time) > time - span]
+        if len(plots) and np.any(np.isfinite(plots.time)):
+            self.kept.append(plots)
+        if time < self._due:
+            return False
+        self._due = self._begin + 2.0 * (self._due - self._begin)
+        found = self._vote(_joined(self.kept), alone)
+        if np.all(self._paired) and not found:
+            self.kept = []
+        return found
+
+    def search_recording(self, plots: Plots, alone: Alone) -> None:
+        """Seek large errors in the first scans in which radars have targets in common."""
+        known = plots.time[np.isfinite(plots.time)]
+        if not len(known):
+            return
+        begin, span = float(np.min(known)), _SCANS * self.period
+        due = span
+        while not np.all(self._paired) and due - span <= float(np.max(known)) - begin:
+            within = (plots.time >= begin + due - span) & (plots.time < begin + due)
+            self._vote(plots[within], alone)
+            due *= 2.0
+
+    def _vote(self, plots: Plots, alone: Alone) -> bool:
+        """Start from the errors that these plots show, if they are large."""
+        tables = [alone(plots[plots.sensor == k], one) for k, one in enumerate(self.sensors)]
+        found, paired = start(tables, self.sensors)
+        limits = columns_of(own_biases(self.sensors), "_sigma")
+        large = np.any(columns_of(found, "_sigma") > limits, axis=1)
+        new = bool(np.any(paired & ~self._paired))
+        self._paired = self._paired | paired
+        if not (new and np.any(large)):
+            return False
+        self._start_from(found)
+        return True
+
+    def _start_from(self, bias: Bias) -> None:
+        radars = [core_radar(radar) for radar in self.sensors]
+        self._core = _core.Registrar(radars, columns_of(bias), columns_of(bias, "_sigma"))
+
+    def __getstate__(self) -> dict[str, Any]:
         """Return all that is known."""
-        return self._core.__getstate__(), self._given, self._sensors
+        return {**self.__dict__, "_core": self._core.__getstate__()}
 
-    def __setstate__(self, state: tuple[bytes, int, tuple[Radar, ...]]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore what is known."""
-        saved, self._given, self._sensors = state
-        self._core = _core.Registrar.from_state(saved)
+        self.__dict__.update(state)
+        self._core = _core.Registrar.from_state(state["_core"])
+
+
+def scans(time: FloatArray, period: float) -> list[IntArray]:
+    """Return the indices of the plots of each period, in order of time."""
+    order = np.argsort(time, kind="stable")
+    known = time[order[: np.count_nonzero(np.isfinite(time))]]
+    if not len(known) or known[-1] - known[0] < 1.5 * period:
+        return [np.arange(len(time))]
+    edges = np.searchsorted(known, np.arange(known[0] + period, known[-1], period))
+    return [part for part in np.split(order, edges) if len(part)]
+
+
+def _loose(plots: Plots) -> dict[str, Any]:
+    """Return the columns of plots without a target, as the core takes them."""
+    return {
+        "sensor": plots.sensor,
+        "target": np.full(len(plots), -1),
+        "time": plots.time,
+        "range": plots.range,
+        "azimuth": plots.azimuth,
+        "height": plots.height,
+        "turn_probability": np.zeros(len(plots)),
+    }
+
+
+def _joined(parts: Sequence[Plots]) -> Plots:
+    """Return the plots of several scans."""
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in Plots.__slots__
+    }
+    return Plots(**columns)
+
+
+def _nothing(count: int) -> Plots:
+    """Return plots without a measurement."""
+    return Plots(np.full(count, np.nan), np.nan, np.nan)

@@ -144,6 +144,11 @@ class TrackTable(_Columns):
         object.__setattr__(table, "track_of_plot", track_of_plot)
         return table
 
+    def _with(self, covariance: FloatArray) -> TrackTable:
+        """Return the same table, with these covariances from now on."""
+        object.__setattr__(self, "covariance", covariance)
+        return self
+
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.time)
@@ -188,3 +193,21 @@ class TrackTable(_Columns):
             for column in COLUMNS
         }
         return cls(**kept, track_of_plot=np.concatenate([table.track_of_plot for table in tables]))
+
+
+def joined(
+    tables: Sequence[TrackTable], index: IntArray, first: int, *, confirmed: bool
+) -> TrackTable:
+    """Return the tables of successive parts of plots as one.
+
+    `index` is where the plots of the parts are in the whole, whose first plot has the number
+    `first`. With `confirmed`, rows of tracks that are never confirmed are left out.
+    """
+    whole = TrackTable.join(tables)
+    place, tracks = whole.plot - first, np.empty(len(index), dtype=np.int64)
+    tracks[index] = whole.track_of_plot
+    plot = np.where(place >= 0, first + index[np.maximum(place, 0)], whole.plot)
+    whole = replace(whole, plot=plot, track_of_plot=tracks)
+    if not confirmed:
+        return whole
+    return whole[np.isin(whole.track, np.unique(whole.track[whole.confirmed]))]

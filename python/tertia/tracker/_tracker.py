@@ -37,8 +37,8 @@ from tertia.tracker._models import (
     core_radar,
 )
 from tertia.tracker._plots import Plots
-from tertia.tracker._registrar import Registrar
-from tertia.tracker._table import TrackTable
+from tertia.tracker._registrar import Registrar, is_registrable, scans
+from tertia.tracker._table import TrackTable, joined
 
 _State: TypeAlias = (
     "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes]"
@@ -154,11 +154,12 @@ class Tracker:
     clock_period : float, optional
         Seconds after which the clock of the plots starts again, for example 86400 for the time of
         day.
-    registration : bool
+    registration : bool, optional
         Whether to estimate the systematic errors of the radars while tracking, from targets that
-        several of them see, and to correct plots by them. `bias` is what is known by now; what is
-        not known is part of the covariances. Errors of several times the limits are found faster by
-        `tertia.registration.register`.
+        several of them see, and to correct plots by them; by default where there are two radars or
+        more, and one that is not trusted (`bias=Bias()`). `bias` is what is known by now; what is
+        not known is part of the covariances. Errors of several times the limits are found from the
+        first seven scans; the tracks then start anew, with new numbers.
     n_threads : int, optional
         Threads to use for scans of more than a thousand plots per thread; by default all cores. The
         tracks are the same to the last bit.
@@ -222,7 +223,7 @@ class Tracker:
         emergency_codes: Sequence[int] = (),
         lag: float = 0.0,
         clock_period: float | None = None,
-        registration: bool = False,
+        registration: bool | None = None,
         n_threads: int | None = None,
     ) -> None:
         self.n_threads = threads(n_threads)
@@ -256,6 +257,8 @@ class Tracker:
             [plan._route for plan in plans],
             self.lag,
         )
+        if registration is None:
+            registration = is_registrable(self.sensors)
         instance(registration, "registration", bool)
         if registration and lag:
             raise ValueError(
@@ -311,30 +314,58 @@ class Tracker:
 
     def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
-        if not isinstance(plots, Plots):
-            raise TypeError(f"plots is {plots!r}; it must be Plots")
-        reported, bias = plots, None
-        if self._registrar is not None or any(one.bias is not None for one in self.sensors):
-            bias = self.bias
-            plots = bias.correct(plots)
-        instants, end = plots.time, None if time is None else real(time, "time")
+        instance(plots, "plots", Plots)
+        end = None if time is None else real(time, "time")
         if self.clock_period is not None:
-            instants = self._continuous(instants, self.clock_period)
+            plots = replace(plots, time=self._continuous(plots.time, self.clock_period))
             if end is not None:
                 end = float(self._continuous(np.array([end]), self.clock_period)[0])
-        if self._registrar is None or bias is None:
-            found = self._core.track(plots, instants, end, recording, self.n_threads)
-            return TrackTable._of(*found)
-        if recording:
+        if self._registrar is not None:
+            return self._registered(self._registrar, plots, end, recording)
+        rows = "recording" if recording else "confirmed"
+        if any(one.bias is not None for one in self.sensors):
+            plots = self.bias.correct(plots)
+        return self._scan(plots, end, rows)
+
+    def _scan(self, plots: Plots, end: float | None, rows: str) -> TrackTable:
+        """Return rows of tracks from plots without errors."""
+        return TrackTable._of(*self._core.track(plots, plots.time, end, rows, self.n_threads))
+
+    def _registered(
+        self, registrar: Registrar, plots: Plots, end: float | None, recording: bool
+    ) -> TrackTable:
+        """Return rows of tracks, while the errors of the sensors are learned scan by scan."""
+        unknown = (plots.sensor < 0) | (plots.sensor >= len(self.sensors))
+        if np.any(unknown):
             raise ValueError(
-                "registration is for scans as they come; track a recording with the sensors that "
-                "tertia.registration.register finds"
+                f"plots has a plot of sensor {plots.sensor[unknown][0]}; there are "
+                f"{len(self.sensors)} sensors"
             )
-        self._core.set_noise(self._registrar.noise)
-        found = self._core.track(plots, instants, end, recording, self.n_threads)
-        late = np.asarray(bias.time)[reported.sensor]
-        seen = replace(reported, time=instants + late)
-        return self._registrar.learn(seen, TrackTable._of(*found), self._core.time)
+        if recording:
+            registrar.search_recording(plots, _alone)
+        rows, first = "all" if recording else "confirmed", self._core.plots
+        parts = scans(plots.time, registrar.period)
+        tables = []
+        for n, index in enumerate(parts):
+            part, until = plots[index], end if n == len(parts) - 1 else None
+            table = self._learned(registrar, part, until, rows)
+            if not recording and registrar.search(part, self._core.time, _alone):
+                self._core.restart(sum(map(len, registrar.kept)))
+                for again in registrar.kept:
+                    table = self._learned(registrar, again, None, rows)
+            tables.append(table)
+        if len(parts) == 1 and not recording:
+            return tables[0]
+        return joined(tables, np.concatenate(parts), first, confirmed=recording)
+
+    def _learned(
+        self, registrar: Registrar, plots: Plots, end: float | None, rows: str
+    ) -> TrackTable:
+        """Return the rows of a scan, with what is not known of the errors in their covariances."""
+        first = self._core.plots
+        self._core.set_noise(registrar.noise)
+        table = self._scan(registrar.correct(plots), end, rows)
+        return table._with(registrar.learn(plots, first, table, self._core.time))
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:
         """Return continuous times from a clock that starts again, near the earlier ones."""
@@ -595,3 +626,9 @@ def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
     TrackTable(1 tracks, 25 rows)
     """
     return Tracker(sensors, **options)._track(plots, None, True)
+
+
+def _alone(plots: Plots, radar: Radar) -> TrackTable:
+    """Return the tracks of one radar."""
+    own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
+    return track(own, [radar], motion="cv")

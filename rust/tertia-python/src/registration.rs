@@ -67,6 +67,17 @@ pub struct TargetPlots<'py> {
     turn_probability: Input<'py>,
 }
 
+/// Rows of tracks, with their plots; the range is nan where there was none.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct TrackRows<'py> {
+    plots: TargetPlots<'py>,
+    confirmed: PyReadonlyArray1<'py, bool>,
+    position: Input<'py>,
+    velocity: Input<'py>,
+    covariance: Input<'py>,
+}
+
 /// Tracks of single radars at one instant.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -126,6 +137,26 @@ impl TargetPlots<'_> {
             Ok(TargetPlot { report, target: target[i], turn_probability: turning[i] })
         };
         sensor.iter().enumerate().map(plot).collect()
+    }
+}
+
+impl TrackRows<'_> {
+    fn read(&self, radars: usize) -> PyResult<Vec<Update>> {
+        let plots = self.plots.read(radars)?;
+        let position = self.position.points::<2>("position", 1)?;
+        let velocity = self.velocity.points::<2>("velocity", 1)?;
+        let covariance = self.covariance.points::<16>("covariance", 2)?;
+        let confirmed = self.confirmed.as_slice()?;
+        let counts = [position.len(), velocity.len(), covariance.len(), confirmed.len()];
+        same_length(plots.len(), &counts)?;
+        let row = |(i, plot): (usize, TargetPlot)| Update {
+            plot,
+            confirmed: confirmed[i],
+            position: position[i],
+            velocity: velocity[i],
+            covariance: covariance[i],
+        };
+        Ok(plots.into_iter().enumerate().map(row).collect())
     }
 }
 
@@ -277,24 +308,26 @@ pub fn register_errors<'py>(
     ))
 }
 
-/// Errors (K, 4) from which a registration starts, and the standard deviations of its prior.
+/// Errors (K, 4) from which a registration starts, the standard deviations of its prior, and whether
+/// each radar has targets in common with others.
 #[pyfunction]
 pub fn register_start<'py>(
     py: Python<'py>,
     tracks: LoneTracks<'py>,
     radars: Vec<PyRef<'py, Radar>>,
     sigma: Input<'py>,
-) -> PyResult<Levels<'py>> {
+) -> PyResult<(Levels<'py>, Vec<bool>)> {
     let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
     let sigma = sigma.points::<ERRORS>("sigma", 1)?;
     same_length(radars.len(), &[sigma.len()])?;
     let tracks = tracks.read(radars.len())?;
     let found = py.detach(|| core::start(&tracks, &radars, &sigma));
     let k = radars.len();
-    Ok([
+    let levels = [
         array(py, &[k, ERRORS], found.errors.into_flattened())?,
         array(py, &[k, ERRORS], found.prior.into_flattened())?,
-    ])
+    ];
+    Ok((levels, found.paired))
 }
 
 /// The errors of radars, scan by scan.
@@ -312,27 +345,19 @@ impl Registrar {
         Ok(Self(core::Registrar::new(radars, mean, sigma)))
     }
 
-    /// Learns from the plots of rows with these velocities and covariances, until a time; returns what
-    /// the errors add to the covariances, (N, 4, 4).
+    /// Learns from rows of tracks and from plots that no confirmed track has, until a time; returns
+    /// what the errors add to the covariances, (N, 4, 4).
     fn learn<'py>(
         &mut self,
         py: Python<'py>,
-        plots: TargetPlots<'py>,
-        velocity: Input<'py>,
-        covariance: Input<'py>,
+        rows: TrackRows<'py>,
+        loose: TargetPlots<'py>,
         time: f64,
     ) -> PyResult<Array<'py>> {
-        let plots = plots.read(self.0.errors().len())?;
-        let velocity = velocity.points::<2>("velocity", 1)?;
-        let covariance = covariance.points::<16>("covariance", 2)?;
-        same_length(plots.len(), &[velocity.len(), covariance.len()])?;
-        let updates: Vec<Update> = plots
-            .into_iter()
-            .zip(velocity)
-            .zip(covariance)
-            .map(|((plot, velocity), covariance)| Update { plot, velocity, covariance })
-            .collect();
-        let added = py.detach(|| self.0.learn(&updates, time));
+        let radars = self.0.errors().len();
+        let (updates, loose) = (rows.read(radars)?, loose.read(radars)?);
+        let loose: Vec<Report> = loose.iter().map(|plot| plot.report).collect();
+        let added = py.detach(|| self.0.learn(&updates, &loose, time));
         array(py, &[updates.len(), 4, 4], added.into_flattened())
     }
 

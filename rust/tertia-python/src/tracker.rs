@@ -54,26 +54,38 @@ impl PlotTracker {
         self.0.tracker().time()
     }
 
+    /// Number of plots given so far.
+    #[getter]
+    fn plots(&self) -> usize {
+        self.0.tracker().plots()
+    }
+
     /// Sets the standard deviations of range and azimuth of each radar, (K, 2).
     fn set_noise(&mut self, noise: Input<'_>) -> PyResult<()> {
         self.0.tracker_mut().set_noise(&noise.pairs("noise")?).map_err(value_error)
     }
 
-    /// Processes plots at these times, until `end`. Of a recording, all rows of the tracks that are
-    /// confirmed in the end are returned, otherwise those of the tracks that are confirmed by then.
+    /// Begins anew, as if the last plots had not been given.
+    fn restart(&mut self, plots: usize) {
+        self.0.tracker_mut().restart(plots);
+    }
+
+    /// Processes plots at these times, until `end`. Returned are the rows of the tracks that are
+    /// "confirmed" by then, of "all" tracks, or, of a "recording", all rows of the tracks that are
+    /// confirmed in the end.
     fn track<'py>(
         &mut self,
         py: Python<'py>,
         plots: Columns<'py>,
         time: Input<'py>,
         end: Option<f64>,
-        recording: bool,
+        rows: &str,
         n_threads: Threads,
     ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
         let plots = plots.read(&time, self.0.tracker().radars())?;
-        let (mut statuses, mut table) = (Vec::new(), Table::new(recording));
+        let (mut statuses, mut table) = (Vec::new(), Table::new(rows != "confirmed"));
         release(py, plots.len() as f64 * PLOT_NS, || {
-            if !recording {
+            if rows != "recording" {
                 return self.0.track(&plots, end, &mut statuses, &mut table, n_threads);
             }
             self.0.record(&plots, &mut statuses, &mut table, n_threads)?;

@@ -8,7 +8,9 @@
 //! | `row`, `common` | states of the radars' tracks at common instants | O(N log N + M K) |
 //! | `sighting`, `block` | what plots of one target by several radars say of the errors of the radars | O(n K²) |
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
-//! | `live` | the errors scan by scan, and what they add to the covariances of tracks | O(K³) a scan |
+//! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
+//! | `followed` | the tracks, and what the errors add to their covariances | O(R²) a row of R radars |
+//! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
 //! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
 //! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
 
@@ -16,6 +18,7 @@ mod block;
 mod calibration;
 mod common;
 mod correction;
+mod followed;
 mod lines;
 mod live;
 mod noise;
@@ -23,6 +26,7 @@ mod recording;
 mod row;
 mod sighting;
 mod start;
+mod vote;
 
 pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};

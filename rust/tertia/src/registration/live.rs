@@ -5,11 +5,13 @@
 //! but the blocks.
 
 use super::block::Unknowns;
+use super::followed::{Blocks, Followed};
 use super::recording::{Sums, TargetPlot, for_each, numbered, scans};
-use super::sighting::{ERRORS, Errors, Sighting};
+use super::sighting::{ERRORS, Errors, Report, Sighting};
+use super::vote::vote;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
-use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Matrix4, OMatrix, U4, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -23,24 +25,29 @@ const MEMORY: f64 = 150.0;
 const CHANGE_TIME: f64 = 30.0;
 const CHANGE: f64 = 3.0;
 const ODDS: f64 = 1e6;
+/// Variance of the errors of a radar, in that of the prior, that a vote leaves.
+const VOTED: f64 = 0.5;
 /// Distance at which an unknown gain counts as noise of the range, m.
 const FAR: f64 = 80e3;
 /// Speed at which an unknown clock does, m/s.
 const SPEED: f64 = 200.0;
+/// Blocks that are open at once at most: so many targets are enough.
+const OPEN: usize = 64;
 /// Scans of the slowest radar after which a track is forgotten.
 const FORGOTTEN: f64 = 10.0;
 
-/// Position and velocity of a track by the errors.
-type Sensitivity = OMatrix<f64, U4, Dyn>;
-
-/// A row of a track that a plot has updated.
+/// A row of a track.
 #[derive(Clone, Debug)]
 pub struct Update {
-    /// The plot, as the radar reports it.
+    /// The plot, as the radar reports it; its range is nan where there was none.
     pub plot: TargetPlot,
-    /// Velocity of the track, and the covariance of position and velocity, row by row.
+    /// Whether the track is confirmed.
+    pub confirmed: bool,
+    /// Position and velocity of the track.
+    pub position: [f64; 2],
+    /// Metres per second.
     pub velocity: [f64; 2],
-    /// Row by row.
+    /// Their covariance, row by row.
     pub covariance: [f64; 16],
 }
 
@@ -70,7 +77,9 @@ pub struct Registrar {
     redundancy: Vec<[f64; 2]>,
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
-    tracks: BTreeMap<i64, (f64, Sensitivity)>,
+    tracks: BTreeMap<i64, Followed>,
+    /// Plots that no confirmed track has, of the last scans.
+    loose: Vec<Report>,
     recent: Vec<Scan>,
     changes: Vec<(f64, usize)>,
 }
@@ -95,6 +104,7 @@ impl Registrar {
             time: f64::NEG_INFINITY,
             open: BTreeMap::new(),
             tracks: BTreeMap::new(),
+            loose: Vec::new(),
             recent: Vec::new(),
             changes: Vec::new(),
         }
@@ -169,13 +179,31 @@ impl Registrar {
         numbered(&self.sigma)
     }
 
-    /// Learns from rows of confirmed tracks, until a time. Returns what the errors add to the
-    /// covariance of each row.
-    pub fn learn(&mut self, updates: &[Update], time: f64) -> Vec<[f64; 16]> {
+    /// Learns from the rows of tracks and from plots that no confirmed track has, until a time.
+    /// Returns what the errors add to the covariance of each row.
+    pub fn learn(&mut self, updates: &[Update], loose: &[Report], time: f64) -> Vec<[f64; 16]> {
         let longest = scans(&self.radars);
+        let blocks = self.closed(updates, time, longest);
+        self.wander(time);
+        self.step(&blocks, time);
+        let added = self.follow(updates);
+        self.tracks.retain(|_, track| time - track.row_time <= FORGOTTEN * longest);
+        let errors = self.errors();
+        self.loose.retain(|plot| time - plot.time <= longest);
+        self.loose.extend(loose.iter().map(|plot| plot.corrected(&errors[plot.radar])));
+        self.vote(time);
+        added
+    }
+
+    /// The blocks that end by a time.
+    fn closed(&mut self, updates: &[Update], time: f64, longest: f64) -> Vec<Vec<TargetPlot>> {
         let mut closed = Vec::new();
-        for update in updates {
+        let seen = |update: &&Update| update.confirmed && update.plot.report.range.is_finite();
+        for update in updates.iter().filter(seen) {
             let plot = update.plot;
+            if self.open.len() == OPEN && !self.open.contains_key(&plot.target) {
+                continue;
+            }
             let block = self.open.entry(plot.target).or_default();
             if block.first().is_some_and(|first| plot.report.time - first.report.time > longest) {
                 closed.push(std::mem::take(block));
@@ -189,11 +217,36 @@ impl Registrar {
             }
             !ends
         });
-        self.wander(time);
-        self.step(&closed, time);
-        let added = updates.iter().map(|update| self.carry(update)).collect();
-        self.tracks.retain(|_, (last, _)| time - *last <= FORGOTTEN * longest);
-        added
+        closed
+    }
+
+    /// Follows the tracks; returns what the errors add to the covariance of each row.
+    fn follow(&mut self, updates: &[Update]) -> Vec<[f64; 16]> {
+        let unknowns = self.unknowns();
+        let columns: Vec<_> =
+            unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
+        let errors = Blocks::new(&self.covariance, &columns);
+        updates.iter().map(|update| self.carry(update, &unknowns, &errors)).collect()
+    }
+
+    /// Moves the errors of a radar where most of its tracks miss their plots in the same way.
+    fn vote(&mut self, time: f64) {
+        let unknowns = self.unknowns();
+        for (k, own) in unknowns.iter().enumerate() {
+            let found = vote(self.tracks.values(), &self.loose, (k, &self.radars[k]), time);
+            let (Some(moved), [Some(range), _, Some(azimuth), _]) = (found, *own) else {
+                continue;
+            };
+            for ((column, sigma), moved) in [range, azimuth].into_iter().zip(moved) {
+                self.mean[column] += moved / sigma;
+            }
+            for (column, _) in own.iter().flatten() {
+                self.covariance[(*column, *column)] += VOTED;
+            }
+            self.loose.retain(|plot| plot.radar != k);
+            self.recent.clear();
+            self.changes.push((time, k));
+        }
     }
 
     /// Lets the errors wander.
@@ -293,21 +346,13 @@ impl Registrar {
     }
 
     /// What the errors add to the covariance of a row: the gains of the track carry them on.
-    fn carry(&mut self, update: &Update) -> [f64; 16] {
+    fn carry(&mut self, update: &Update, unknowns: &Unknowns, errors: &Blocks) -> [f64; 16] {
         let report = &update.plot.report;
-        let order = self.mean.len();
-        let (last, sensitivity) = self
-            .tracks
-            .entry(update.plot.target)
-            .or_insert_with(|| (report.time, Sensitivity::zeros(order)));
-        let ahead = (report.time - *last).max(0.0);
-        for axis in 0..2 {
-            let moved = sensitivity.row(axis) + ahead * sensitivity.row(axis + 2);
-            sensitivity.set_row(axis, &moved);
-        }
-        *last = report.time;
-        let radar = &self.radars[report.radar];
-        if let Some(seen) = Sighting::new(report, report.height, radar, self.factor[report.radar]) {
+        let begin = || Followed::new(report.time);
+        let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
+        track.advance(report.time);
+        let (radar, factor) = (&self.radars[report.radar], self.factor[report.radar]);
+        if let Some(seen) = Sighting::new(report, report.height, radar, factor) {
             let covariance = Matrix4::from_row_slice(&update.covariance);
             let axes = Matrix2::from_columns(&seen.axes);
             let weights = Matrix2::from_diagonal(&Vector2::new(
@@ -315,23 +360,21 @@ impl Registrar {
                 seen.sigma[1].powi(-2),
             ));
             let gain = covariance.fixed_columns::<2>(0) * axes * weights * axes.transpose();
-            let mut moved = -sensitivity.fixed_rows::<2>(0).into_owned();
+            let gain: [[f64; 2]; 4] = std::array::from_fn(|i| [gain[(i, 0)], gain[(i, 1)]]);
+            let mut own = [[0.0; ERRORS]; 2];
             let design = seen.design(update.velocity.into());
-            for (j, unknown) in numbered(&self.sigma)[report.radar].iter().enumerate() {
-                if let Some((column, sigma)) = *unknown {
-                    let own = axes * Vector2::new(design[0][j], design[1][j]) * sigma;
-                    for side in 0..2 {
-                        moved[(side, column)] += own[side];
-                    }
+            for (j, unknown) in unknowns[report.radar].iter().enumerate() {
+                if let Some((_, sigma)) = *unknown {
+                    let moved = axes * Vector2::new(design[0][j], design[1][j]) * sigma;
+                    (own[0][j], own[1][j]) = (moved[0], moved[1]);
                 }
             }
-            *sensitivity += gain * moved;
+            track.update(report.radar, &gain, &own);
+            if update.confirmed {
+                track.see(report.time, report.radar, update.position, update.velocity);
+            }
         }
-        let added = &*sensitivity * &self.covariance * sensitivity.transpose();
-        std::array::from_fn(|i| {
-            let (row, column) = (i / 4, i % 4);
-            0.5 * (added[(row, column)] + added[(column, row)])
-        })
+        track.added(errors)
     }
 }
 
@@ -357,11 +400,14 @@ mod tests {
         let seen = Sighting::new(&report, height, &registrar.radars[0], [1.0; 2]).unwrap();
         let design = seen.design(velocity.into());
         let axes = Matrix2::from_columns(&seen.axes);
-        let before = Sensitivity::from_fn(4, |i, j| {
-            let own = axes * Vector2::new(design[0][j], design[1][j]) * PRIOR[j];
-            if i < 2 { 0.5 * own[i] } else { 0.0 }
-        });
-        registrar.tracks.insert(1, (0.0, before));
+        let mut half = [[0.0; ERRORS]; 2];
+        for (j, prior) in PRIOR.iter().enumerate() {
+            let own = axes * Vector2::new(design[0][j], design[1][j]) * *prior;
+            (half[0][j], half[1][j]) = (0.5 * own[0], 0.5 * own[1]);
+        }
+        let mut track = Followed::new(0.0);
+        track.update(0, &[[1.0, 0.0], [0.0, 1.0], [0.0; 2], [0.0; 2]], &half);
+        registrar.tracks.insert(1, track);
         // the predicted covariance, corrected by the plot
         let mut p = Matrix4::from_diagonal(&[900.0, 1600.0, 25.0, 25.0].into());
         for axis in 0..2 {
@@ -376,22 +422,23 @@ mod tests {
         let corrected = p - gain * p.fixed_rows::<2>(0);
         let covariance = std::array::from_fn(|i| corrected[(i / 4, i % 4)]);
         let plot = TargetPlot { report, target: 1, turn_probability: 0.0 };
-        let added = registrar.carry(&Update { plot, velocity, covariance });
+        let (confirmed, position) = (true, [0.0; 2]);
+        let update = Update { plot, confirmed, position, velocity, covariance };
+        let added = registrar.follow(&[update])[0];
+        close(added[0] + corrected[(0, 0)], 1020.719237257);
+        close(added[1] + corrected[(0, 1)], 20.87698829836);
+        close(added[5] + corrected[(1, 1)], 1455.49754268);
         let expected = [
             [37.57517266496, 10.14448506073, 40.48868928593, -10.93922690507],
             [56.01444323224, 15.12268985752, -32.35202152351, -6.74605805618],
             [0.8416858516619, 0.2272370009886, 0.6202338051158, -0.2154696561192],
             [1.000902702015, 0.2702221117752, -0.3857551714744, -0.1403786285112],
         ];
-        let (_, carried) = &registrar.tracks[&1];
         for (i, row) in expected.iter().enumerate() {
             for (j, value) in row.iter().enumerate() {
-                close(carried[(i, j)], *value);
+                close(registrar.tracks[&1].parts[0].2[i][j], *value);
             }
         }
-        close(added[0] + corrected[(0, 0)], 1020.719237257);
-        close(added[1] + corrected[(0, 1)], 20.87698829836);
-        close(added[5] + corrected[(1, 1)], 1455.49754268);
     }
 
     #[test]

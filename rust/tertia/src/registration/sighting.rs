@@ -58,12 +58,13 @@ pub(super) struct Sighting {
 }
 
 impl Sighting {
-    /// Of a plot without errors, at its height or another; none where the target is overhead.
+    /// Of a plot without errors, at its height or another; none where there is none, or the target is
+    /// overhead.
     /// `factor` multiplies the standard deviations that the radar states.
     pub fn new(plot: &Report, height: f64, radar: &Radar, factor: [f64; 2]) -> Option<Self> {
         let up = if height.is_finite() { height - radar.position[2] } else { 0.0 };
         let squared = plot.range * plot.range - up * up;
-        if plot.range <= 0.0 || squared <= (OVERHEAD * plot.range).powi(2) {
+        if plot.range.is_nan() || plot.range <= 0.0 || squared <= (OVERHEAD * plot.range).powi(2) {
             return None;
         }
         let ground = squared.sqrt();

@@ -25,9 +25,15 @@ const IDENTITIES: f64 = 6.0;
 /// Logarithms of the odds that one radar has large errors, or all have, over none.
 const ONE: f64 = -3.0;
 const ALL: f64 = -6.0;
+/// Tracks of a radar that are compared with all others, and of these the ones with a possible pair
+/// that are enough.
+const COMPARED: usize = 200;
+const ENOUGH: usize = 40;
 /// Pairs from which a chain begins, and pairs that a chain needs.
-const CHAINS: usize = 200;
+const CHAINS: usize = 60;
 const FEWEST: usize = 3;
+/// Share of the tracks that a chain has if it is right beyond doubt.
+const COMPLETE: f64 = 0.8;
 
 /// Errors of two radars.
 const BOTH: usize = 2 * ERRORS;
@@ -55,6 +61,8 @@ pub struct Start {
     pub errors: Vec<Errors>,
     /// Standard deviations of the prior: those given, wider for a radar that has large errors.
     pub prior: Vec<Errors>,
+    /// Whether each radar has targets in common with others.
+    pub paired: Vec<bool>,
 }
 
 /// A pair of tracks of two radars.
@@ -105,7 +113,10 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
         .unwrap_or((0.0, vec![false; count], DVector::zeros(order)));
     let value = |k: usize, j: usize| errors[ERRORS * k + j] * prior[k][j];
     let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { WIDE[j] } else { 1.0 };
+    let of = |track: usize, k: usize| tracks[track].radar == k;
+    let paired = |k| pairs.iter().any(|pair| of(pair.first, k) || of(pair.second, k));
     Start {
+        paired: (0..count).map(paired).collect(),
         errors: (0..count).map(|k| std::array::from_fn(|j| value(k, j))).collect(),
         prior: (0..count).map(|k| std::array::from_fn(|j| sigma(k, j))).collect(),
     }
@@ -137,24 +148,51 @@ fn associated(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Vec<Pair>
     for k in order {
         let own: Vec<usize> = of(k).collect();
         let density = (own.len() as f64 / area(tracks)).ln();
-        let pairs: Vec<Pair> = own
-            .iter()
-            .flat_map(|&first| targets.iter().map(move |&second| (first, second)))
-            .filter_map(|(first, second)| pair(tracks, first, second, radars, prior))
-            .collect();
-        let step = pairs.len().div_ceil(CHAINS).max(1);
-        let best = (0..pairs.len())
-            .step_by(step)
-            .map(|begin| chain(&pairs, begin, density, ERRORS * radars.len()))
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let chain: Vec<Pair> = match best {
-            Some((_, chain)) if chain.len() >= FEWEST => chain,
-            _ => Vec::new(),
-        };
+        let pairs = possible(tracks, &own, &targets, radars, prior);
+        let chain = best_chain(&pairs, density, ERRORS * radars.len());
         targets.extend(own.iter().filter(|&&i| chain.iter().all(|pair| pair.first != i)));
         found.extend(chain);
     }
     found
+}
+
+/// The possible pairs of some of the own tracks with others.
+fn possible(
+    tracks: &[Alone],
+    own: &[usize],
+    others: &[usize],
+    radars: &[Radar],
+    prior: &[Errors],
+) -> Vec<Pair> {
+    let (mut found, mut paired) = (Vec::new(), 0);
+    for &first in own.iter().step_by(own.len().div_ceil(COMPARED).max(1)) {
+        let before = found.len();
+        found
+            .extend(others.iter().filter_map(|&second| pair(tracks, first, second, radars, prior)));
+        paired += usize::from(found.len() > before);
+        if paired == ENOUGH {
+            break;
+        }
+    }
+    found
+}
+
+/// The most likely chain; empty if it is too short.
+fn best_chain(pairs: &[Pair], density: f64, order: usize) -> Vec<Pair> {
+    let mut firsts: Vec<usize> = pairs.iter().map(|pair| pair.first).collect();
+    firsts.dedup();
+    let complete = FEWEST.max((COMPLETE * firsts.len() as f64).ceil() as usize);
+    let mut best = (f64::NEG_INFINITY, Vec::new());
+    for begin in (0..pairs.len()).step_by(pairs.len().div_ceil(CHAINS).max(1)) {
+        let found = chain(pairs, begin, density, order);
+        if found.0 > best.0 {
+            best = found;
+        }
+        if best.1.len() >= complete {
+            break;
+        }
+    }
+    if best.1.len() >= FEWEST { best.1 } else { Vec::new() }
 }
 
 /// Square metres over which the tracks are.
@@ -187,6 +225,11 @@ fn pair(
             |c: &[f64; 16]| Matrix2::new(c[5 * at], c[5 * at + 1], c[5 * at + 4], c[5 * at + 5]);
         of(&a.covariance) + of(&b.covariance)
     };
+    let speeds = difference[2].powi(2) + difference[3].powi(2);
+    let variances = [10, 15].map(|at| a.covariance[at] + b.covariance[at] + SPARE_SPEED.powi(2));
+    if speeds > VELOCITIES * (variances[0] + variances[1]) {
+        return None;
+    }
     let velocity = part(2) + Matrix2::identity() * (SPARE_SPEED * SPARE_SPEED);
     let off = Vector2::new(difference[2], difference[3]);
     if form(&velocity, off)? > VELOCITIES {

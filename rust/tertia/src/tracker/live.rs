@@ -200,6 +200,17 @@ impl Tracker {
         Ok(())
     }
 
+    /// Begins anew, as if the last plots had not been given: without tracks, but with numbers of tracks
+    /// that were not used before.
+    pub fn restart(&mut self, plots: usize) {
+        self.tracks.clear();
+        for clutter in &mut self.clutter {
+            *clutter = Clutter::new(self.settings.clutter_density);
+        }
+        (self.time, self.stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        self.plots = self.plots.saturating_sub(plots);
+    }
+
     /// Time until which everything is processed, s; negative infinity at first.
     pub fn time(&self) -> f64 {
         self.time

@@ -1,0 +1,102 @@
+"""Systematic errors of radars that are far larger than expected, from the tracks of each alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray
+from tertia.sensors import Bias, Radar
+from tertia.sensors._bias import KINDS
+from tertia.sensors._sensors import own_biases
+from tertia.tracker._models import core_radar
+from tertia.tracker._table import TrackTable
+
+# a track says something for so many scan periods after its last plot
+_AGE = 2.5
+# acceleration of a target since its last plot, straight on and in a turn, m/s2
+_STRAIGHT, _TURN = 0.1, 3.0
+
+
+def start(alone: Sequence[TrackTable], radars: Sequence[Radar]) -> tuple[Bias, BoolArray]:
+    """Return errors from which to start, and how well they are known before.
+
+    The tracks of each radar alone are compared at the time at which most pairs can be. Returned is
+    also whether a radar has targets in common with others, (K,).
+    """
+    prior = own_biases(radars)
+    sigma = columns_of(prior, "_sigma")
+    tables = [table[table.confirmed] for table in alone]
+    ages = [_AGE * radar.scan_period for radar in radars]
+    time = _time_of_most_pairs(tables, ages)
+    if time is None:
+        return prior, np.zeros(len(radars), dtype=bool)
+    tracks = [
+        _at(table, time, k, age) for k, (table, age) in enumerate(zip(tables, ages, strict=True))
+    ]
+    joined = {name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]}
+    (value, wide), paired = _core.register_start(joined, [core_radar(one) for one in radars], sigma)
+    return bias_of(columns_of(prior) + value, wide), np.array(paired)
+
+
+def columns_of(bias: Bias, suffix: str = "") -> FloatArray:
+    """Return the errors of K radars, or their standard deviations, (K, 4)."""
+    return np.stack([np.asarray(getattr(bias, kind + suffix)) for kind in KINDS], axis=-1)
+
+
+def bias_of(value: FloatArray, sigma: FloatArray) -> Bias:
+    """Return the errors of K radars from (K, 4) numbers."""
+    columns: dict[str, Any] = {}
+    for j, kind in enumerate(KINDS):
+        columns |= {kind: value[:, j], f"{kind}_sigma": sigma[:, j]}
+    return Bias(**columns)
+
+
+def _time_of_most_pairs(tables: Sequence[TrackTable], ages: Sequence[float]) -> float | None:
+    """Return the time at which most tracks of radars have a track of another one beside them."""
+    known = [table.time for table in tables if len(table)]
+    if len(known) < 2:
+        return None
+    first, last = min(map(np.min, known)), max(map(np.max, known))
+    times = np.arange(first + max(ages), last + max(ages), max(ages))[:10_000]
+    counts = np.zeros((len(tables), len(times)), dtype=np.int64)
+    for k, (table, age) in enumerate(zip(tables, ages, strict=True)):
+        # a track is there from its first row until some time after its last one
+        order = np.argsort(table.track, kind="stable")
+        track, time = table.track[order], table.time[order]
+        first_row = np.flatnonzero(np.diff(track, prepend=-1))
+        if len(first_row):
+            begin = np.minimum.reduceat(time, first_row)
+            end = np.maximum.reduceat(time, first_row) + age
+            counts[k] = np.searchsorted(np.sort(begin), times, side="right")
+            counts[k] -= np.searchsorted(np.sort(end), times, side="left")
+    pairs = counts.sum(axis=0) - counts.max(axis=0)
+    best = int(np.argmax(pairs))
+    return float(times[best]) if pairs[best] > 0 else None
+
+
+def _at(table: TrackTable, time: float, sensor: int, age: float) -> dict[str, Any]:
+    """Return the tracks of a radar at a time, straight on from their last rows."""
+    rows = np.flatnonzero((table.time <= time) & (table.time > time - age))
+    rows = rows[np.argsort(table.time[rows], kind="stable")]
+    _, newest = np.unique(table.track[rows][::-1], return_index=True)
+    rows = rows[::-1][newest]
+    ahead = (time - table.time[rows])[:, np.newaxis]
+    position = table.position[rows] + ahead * table.velocity[rows]
+    turning = table.turn_probability[rows]
+    variance = (1 - turning) * _STRAIGHT**2 + turning * _TURN**2
+    move = np.tile(np.eye(4), (len(rows), 1, 1))
+    move[:, 0, 2] = move[:, 1, 3] = ahead[:, 0]
+    push = np.stack([ahead[:, 0] ** 2 / 2, ahead[:, 0]], axis=-1)
+    noise = np.einsum("n,ni,nj,ab->niajb", variance, push, push, np.eye(2)).reshape(-1, 4, 4)
+    covariance = move @ table.covariance[rows] @ np.swapaxes(move, 1, 2) + noise
+    return {
+        "sensor": np.full(len(rows), sensor),
+        "identity": np.ascontiguousarray(table.identity[rows]),
+        "state": np.hstack([position, table.velocity[rows]]),
+        "covariance": np.ascontiguousarray(covariance),
+        "height": np.ascontiguousarray(table.height[rows]),
+    }

@@ -1,0 +1,137 @@
+//! Sudden changes of a radar's errors that are larger than the gates, by a vote of the tracks whose
+//! plots are missing.
+//!
+//! A track that the radar saw before votes for the distance to each plot near it that no track has.
+//! Where most of them agree, the radar has moved, and not the targets. Cost O(V²) for V votes,
+//! of 200 tracks at most.
+
+use super::followed::Followed;
+use super::sighting::Report;
+use crate::base::angle::{median, nearest};
+use crate::sensors::Radar;
+use std::f64::consts::TAU;
+
+/// Scans of the radar in which a track has a plot, or misses it.
+const WINDOW: f64 = 1.3;
+/// Scans in which the radar has seen a track that it covers.
+const COVERED: f64 = 6.0;
+/// Share of the tracks that have a plot where nothing has changed, and tracks that this takes.
+const SEEN: f64 = 0.75;
+const TRACKS: usize = 6;
+/// Tracks that vote at most.
+const VOTERS: usize = 200;
+/// Tracks that must agree, and their share of those that miss a plot.
+const FEWEST: usize = 4;
+const AGREEING: f64 = 0.5;
+/// Largest change, in metres and radians.
+const FAR: f64 = 2500.0;
+const WIDE: f64 = 0.035;
+/// Standard deviations of a plot within which votes agree.
+const AGREED: f64 = 3.9;
+
+/// By how much the range (m) and the azimuth (rad) of radar `k` have changed at this time, if they
+/// have. `loose` are the plots that no confirmed track has, without the errors known.
+pub(super) fn vote<'a>(
+    tracks: impl Iterator<Item = &'a Followed>,
+    loose: &[Report],
+    (k, radar): (usize, &Radar),
+    time: f64,
+) -> Option<[f64; 2]> {
+    let (since, covered) = (time - WINDOW * radar.scan_period, time - COVERED * radar.scan_period);
+    let covered: Vec<&Followed> = tracks.filter(|track| track.seen_by(k) >= covered).collect();
+    let missing: Vec<&&Followed> =
+        covered.iter().filter(|track| track.seen_by(k) < since).collect();
+    let seen = covered.len() - missing.len();
+    if covered.len() < TRACKS || seen as f64 > SEEN * covered.len() as f64 {
+        return None;
+    }
+    let own: Vec<&Report> = loose
+        .iter()
+        .filter(|plot| plot.radar == k && plot.time >= since && plot.time <= time)
+        .collect();
+    let votes: Vec<(usize, [f64; 2])> = missing
+        .iter()
+        .take(VOTERS)
+        .enumerate()
+        .flat_map(|(i, track)| own.iter().map(move |plot| (i, off(track, plot, radar))))
+        .filter(|(_, [range, azimuth])| range.abs() < FAR && azimuth.abs() < WIDE)
+        .collect();
+    let sigma = [radar.range_sigma, radar.azimuth_sigma];
+    let agreeing = |centre: &[f64; 2]| {
+        let near = |vote: &[f64; 2]| {
+            (0..2).all(|axis| (vote[axis] - centre[axis]).abs() < AGREED * sigma[axis])
+        };
+        let mut found: Vec<(usize, [f64; 2])> =
+            votes.iter().filter(|(_, vote)| near(vote)).copied().collect();
+        found.dedup_by_key(|(track, _)| *track);
+        found
+    };
+    let best = votes.iter().map(|(_, centre)| agreeing(centre)).max_by_key(Vec::len)?;
+    let enough = FEWEST.max((AGREEING * missing.len().min(VOTERS) as f64).ceil() as usize);
+    let middle = |axis: usize| {
+        let mut all: Vec<f64> = best.iter().map(|(_, vote)| vote[axis]).collect();
+        median(&mut all)
+    };
+    (best.len() >= enough).then(|| [middle(0), middle(1)])
+}
+
+/// Range and azimuth of a plot less those of the track at its time.
+fn off(track: &Followed, plot: &Report, radar: &Radar) -> [f64; 2] {
+    let ahead = plot.time - track.time;
+    let [east, north] =
+        [0, 1].map(|i| track.position[i] + ahead * track.velocity[i] - radar.position[i]);
+    let up = if plot.height.is_finite() { plot.height - radar.position[2] } else { 0.0 };
+    let range = east.hypot(north).hypot(up);
+    [plot.range - range, nearest(plot.azimuth - east.atan2(north), 0.0, TAU)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sighting::tests::radar;
+    use super::*;
+
+    /// Ten tracks on a line; the radar has seen so many, and the others half a degree beside.
+    fn scene(seen: usize) -> (Vec<Followed>, Vec<Report>) {
+        let (mut tracks, mut loose) = (Vec::new(), Vec::new());
+        for i in 0..10 {
+            let (azimuth, range) = (0.5 + 0.1 * f64::from(i), 4e4 + 3e3 * f64::from(i));
+            let position = [range * azimuth.sin(), range * azimuth.cos()];
+            let last = if (i as usize) < seen { 40.0 } else { 35.0 };
+            let mut track = Followed::new(last);
+            track.see(last, 0, position, [0.0; 2]);
+            tracks.push(track);
+            if i as usize >= seen {
+                let (range, azimuth) = (range + 100.0, azimuth + 0.5_f64.to_radians());
+                loose.push(Report { radar: 0, time: 39.5, range, azimuth, height: f64::NAN });
+            }
+        }
+        (tracks, loose)
+    }
+
+    fn voted(seen: usize) -> Option<[f64; 2]> {
+        let (tracks, loose) = scene(seen);
+        vote(tracks.iter(), &loose, (0, &radar([0.0; 3], 50.0, 0.08)), 41.0)
+    }
+
+    #[test]
+    fn a_radar_that_has_moved() {
+        for seen in [0, 4] {
+            let [range, azimuth] = voted(seen).unwrap();
+            assert!((range - 100.0).abs() < 1e-6);
+            assert!((azimuth - 0.5_f64.to_radians()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn missing_plots_are_no_change() {
+        // most tracks have their plot, or those that miss one do not agree
+        assert_eq!(voted(8), None);
+        let (tracks, mut loose) = scene(0);
+        for (i, plot) in loose.iter_mut().enumerate() {
+            plot.range += 400.0 * i as f64;
+        }
+        let radar = radar([0.0; 3], 50.0, 0.08);
+        assert_eq!(vote(tracks.iter(), &loose, (0, &radar), 41.0), None);
+        assert_eq!(vote(tracks.iter(), &[], (0, &radar), 41.0), None);
+    }
+}
