@@ -155,7 +155,10 @@ def make(
         raise ValueError("bearings need stations")
 
     def run(own: Plots, sites: Sequence[Radar]) -> TrackTable:
-        return tracker.track(own, sites, motion=motion, plans=plans, **options)
+        # errors are estimated here, from the whole recording
+        return tracker.track(
+            own, sites, motion=motion, plans=plans, **({"registration": False} | options)
+        )
 
     def quiet(what: str, share: float) -> None:
         pass

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia import tracker
 from tertia._arrays import FloatArray
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
 from tertia.geo import SystemPlane
-from tertia.sensors import Radar
+from tertia.sensors import Bias, Radar
+from tertia.sensors._sensors import own_biases
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
 from tertia.tables._records import (
@@ -34,6 +34,7 @@ from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
+from tertia.tracker._tracker import tracked
 
 PLOTS: Schema = {
     "time": TIME,
@@ -52,6 +53,13 @@ _STATE = (
     ("velocity_east", "m_s"),
     ("velocity_north", "m_s"),
 )
+# systematic errors: their columns, units and scales
+_ERRORS = {
+    "range": ("range_bias", "_m", 1.0),
+    "range_gain": ("range_gain", "", 1.0),
+    "azimuth": ("azimuth_bias", "_deg", 180.0 / np.pi),
+    "time": ("time_bias", "_s", 1.0),
+}
 _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 
@@ -67,11 +75,12 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """A recording, its tracks, and the processing time."""
+    """A recording, its tracks, the errors of the sensors in the end, and the processing time."""
 
     recording: Recording
     plans: Sequence[FlightPlan]
     table: TrackTable
+    bias: Bias
     seconds: float
 
     @property
@@ -106,6 +115,18 @@ class Tracking:
         schema: dict[str, Any] = {"sensor": pl.String}
         schema |= {f"{name}_count": pl.Int64 for name in counts}
         return pl.DataFrame(rows, schema | {"update_probability": pl.Float64}, orient="row")
+
+    @property
+    def errors(self) -> pl.DataFrame:
+        """One row per sensor: its systematic errors; null where the plots do not determine them."""
+        prior = own_biases(self.recording.sensors.items)
+        columns: dict[str, Any] = {"sensor": list(self.recording.sensors.names)}
+        for kind, (name, unit, scale) in _ERRORS.items():
+            value, sigma = (np.asarray(getattr(self.bias, kind + end)) for end in ("", "_sigma"))
+            found = sigma < 0.5 * np.asarray(getattr(prior, f"{kind}_sigma"))
+            columns[f"{name}{unit}"] = known(np.where(found, scale * value, np.nan))
+            columns[f"{name}_sigma{unit}"] = known(np.where(found, scale * sigma, np.nan))
+        return pl.DataFrame(columns)
 
     def summary(self) -> dict[str, Any]:
         """Return measures of the whole recording."""
@@ -242,8 +263,8 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
     if recording.identity == "mode_3a":
         options = {"emergency_codes": _EMERGENCIES} | options
     start = time.perf_counter()
-    table = tracker.track(plots, radars.items, plans=plans, **options)
-    found = Tracking(recording, plans, table, time.perf_counter() - start)
+    table, bias = tracked(plots, radars.items, plans=plans, **options)
+    found = Tracking(recording, plans, table, bias, time.perf_counter() - start)
     if len(plots) and np.all(table.track_of_plot < 0):
         raise RecordError(f"no plot can be used: {'; '.join(found.refused)}")
     return found

@@ -258,7 +258,7 @@ class Tracker:
             self.lag,
         )
         if registration is None:
-            registration = is_registrable(self.sensors)
+            registration = not self.lag and is_registrable(self.sensors)
         instance(registration, "registration", bool)
         if registration and lag:
             raise ValueError(
@@ -625,7 +625,13 @@ def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
     >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     TrackTable(1 tracks, 25 rows)
     """
-    return Tracker(sensors, **options)._track(plots, None, True)
+    return tracked(plots, sensors, **options)[0]
+
+
+def tracked(plots: Plots, sensors: Sequence[Radar], **options: Any) -> tuple[TrackTable, Bias]:
+    """Return the tracks of a recording, and the errors of the sensors as they are known then."""
+    tracker = Tracker(sensors, **options)
+    return tracker._track(plots, None, True), tracker.bias
 
 
 def _alone(plots: Plots, radar: Radar) -> TrackTable:

@@ -1,7 +1,8 @@
 """`tertia track`: tracks from the plots of radars."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -24,6 +25,8 @@ from tertia.cli.terminal.options import (
     pair,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
+from tertia.sensors import Bias, Radar
+from tertia.tables import Sensors
 from tertia.tables._track import Tracking, recording_of, tracks_of
 from tertia.tracker import AssociationName, MotionName, PlanModel, Tracker
 
@@ -35,6 +38,14 @@ EXAMPLES = (
     "tertia track north.csv south.csv --sensors radars.csv --column range_nm=rho --coasting 3",
 )
 _FIGURE_SIZE = (11.0, 9.0)
+# errors of radars, their sigmas, what they are and their units
+_ERRORS = (
+    ("range_bias_m", "range_bias_sigma_m", "range", "m"),
+    ("range_gain", "range_gain_sigma", "range gain", ""),
+    ("azimuth_bias_deg", "azimuth_bias_sigma_deg", "azimuth", "deg"),
+    ("time_bias_s", "time_bias_sigma_s", "time", "s"),
+)
+Switch = Literal["on", "off"]
 
 
 def track(
@@ -81,6 +92,17 @@ def track(
         ),
     ] = 0.0,
     clock_period: ClockPeriod = None,
+    registration: Annotated[
+        Switch | None,
+        typer.Option(
+            help="Find the systematic errors of the radars and take them out; by default where "
+            "there are two radars or more."
+        ),
+    ] = None,
+    trusted: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A radar without systematic errors; may be repeated."),
+    ] = None,
     n_threads: Threads = None,
     output: MapOutput = None,
     plot_file: PlotFile = None,
@@ -127,6 +149,7 @@ def track(
         "gate_probability": gate_probability,
         "lag": lag,
         "clock_period": clock_period,
+        "registration": None if registration is None else registration == "on",
         "n_threads": n_threads,
     }
     given = files or []
@@ -134,7 +157,7 @@ def track(
         if output is not None or plot_file is not None:
             fail("a stream goes to standard output; it has no --output or --plot")
         source = streams.source(given, latency)
-        radars = read.read_radars(sensors, flat=flat)
+        radars = _trusting(read.read_radars(sensors, flat=flat), trusted)
         filed = read.read_plans(plans, place, radars)
         frame = read.plan_frame(place, radars)
         tracker = Tracker(radars.items, plans=filed, **options)
@@ -156,7 +179,7 @@ def track(
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
     write.check_suffixes(output, plot_file, maps=[*maps.SUFFIXES, *write.ASTERIX])
     plots = read.plots(*given)
-    radars = read.read_radars(sensors, plots, flat=flat)
+    radars = _trusting(read.read_radars(sensors, plots, flat=flat), trusted)
     maps.check(output, radars)
     filed = read.read_plans(plans, place, radars)
     recording = recording_of(plots, radars, columns)
@@ -176,6 +199,18 @@ def track(
     return summary | {"sensors": tracking.sensors.to_dicts()}
 
 
+def _trusting(radars: Sensors[Radar], trusted: list[str] | None) -> Sensors[Radar]:
+    """Return the radars, of which the trusted ones have no systematic errors."""
+    for name in trusted or []:
+        if name not in radars.names:
+            fail(f"--trusted {name!r}: there is no such radar", WRONG_USAGE)
+    items = [
+        replace(one, bias=Bias()) if name in (trusted or []) else one
+        for name, one in zip(radars.names, radars.items, strict=True)
+    ]
+    return replace(radars, items=items)
+
+
 def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
     origin = tracking.recording.sensors.origin()
     if origin is not None:
@@ -192,6 +227,14 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
         )
     for reason, count in summary["refused_count"].items():
         typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
+    for radar in tracking.errors.iter_rows(named=True):
+        found = ", ".join(
+            f"{words} {radar[name]:+.3g} ± {radar[sigma]:.2g} {unit}"
+            for name, sigma, words, unit in _ERRORS
+            if radar[name] is not None
+        )
+        if found:
+            typer.echo(f"  {radar['sensor']}: taken out {found}")
     rate = summary["plot_count"] / summary["tracking_s"]
     typer.echo(f"  {rate:,.0f} plots tracked per second")
     if not tracks:

@@ -207,6 +207,8 @@ impl Tracker {
         for clutter in &mut self.clutter {
             *clutter = Clutter::new(self.settings.clutter_density);
         }
+        self.waiting.clear();
+        self.level = Level::default();
         (self.time, self.stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         self.plots = self.plots.saturating_sub(plots);
     }
