@@ -194,7 +194,8 @@ def test_a_wrong_clock_does_not_stop_the_others(sites: Path, write: Callable[...
     assert err == f"1 plot refused: {PlotStatus.CLOCK_ERROR.message}\n"
     found = pl.read_csv(io.StringIO(out), infer_schema_length=None)
     assert found["track"].n_unique() == len(np.unique(joined(expected(SCAN / 4), "track")))
-    assert found["time_s"].max() == SEEN["time_s"].max()
+    # less the error of a clock
+    assert found["time_s"].max() == pytest.approx(SEEN["time_s"].max(), abs=0.2)
 
 
 def test_dates_and_clocks_that_begin_again(sites: Path, write: Callable[..., Path]) -> None:

@@ -268,7 +268,7 @@ def test_radars_on_the_earth(write: Write, tmp_path: Path) -> None:
             azimuth, _, ground = earth.inv(longitude, latitude, 2.7, 50.5 + 0.001 * time)
             rows.append(f"{time},{name},{ground},{azimuth % 360}")
     seen = write(rows, "time_s,sensor,range_m,azimuth_deg")
-    frame = tracks(seen, "--sensors", path, folder=tmp_path)
+    frame = tracks(seen, "--sensors", path, "--registration", "off", folder=tmp_path)
     assert frame["track"].n_unique() == 1
     settled = frame.filter(pl.col("time_s") > 40.0)
     _, _, off = earth.inv(

@@ -133,7 +133,7 @@ class Registrar:
         self.kept = [one for one in self.kept if np.max(one.time) > time - span]
         if len(plots) and np.any(np.isfinite(plots.time)):
             self.kept.append(plots)
-        if time < self._due:
+        if time < self._due or not self.kept:
             return False
         self._due = self._begin + 2.0 * (self._due - self._begin)
         found = self._vote(_joined(self.kept), alone)

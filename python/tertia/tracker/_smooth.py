@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,9 @@ from tertia.sensors import Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._plots import NO_IDENTITY, Plots
+from tertia.tracker._registrar import is_registrable
 from tertia.tracker._table import TrackTable
-from tertia.tracker._tracker import track
+from tertia.tracker._tracker import track, tracked
 
 # tracks of one identity are one target's if no more than this lies between them, in seconds, at
 # speeds of aircraft, in metres per second, with an allowance for the errors of both ends, in metres
@@ -178,7 +179,8 @@ def smooth_tracks(
         Motion model of the targets: straight flight and turns as given, and changes of speed; or
         straight flight alone.
     registration : tertia.registration.Registration, optional
-        Its radars, with estimated biases and noise, are used in place of `sensors`.
+        Its radars, with estimated biases and noise, are used in place of `sensors`. By default,
+        without `tracks`, biases are those that tracking finds by the end.
     time : array_like of shape (T,), optional
         Further times of states, in seconds.
     every : float, optional
@@ -243,7 +245,10 @@ def smooth_tracks(
                 f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
             )
     if tracks is None:
-        tracks = track(plots, sites, motion=motion)
+        if registration is None and is_registrable(sites):
+            _, bias = tracked(plots, sites, motion=motion)
+            sites = tuple(replace(one, bias=bias[k]) for k, one in enumerate(sites))
+        tracks = track(plots, sites, motion=motion, registration=False)
         radars = sites
     instance(tracks, "tracks", TrackTable)
     known = np.flatnonzero(tracks.plot >= 0)

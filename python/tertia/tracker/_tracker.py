@@ -314,7 +314,8 @@ class Tracker:
 
     def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
-        instance(plots, "plots", Plots)
+        if not isinstance(plots, Plots):
+            raise TypeError(f"plots is {plots!r}; it must be Plots")
         end = None if time is None else real(time, "time")
         if self.clock_period is not None:
             plots = replace(plots, time=self._continuous(plots.time, self.clock_period))
@@ -335,12 +336,9 @@ class Tracker:
         self, registrar: Registrar, plots: Plots, end: float | None, recording: bool
     ) -> TrackTable:
         """Return rows of tracks, while the errors of the sensors are learned scan by scan."""
-        unknown = (plots.sensor < 0) | (plots.sensor >= len(self.sensors))
-        if np.any(unknown):
-            raise ValueError(
-                f"plots has a plot of sensor {plots.sensor[unknown][0]}; there are "
-                f"{len(self.sensors)} sensors"
-            )
+        if np.any((plots.sensor < 0) | (plots.sensor >= len(self.sensors))):
+            # which the core refuses
+            return self._scan(plots, end, "confirmed")
         if recording:
             registrar.search_recording(plots, _alone)
         rows, first = "all" if recording else "confirmed", self._core.plots

@@ -204,6 +204,7 @@ impl Tracker {
     /// that were not used before.
     pub fn restart(&mut self, plots: usize) {
         self.tracks.clear();
+        self.settings.plans.free(|_| true);
         for clutter in &mut self.clutter {
             *clutter = Clutter::new(self.settings.clutter_density);
         }
