@@ -296,7 +296,7 @@ impl Centre {
             return;
         }
         learnt.sort_by(|a, b| a.plot.report.time.total_cmp(&b.plot.report.time));
-        let added = self.registrar.learn(&learnt, time);
+        let added = self.registrar.learn(&learnt, &[], time);
         for (update, added) in learnt.iter().zip(added) {
             if let Some(target) = self.targets.get_mut(&(update.plot.target as u64)) {
                 target.added = nalgebra::SMatrix::from_row_slice(&added);

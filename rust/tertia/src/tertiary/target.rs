@@ -125,7 +125,8 @@ impl Target {
             };
             let velocity = [estimate.mean[2], estimate.mean[3]];
             let covariance = std::array::from_fn(|i| estimate.covariance[(i / 4, i % 4)]);
-            learnt.push(Update { plot, velocity, covariance });
+            let (confirmed, position) = (true, [estimate.mean[0], estimate.mean[1]]);
+            learnt.push(Update { plot, confirmed, position, velocity, covariance });
         }
         learnt
     }
