@@ -119,7 +119,11 @@ def coverage() -> str:
 
 def aligned() -> str:
     """Return the tracks of 20 aircraft where one of two radars has an azimuth error."""
-    counts: dict[str, list[list[int]]] = {"as they are": [], "registered": []}
+    counts: dict[str, list[list[int]]] = {
+        "as they are": [],
+        "registered while tracking": [],
+        "registered before": [],
+    }
     errors: list[list[float]] = []
     radars = [
         Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=period)
@@ -133,8 +137,9 @@ def aligned() -> str:
             bias = Bias(azimuth=[0.0, azimuth], range=[0.0, 100.0], degrees=True)
             plots = simulate.radar_plots(traffic, radars, bias=bias, rng=seed + 100).plots
             found = register(plots, radars)
-            for name, sensors in zip(counts, (radars, found.sensors), strict=True):
-                tracks = track(plots, sensors)
+            ways = ((radars, False), (radars, True), (found.sensors, False))
+            for name, (sensors, registers) in zip(counts, ways, strict=True):
+                tracks = track(plots, sensors, registration=registers)
                 both[name].append(len(np.unique(tracks.track[tracks.confirmed])))
             errors[-1].append(float(np.degrees(found.bias.azimuth)[1]) - azimuth)
         for name, one in both.items():

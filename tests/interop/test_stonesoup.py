@@ -245,7 +245,9 @@ class TestOurTracker:
         for time, seen in steps:
             until = (time - START).total_seconds()
             rows = library.update(plots(seen, models, START), time=until)
-            expected |= set(zip(rows.time.round(6), *rows.position.T, *rows.velocity.T, strict=True))
+            expected |= set(
+                zip(rows.time.round(6), *rows.position.T, *rows.velocity.T, strict=True)
+            )
         found = {
             ((s.timestamp - START).total_seconds(), *s.state_vector[[0, 2, 1, 3], 0])
             for one in made.tracks

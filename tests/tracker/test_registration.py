@@ -15,6 +15,7 @@ RADARS = [
     Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0 + k)
     for k, east in enumerate((-5e4, 5e4))
 ]
+PLOTS = ("time", "range", "azimuth", "sensor", "height", "identity")
 BIAS = Bias(range=[-60.0, 120.0], azimuth=[0.0, 0.12], time=[0.0, 0.1], degrees=True)
 
 
@@ -192,4 +193,23 @@ def test_a_silent_radar_is_no_change():
     plots = recording(10, Bias())
     silent = (plots.sensor == 1) & (plots.time > 100.0) & (plots.time < 200.0)
     tracker, _ = followed(plots[~silent])
+    assert tracker._registrar.changes == []
+
+
+def test_noise_that_grows_suddenly_is_noticed():
+    traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=11)
+    noisy = [RADARS[0], replace(RADARS[1], azimuth_sigma=2.5 * RADARS[1].azimuth_sigma)]
+    before, after = (simulate.radar_plots(traffic, r, rng=12).plots for r in (RADARS, noisy))
+    early, late = before[before.time < 150.0], after[after.time >= 150.0]
+    columns = {name: np.concatenate([getattr(early, name), getattr(late, name)]) for name in PLOTS}
+    tracker, found = Tracker(RADARS), {}
+    for some, end in scans(Plots(**columns)):
+        tracker.update(some, time=end)
+        found[end] = tracker._registrar.noise[:, 1] / RADARS[0].azimuth_sigma
+    settled = np.array([ratio for end, ratio in found.items() if 100.0 < end < 150.0])
+    assert np.all(settled < 1.25)
+    # within 30 s, and of this radar alone
+    later = np.array([ratio for end, ratio in found.items() if end > 180.0])
+    assert np.all((later[:, 1] > 2.0) & (later[:, 1] < 3.2))
+    assert np.all(later[:, 0] < 1.35)
     assert tracker._registrar.changes == []

@@ -113,6 +113,8 @@ class Registrar:
             "position": tracks.position,
             "velocity": tracks.velocity,
             "covariance": tracks.covariance,
+            "innovation": tracks.innovation,
+            "innovation_covariance": tracks.innovation_covariance,
         }
         loose = tracks.track_of_plot >= 0
         loose[place[seen & tracks.confirmed]] = False

@@ -76,6 +76,8 @@ pub struct TrackRows<'py> {
     position: Input<'py>,
     velocity: Input<'py>,
     covariance: Input<'py>,
+    innovation: Input<'py>,
+    innovation_covariance: Input<'py>,
 }
 
 /// Tracks of single radars at one instant.
@@ -147,14 +149,19 @@ impl TrackRows<'_> {
         let velocity = self.velocity.points::<2>("velocity", 1)?;
         let covariance = self.covariance.points::<16>("covariance", 2)?;
         let confirmed = self.confirmed.as_slice()?;
+        let innovation = self.innovation.points::<2>("innovation", 1)?;
+        let spread = self.innovation_covariance.points::<4>("innovation_covariance", 2)?;
         let counts = [position.len(), velocity.len(), covariance.len(), confirmed.len()];
         same_length(plots.len(), &counts)?;
+        same_length(plots.len(), &[innovation.len(), spread.len()])?;
         let row = |(i, plot): (usize, TargetPlot)| Update {
             plot,
             confirmed: confirmed[i],
             position: position[i],
             velocity: velocity[i],
             covariance: covariance[i],
+            innovation: innovation[i],
+            innovation_covariance: spread[i],
         };
         Ok(plots.into_iter().enumerate().map(row).collect())
     }

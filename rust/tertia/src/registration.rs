@@ -11,6 +11,7 @@
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
 //! | `followed` | the tracks, and what the errors add to their covariances | O(R²) a row of R radars |
 //! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
+//! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |
 //! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
 //! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
 
@@ -27,6 +28,7 @@ mod row;
 mod sighting;
 mod start;
 mod vote;
+mod watch;
 
 pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};

@@ -6,9 +6,10 @@
 
 use super::block::Unknowns;
 use super::followed::{Blocks, Followed};
-use super::recording::{Sums, TargetPlot, for_each, numbered, scans};
+use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
 use super::sighting::{ERRORS, Errors, Report, Sighting};
 use super::vote::vote;
+use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2};
@@ -33,6 +34,10 @@ const FAR: f64 = 80e3;
 const SPEED: f64 = 200.0;
 /// Blocks that are open at once at most: so many targets are enough.
 const OPEN: usize = 64;
+/// Redundant measurements that noise is worth that has grown suddenly.
+const GROWN: f64 = 20.0;
+/// Probability of a turn from which on innovations say nothing of noise.
+const TURNING: f64 = 0.3;
 /// Scans of the slowest radar after which a track is forgotten.
 const FORGOTTEN: f64 = 10.0;
 
@@ -49,6 +54,10 @@ pub struct Update {
     pub velocity: [f64; 2],
     /// Their covariance, row by row.
     pub covariance: [f64; 16],
+    /// Plot less prediction, and its covariance, row by row; nan where it is not known.
+    pub innovation: [f64; 2],
+    /// Row by row.
+    pub innovation_covariance: [f64; 4],
 }
 
 /// What one scan said of the errors, and what was known before it.
@@ -75,6 +84,7 @@ pub struct Registrar {
     factor: Vec<[f64; 2]>,
     squares: Vec<[f64; 2]>,
     redundancy: Vec<[f64; 2]>,
+    watches: Vec<[Watch; 2]>,
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
     tracks: BTreeMap<i64, Followed>,
@@ -101,6 +111,7 @@ impl Registrar {
             factor: vec![[1.0; 2]; k],
             squares: vec![[0.0; 2]; k],
             redundancy: vec![[0.0; 2]; k],
+            watches: vec![<[Watch; 2]>::default(); k],
             time: f64::NEG_INFINITY,
             open: BTreeMap::new(),
             tracks: BTreeMap::new(),
@@ -187,6 +198,7 @@ impl Registrar {
         self.wander(time);
         self.step(&blocks, time);
         let added = self.follow(updates);
+        self.watch(updates);
         self.tracks.retain(|_, track| time - track.row_time <= FORGOTTEN * longest);
         let errors = self.errors();
         self.loose.retain(|plot| time - plot.time <= longest);
@@ -227,6 +239,33 @@ impl Registrar {
             unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
         let errors = Blocks::new(&self.covariance, &columns);
         updates.iter().map(|update| self.carry(update, &unknowns, &errors)).collect()
+    }
+
+    /// Raises noise that has grown suddenly.
+    fn watch(&mut self, updates: &[Update]) {
+        for update in updates.iter().filter(|update| update.confirmed) {
+            let (plot, e) = (&update.plot, update.innovation);
+            let (k, radar) = (plot.report.radar, &self.radars[plot.report.radar]);
+            if plot.turn_probability > TURNING || e[0].is_nan() {
+                continue;
+            }
+            let seen = Sighting::new(&plot.report, plot.report.height, radar, self.factor[k]);
+            let Some(seen) = seen else { continue };
+            let s = Matrix2::from_row_slice(&update.innovation_covariance);
+            for axis in 0..2 {
+                let direction = seen.axes[axis];
+                let variance = direction.dot(&(s * direction));
+                let innovation = direction.dot(&Vector2::from(e));
+                let own = seen.sigma[axis].powi(2);
+                let found = self.watches[k][axis].see(innovation, variance, own);
+                if let Some(growth) = found {
+                    let square = growth * self.factor[k][axis].powi(2);
+                    self.factor[k][axis] = square.sqrt();
+                    self.redundancy[k][axis] = GROWN;
+                    self.squares[k][axis] = square * (GROWN + STATED) - STATED;
+                }
+            }
+        }
     }
 
     /// Moves the errors of a radar where most of its tracks miss their plots in the same way.
@@ -423,7 +462,16 @@ mod tests {
         let covariance = std::array::from_fn(|i| corrected[(i / 4, i % 4)]);
         let plot = TargetPlot { report, target: 1, turn_probability: 0.0 };
         let (confirmed, position) = (true, [0.0; 2]);
-        let update = Update { plot, confirmed, position, velocity, covariance };
+        let (innovation, innovation_covariance) = ([f64::NAN; 2], [f64::NAN; 4]);
+        let update = Update {
+            plot,
+            confirmed,
+            position,
+            velocity,
+            covariance,
+            innovation,
+            innovation_covariance,
+        };
         let added = registrar.follow(&[update])[0];
         close(added[0] + corrected[(0, 0)], 1020.719237257);
         close(added[1] + corrected[(0, 1)], 20.87698829836);

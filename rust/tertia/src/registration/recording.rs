@@ -20,7 +20,7 @@ const SIGNIFICANCE: f64 = 1e-3;
 const LEFT_OUT: usize = 2;
 const OUTLIER: f64 = 3.5;
 /// Redundant measurements that the stated noise is worth.
-const STATED: f64 = 10.0;
+pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
 
 /// A plot of a target.

@@ -126,7 +126,16 @@ impl Target {
             let velocity = [estimate.mean[2], estimate.mean[3]];
             let covariance = std::array::from_fn(|i| estimate.covariance[(i / 4, i % 4)]);
             let (confirmed, position) = (true, [estimate.mean[0], estimate.mean[1]]);
-            learnt.push(Update { plot, confirmed, position, velocity, covariance });
+            let (innovation, innovation_covariance) = ([f64::NAN; 2], [f64::NAN; 4]);
+            learnt.push(Update {
+                plot,
+                confirmed,
+                position,
+                velocity,
+                covariance,
+                innovation,
+                innovation_covariance,
+            });
         }
         learnt
     }

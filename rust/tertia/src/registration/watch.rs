@@ -1,0 +1,69 @@
+//! Noise that has grown suddenly: the last innovations of a radar, against what they should be.
+//!
+//! Blocks learn noise slowly, and gates cut what they would learn from. So a radar whose last
+//! innovations are far too large has its noise raised at once; only blocks lower it again. Cost O(1) a
+//! plot.
+
+use crate::base::angle::median;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Innovations that are watched, and standard errors of their mean square that are too many.
+const WATCHED: usize = 20;
+const ERRORS: f64 = 4.5;
+
+/// The last innovations of a radar along one axis, in standard deviations, and their variance over that
+/// of the noise.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Watch(VecDeque<(f64, f64)>);
+
+impl Watch {
+    /// Takes an innovation with this variance, of which the noise has this one. Returns by how much
+    /// the variance of the noise must grow, if so; then it begins anew.
+    pub fn see(&mut self, innovation: f64, variance: f64, noise: f64) -> Option<f64> {
+        self.0.push_back((innovation / variance.sqrt(), variance / noise));
+        if self.0.len() < WATCHED {
+            return None;
+        }
+        let mut values: Vec<f64> = self.0.iter().map(|(value, _)| *value).collect();
+        let middle = median(&mut values);
+        let squares = values.iter().map(|value| (value - middle).powi(2));
+        let (sum, largest) =
+            squares.fold((0.0, 0.0_f64), |(sum, most), one| (sum + one, most.max(one)));
+        let mean = (sum - largest) / (WATCHED - 1) as f64;
+        let share = self.0.iter().map(|(_, share)| share).sum::<f64>() / WATCHED as f64;
+        if mean > 1.0 + ERRORS * (2.0 / WATCHED as f64).sqrt() {
+            self.0.clear();
+            return Some(1.0 + (mean - 1.0) * share);
+        }
+        self.0.pop_front();
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grown(scale: f64) -> Option<f64> {
+        let mut watch = Watch::default();
+        let values = [0.3, -1.1, 0.8, -0.2, 1.5, -0.7, 0.1, -1.4, 0.6, 1.0];
+        values.iter().cycle().take(60).find_map(|value| watch.see(scale * value, 2.0, 1.0))
+    }
+
+    #[test]
+    fn noise_that_is_as_stated() {
+        assert_eq!(grown(1.0), None);
+        assert_eq!(grown(2.0), None);
+    }
+
+    #[test]
+    fn noise_that_has_grown() {
+        // about the median .2, less the largest 1.6: 17.6 less 2.56 in 20, of variance 2
+        let growth = grown(3.0).unwrap();
+        let values = [0.3, -1.1, 0.8, -0.2, 1.5, -0.7, 0.1, -1.4, 0.6, 1.0_f64];
+        let sum: f64 = values.iter().map(|v| 2.0 * (v - 0.2).powi(2)).sum();
+        let mean = 4.5 * (sum - 1.6_f64.powi(2)) / 19.0;
+        assert!((growth - (1.0 + 2.0 * (mean - 1.0))).abs() < 1e-12);
+    }
+}
