@@ -53,7 +53,7 @@ def test_an_interrupt_leaves_nothing(
     moment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if moment == "tracking":
-        monkeypatch.setattr("tertia.tracker.track", _interrupt)
+        monkeypatch.setattr("tertia.tables._track.tracked", _interrupt)
     else:
         monkeypatch.setitem(writing.WRITERS, ".csv", _interrupt)
     done = run("track", *PLOTS, "--output", tmp_path / "tracks.csv")

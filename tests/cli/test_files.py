@@ -436,5 +436,5 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
     figures = indicators(found, truth, max_distance=1000.0, update_interval=4.0)
     values = dict(told.select("figure", "value").rows())
     assert values["targets"] == len(figures.matching.targets)
-    assert values["probability of update"] == figures.probability_of_update > 0.9
-    assert values["RMSE"] == figures.rmse < 100.0
+    assert values["probability of update"] == figures.probability_of_update.value > 0.9
+    assert values["RMSE"] == figures.rmse.value < 100.0

@@ -26,6 +26,8 @@ from tertia.tracker import (
 SECOND = Radar(
     position=(30e3, 10e3), range_sigma=75.0, azimuth_sigma=np.radians(0.1), scan_period=6.0
 )
+# without systematic errors
+BOTH = [replace(one, bias=Bias()) for one in (RADAR, SECOND)]
 
 
 def turning(seed=0, **options):
@@ -110,8 +112,8 @@ def test_one_model_is_least_squares_of_all_plots():
 
 def test_times_change_nothing_at_plots():
     plots = two_radars()[0]
-    few = smooth_tracks(plots, [RADAR, SECOND])
-    many = smooth_tracks(plots, [RADAR, SECOND], time=plots.time, every=0.7)
+    few = smooth_tracks(plots, BOTH)
+    many = smooth_tracks(plots, BOTH, time=plots.time, every=0.7)
     own = many[many.plot >= 0]
     for name in ("time", "position", "velocity", "covariance", "turn_probability", "innovation"):
         assert_array_equal(getattr(own, name), getattr(few, name))
@@ -221,7 +223,7 @@ def test_a_gap_is_bridged_with_a_covariance_that_grows():
 
 def test_an_excluded_sensor_has_rows_and_no_weight():
     plots, _ = two_radars()
-    both = [RADAR, SECOND]
+    both = BOTH
     tracks = track(plots, both)
     found = smooth_tracks(plots, both, tracks, exclude=1)
     assert np.any(found.sensor == 1)
@@ -294,7 +296,7 @@ class Registered:
 
 def test_plots_of_one_time_have_one_state():
     plots = two_radars()[0]
-    found = smooth_tracks(plots, [RADAR, SECOND])
+    found = smooth_tracks(plots, BOTH)
     same = np.flatnonzero(np.diff(found.time) == 0.0)
     assert len(same) > 10
     assert_array_equal(found.position[same], found.position[same + 1])

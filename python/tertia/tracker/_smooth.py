@@ -178,9 +178,9 @@ def smooth_tracks(
     motion : {"imm", "cv"} or ImmModel, CvModel
         Motion model of the targets: straight flight and turns as given, and changes of speed; or
         straight flight alone.
-    registration : tertia.registration.Registration, optional
+    registration : tertia.registration.Registration or False, optional
         Its radars, with estimated biases and noise, are used in place of `sensors`. By default,
-        without `tracks`, biases are those that tracking finds by the end.
+        without `tracks`, biases are those that tracking finds by the end; False: none.
     time : array_like of shape (T,), optional
         Further times of states, in seconds.
     every : float, optional
@@ -238,7 +238,7 @@ def smooth_tracks(
     instants = np.unique(finite(samples(time, "time"), "time"))
     interval = None if every is None else positive_number(every, "every")
     sites = radars
-    if registration is not None:
+    if registration is not None and registration is not False:
         sites = sequence_of(getattr(registration, "sensors", None), Radar, "registration.sensors")
         if len(sites) != len(radars):
             raise ValueError(

@@ -16,8 +16,6 @@ from tertia._arrays import (
     flag,
     instance,
     integer,
-    listed,
-    positive,
     positive_number,
     real,
     sequence_of,
@@ -28,73 +26,15 @@ from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import core_geometry, plane_of
-from tertia.tracker._models import (
-    Association,
-    Motion,
-    PlanModel,
-    core_association,
-    core_motion,
-    core_radar,
-)
+from tertia.tracker._models import Association, Motion, PlanModel, core_radar
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar, is_registrable, scans
+from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
 _State: TypeAlias = (
     "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes]"
 )
-
-
-def core_settings(
-    *,
-    motion: Motion = "imm",
-    plan_model: PlanModel | None = None,
-    association: Association = "gnn",
-    confirmation: tuple[int, int] = (3, 4),
-    coasting: int = 5,
-    clutter_density: float | None = None,
-    max_speed: float = 350.0,
-    gate_probability: float = GUARD,
-    guard_acceleration: float | None = None,
-    identity_error_probability: float = 1e-3,
-    emergency_codes: Sequence[int] = (),
-    with_plans: bool = False,
-) -> _core.TrackerSettings:
-    """Check the options of `Tracker` that need neither sensors nor plots.
-
-    Commands call it to refuse wrong options before they read files.
-    """
-    model = PlanModel() if plan_model is None else plan_model
-    if not isinstance(model, PlanModel):
-        raise TypeError(f"plan_model is {plan_model!r}; it must be a PlanModel")
-    if not isinstance(confirmation, Sequence) or len(confirmation) != 2:
-        raise TypeError(f"confirmation is {confirmation!r}; it must be a pair: plots, scans")
-    plots, scans = (integer(count, "confirmation", 2) for count in confirmation)
-    if clutter_density is not None:
-        clutter_density = float(
-            positive(real(clutter_density, "clutter_density"), "clutter_density")
-        )
-    if guard_acceleration is not None:
-        guard_acceleration = real(guard_acceleration, "guard_acceleration")
-    codes = listed(emergency_codes, "emergency_codes")
-    moves = core_motion(motion)
-    if with_plans and not moves.takes_plans:
-        raise ValueError(f"motion {motion!r} takes no plans; 'imm' and 'window' do")
-    return _core.TrackerSettings(
-        motion=moves,
-        association=core_association(association),
-        flown_probability=model.flown_probability,
-        wind=list(model.wind),
-        wind_sigma=model.wind_sigma,
-        confirmation=(plots, scans),
-        coasting=integer(coasting, "coasting", 1),
-        clutter_density=clutter_density,
-        max_speed=real(max_speed, "max_speed"),
-        gate_probability=real(gate_probability, "gate_probability"),
-        guard_acceleration=guard_acceleration,
-        identity_error_probability=real(identity_error_probability, "identity_error_probability"),
-        emergency_codes=[integer(code, "emergency_codes", 0) for code in codes],
-    )
 
 
 class Tracker:

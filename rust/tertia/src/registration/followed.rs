@@ -1,8 +1,8 @@
 //! A track as a registrar follows it: where it is, which radars see it, and what their errors add to
 //! its covariance.
 
-use super::sighting::ERRORS;
-use nalgebra::DMatrix;
+use super::sighting::{ERRORS, Sighting};
+use nalgebra::{DMatrix, Matrix2, Matrix4, Vector2};
 use serde::{Deserialize, Serialize};
 
 /// Position and velocity by the errors of one radar, in units of the prior.
@@ -73,6 +73,31 @@ impl Followed {
             }
         }
         self.row_time = time;
+    }
+
+    /// A plot has updated the track, whose covariance (row by row) and velocity are these now. The
+    /// radar may have such errors; `seen` has the noise with which the gain was made.
+    pub fn correct(
+        &mut self,
+        seen: &Sighting,
+        covariance: &[f64; 16],
+        velocity: [f64; 2],
+        unknowns: &[Option<(usize, f64)>; ERRORS],
+    ) {
+        let axes = Matrix2::from_columns(&seen.axes);
+        let weights = Matrix2::from_diagonal(&seen.sigma.map(|sigma| sigma.powi(-2)).into());
+        let covariance = Matrix4::from_row_slice(covariance);
+        let gain = covariance.fixed_columns::<2>(0) * axes * weights * axes.transpose();
+        let gain = std::array::from_fn(|i| [gain[(i, 0)], gain[(i, 1)]]);
+        let design = seen.design(velocity.into());
+        let mut own = [[0.0; ERRORS]; 2];
+        for (j, unknown) in unknowns.iter().enumerate() {
+            if let Some((_, sigma)) = *unknown {
+                let moved = axes * Vector2::new(design[0][j], design[1][j]) * sigma;
+                (own[0][j], own[1][j]) = (moved[0], moved[1]);
+            }
+        }
+        self.update(seen.radar, &gain, &own);
     }
 
     /// A plot of a radar, that a unit of its errors moves by `own`, updates the track with `gain`.

@@ -1,0 +1,90 @@
+use super::*;
+use crate::registration::sighting::tests::{PRIOR, close, radar};
+use nalgebra::Matrix4;
+
+fn registrar() -> Registrar {
+    Registrar::new(vec![radar([0.0; 3], 50.0, 0.08)], vec![[0.0; ERRORS]], vec![PRIOR])
+}
+
+#[test]
+fn what_the_errors_add_to_a_track() {
+    let mut registrar = registrar();
+    registrar.covariance = 0.09 * DMatrix::identity(4, 4);
+    let (radar, time, range, height) = (0, 4.0, 5e4, f64::NAN);
+    let azimuth = 30_000_f64.atan2(40_000.0);
+    let report = Report { radar, time, range, azimuth, height };
+    let velocity = [180.0, 90.0];
+    // half of what the errors do to the plot
+    let seen = Sighting::new(&report, height, &registrar.radars[0], [1.0; 2]).unwrap();
+    let design = seen.design(velocity.into());
+    let axes = Matrix2::from_columns(&seen.axes);
+    let mut half = [[0.0; ERRORS]; 2];
+    for (j, prior) in PRIOR.iter().enumerate() {
+        let own = axes * Vector2::new(design[0][j], design[1][j]) * *prior;
+        (half[0][j], half[1][j]) = (0.5 * own[0], 0.5 * own[1]);
+    }
+    let mut track = Followed::new(0.0);
+    track.update(0, &[[1.0, 0.0], [0.0, 1.0], [0.0; 2], [0.0; 2]], &half);
+    registrar.tracks.insert(1, track);
+    // the predicted covariance, corrected by the plot
+    let mut p = Matrix4::from_diagonal(&[900.0, 1600.0, 25.0, 25.0].into());
+    for axis in 0..2 {
+        p[(axis, axis + 2)] = 100.0;
+        p[(axis + 2, axis)] = 100.0;
+    }
+    let r = axes
+        * Matrix2::from_diagonal(&Vector2::new(seen.sigma[0].powi(2), seen.sigma[1].powi(2)))
+        * axes.transpose();
+    let h = p.fixed_view::<2, 2>(0, 0) + r;
+    let gain = p.fixed_columns::<2>(0) * h.try_inverse().unwrap();
+    let corrected = p - gain * p.fixed_rows::<2>(0);
+    let covariance = std::array::from_fn(|i| corrected[(i / 4, i % 4)]);
+    let plot = TargetPlot { report, target: 1, turn_probability: 0.0 };
+    let (confirmed, position) = (true, [0.0; 2]);
+    let (innovation, innovation_covariance) = ([f64::NAN; 2], [f64::NAN; 4]);
+    let stated = [[registrar.radars[0].range_sigma, registrar.radars[0].azimuth_sigma]];
+    let update = Update {
+        plot,
+        confirmed,
+        position,
+        velocity,
+        covariance,
+        innovation,
+        innovation_covariance,
+    };
+    let added = registrar.follow(&[update], &stated)[0];
+    close(added[0] + corrected[(0, 0)], 1020.719237257);
+    close(added[1] + corrected[(0, 1)], 20.87698829836);
+    close(added[5] + corrected[(1, 1)], 1455.49754268);
+    let expected = [
+        [37.57517266496, 10.14448506073, 40.48868928593, -10.93922690507],
+        [56.01444323224, 15.12268985752, -32.35202152351, -6.74605805618],
+        [0.8416858516619, 0.2272370009886, 0.6202338051158, -0.2154696561192],
+        [1.000902702015, 0.2702221117752, -0.3857551714744, -0.1403786285112],
+    ];
+    for (i, row) in expected.iter().enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            close(registrar.tracks[&1].parts[0].2[i][j], *value);
+        }
+    }
+}
+
+#[test]
+fn noise_fades() {
+    let mut registrar = registrar();
+    registrar.squares = vec![[12.0, 60.0]];
+    registrar.redundancy = vec![[8.0; 2]];
+    let mut sums = Sums::new(4, 1);
+    registrar.learn_noise(&sums);
+    close(registrar.factor[0][0], 1.105541596785);
+    close(registrar.factor[0][1], 1.972026594367);
+    // residuals are over the noise found
+    let squares = |axis: usize, sum: f64| sum / registrar.factor[0][axis].powi(2);
+    sums.square = vec![[squares(0, 200.0), squares(1, 300.0)]];
+    sums.redundancy = vec![[150.0; 2]];
+    registrar.learn_noise(&sums);
+    close(registrar.squares[0][0], 201.2658227848);
+    close(registrar.squares[0][1], 341.7721518987);
+    close(registrar.factor[0][0], 1.149091550924);
+    close(registrar.factor[0][1], 1.48275957234);
+}
