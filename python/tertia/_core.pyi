@@ -68,6 +68,7 @@ __all__ = [
     "location_radii",
     "location_regions",
     "mean_interval",
+    "moving_polynomial",
     "paper_score",
     "plan_speeds",
     "plots_flattened",

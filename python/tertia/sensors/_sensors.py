@@ -223,8 +223,7 @@ class Radar:
             missing = next(key for key, size in cell.items() if size is None)
             raise ValueError(f"{missing} is None; both resolutions must be given, or none")
         for key, size in cell.items():
-            number = None if size is None else _sigma(size, key, degrees)
-            object.__setattr__(self, key, number)
+            object.__setattr__(self, key, None if size is None else _sigma(size, key, degrees))
         if self.azimuth_sigma > _WIDEST_BEAM:
             raise ValueError(
                 f"azimuth_sigma is {self.azimuth_sigma:g}; that of a radar must be at most "
