@@ -13,6 +13,7 @@ const OVERHEAD_SIGMAS: f64 = 3.0;
 
 /// What the measurements of a sensor say of a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant)] // one per sensor
 pub enum Geometry {
     /// A plane. Ranges without heights are horizontal until a height is known of any target.
     #[default]

@@ -18,7 +18,8 @@ const FASTER: f64 = 1.2;
 const SIGMAS: f64 = 3.0;
 
 /// Gives new tracks the numbers of those that they continue, which end. Returns pairs of numbers: that
-/// of a new track, and the one that it has now. Cost O(tracks) per new track.
+/// of a new track, and the one that it has now. Cost O(tracks), and for each new track that of the
+/// tracks that have not been seen since it began.
 pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Vec<Track>,
@@ -26,23 +27,23 @@ pub(super) fn resume(
     settings: &Settings,
 ) -> Vec<(u64, u64)> {
     let mut renamed = Vec::new();
+    let (places, mut silent) = candidates(tracks, begun, settings);
     for &number in begun {
-        let Some(place) = tracks.iter().position(|track| track.number == number) else { continue };
+        let Ok(at) = places.binary_search_by_key(&number, |(number, _)| *number) else { continue };
+        let place = places[at].1;
         let new = &tracks[place];
-        let may = |old: &&Track| !begun.contains(&old.number) && continues(new, old, settings);
-        // hypotheses know the tracks that are in doubt
-        let is_sure = settings.limits().is_none();
-        let live = tracks.iter().filter(|track| is_sure && track.is_confirmed()).filter(may);
+        let may = |old: &&Track| continues(new, old, settings);
         let same = |old: &Track| old.identity().is_some() && old.identity() == new.identity();
-        // another track that answers so now is no part of this one's past
-        let is_doubled = tracks.iter().any(|other| {
-            other.number != number
-                && other.is_confirmed()
-                && same(other)
-                && other.seen >= new.first.time
-        });
+        let live = silent.iter().map(|&i| &tracks[i]).filter(may);
         let mut found: Vec<&Track> = live.chain(ended.iter().filter(may)).collect();
         if found.iter().any(|old| same(old)) {
+            // another track that answers so now is no part of this one's past
+            let is_doubled = tracks.iter().any(|other| {
+                other.number != number
+                    && other.is_confirmed()
+                    && same(other)
+                    && other.seen >= new.first.time
+            });
             found.retain(|old| same(old) && !is_doubled);
             found.sort_by(|a, b| b.seen.total_cmp(&a.seen));
             found.truncate(1);
@@ -53,8 +54,8 @@ pub(super) fn resume(
         let past = match ended.iter().position(|track| track.number == old) {
             Some(gone) => ended.remove(gone),
             None => {
-                let live = tracks.iter_mut().find(|track| track.number == old).expect("it is one");
-                live.retire()
+                let at = silent.iter().position(|&i| tracks[i].number == old).expect("it is one");
+                tracks[silent.remove(at)].retire()
             }
         };
         tracks[place].go_on(&past, settings);
@@ -62,11 +63,39 @@ pub(super) fn resume(
     renamed
 }
 
+/// Numbers and indices of the new tracks, by number, and indices of the confirmed tracks that have not
+/// been seen since the last of them began.
+fn candidates(
+    tracks: &[Track],
+    begun: &[u64],
+    settings: &Settings,
+) -> (Vec<(u64, usize)>, Vec<usize>) {
+    if begun.is_empty() {
+        return (Vec::new(), Vec::new());
+    }
+    let mut sorted = begun.to_vec();
+    sorted.sort_unstable();
+    let is_new = |track: &Track| sorted.binary_search(&track.number).is_ok();
+    let all = || tracks.iter().enumerate();
+    let mut places: Vec<(u64, usize)> =
+        all().filter(|(_, track)| is_new(track)).map(|(i, track)| (track.number, i)).collect();
+    places.sort_unstable();
+    let last = places.iter().map(|&(_, i)| tracks[i].first.time).fold(f64::NEG_INFINITY, f64::max);
+    // hypotheses know the tracks that are in doubt
+    let is_sure = settings.limits().is_none();
+    let is_silent =
+        |track: &Track| is_sure && track.is_confirmed() && track.seen < last && !is_new(track);
+    (places, all().filter(|(_, track)| is_silent(track)).map(|(i, _)| i).collect())
+}
+
 /// Whether a new track may be the same target as an older one.
 fn continues(new: &Track, old: &Track, settings: &Settings) -> bool {
     let (time, there) = (new.first.time, new.first.position);
     let radar = &settings.radars[new.first.radar];
     let gap = time - old.seen;
+    if gap <= 0.0 {
+        return false;
+    }
     let is_same = match (new.identity(), old.identity()) {
         (Some(new), Some(old)) if new != old => return false,
         (new, old) => new.is_some() && new == old,
@@ -76,7 +105,7 @@ fn continues(new: &Track, old: &Track, settings: &Settings) -> bool {
         true => 2.0 * settings.coasting as f64 * old.period(),
         false => SCANS * old.period(),
     };
-    if gap <= 0.0 || gap > longest {
+    if gap > longest {
         return false;
     }
     let (place, p) = old.position_at(time);

@@ -2,6 +2,9 @@
 //!
 //! `mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight`
 
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
 mod flight;
 mod mixture;
 mod motion;
