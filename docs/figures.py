@@ -34,6 +34,7 @@ from studies import (
     regions,
     registration,
     screening,
+    smooth_tracks,
     smoothing,
     tertiary,
     tracker,
@@ -160,6 +161,12 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "identification": flightplan.identification,
         "passing times": flightplan.passing,
         "blocking": flightplan.blocking,
+    },
+    "smooth-tracks.md": {
+        "accuracy": smooth_tracks.accuracy,
+        "beside": smooth_tracks.beside,
+        "between": smooth_tracks.between,
+        "recording": smooth_tracks.recording,
     },
     "tracker.md": {
         "columns": tracker.columns,

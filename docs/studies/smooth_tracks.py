@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import polars as pl
 
 from studies.montecarlo import generator
-from studies.pages import markdown, repetitions
-from tertia import metrics
+from studies.pages import DATA, markdown, repetitions, table_of
+from tertia import metrics, smoothing
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.geo import SystemPlane
 from tertia.tracker import (
+    CvModel,
     Plots,
     Radar,
     SmoothedTracks,
@@ -248,3 +251,135 @@ def accuracy() -> str:
         "right model",
     ]
     return markdown(head, rows)
+
+
+# flights that are smoothed by other methods as well
+BESIDE = 12
+
+
+def beside() -> str:
+    """Return errors beside those of other smoothers, on the same flights."""
+    rows = []
+    for radars, sensors in RADARS.items():
+        for kind in ("straight flights", "turns and speed changes"):
+            table, found = tracked(kind, radars), plots_of(kind, radars)
+            table = table[(table.plot >= 0) & (table.time < BESIDE * APART)]
+            ways = {"two filters, three models": smooth_tracks(found, sensors, table)}
+            for sigma in (0.1, 1.0, 3.0):
+                name = f"one model, {sigma:g} m/s²"
+                ways[name] = smooth_tracks(found, sensors, table, motion=CvModel(sigma))
+            measured = {
+                name: of_table(kind, one[one.time < BESIDE * APART]) for name, one in ways.items()
+            }
+            measured["`smoothing.smooth`"] = jerk(kind, found, sensors, table)
+            for name, of in measured.items():
+                errors_of = [f"{of.rms(part):.1f}" for part in parts(kind)]
+                rows.append([radars, kind, name, " / ".join(errors_of), f"{worst(kind, of):.1f}"])
+    head = ["radars", "flights", "smoother", "straight / turn / speed change, m", "largest NEES"]
+    return markdown(head, rows)
+
+
+def worst(kind: str, of: Errors) -> float:
+    """Return the largest NEES of the parts."""
+    return max(of.nees(part) for part in parts(kind))
+
+
+def jerk(kind: str, plots: Plots, sensors: list[Radar], table: TrackTable) -> Errors:
+    """Return the errors of the smoother of one path, with a jerk that it fits."""
+    position, covariance = plots.to_cartesian(sensors)
+    states, spreads, times = [], [], []
+    for number in np.unique(table.track):
+        rows = np.sort(table.plot[table.track == number])
+        found = smoothing.smooth(position[rows], covariance[rows], time=plots.time[rows])
+        known = np.isfinite(found.covariance[:, :4, :4]).all(axis=(1, 2))
+        states.append(found.mean[known, :4])
+        spreads.append(found.covariance[known, :4, :4])
+        times.append(plots.time[rows][known])
+    return errors(kind, np.concatenate(times), np.vstack(states), np.concatenate(spreads))
+
+
+def between() -> str:
+    """Return errors at each second beside those at plots, and over a minute without plots."""
+    rows = []
+    kind = "turns and speed changes"
+    for radars in RADARS:
+        at_plots = of_table(kind, smoothed(kind, radars))
+        table = smoothed(kind, radars, every=1.0)
+        each = of_table(kind, table[table.plot < 0])
+        for part in parts(kind):
+            rows.append(
+                [
+                    radars,
+                    PARTS[part],
+                    *(f"{of.rms(part):.1f}" for of in (at_plots, each)),
+                    *(f"{of.nees(part):.2f}" for of in (at_plots, each)),
+                ]
+            )
+    head = ["radars", "part", "at plots, m", "each second, m", "NEES", "NEES, each second"]
+    return markdown(head, rows)
+
+
+# of what aircraft send down: m/s and radians
+_SPEED_STEP, _COURSE_STEP = 2 * 1852.0 / 3600.0, np.radians(90 / 512)
+# the 95 % region of two components
+_REGION = 5.991465
+_SITE = (41.300702333, 2.102058194, 27.0)
+
+
+def recording() -> str:
+    """Compare velocities with those that aircraft send down."""
+    path = DATA / "lebl_radar" / "plots_0800_0830.csv.gz"
+    if not path.exists():
+        return table_of("smooth-tracks.md", "recording")
+    rows = pl.read_csv(path, infer_schema_length=None).sort("tod_s", maintain_order=True)
+    plane = SystemPlane(*_SITE[:2])
+    radar = plane.radar(*_SITE, range_sigma=50.0, azimuth_sigma=0.08, scan_period=4.0, degrees=True)
+    number = {name: rows[name].cast(pl.Float64, strict=False).to_numpy() for name in _SENT}
+    plots = Plots(
+        rows["tod_s"].to_numpy(),
+        rows["rho_nm"].to_numpy() * 1852.0,
+        rows["theta_deg"].to_numpy(),
+        height=number["fl"] * 30.48,
+        identity=rows["icao24"].str.to_integer(base=16, strict=False).fill_null(-1).to_numpy(),
+        degrees=True,
+    )
+    found = track(plots, [radar], identity_error_probability=1e-9)
+    after = smooth_tracks(plots, [radar], found)
+    speed, course = number["bds_GS"] * 1852.0 / 3600.0, np.radians(number["bds_TTA"])
+    lines = []
+    for name, table in (("tracker", found[found.plot >= 0]), ("smoothed", after)):
+        lifted = np.column_stack([table.position, np.nan_to_num(table.height)])
+        scale, convergence = plane.scale_and_convergence(lifted)
+        velocity = table.velocity / np.asarray(scale)[:, np.newaxis]
+        fast, towards = speed[table.plot], course[table.plot] + convergence
+        along = np.column_stack([np.sin(towards), np.cos(towards)])
+        across = np.column_stack([along[:, 1], -along[:, 0]])
+        error = velocity - fast[:, np.newaxis] * along
+        spread = table.covariance[:, 2:, 2:] + sum(
+            variance[:, np.newaxis, np.newaxis] * axis[:, :, np.newaxis] * axis[:, np.newaxis]
+            for variance, axis in (
+                (np.full(len(fast), _SPEED_STEP**2 / 12), along),
+                ((fast * _COURSE_STEP) ** 2 / 12, across),
+            )
+        )
+        known = np.isfinite(error[:, 0]) & (fast > _SLOWEST)
+        off = np.abs(np.hypot(*velocity.T) - fast)[known]
+        turned = np.arctan2(*velocity.T) - towards
+        aside = np.degrees(np.abs(np.angle(np.exp(1j * turned))))[known]
+        inside = np.asarray(metrics.nees(error[known], spread[known])) <= _REGION
+        lines.append(
+            [
+                name,
+                f"{np.sum(known)}",
+                *(f"{np.quantile(off, share):.2f}" for share in (0.5, 0.9)),
+                *(f"{np.quantile(aside, share):.2f}" for share in (0.5, 0.9)),
+                f"{np.mean(inside):.2f}",
+            ]
+        )
+    head = ["", "plots", "speed p50, m/s", "p90", "course p50, °", "p90", "in the 95 % region"]
+    return markdown(head, lines)
+
+
+_SENT = ("fl", "bds_GS", "bds_TTA")
+# the course of what hardly moves is not compared, m/s
+_SLOWEST = 50.0

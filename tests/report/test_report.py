@@ -123,6 +123,8 @@ def test_without_truth_plans_and_bearings(tmp_path: Path) -> None:
     assert done.code == 0, done.err
     html = output.read_text(encoding="utf-8")
     assert '<section id="fusion">' in html
+    # each radar is compared with the other one, and says how well that knows
+    assert "reference-table" in html
     assert not any(
         f'<section id="{name}">' in html for name in ("truth", "audit", "plans", "finders")
     )

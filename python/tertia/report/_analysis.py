@@ -18,9 +18,10 @@ from tertia.registration._states import Common, Run, common
 from tertia.report._bearings import Emitter, Heard, hear
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import Innovations, Updates, innovations, updates
+from tertia.report._reference import Referenced, versus_others
 from tertia.report._tracks import Combined, combine, confirmed_rows
 from tertia.sensors import Radar, Station
-from tertia.tracker import Plots, TrackTable
+from tertia.tracker import Motion, Plots, TrackTable
 
 Progress = Callable[[str, float], None]
 
@@ -57,6 +58,7 @@ class Analysis:
     innovations: list[Innovations]
     updates: list[Updates]
     fusion: Fusion | None
+    references: list[Referenced]
     judged: dict[str, Judged]
     audits: dict[str, Audit]
     update_interval: float
@@ -85,6 +87,7 @@ def analyse(
     radars: Sequence[Radar],
     run: Run,
     *,
+    motion: Motion,
     plans: Sequence[FlightPlan],
     truth: Truth | None,
     stations: Sequence[Station],
@@ -124,6 +127,11 @@ def analyse(
     if len(radars) > 1:
         sets |= dict(zip(names, made.stated, strict=True))
     judged: dict[str, Judged] = {}
+    references = []
+    if truth is None:
+        references = versus_others(
+            plots, names, registration, joint_found, made.stated, motion=motion
+        )
     required = update_interval or slowest
     if truth is not None:
         judged, required = _judge_all(sets, truth, max_distance, update_interval)
@@ -144,6 +152,7 @@ def analyse(
         innovations=seen,
         updates=counts,
         fusion=fused,
+        references=references,
         judged=judged,
         audits=_audit_all(judged),
         update_interval=required,

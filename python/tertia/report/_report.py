@@ -76,7 +76,8 @@ def make(
 
     The page shows the tracks of all radars together and of each alone, the latter fused at common
     instants; noise and biases of the radars, as estimated by `tertia.registration`; updates and
-    outliers over time; conformance to flight plans; all tracks versus truth, if it is given; and
+    outliers over time; conformance to flight plans; all tracks versus truth, if it is given, and
+    otherwise those of each radar versus what all others saw (`tracker.smooth_tracks`); and
     positions of emitters from bearings.
 
     Parameters
@@ -167,6 +168,7 @@ def make(
         plots,
         sensors,
         run,
+        motion=motion,
         plans=plans,
         truth=truth,
         stations=stations,

@@ -277,7 +277,7 @@ def track_rows(analysis: Analysis) -> list[Row]:
 def tables(analysis: Analysis) -> dict[str, list[Table]]:
     """Return the tables of each section."""
     return {
-        "radars": [_radar_table(analysis)],
+        "radars": [_radar_table(analysis), *_reference_tables(analysis)],
         "fusion": [_fusion_table(analysis)] if analysis.fusion is not None else [],
         "truth": [_evaluation_table(analysis)] if analysis.judged else [],
         "audit": [_audit_table(analysis)] if analysis.audits else [],
@@ -327,6 +327,38 @@ def _radar_table(analysis: Analysis) -> Table:
         "Normalised squared innovations are 1 per axis where noise and motion are as stated."
     )
     return _table("radar-table", caption, columns, rows)
+
+
+def reference_rows(analysis: Analysis) -> list[Row]:
+    """Return the tracks of each radar versus what all others saw."""
+    return [
+        {
+            "radar": one.radar,
+            "plots": one.count,
+            "distance_m": one.distance,
+            "reference_sigma_m": one.sigma,
+            "nees_per_axis": one.nees,
+        }
+        for one in analysis.references
+    ]
+
+
+def _reference_tables(analysis: Analysis) -> list[Table]:
+    if not analysis.references:
+        return []
+    columns = {
+        "radar": "radar",
+        "plots": "plots",
+        "distance_m": "distance (m)",
+        "reference_sigma_m": "sigma of the reference (m)",
+        "nees_per_axis": "NEES per axis",
+    }
+    caption = (
+        "Tracks of each radar, as stated, versus where all other radars saw its targets, by their "
+        "plots before and after (noise as found, biases removed). Distances are per axis and "
+        "include the error of this reference; both errors are in the NEES."
+    )
+    return [_table("reference-table", caption, columns, reference_rows(analysis))]
 
 
 def _fusion_table(analysis: Analysis) -> Table:
@@ -479,6 +511,7 @@ def summary(analysis: Analysis) -> Row:
         "plans": len(analysis.plans),
         "findings": findings(analysis),
         "radars": radar_rows(analysis),
+        "references": reference_rows(analysis),
         "fusion": fusion_rows(analysis),
         "evaluation": evaluation_rows(analysis),
         "audit": audit_rows(analysis),

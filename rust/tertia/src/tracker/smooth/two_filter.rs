@@ -5,7 +5,8 @@
 //! linearised far off, come back through small weights.
 
 use super::mixture::{Fix, Mixture, State};
-use crate::base::small::{Factor, Matrix, Vector, rotated};
+use crate::base::exponential::exp;
+use crate::base::small::{Matrix, REGULAR, Vector, add, rotated};
 
 /// How targets move by each of M models, with N states.
 pub(super) trait Models<const N: usize, const M: usize> {
@@ -184,12 +185,11 @@ fn product<const N: usize>(
     let origin: Vector<N> =
         std::array::from_fn(|i| if common[i] == 0.0 { forward.mean[i] } else { 0.0 });
     let of = |state: &State<N>| {
-        let factor = Factor::try_new(&state.covariance, 0.0)?;
+        let (information, determinant) = inverse(&state.covariance)?;
         let x: Vector<N> = std::array::from_fn(|i| state.mean[i] - origin[i]);
-        let information = factor.inverse();
         let h = rotated(&information, &x);
         let form: f64 = (0..N).map(|i| x[i] * h[i]).sum();
-        Some((information, h, form + factor.ln_determinant()))
+        Some((information, h, form + determinant))
     };
     let ((mut information, h_f, form_f), (other, h_b, form_b)) = (of(forward)?, of(backward)?);
     for i in 0..N {
@@ -198,14 +198,58 @@ fn product<const N: usize>(
         }
         information[i][i] -= common[i];
     }
-    let factor = Factor::try_new(&information, 0.0)?;
-    let covariance = factor.inverse();
+    let (covariance, determinant) = inverse(&information)?;
     let h: Vector<N> = std::array::from_fn(|i| h_f[i] + h_b[i]);
     let x = rotated(&covariance, &h);
     let form: f64 = (0..N).map(|i| x[i] * h[i]).sum();
-    let logarithm = -0.5 * (form_f + form_b - form + factor.ln_determinant());
+    let logarithm = -0.5 * (form_f + form_b - form + determinant);
     let mean = std::array::from_fn(|i| origin[i] + x[i]);
     Some((State { mean, covariance }, logarithm))
+}
+
+/// The inverse of a symmetric matrix, and the logarithm of its determinant, by its Cholesky factor:
+/// `A⁻¹ = L⁻ᵀ L⁻¹`, a third of the cost of N systems. None where it is singular.
+fn inverse<const N: usize>(a: &Matrix<N>) -> Option<(Matrix<N>, f64)> {
+    let (mut lower, mut inverse) = ([[0.0; N]; N], [[0.0; N]; N]);
+    let mut scale = 1.0;
+    for i in 0..N {
+        for j in 0..i {
+            let mut sum = a[i][j];
+            for k in 0..j {
+                sum -= lower[i][k] * lower[j][k];
+            }
+            // the diagonal of `inverse` is 1 over that of `lower`
+            lower[i][j] = sum * inverse[j][j];
+        }
+        let mut pivot = a[i][i];
+        for value in &lower[i][..i] {
+            pivot -= value * value;
+        }
+        if pivot.is_nan() || pivot <= REGULAR * a[i][i] {
+            return None;
+        }
+        inverse[i][i] = pivot.sqrt().recip();
+        scale *= inverse[i][i];
+        for j in 0..i {
+            let mut sum = 0.0;
+            for k in j..i {
+                sum -= lower[i][k] * inverse[k][j];
+            }
+            inverse[i][j] = sum * inverse[i][i];
+        }
+    }
+    let mut product = [[0.0; N]; N];
+    for i in 0..N {
+        for j in 0..=i {
+            let mut sum = 0.0;
+            for row in &inverse[i..] {
+                sum += row[i] * row[j];
+            }
+            product[i][j] = sum;
+            product[j][i] = sum;
+        }
+    }
+    Some((product, -2.0 * scale.ln()))
 }
 
 fn transposed<const M: usize>(matrix: &Matrix<M>) -> Matrix<M> {
@@ -227,11 +271,17 @@ pub(super) fn exponential<const M: usize>(rates: &Matrix<M>, t: f64) -> Matrix<M
     let step: Matrix<M> =
         std::array::from_fn(|i| std::array::from_fn(|j| identity[i][j] + scale * rates[i][j]));
     let (mut sum, mut term) = (identity, identity);
+    let mut share = 1.0;
     for k in 1..=TERMS {
-        term = multiplied(&term, &step).map(|row| row.map(|x| x * part / f64::from(k)));
-        crate::base::small::add(&mut sum, &term);
+        let factor = part / f64::from(k);
+        share *= factor;
+        if share < f64::EPSILON * 1e-3 {
+            break;
+        }
+        term = multiplied(&term, &step).map(|row| row.map(|x| x * factor));
+        add(&mut sum, &term);
     }
-    let weight = crate::base::exponential::exp(-part);
+    let weight = exp(-part);
     let mut changes = sum.map(|row| row.map(|x| x * weight));
     for _ in 0..squarings {
         changes = multiplied(&changes, &changes);

@@ -1,7 +1,8 @@
 //! Figures of an independent program (NumPy), for one target.
 
 use super::mixture::{Fix, Mixture, State};
-use super::motion::{MODELS, Movement, RATE, SPEED, STATES, STRAIGHT};
+use super::motion::{MODELS, Movement, RATE, SPEED, STATES, STRAIGHT, TURN};
+use super::passes::Record;
 use super::two_filter::{Instant, Models, Place, TwoFilter};
 use super::vertical::{CLIMB, Vertical};
 use crate::base::checks::assert_within;
@@ -135,4 +136,53 @@ fn heights_of_a_climb() {
     assert_all(3e-7, middle.mean, [3_082.020_167_99, 6.668_714_334_47]);
     assert_all(3e-7, variances(&middle), [25.124_123_954_6, 0.787_872_438_756]);
     assert_all(3e-7, last.mean, [3_210.088_833_03, 4.832_871_372_4]);
+}
+
+/// Plots of a flight that turns in its middle, each 4 s, with errors that are no noise but repeat.
+fn flight(count: usize) -> Record<2> {
+    let (mut position, mut course) = ([0.0, 0.0], 0.3_f64);
+    let mut fixes = Vec::with_capacity(count);
+    for k in 0..count {
+        let error = [(2.4 * k as f64).sin() * 60.0, (1.7 * k as f64).cos() * 80.0];
+        let value = [position[0] + error[0], position[1] + error[1]];
+        fixes.push(Fix { value, covariance: [[2500.0, 300.0], [300.0, 4900.0]] });
+        if k.abs_diff(count / 2) < 8 {
+            course += 0.1;
+        }
+        position = [position[0] + 800.0 * course.cos(), position[1] + 800.0 * course.sin()];
+    }
+    let time = (0..count).map(|k| 4.0 * k as f64).collect();
+    Record { time, fixes, used: vec![true; count] }
+}
+
+#[test]
+fn backwards_in_time_it_is_the_same() {
+    // where changes between any two models are as frequent one way as the other
+    let mut models = Movement::default();
+    let likelihood = [1.0, 35.0 / 400.0, 60.0 / 900.0];
+    let total: f64 = likelihood.iter().sum();
+    models.stationary = likelihood.map(|p| p / total);
+    let balanced = models.rates[TURN][SPEED] * likelihood[TURN] / likelihood[SPEED];
+    models.rates[SPEED][SPEED] -= balanced - models.rates[SPEED][TURN];
+    models.rates[SPEED][TURN] = balanced;
+
+    let count = 400;
+    let mut record = flight(count);
+    let mut reversed = Record {
+        time: record.time.iter().rev().map(|t| -t).collect(),
+        fixes: record.fixes.iter().rev().copied().collect(),
+        used: record.used.clone(),
+    };
+    let times = (record.time.clone(), reversed.time.clone());
+    let forwards = record.smooth(&models, &times.0, f64::INFINITY).solutions;
+    let backwards = reversed.smooth(&models, &times.1, f64::INFINITY).solutions;
+    for k in count / 2 - 20..count / 2 + 20 {
+        let (one, other) = (forwards[k].unwrap(), backwards[count - 1 - k].unwrap());
+        let other_state = other.state.reversed(&Movement::SIGNS);
+        for i in 0..STATES {
+            let sigma = one.state.covariance[i][i].sqrt();
+            let off = (one.state.mean[i] - other_state.mean[i]).abs() / sigma;
+            assert!(off < 1e-6, "state {i} of {k} is {off} sigma off");
+        }
+    }
 }
