@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import polars as pl
@@ -13,6 +13,7 @@ from studies.pages import DATA, markdown, repetitions, table_of
 from tertia import metrics, smoothing
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.geo import SystemPlane
+from tertia.sensors import Bias
 from tertia.tracker import (
     CvModel,
     Plots,
@@ -37,24 +38,24 @@ KINDS: dict[str, tuple[int, ...]] = {
     "turns": (TURN,),
     "turns and speed changes": (TURN, SPEED),
 }
-_ONE = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0, max_range=300e3)
+# without systematic errors
+_RADAR = partial(Radar, max_range=300e3, bias=Bias())
+_ONE = _RADAR(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
 RADARS = {
     "one radar": [_ONE],
     "three radars": [
         _ONE,
-        Radar(
+        _RADAR(
             position=(60e3, 20e3),
             range_sigma=75.0,
             azimuth_sigma=np.radians(0.1),
             scan_period=6.0,
-            max_range=300e3,
         ),
-        Radar(
+        _RADAR(
             position=(-20e3, 70e3),
             range_sigma=100.0,
             azimuth_sigma=np.radians(0.12),
             scan_period=10.0,
-            max_range=300e3,
         ),
     ],
 }
@@ -90,7 +91,7 @@ def flown(kind: str, seed: int = 0) -> Flown:
     part = np.zeros((FLIGHTS, steps), dtype=np.int64)
     for k in range(FLIGHTS):
         begin = rng.uniform(80.0, 140.0)
-        turn = len(KINDS[kind]) and rng.integers(len(KINDS[kind]))
+        turn = int(rng.integers(len(KINDS[kind]))) if KINDS[kind] else 0
         while KINDS[kind] and begin < LENGTH - 100.0:
             what = KINDS[kind][turn % len(KINDS[kind])]
             turn += 1
@@ -187,11 +188,11 @@ def errors(
     since = time - APART * flight
     position, velocity, part = flown(kind, seed).at(flight, since)
     found = state[:, :2] - position, state[:, 2:] - velocity
-    nees = [
+    of_position, of_velocity = (
         np.asarray(metrics.nees(error, covariance[:, own, own])) / 2
         for error, own in zip(found, (slice(2), slice(2, 4)), strict=True)
-    ]
-    return Errors(*found, *nees, part, since >= BEGINNING)
+    )
+    return Errors(*found, of_position, of_velocity, part, since >= BEGINNING)
 
 
 def of_table(kind: str, table: TrackTable | SmoothedTracks, seed: int = 0) -> Errors:

@@ -182,3 +182,26 @@ def test_mistakes(options, error, message):
         smooth(np.zeros((5, 2)), 1.0, **options)
     with pytest.raises(ValueError, match="up to 3"):
         smooth(np.zeros((5, 4)), 1.0, correlation_time=1.0)
+
+
+def test_the_first_plots_of_several_sensors():
+    """Plots that are close in time say little of the first state; late times have few digits."""
+    random = np.random.default_rng(8)
+    for start in (0.0, 880e3):
+        for _ in range(10):
+            ends = [np.arange(random.uniform(0, period), 160.0, period) for period in (4, 6, 10)]
+            time = start + np.sort(np.concatenate(ends))
+            position = np.outer(time - start, [180.0, 90.0])
+            covariance = np.array([[3e3, 5e3], [5e3, 2e4]])
+            # less noise than stated, so that models of the noise are compared
+            noise = 0.5 * random.multivariate_normal(np.zeros(2), covariance, len(time))
+            options = {"time": time, "jerk": 0.1, "robust": False}
+            found = smooth(position + noise, covariance, **options)
+            exact = smooth(position + noise, covariance, correlation_time=0.0, **options)
+            assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+            ratio = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) / np.sqrt(
+                np.diagonal(exact.covariance, axis1=1, axis2=2)
+            )
+            # where noise lasts, positions are less certain; 1e-4 is the start that is assumed
+            assert np.all(ratio[:, :2] > 1 - 3e-4)
+            assert np.all((ratio > 0.5) & (ratio < 3.0))

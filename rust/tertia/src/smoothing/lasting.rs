@@ -14,6 +14,8 @@ use crate::base::small::{Matrix as Square, dot};
 
 /// Variance of the first state over that of the plots that determine it.
 const VAGUE: f64 = 1e3;
+/// The same, where that of the smoothed first state is known.
+const VAGUE_AFTER_ALL: f64 = 1e4;
 /// Variance of a jump over that of a plot, and over the square of what the plot shows of it: the
 /// larger, the more digits are lost.
 const JUMP: [f64; 2] = [1e4, 10.0];
@@ -75,6 +77,9 @@ pub(super) struct Found {
 /// A track with D axes, N = 4 D.
 pub(super) struct Lasting<const D: usize, const N: usize> {
     start: ([f64; N], Square<N>),
+    /// A vague state about what all plots say of the first one for white noise. The first plots alone
+    /// may say so little that a smoother which begins with them loses all digits.
+    smoothed: Option<([f64; N], Square<N>)>,
     steps: Vec<Step<D, N>>,
 }
 
@@ -92,7 +97,25 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         for i in S..N {
             start.1[i][i] = 1.0;
         }
-        Some(Self { start, steps: Vec::new() })
+        Some(Self { start, smoothed: None, steps: Vec::new() })
+    }
+
+    /// Sets state and covariance of the first instant for white noise: smoothing begins near them.
+    pub fn near(mut self, track: &Track<'_>, mean: &[f64], covariance: &[f64]) -> Self {
+        let states = 3 * D;
+        if track.prior.is_empty() {
+            let (mut x, mut p) = ([0.0; N], self.start.1);
+            let mut trend = vec![0.0; states];
+            track.add_trend(0, &mut trend);
+            for i in 0..states {
+                x[i] = mean[i] - trend[i];
+                p[i] = [0.0; N];
+                p[i][i] = VAGUE_AFTER_ALL * covariance[i * (states + 1)];
+            }
+            let is_known = (0..states).all(|i| p[i][i].is_finite() && p[i][i] > 0.0);
+            self.smoothed = is_known.then_some((x, p));
+        }
+        self
     }
 
     /// Filters without keeping anything. Cost O(N D³).
@@ -114,7 +137,11 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         faults: &Faults,
         out: &mut Found,
     ) -> Option<()> {
-        if self.pass(track, model, faults, out) {
+        let first = self.start;
+        self.start = self.smoothed.unwrap_or(first);
+        let is_well = self.pass(track, model, faults, out);
+        self.start = first;
+        if is_well {
             return Some(());
         }
         // the plots say far more of the first state than the start does: one that is less vague

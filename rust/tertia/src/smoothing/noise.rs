@@ -114,7 +114,7 @@ fn improve<const D: usize, const S: usize, const N: usize>(
     out: &mut Smoothed<'_>,
     outlier: &mut [bool],
 ) -> Option<NoiseFit> {
-    let mut search = Search::<D, N>::new::<S>(track, fit, options.jerk)?;
+    let mut search = Search::<D, N>::new::<S>(track, fit, options.jerk, out)?;
     let mut near = if fit.jerk > 0.0 { fit.jerk.ln() } else { search.low };
     let none = || vec![false; track.len()];
     let mut faults = Faults { gross: none(), jumps: none() };

@@ -2,6 +2,7 @@
 
 use super::jerk::{JerkFit, range};
 use super::lasting::{Faults, Fit, Lasting, Model};
+use super::smoother::Smoothed;
 use super::track::Track;
 
 /// Standard deviation of the logarithm of the noise factor, before anything is known.
@@ -39,6 +40,8 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
     pub track: &'a Track<'a>,
     pub engine: Lasting<D, N>,
     pub jerk: Option<f64>,
+    /// Mean and covariance of the first state for white noise.
+    first: (Vec<f64>, Vec<f64>),
     /// Numbers that the first state takes.
     used: usize,
     /// The logarithm of a jerk that hardly shows within the track.
@@ -46,20 +49,23 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
 }
 
 impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
+    /// `white` is what was smoothed for white noise.
     pub fn new<const S: usize>(
         track: &'a Track<'a>,
         fit: &JerkFit,
         jerk: Option<f64>,
+        white: &Smoothed<'_>,
     ) -> Option<Self> {
-        let engine = Lasting::new::<S>(track, fit.jerk)?;
+        let first = (white.mean[..S].to_vec(), white.covariance[..S * S].to_vec());
+        let engine = Lasting::new::<S>(track, fit.jerk)?.near(track, &first.0, &first.1);
         let used = if track.prior.is_empty() { S } else { 0 };
-        Some(Self { track, engine, jerk, used, low: range(track)?.0 })
+        Some(Self { track, engine, jerk, first, used, low: range(track)?.0 })
     }
 
     /// Begins with a state as vague as such a jerk makes it.
     pub fn restart<const S: usize>(&mut self, jerk: f64) {
         if let Some(engine) = Lasting::new::<S>(self.track, jerk) {
-            self.engine = engine;
+            self.engine = engine.near(self.track, &self.first.0, &self.first.1);
         }
     }
 
