@@ -108,7 +108,7 @@ def test_dates_and_unknown_heights(radars: Path, write: Write, tmp_path: Path) -
     assert one["properties"]["times"][:2] == ["2026-03-01T23:59:00Z", "2026-03-01T23:59:04Z"]
     assert text(mark, ".//kml:when")[0] == "2026-03-01T23:59:00.000Z"
     heights = [place[2] for place in one["geometry"]["coordinates"]]
-    assert heights[0] == heights[1] == heights[2] == pytest.approx(3000)
+    assert heights[0] == heights[1] == heights[2] == pytest.approx(3000, abs=0.1)
 
 
 def test_positions_and_trajectories(write: Write, tmp_path: Path) -> None:

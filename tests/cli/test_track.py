@@ -266,8 +266,8 @@ def test_radars_on_the_earth(write: Write, tmp_path: Path) -> None:
     for name, period, longitude, latitude in (("A", 4.0, 2.0, 50.0), ("B", 5.0, 3.5, 50.2)):
         for time in np.arange(0.0, 120.0, period):
             azimuth, _, ground = earth.inv(longitude, latitude, 2.7, 50.5 + 0.001 * time)
-            rows.append(f"{time},{name},{ground},{azimuth % 360}")
-    seen = write(rows, "time_s,sensor,range_m,azimuth_deg")
+            rows.append(f"{time},{name},{ground},{azimuth % 360},0")
+    seen = write(rows, "time_s,sensor,range_m,azimuth_deg,height_m")
     frame = tracks(seen, "--sensors", path, "--registration", "off", folder=tmp_path)
     assert frame["track"].n_unique() == 1
     settled = frame.filter(pl.col("time_s") > 40.0)
