@@ -2,9 +2,6 @@
 //!
 //! `mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight`
 
-// indices are those of the formulas
-#![allow(clippy::needless_range_loop)]
-
 mod flight;
 mod mixture;
 mod motion;

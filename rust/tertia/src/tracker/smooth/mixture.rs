@@ -48,12 +48,9 @@ impl<const N: usize> State<N> {
                 }
             }
         }
-        for i in 0..N {
-            for j in i..N {
-                let mut sum = 0.0;
-                for k in 0..N {
-                    sum += g[i][k] * f[j][k];
-                }
+        for (i, row) in g.iter().enumerate() {
+            for (j, of) in f.iter().enumerate().skip(i) {
+                let sum = row.iter().zip(of).fold(0.0, |sum, (a, b)| sum + a * b);
                 self.covariance[i][j] = sum;
                 self.covariance[j][i] = sum;
             }
@@ -101,8 +98,8 @@ impl<const N: usize> State<N> {
             for d in 0..D {
                 self.mean[i] += gain[d] * difference[d];
             }
-            for j in i..N {
-                let mut sum = before[i][j];
+            for (j, &value) in before[i].iter().enumerate().skip(i) {
+                let mut sum = value;
                 for d in 0..D {
                     sum -= gain[d] * before[d][j];
                 }
@@ -147,16 +144,13 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
     #[inline]
     pub fn mix(&mut self, changes: &Matrix<M>) {
         let before = *self;
-        for j in 0..M {
-            let mut weights = [0.0; M];
-            let mut sum = 0.0;
-            for i in 0..M {
-                weights[i] = changes[i][j] * before.probability[i];
-                sum += weights[i];
-            }
+        for (j, state) in self.states.iter_mut().enumerate() {
+            let mut weights = before.probability;
+            weights.iter_mut().zip(changes).for_each(|(weight, row)| *weight *= row[j]);
+            let sum = weights.iter().fold(0.0, |sum, weight| sum + weight);
             self.probability[j] = sum;
             if sum > 0.0 {
-                self.states[j] = before.moments_about(weights.map(|w| w / sum), j);
+                *state = before.moments_about(weights.map(|w| w / sum), j);
             }
         }
         self.scale();
@@ -206,12 +200,12 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
     pub fn correct<const D: usize>(&mut self, fix: &Fix<D>) {
         let mut after = *self;
         let mut logarithms = [f64::NEG_INFINITY; M];
-        for j in 0..M {
+        for (j, logarithm) in logarithms.iter_mut().enumerate() {
             if self.probability[j] > 0.0 {
                 let Some(surprise) = after.states[j].correct(fix) else {
                     return;
                 };
-                logarithms[j] = self.probability[j].ln() - 0.5 * surprise;
+                *logarithm = self.probability[j].ln() - 0.5 * surprise;
             }
         }
         if after.weigh(&logarithms) {

@@ -158,7 +158,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         let common = self.models.common();
         let mut both = *forward;
         let mut logarithms = [f64::NEG_INFINITY; M];
-        for j in 0..M {
+        for (j, of_model) in logarithms.iter_mut().enumerate() {
             let weight = forward.probability[j] * backward.probability[j];
             if weight == 0.0 {
                 continue;
@@ -168,7 +168,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
                 return *forward;
             };
             both.states[j] = state;
-            logarithms[j] = forward.probability[j].ln() + backward.probability[j].ln() + logarithm;
+            *of_model = forward.probability[j].ln() + backward.probability[j].ln() + logarithm;
         }
         if both.weigh(&logarithms) { both } else { *forward }
     }
@@ -215,8 +215,8 @@ fn inverse<const N: usize>(a: &Matrix<N>) -> Option<(Matrix<N>, f64)> {
     for i in 0..N {
         for j in 0..i {
             let mut sum = a[i][j];
-            for k in 0..j {
-                sum -= lower[i][k] * lower[j][k];
+            for (x, y) in lower[i][..j].iter().zip(&lower[j]) {
+                sum -= x * y;
             }
             // the diagonal of `inverse` is 1 over that of `lower`
             lower[i][j] = sum * inverse[j][j];
