@@ -138,11 +138,12 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         out: &mut Found,
     ) -> Option<()> {
         let first = self.start;
-        self.start = self.smoothed.unwrap_or(first);
-        let is_well = self.pass(track, model, faults, out);
-        self.start = first;
-        if is_well {
-            return Some(());
+        for start in self.smoothed.into_iter().chain([first]) {
+            self.start = start;
+            if self.pass(track, model, faults, out) {
+                self.start = first;
+                return Some(());
+            }
         }
         // the plots say far more of the first state than the start does: one that is less vague
         // costs fewer digits
