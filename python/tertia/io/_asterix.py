@@ -172,6 +172,11 @@ def write_asterix(
     source : tuple of two int
         The codes of this system, SAC and SIC.
 
+    Returns
+    -------
+    None
+        The file is written.
+
     Raises
     ------
     ValueError

@@ -48,7 +48,7 @@ class Transversal(enum.IntEnum):
 
 
 class Longitudinal(enum.IntEnum):
-    """How a target moves along its course, as in ASTERIX I062/200."""
+    """How a target moves along its course: whether it is faster or slower than before, I062/200."""
 
     CONSTANT_SPEED = 0
     INCREASING_SPEED = 1
@@ -57,7 +57,7 @@ class Longitudinal(enum.IntEnum):
 
 
 class Vertical(enum.IntEnum):
-    """How a target moves vertically, as in ASTERIX I062/200."""
+    """How a target moves vertically: level, up or down, as in ASTERIX I062/200."""
 
     LEVEL = 0
     CLIMB = 1
