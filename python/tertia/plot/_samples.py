@@ -77,7 +77,7 @@ def bearing(
     >>> record = tertia.simulate.direction_finder(100, bearing=359.0, rng=7)
     >>> estimate = tertia.estimate_bearing(record.theta)
     >>> plot.bearing(record.theta, estimate, ax=Figure().subplots()).get_title()
-    '358.48 ± 0.32'
+    '358.48 ± 0.36'
     """
     period = None if period is None else real(period, "period")
     angles = _sample(theta, "theta", estimate.outlier, "estimate")
