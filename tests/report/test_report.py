@@ -65,6 +65,9 @@ def test_fusion_is_better_than_any_radar_alone(summary: dict[str, Any]) -> None:
     alone = min(row["rmse_m"] for name, row in rows.items() if name.endswith("alone"))
     assert rows["tracks fused, as found"]["rmse_m"] < rows["tracks fused, as stated"]["rmse_m"]
     assert rows["tracks fused, as found"]["rmse_m"] < alone
+    # systematic errors make the registration track once more, with other numbers
+    assert rows["tracks fused, as stated"]["rmse_m"] < alone
+    assert rows["all radars together"]["rmse_m"] < alone
     # covariance intersection is conservative whatever the correlation
     assert rows["covariance intersection, as found"]["within_95"] > 0.92
 

@@ -13,7 +13,7 @@ from tertia import _core
 from tertia._arrays import FloatArray, IntArray, instance, sequence_of
 from tertia.registration._errors import Errors, errors
 from tertia.registration._registration import NoiseHistory, Registration
-from tertia.registration._states import Common, Run, alone, common
+from tertia.registration._states import Common, Run, alone
 from tertia.sensors import ByKind, Radar
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
@@ -33,14 +33,12 @@ _REDUNDANT = 30.0
 class Rounds:
     """A registration, and the tracks of each radar alone that it uses.
 
-    `stated` are the tracks with the stated noise, `found` those with the estimated noise; `common`
-    are the states of the former at common instants.
+    `stated` are the tracks with the stated noise, `found` those with the estimated noise.
     """
 
     registration: Registration
     stated: list[TrackTable]
     found: list[TrackTable]
-    common: Common
 
 
 def register(
@@ -147,8 +145,7 @@ def rounds(
             radar = with_noise(radar, levels[0, k])
         found.append(table)
         sensors.append(radar)
-    joint, known = _systematic(plots, sensors, run, joint, stated)
-    states = common(joint, stated, radars)
+    known = _systematic(plots, sensors, run, joint, stated)
     # the noise of single radars, and what their plots are off together
     own = np.where(known.redundancy > _REDUNDANT, known.factor, 1.0)
     noise = np.array([[radar.range_sigma, radar.azimuth_sigma] for radar in radars])
@@ -168,7 +165,7 @@ def rounds(
             for k, radar in enumerate(radars)
         ),
     )
-    return Rounds(registration, stated, found, states)
+    return Rounds(registration, stated, found)
 
 
 def _systematic(
@@ -177,8 +174,8 @@ def _systematic(
     run: Run,
     joint: TrackTable | None,
     alone: Sequence[TrackTable],
-) -> tuple[TrackTable, Errors]:
-    """Return tracks of all radars and the systematic errors that they show.
+) -> Errors:
+    """Return the systematic errors that tracks of all radars show.
 
     Where errors are large, the plots of one target go to several tracks, of which no block has
     plots of two radars. So plots are tracked again without the errors found, until these stay.
@@ -194,8 +191,8 @@ def _systematic(
         bias = known.bias
         if np.all(np.abs(moved) < _STAYS * noise):
             break
-        last, joint = joint, None
-    return (last if joint is None else joint), known
+        joint = None
+    return known
 
 
 def with_noise(radar: Radar, sigma: FloatArray) -> Radar:

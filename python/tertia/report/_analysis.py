@@ -111,9 +111,10 @@ def analyse(
     joint_found = run(plots, registration.sensors)
     begin("fusion")
     fused = None
-    if len(made.common.time):
+    stated = common(joint, made.stated, radars)
+    if len(stated.time):
         better = common(joint, made.found, radars)
-        fused = _fuse(made.common, corrected(better, registration, radars))
+        fused = _fuse(stated, corrected(better, registration, radars))
     begin("plots")
     seen = [innovations(joint, k) for k in range(len(radars))]
     counts = [
