@@ -273,6 +273,39 @@ def test_tracks_of_one_identity_are_joined():
 POLAR = ("time", "range", "azimuth")
 
 
+def test_tracks_that_share_a_target_for_some_scans_are_joined():
+    plots = two_radars(3)[0]
+    named = replace(plots, identity=np.full(len(plots), 4660))
+    whole = track(named, BOTH)
+    whole = whole[whole.plot >= 0]
+    at = np.arange(len(whole))
+    number = np.where((at > 48) | ((at > 40) & (at % 2 == 1)), 2, 1)
+    parts = replace(whole, track=number)
+    expected = smooth_tracks(named, BOTH, whole)
+    found = smooth_tracks(named, BOTH, parts)
+    assert_array_equal(found.track, 1)
+    for name in ("time", "position", "covariance"):
+        assert_array_equal(getattr(found, name), getattr(expected, name))
+    # not where plots are farther apart than aircraft fly
+    far = replace(parts, position=parts.position + 40e3 * (number == 2)[:, np.newaxis])
+    assert len(np.unique(smooth_tracks(named, BOTH, far).track)) == 2
+
+
+def test_plots_that_waited_are_taken_at_their_own_times():
+    plots = two_radars(4)[0]
+    tracks = track(plots, BOTH)
+    tracks = tracks[tracks.plot >= 0]
+    expected = smooth_tracks(plots, BOTH, tracks)
+    late = replace(tracks, time=tracks.time + 3.0 * (tracks.sensor == 1))
+    found = smooth_tracks(plots, BOTH, late)
+    assert_array_equal(found.time, plots.time[found.plot])
+    assert_array_equal(found.position, expected.position)
+    # clocks that began again are continuous in tracks
+    after = smooth_tracks(plots, BOTH, replace(tracks, time=tracks.time + 86400.0))
+    assert_allclose(after.time, expected.time + 86400.0)
+    assert_allclose(after.position, expected.position)
+
+
 def test_biases_are_subtracted():
     plots = turning(8)[3]
     biased = [replace(RADAR, bias=Bias(range=400.0, time=1.0))]

@@ -34,6 +34,8 @@ from tertia.tracker._tracker import track, tracked
 # tracks of one identity are one target's if no more than this lies between them, in seconds, at
 # speeds of aircraft, in metres per second, with an allowance for the errors of both ends, in metres
 _PAUSE, _FASTEST, _ALLOWANCE = 300.0, 350.0, 3000.0
+# plots wait less for others before they are given to tracks, in seconds
+_WAITING = 60.0
 # more states than these are asked for by mistake
 _MOST_STATES = 100_000_000
 
@@ -174,7 +176,7 @@ def smooth_tracks(
     tracks : TrackTable, optional
         Which plots belong together; by default `track(plots, sensors)`. Tracks with the same
         identity are joined where they follow each other within five minutes and at speeds of
-        aircraft, unless two of them exist at once.
+        aircraft, unless a radar sees two of them in one scan.
     motion : {"imm", "cv"} or ImmModel, CvModel
         Motion model of the targets: straight flight and turns as given, and changes of speed; or
         straight flight alone.
@@ -295,11 +297,12 @@ class _Rows:
         """Sort the plots in these rows; `radars` were tracked by, `sites` are known by now."""
         own = plots[tracks.plot[rows]]
         corrected = own_biases(sites).correct(own)
-        # clocks are continuous in tracks, and right by what was known then
-        time = tracks.time[rows] + (corrected.time - own_biases(radars).correct(own).time)
+        # clocks are continuous in tracks, but plots that waited for others have rows of later times
+        clock = tracks.time[rows] - own_biases(radars).correct(own).time
+        time = corrected.time + np.where(np.abs(clock) > _WAITING, clock, 0.0)
         position, covariance = corrected.to_cartesian(sites)
         known = np.isfinite(position[:, 0]) & np.isfinite(time)
-        number = _joined(tracks)[rows]
+        number = _joined(replace(tracks[rows], time=time), radars)
         order = np.lexsort((tracks.plot[rows], time, number))
         order = order[known[order]]
         numbers, first = np.unique(number[order], return_index=True)
@@ -329,33 +332,47 @@ class _Rows:
         return time[self.first[1:] - 1] - time[self.first[:-1]]
 
 
-def _joined(tracks: TrackTable) -> IntArray:
+def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
     """Return the number of the target of each row: that of its first track."""
     if not len(tracks):
         return tracks.track
-    order = np.lexsort((tracks.time, tracks.track))
-    numbers, first = np.unique(tracks.track[order], return_index=True)
-    begin, end = order[first], order[np.append(first[1:], len(order)) - 1]
+    seen = tracks[np.lexsort((tracks.time, tracks.track))]
+    numbers, first = np.unique(seen.track, return_index=True)
     target = dict(zip(numbers.tolist(), numbers.tolist(), strict=True))
-    identity = np.full(len(numbers), NO_IDENTITY)
-    for k, rows in enumerate(np.split(order, first[1:])):
-        replies = tracks.identity[rows]
+    identity = np.full(len(seen), NO_IDENTITY)
+    for rows in np.split(np.arange(len(seen)), first[1:]):
+        replies = seen.identity[rows]
         replies, counts = np.unique(replies[replies != NO_IDENTITY], return_counts=True)
         if len(replies):
-            identity[k] = replies[np.argmax(counts)]
-    for reply in np.unique(identity[identity != NO_IDENTITY]):
-        own = np.flatnonzero(identity == reply)
-        own = own[np.argsort(tracks.time[begin[own]], kind="stable")]
-        before, after = end[own[:-1]], begin[own[1:]]
-        pause = tracks.time[after] - tracks.time[before]
-        if np.any(pause <= 0.0):
-            continue
-        way = np.hypot(*(tracks.position[after] - tracks.position[before]).T)
-        near = (pause <= _PAUSE) & (way <= _FASTEST * pause + _ALLOWANCE)
-        for k in np.flatnonzero(near).tolist():
-            target[int(numbers[own[k + 1]])] = target[int(numbers[own[k]])]
+            identity[rows] = replies[np.argmax(counts)]
+    several = np.unique(identity[first], return_counts=True)
+    for reply in several[0][(several[1] > 1) & (several[0] != NO_IDENTITY)]:
+        own = seen[identity == reply]
+        for before, after in _changes(own[np.argsort(own.time, kind="stable")], radars):
+            target[after] = target[before]
     found = np.array([target[number] for number in numbers.tolist()], dtype=np.int64)
     return found[np.searchsorted(numbers, tracks.track)]
+
+
+def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]:
+    """Return the tracks that go on as another one, of rows of one identity in the order of time.
+
+    A radar that sees two of them in one scan sees two targets. Tracks of one target may have its
+    plots in turn for some scans.
+    """
+    for sensor in np.unique(seen.sensor):
+        own = seen[seen.sensor == sensor]
+        near = np.diff(own.time) < 0.5 * radars[sensor].scan_period
+        if np.any(near & (np.diff(own.track) != 0)):
+            return []
+    at = np.flatnonzero(np.diff(seen.track))
+    pause = seen.time[at + 1] - seen.time[at]
+    way = np.hypot(*(seen.position[at + 1] - seen.position[at]).T)
+    near = (pause <= _PAUSE) & (way <= _FASTEST * pause + _ALLOWANCE)
+    pairs = np.column_stack([seen.track[at], seen.track[at + 1]])
+    far = set(map(frozenset, pairs[~near].tolist()))
+    begun = np.isin(at + 1, np.unique(seen.track, return_index=True)[1])
+    return [(a, b) for a, b in pairs[begun].tolist() if frozenset((a, b)) not in far]
 
 
 def _smoothed(
