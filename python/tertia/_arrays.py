@@ -10,6 +10,8 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from tertia._moments import are_moments, seconds
+
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IntArray: TypeAlias = npt.NDArray[np.int64]
@@ -27,12 +29,17 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 def samples(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return `value` as float64 numbers; a masked measurement, None and pandas' NA are nan."""
+    """Return `value` as float64 numbers; a masked measurement, None and pandas' NA are nan.
+
+    A `time` may also be dates with times, or ISO 8601 text: seconds since 1970.
+    """
     if type(value) is _ARRAY and value.dtype is _FLOAT64:
         return value
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(np.float64), np.nan)
     array = array_of(value, name)
+    if name == "time" and are_moments(array):
+        return seconds(array, name)
     if array.dtype.kind not in "iufO":
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold real numbers")
     if array.dtype.kind == "O":

@@ -23,6 +23,7 @@ from tertia.tables._records import (
     Records,
     Schema,
     Source,
+    doubt,
     doubt_unit,
     number,
     read,
@@ -155,10 +156,24 @@ def read_targets(
     group = np.empty(records.rows.height, dtype=np.int64)
     group[groups.order] = groups.group
     measured = measured.with_columns(group=group[measured["record"].to_numpy()])
-    return [
+    targets = [
         _target(rows, groups.keys[k : k + 1], len(sensors.names), clock, tolerance)
         for k, rows in enumerate(measured.partition_by("group", maintain_order=True))
     ]
+    for target in targets:
+        _doubt_instants(target)
+    return targets
+
+
+def _doubt_instants(target: Target) -> None:
+    """Warn where sensors never measure at the same time, which no instant survives."""
+    sites = target.rows.group_by("step").agg(pl.col("site").n_unique())["site"]
+    if len(sites) > 1 and sites.max() == 1 and target.rows["site"].n_unique() > 1:
+        apart = float(np.median(np.diff(target.times)))
+        doubt(
+            f"{target.name + ': ' if target.name else ''}no two sensors measured at the same time; "
+            f"times are {apart:.3g} s apart: give a tolerance"
+        )
 
 
 def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:

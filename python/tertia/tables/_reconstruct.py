@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from tertia._arrays import FloatArray
 from tertia.sensors import Kind, Station
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
+from tertia.tables._instants import check_tolerance
 from tertia.tables._measurements import UNITS, Target, read_targets
 from tertia.tables._positions import (
     Located,
@@ -40,6 +42,7 @@ def reconstruct(
     sensors: Sequence[Station] | Sensors[Station],
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
+    tolerance: float = 0.0,
     **options: Any,
 ) -> Table:
     """Reconstruct the paths of targets, as the command `tertia reconstruct` does.
@@ -55,6 +58,8 @@ def reconstruct(
         Column names in this table, keyed by standard name.
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
+    tolerance : float
+        Seconds within which measurements are of one instant, at the mean of their times.
     **options
         See `tertia.trajectory.reconstruct`.
 
@@ -90,7 +95,9 @@ def reconstruct(
     >>> [round(v, 3) for v in path.select("velocity_east_m_s", "velocity_north_m_s").row(4)]
     [10.0, 0.0]
     """
-    found = paths_of(source_of(table), sensors=sensors, columns=columns, by=by, **options)
+    found = paths_of(
+        source_of(table), sensors=sensors, columns=columns, by=by, tolerance=tolerance, **options
+    )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
 
 
@@ -100,6 +107,7 @@ def paths_of(
     sensors: Sequence[Station] | Sensors[Station],
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
+    tolerance: float = 0.0,
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Positions[Trajectory]:
@@ -107,7 +115,11 @@ def paths_of(
     require_options(**{name: one for name, one in options.items() if name != "n_threads"})
     stations = sensors_of(sensors)
     results = result_names(_MOTION)
-    targets = read_targets(source, stations, columns=columns, by=by, results=results)
+    if not math.isfinite(check_tolerance(tolerance)):
+        raise ValueError("tolerance is inf; a path needs times: it must be a finite number")
+    targets = read_targets(
+        source, stations, columns=columns, by=by, results=results, tolerance=tolerance
+    )
     return Positions([_path(one, stations, options) for one in progress(targets)], stations)
 
 

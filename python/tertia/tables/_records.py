@@ -19,7 +19,13 @@ import polars as pl
 
 from tertia._arrays import IntArray
 from tertia.tables._frames import height, names, series
-from tertia.tables._times import kind_of_times, moments, seconds_of_day, seconds_of_text
+from tertia.tables._times import (
+    in_format,
+    kind_of_times,
+    moments,
+    seconds_of_day,
+    seconds_of_text,
+)
 from tertia.tracker import NO_IDENTITY
 
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
@@ -30,8 +36,11 @@ _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0
 # cells of text that hold nothing
 MARKS = ("", "-", "na", "nan", "null", "none")
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
+_SAY_FORMAT = "; or give --time-format, as %d.%m.%Y %H:%M:%S"
 # so many values show whether a unit is right
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
+# the year 5138, in seconds
+_LATEST = 1e11
 # medians above which a unit is hardly right, the unit, and the one that it probably is
 _MOST = {
     "range_nm": (1000.0, "nautical miles", "metres"),
@@ -102,7 +111,7 @@ class Field:
 
     Each column has a factor to the unit of the library (for identities, the base). `required`: one
     of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
-    positive.
+    positive. `most`: none is larger, in the unit of the column, with either sign.
     """
 
     kind: Kind
@@ -110,6 +119,7 @@ class Field:
     required: bool = False
     whole: bool = False
     positive: bool = False
+    most: float = math.inf
 
 
 Schema: TypeAlias = Mapping[str, Field]
@@ -130,7 +140,7 @@ class Part:
 
     `line` is the line of the first row if a file has lines, `rows` are the positions of the rows in
     the file if some were left out. `sensors` is the information in the file about its sensors, by
-    name.
+    name, and `time_format` is how times are written, if not in one of the usual ways.
     """
 
     table: Any
@@ -139,6 +149,7 @@ class Part:
     line: int | None = None
     rows: IntArray | None = None
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
+    time_format: str | None = None
 
     @property
     def called(self) -> str:
@@ -154,7 +165,7 @@ class Part:
     def column(self, name: str) -> str:
         """Return the column of this name, or the one that differs in case, spaces or brackets."""
         there = names(self.table)
-        alike = [one for one in there if _plain(one) == _plain(name)]
+        alike = [one for one in there if plain_name(one) == plain_name(name)]
         if name in there or not alike:
             return name
         if len(alike) > 1:
@@ -183,7 +194,7 @@ class Part:
         return f"it has {', '.join(map(str, names(self.table)))}"
 
 
-def _plain(name: object) -> str:
+def plain_name(name: object) -> str:
     """Return a name without what is written in different ways: `Azimuth [deg]` is azimuth_deg."""
     return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
 
@@ -361,6 +372,8 @@ class Reader:
         if one.kind == "time":
             found = self.times(values)
             self.times_are = kind_of_times(found)
+            if self.problems is None:
+                doubt_time(name, found)
         elif one.kind == "name":
             found = _names(values.cast(pl.String))
         elif one.kind == "flag":
@@ -369,6 +382,9 @@ class Reader:
             found = self.identities(values, name)
         else:
             found = self.numbers(values, positive=one.positive)
+            allowed = f"it must be between {-one.most:g} and {one.most:g}"
+            beyond = (found.abs() > one.most) & found.is_finite()
+            self.refuse(beyond, f"{values.name} is {{:g}}; {allowed}", found)
             if self.problems is None:
                 doubt_unit(name, found)
             if one.columns[name] != 1.0:
@@ -456,6 +472,8 @@ class Reader:
             self.refuse(bad, f"{name} is {{!r}}; it must be a finite number", found)
             return found.cast(pl.Float64) if found.dtype == pl.Null else found
         values = without_marks(values)
+        if self.part.time_format is not None:
+            return self._formatted(values, self.part.time_format)
         first = values.drop_nulls().head(1)
         numeric = not seconds_of_text(first).null_count()
         if self.like is not None:
@@ -469,7 +487,18 @@ class Reader:
             found = moments(values, first.item(), zoned)
             known = found.is_not_null()
         bad = values.is_not_null() & ~known.fill_null(False)
-        self.refuse(bad, f"{name} is {{!r}}; it must be {_AS_OTHERS}", values)
+        hint = "" if known.any() or self.part.file is None else _SAY_FORMAT
+        self.refuse(bad, f"{name} is {{!r}}; it must be {_AS_OTHERS}{hint}", values)
+        return found
+
+    def _formatted(self, values: pl.Series, form: str) -> pl.Series:
+        """Return times that are written in another way."""
+        try:
+            found = in_format(values, form)
+        except pl.exceptions.PolarsError as error:
+            raise self.part.error(f"the time format {form!r}: {error}") from None
+        bad = values.is_not_null() & found.is_null()
+        self.refuse(bad, f"{values.name} is {{!r}}, not as the time format {form}", values)
         return found
 
     def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:
@@ -546,6 +575,14 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
         doubt(f"{name} is {typical:.6g} in the median: is it in {other}? It should be in {unit}")
+
+
+def doubt_time(name: str, times: pl.Series) -> None:
+    """Warn where times are hardly seconds."""
+    if times.dtype.is_numeric() and len(times):
+        last = times.max()
+        if isinstance(last, (int, float)) and last > _LATEST:
+            doubt(f"{name} is up to {last:.6g}: is it in milliseconds? It should be in seconds")
 
 
 def identity_texts(numbers: IntArray, name: str) -> pl.Series:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
@@ -14,7 +15,7 @@ from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.sensors import Bias, Radar, Station
 from tertia.tables._groups import known
-from tertia.tables._records import RecordError, doubt, is_mark
+from tertia.tables._records import RecordError, doubt, is_mark, plain_name
 
 if TYPE_CHECKING:
     import polars as pl
@@ -56,6 +57,8 @@ _BIAS = {
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
+# letters that a misspelt name has in common with the right one
+_NEARLY = 0.85
 # no radar that watches aircraft is as good, in degrees
 _DOUBTFUL_SIGMA = 0.005
 
@@ -261,7 +264,9 @@ class _Cells:
         """Return a number that must be there."""
         found = self.number(column)
         if found is None:
-            raise self.error(f"{column} of {self.name} is missing")
+            near = get_close_matches(column, map(str, self.row), 1, _NEARLY)
+            hint = f"; is {near[0]} meant?" if near and near[0] != column else ""
+            raise self.error(f"{column} of {self.name} is missing{hint}")
         return found
 
     def sigma(self, column: str) -> float | None:
@@ -284,7 +289,7 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
     if not rows:
         raise RecordError(f"there are no {noun}s", file=file)
     found: dict[str, Row] = {}
-    for at, row in enumerate(rows, start=1):
+    for at, row in enumerate(map(_with_plain_names, rows), start=1):
         name = str(row.get("name") or "").strip()
         if not name:
             raise RecordError(f"{noun} {at} has no name", file=file)
@@ -292,6 +297,11 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
             raise RecordError(f"there are two {noun}s {name}", file=file)
         found[name] = row
     return found
+
+
+def _with_plain_names(row: Row) -> Row:
+    """Return the cells of a sensor by the names that are looked for, as in other tables."""
+    return {plain_name(key): value for key, value in row.items()}
 
 
 def _completed(cells: _Cells, found: Row) -> Row:
@@ -319,6 +329,13 @@ def _in_a_system_plane(cells: Sequence[_Cells], origin: Row | None, file: str) -
     centre = cells[0] if origin is None else _Cells(origin, "the origin", file)
     plane = SystemPlane(*(centre.required(column) for column in GEODETIC[:2]))
     positions = [plane.to_local(*place) for place in _coordinates(cells, GEODETIC)]
+    for one, place in zip(cells, positions, strict=True):
+        distance = float(np.hypot(*place[:2]))
+        if distance > _REACH_OF_A_PLANE:
+            doubt(
+                f"{one.name} is {distance / 1e3:.0f} km from the origin: are latitude and "
+                "longitude swapped?"
+            )
     items = [_radar(one, place, plane) for one, place in zip(cells, positions, strict=True)]
     return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan), plane, file)
 

@@ -65,6 +65,19 @@ def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Seri
     return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
 
 
+def in_format(column: pl.Series, form: str) -> pl.Series:
+    """Return times as a format of strftime says; without a date, as seconds of the day.
+
+    Null where a text is not so.
+    """
+    # Polars counts %f in nanoseconds
+    form = form.replace(".%f", "%.f")
+    if not any(mark in form for mark in ("%Y", "%y", "%D", "%F", "%s", "%c", "%j")):
+        return seconds_of_day(column.str.to_time(form, strict=False))
+    found: pl.Series = column.str.to_datetime(form, time_unit="us", strict=False)
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class Clock:
     """Times of records, and the corresponding seconds: since `origin`, if they are dates."""

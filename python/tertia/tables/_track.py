@@ -39,7 +39,7 @@ from tertia.tracker._tracker import tracked
 PLOTS: Schema = {
     "time": TIME,
     "range": Field("number", {"range_m": 1.0, "range_nm": NAUTICAL_MILE}, required=True),
-    "azimuth": Field("number", {"azimuth_deg": 1.0}, required=True),
+    "azimuth": Field("number", {"azimuth_deg": 1.0}, required=True, most=720.0),
     "sensor": SENSOR,
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
     "identity": Field("identity", IDENTITIES),

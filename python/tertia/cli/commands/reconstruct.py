@@ -42,6 +42,10 @@ def reconstruct(
     sensors: SensorFile,
     column: ColumnNames = None,
     by: By = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", help="Measurements within these are one instant."),
+    ] = 0.0,
     spatial: Annotated[Spatial, typer.Option(help="How to locate an instant.")] = "robust",
     order: Annotated[
         Order, typer.Option(help="Locate instants, then smooth over time; or the reverse.")
@@ -70,7 +74,8 @@ def reconstruct(
     """Reconstruct a path from ranges, azimuths, elevations or range differences.
 
     One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
-    one per measurement, with kind and value. Measurements with equal times form an instant.
+    one per measurement, with kind and value. Measurements with equal times, or within --tolerance,
+    form an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
     options: dict[str, Any] = {"degree": _degree(degree), "bias": _bias(bias)}
@@ -81,6 +86,7 @@ def reconstruct(
         sensors=stations,
         columns=column_names(column),
         by=by or [],
+        tolerance=tolerance,
         spatial=spatial,
         order=order,
         smoother=smoother,

@@ -86,8 +86,7 @@ def report(
     bearings as by tertia locate, from the stations of the sensors file; --by applies to bearings.
     The page needs no network.
     """
-    if output.suffix.lower() not in _SUFFIXES:
-        fail(f"cannot write {output}: its name must end in {', '.join(_SUFFIXES)}", WRONG_USAGE)
+    write.check_suffix(output, _SUFFIXES)
     if not files:
         fail("give files of plots", WRONG_USAGE)
     place = pair(origin, "--origin", float)

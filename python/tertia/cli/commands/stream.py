@@ -16,7 +16,7 @@ import typer
 
 from tertia._arrays import IntArray
 from tertia.cli.commands.control import Control, request_of
-from tertia.cli.files.read import has_lines
+from tertia.cli.files.read import TIME_FORMAT, has_lines
 from tertia.cli.files.text import separator_of, with_point
 from tertia.cli.files.write import as_lines
 from tertia.cli.terminal.pipe import Lines, Quiet
@@ -200,8 +200,11 @@ class _Plots:
         if self.clock is None:
             self._learn_times(text, called, problems)
         like = None if self.clock is None else self.clock.dtype
-        part = Part(text, self.name)
+        part = self._part(text)
         return Reader(part, PLOTS, called, names, like=like, problems=problems).rows()
+
+    def _part(self, text: pl.DataFrame) -> Part:
+        return Part(text, self.name, time_format=TIME_FORMAT.get())
 
     def _learn_times(
         self, text: pl.DataFrame, called: Mapping[str, str], problems: Mapping[int, str]
@@ -210,7 +213,7 @@ class _Plots:
         column = text[self._choices["time"][0]]
         for at in range(len(column)):
             wrong: dict[int, str] = {}
-            reader = Reader(Part(text, self.name), PLOTS, called, problems=wrong)
+            reader = Reader(self._part(text), PLOTS, called, problems=wrong)
             moment = reader.times(column[at : at + 1])
             if at not in problems and not wrong and moment.null_count() == 0:
                 self.clock = Clock.of(moment, midnight=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -12,7 +14,7 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
-from tertia.cli.files.text import Dialect, read_text
+from tertia.cli.files.text import Dialect, decoded, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._records import Part, Source
@@ -36,6 +38,10 @@ _PACKED = (".gz", ".zst")
 _BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
 _ORIGIN = "origin"
 _ROWS_AT_ONCE = 2**17
+
+
+# how times are written in tables, by the option that all commands have
+TIME_FORMAT: ContextVar[str | None] = ContextVar("time_format", default=None)
 
 
 def kind_of(path: Path) -> str:
@@ -106,6 +112,11 @@ def _filled(parts: list[Part], paths: Sequence[Path]) -> Source:
 
 
 def _table(path: Path) -> Part:
+    """Return the table in a file, whose times are written as the option says."""
+    return replace(_rows(path), time_format=TIME_FORMAT.get())
+
+
+def _rows(path: Path) -> Part:
     """Return the table in a file; columns of CSV are text, so that 007 remains 007."""
     kind, frame = kind_of(path), _frame(path)
     if kind in _BINARY:
@@ -139,6 +150,9 @@ def _frame(path: Path) -> pl.DataFrame:
                 return pl.read_ipc(file)
         if kind in _BINARY:
             return pl.read_parquet(path, glob=False)
+        other = foreign(path)
+        if other is not None:
+            fail(f"cannot read {path}: {other}")
         return read_text(path)
     except FileNotFoundError:
         fail(f"there is no file {path}", WRONG_USAGE)
@@ -155,6 +169,9 @@ def _say_why(path: Path, error: str) -> NoReturn:
     if path.stat().st_size == 0:
         fail(f"{path} is empty")
     kind = kind_of(path)
+    reason = None if kind in {*_BINARY, *JSON_LINES} else too_long(path)
+    if reason is not None:
+        fail(f"cannot read {path}: {reason}")
     if kind in _BINARY:
         fail(f"cannot read {path}: it is no {_BINARY[kind]} file, or cut off: {error}")
     if kind in JSON_LINES and path.suffix.lower() not in _PACKED:
@@ -211,7 +228,7 @@ def _described(
         return part.table.to_dicts(), None
     try:
         with reading(path):
-            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            document = tomllib.loads(decoded(path.read_bytes()))
     except ValueError as error:
         # also what is no UTF-8
         fail(f"cannot read {path}: {error}")

@@ -10,7 +10,7 @@ import re
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import polars as pl
 
@@ -18,8 +18,18 @@ from tertia.tables._records import doubt
 
 _BEGIN = 1 << 16
 # of those of equal number the first
-_SEPARATORS = ",;\t"
+_SEPARATORS = ",;\t|"
 _BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_NUMBER = r"\s*[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*"
+_GZIP = b"\x1f\x8b"
+_DAMAGED = (EOFError, zlib.error, gzip.BadGzipFile)
+# what is called a table, and is no text
+_OTHERS = {
+    b"PK": "a workbook or an archive",
+    b"\xd0\xcf\x11\xe0": "a workbook",
+    b"%PDF": "a PDF",
+    b"PAR1": "Parquet, whose names end in .parquet",
+}
 _DECIMAL_COMMA = r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$"
 
 
@@ -42,11 +52,10 @@ class Dialect:
         # what is read once from a pipe is gone
         if packed == ".zst" or not path.is_file():
             return cls()
-        opened = gzip.open if packed == ".gz" else open
         try:
-            with opened(path, "rb") as file:
+            with _opened(path) as file:
                 begin = file.read(_BEGIN)
-        except (EOFError, zlib.error, gzip.BadGzipFile):
+        except _DAMAGED:
             return cls()
         encoding = _BOMS.get(begin[:2]) or _without_mark(begin)
         lines = begin.decode(encoding, "ignore").lstrip("\ufeff").splitlines()
@@ -64,12 +73,56 @@ def with_point(cell: str) -> str:
     return re.sub(_DECIMAL_COMMA, r"\1.\2", cell)
 
 
+def _is_number(cell: str) -> bool:
+    return re.fullmatch(_NUMBER, cell) is not None
+
+
+def decoded(contents: bytes) -> str:
+    """Return a text in UTF-8 or UTF-16, with or without a byte order mark."""
+    encoding = _BOMS.get(contents[:2]) or _without_mark(contents[:_BEGIN])
+    return contents.decode(encoding).lstrip("\ufeff")
+
+
 def _without_mark(begin: bytes) -> str:
     """Return the encoding of a text without a byte order mark."""
     for encoding, zeros in (("utf-16-le", begin[1::2]), ("utf-16-be", begin[::2])):
         if zeros and zeros.count(0) > len(zeros) // 2:
             return encoding
     return "utf-8"
+
+
+def _opened(path: Path) -> BinaryIO:
+    """Open a file, unpacked."""
+    return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")  # type: ignore[return-value]
+
+
+def foreign(path: Path) -> str | None:
+    """Return what a file is that is no text, in words."""
+    packed = path.suffix.lower()
+    if packed == ".zst" or not path.is_file():
+        return None
+    with path.open("rb") as file:
+        begin = file.read(len(max(_OTHERS, key=len)))
+    if packed == ".gz":
+        return "it is not compressed by gzip" if begin and begin[:2] != _GZIP else None
+    kinds = (what for mark, what in _OTHERS.items() if begin.startswith(mark))
+    return next((f"it is {what}: save it as CSV" for what in kinds), None)
+
+
+def too_long(path: Path) -> str | None:
+    """Return which line has more fields than the header, in words."""
+    dialect = Dialect.of(path)
+    try:
+        with _opened(path) as file:
+            lines = file.read().decode(dialect.encoding, "replace").lstrip("\ufeff").splitlines()
+    except (OSError, *_DAMAGED):
+        return None
+    rows = csv.reader(lines, delimiter=dialect.separator)
+    width = len(next((cells for cells in rows if cells), []))
+    for cells in rows:
+        if len(cells) > width:
+            return f"line {rows.line_num} has {len(cells)} fields, the header has {width}"
+    return None
 
 
 def read_text(path: Path) -> pl.DataFrame:
@@ -79,6 +132,8 @@ def read_text(path: Path) -> pl.DataFrame:
     """
     dialect = Dialect.of(path)
     frame = _read(path, dialect)
+    if frame.width and all(map(_is_number, frame.columns)):
+        raise pl.exceptions.ComputeError("its first line has numbers: it must name the columns")
     if dialect.separator == ",":
         return frame
     return frame.with_columns(pl.all().str.replace(_DECIMAL_COMMA, "${1}.${2}"))
@@ -90,11 +145,12 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
         try:
             return pl.read_csv(path, glob=False, **options)
         except pl.exceptions.ComputeError as error:
-            if "utf-8" not in str(error).lower() or path.suffix.lower() in {".gz", ".zst"}:
+            if "utf-8" not in str(error).lower() or path.suffix.lower() == ".zst":
                 raise
     encoding = "cp1252" if dialect.encoding == "utf-8" else dialect.encoding
     try:
-        text = path.read_bytes().decode(encoding).lstrip("\ufeff")
+        with _opened(path) as file:
+            text = file.read().decode(encoding).lstrip("\ufeff")
     except UnicodeDecodeError as error:
         raise pl.exceptions.ComputeError(f"it is no text: {error}") from None
     if encoding == "cp1252":

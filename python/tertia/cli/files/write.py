@@ -67,7 +67,7 @@ def check_suffixes(
     """
     tables = [path for path in (output, *others) if path is not None]
     for at, path in enumerate(tables):
-        _check_suffix(path, [*WRITERS, *(maps if path is output else ())])
+        check_suffix(path, [*WRITERS, *(maps if path is output else ())])
         if path in tables[:at]:
             fail(f"two results would be written to {path}", WRONG_USAGE)
     if plot_file is not None:
@@ -75,13 +75,21 @@ def check_suffixes(
             fail("--plot needs the extra plot: pip install 'tertia[plot]'")
         from matplotlib.backend_bases import FigureCanvasBase  # noqa: PLC0415  # slow to import
 
-        _check_suffix(plot_file, [f".{name}" for name in FigureCanvasBase.filetypes])
+        check_suffix(plot_file, [f".{name}" for name in FigureCanvasBase.filetypes])
 
 
-def _check_suffix(path: Path, known: Iterable[str]) -> None:
+def check_suffix(path: Path, known: Iterable[str]) -> None:
+    """Fail if a result could not be written for its name or its folder."""
     if path.suffix.lower() not in known:
         fail(f"cannot write {path}: its name must end in {', '.join(known)}", WRONG_USAGE)
-    wrong = errno.EISDIR if path.is_dir() else 0 if path.parent.is_dir() else errno.ENOENT
+    try:
+        target = path.resolve()
+        if path.is_symlink() and target.is_symlink():
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+        wrong = errno.EISDIR if path.is_dir() else 0 if target.parent.is_dir() else errno.ENOENT
+    except (OSError, RuntimeError) as error:
+        # a name that is too long, or a link to itself, which Python 3.12 and before call otherwise
+        wrong = getattr(error, "errno", errno.ELOOP)
     if wrong:
         fail(f"cannot write {path}: {os.strerror(wrong)}")
 

@@ -10,12 +10,15 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
 import typer
 
+from tertia.cli.files.read import TIME_FORMAT
+from tertia.cli.terminal import settings
 from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
 from tertia.tables import ColumnError, RecordError, RecordWarning
 
@@ -26,10 +29,33 @@ _Json = Annotated[
 ]
 
 
+_TimeFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--time-format",
+        metavar="FORMAT",
+        help="How times are written, as %d.%m.%Y %H:%M:%S; by default seconds, times of day or "
+        "ISO 8601.",
+    ),
+]
+_Settings = Annotated[
+    Path | None,
+    typer.Option(
+        "--settings",
+        metavar="FILE",
+        readable=False,
+        is_eager=True,
+        callback=settings.use,
+        help="Options from a file, .toml; those of the command line come first.",
+    ),
+]
+
+
 def command(function: Callable[..., Any]) -> Callable[..., None]:
     """Return a command that reports each error in one line, also if it is interrupted.
 
-    If the function returns something, the command has the option --json, which prints that.
+    All commands have --settings and --time-format. If the function returns something, the command
+    has the option --json, which prints that.
     """
     signature = inspect.signature(function)
     machine = signature.return_annotation is not None
@@ -37,6 +63,8 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
     @functools.wraps(function)
     def run(**options: Any) -> None:
         as_json = options.pop("json", False)
+        options.pop("settings")
+        time_format = TIME_FORMAT.set(options.pop("time_format"))
         try:
             with _mistakes():
                 if not as_json:
@@ -48,14 +76,19 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
         except KeyboardInterrupt:
             note("tertia: interrupted")
             raise typer.Exit(INTERRUPTED) from None
+        finally:
+            TIME_FORMAT.reset(time_format)
 
-    if machine:
-        option = inspect.Parameter(
-            "json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=_Json
-        )
-        parameters = [*signature.parameters.values(), option]
-        run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = function.__annotations__ | {"json": _Json}
+    common = {"time_format": (_TimeFormat, None), "settings": (_Settings, None)}
+    added = common | ({"json": (_Json, False)} if machine else {})
+    parameters = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in added.items()
+    ]
+    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*signature.parameters.values(), *parameters]
+    )
+    run.__annotations__ = function.__annotations__ | {name: one[0] for name, one in added.items()}
     return run
 
 
