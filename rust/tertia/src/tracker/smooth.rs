@@ -1,12 +1,13 @@
 //! Tracks from all their plots, those that came later as well: two filters of several models.
 //!
-//! `mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight`
+//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight`
 
 mod flight;
 mod mixture;
 mod motion;
 mod movement;
 mod passes;
+mod root;
 mod two_filter;
 #[cfg(test)]
 mod vectors;

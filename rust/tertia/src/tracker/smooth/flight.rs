@@ -1,7 +1,7 @@
 //! One track: its plots in, its states out.
 
 use super::mixture::Fix;
-use super::motion::{ACCELERATION, MODELS, Movement, RATE, SPEED, STATES, TURN};
+use super::motion::{MODELS, Movement, SPEED, STATES, TURN};
 use super::movement::{Manoeuvre, likely};
 use super::passes::{Innovation, Passes, Record, Solution};
 use super::vertical::{self, CLIMB, LEVEL, Vertical};
@@ -200,7 +200,7 @@ impl Heights {
     fn row(&self, time: f64, place: usize, of: &Solution<STATES, MODELS>) -> SmoothedRow {
         let (mean, p) = (&of.state.mean, &of.state.covariance);
         let (turn, speed) = (of.probability[TURN], of.probability[SPEED]);
-        let (turn_rate, acceleration) = (-mean[RATE], mean[ACCELERATION]);
+        let (turn_rate, acceleration) = (-of.own[TURN], of.own[SPEED]);
         let nan = f64::NAN;
         let mut row = SmoothedRow {
             time,
@@ -223,9 +223,9 @@ impl Heights {
             outlier: false,
             is_final: false,
         };
-        if let Some(Solution { state, probability }) = &self.solutions[place] {
+        if let Some(Solution { state, probability, own }) = &self.solutions[place] {
             let variance = state.covariance[0][0] + probability[LEVEL] * self.rounding;
-            [row.height, row.vertical_rate] = state.mean;
+            (row.height, row.vertical_rate) = (state.mean[0], own[CLIMB]);
             row.height_sigma = variance.sqrt();
             row.vertical = likely(probability[CLIMB], row.vertical_rate);
         }

@@ -1,9 +1,10 @@
 //! Several models of one target, each with a mean and a covariance, mixed by their probabilities.
 
+use super::root::Root;
 use crate::base::exponential::exp;
-use crate::base::small::{Factor, Matrix, Vector};
+use crate::base::small::{Matrix, Vector};
 
-/// Mean and covariance of N states.
+/// Mean and covariance of N states, the last of which is a model's own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<const N: usize> {
     /// Mean.
@@ -20,7 +21,7 @@ pub(super) struct Fix<const D: usize> {
 }
 
 /// M models of N states, and their probabilities, which sum to one. A model of probability zero is
-/// not there.
+/// not there. All but the last state are the same quantities in all models.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixture<const N: usize, const M: usize> {
     /// The state by each model.
@@ -41,31 +42,35 @@ impl<const N: usize> State<N> {
     #[inline]
     pub fn transform(&mut self, f: &Matrix<N>) {
         let mut g = [[0.0; N]; N];
-        for (row, of) in g.iter_mut().zip(f) {
-            for (factor, p) in of.iter().zip(&self.covariance) {
-                for (sum, value) in row.iter_mut().zip(p) {
-                    *sum += factor * value;
+        for i in 0..N {
+            for k in 0..N {
+                for j in 0..N {
+                    g[i][j] += f[i][k] * self.covariance[k][j];
                 }
             }
         }
-        for (i, row) in g.iter().enumerate() {
-            for (j, of) in f.iter().enumerate().skip(i) {
-                let sum = row.iter().zip(of).fold(0.0, |sum, (a, b)| sum + a * b);
+        for i in 0..N {
+            for j in i..N {
+                let mut sum = 0.0;
+                for k in 0..N {
+                    sum += g[i][k] * f[j][k];
+                }
                 self.covariance[i][j] = sum;
                 self.covariance[j][i] = sum;
             }
         }
     }
 
-    /// Forgets a state: nothing but this variance is known of it.
+    /// Forgets the own state: nothing but this variance is known of it.
     #[inline]
-    pub fn redraw(&mut self, state: usize, variance: f64) {
-        self.mean[state] = 0.0;
-        for i in 0..N {
-            self.covariance[state][i] = 0.0;
-            self.covariance[i][state] = 0.0;
+    pub fn redraw(&mut self, variance: f64) {
+        let own = N - 1;
+        self.mean[own] = 0.0;
+        for i in 0..own {
+            self.covariance[own][i] = 0.0;
+            self.covariance[i][own] = 0.0;
         }
-        self.covariance[state][state] = variance;
+        self.covariance[own][own] = variance;
     }
 
     /// The same seen backwards in time: `signs` is −1 for states that change their sign.
@@ -81,40 +86,35 @@ impl<const N: usize> State<N> {
         reversed
     }
 
-    /// Updates with a fix; returns twice the negative logarithm of its density, less a constant.
+    /// Updates with a fix; returns its distance squared, and its density but for that and a constant.
     #[inline]
-    pub fn correct<const D: usize>(&mut self, fix: &Fix<D>) -> Option<f64> {
-        let (difference, factor) = self.innovation(fix)?;
-        let weighted = factor.solve(&difference);
-        let mut distance = 0.0;
+    pub fn correct<const D: usize>(&mut self, fix: &Fix<D>) -> Option<(f64, f64)> {
+        let root = Root::new(&self.spread(fix))?;
+        let mut difference = [[0.0; 1]; D];
+        let mut rows = [[0.0; N]; D];
         for d in 0..D {
-            distance += difference[d] * weighted[d];
+            difference[d][0] = fix.value[d] - self.mean[d];
+            rows[d] = self.covariance[d];
         }
-        // K = P H' S⁻¹, row by row
-        let before = self.covariance;
-        for i in 0..N {
-            let own: Vector<D> = std::array::from_fn(|d| before[i][d]);
-            let gain = factor.solve(&own);
-            for d in 0..D {
-                self.mean[i] += gain[d] * difference[d];
-            }
-            for (j, &value) in before[i].iter().enumerate().skip(i) {
-                let mut sum = value;
-                for d in 0..D {
-                    sum -= gain[d] * before[d][j];
-                }
-                self.covariance[i][j] = sum;
-                self.covariance[j][i] = sum;
-            }
+        root.whiten(&mut difference);
+        root.whiten(&mut rows);
+        let mut distance = 0.0;
+        for (row, [difference]) in rows.iter().zip(difference) {
+            distance += difference * difference;
+            self.explain(row, difference);
         }
-        Some(distance + factor.ln_determinant())
+        Some((distance, root.density()))
     }
 
-    /// Fix less state, and the factor of its covariance.
+    /// What a whitened difference explains: `m + w y` and `P − w w'`.
     #[inline]
-    fn innovation<const D: usize>(&self, fix: &Fix<D>) -> Option<(Vector<D>, Factor<D>)> {
-        let difference = std::array::from_fn(|d| fix.value[d] - self.mean[d]);
-        Some((difference, Factor::try_new(&self.spread(fix), 0.0)?))
+    pub fn explain(&mut self, w: &Vector<N>, y: f64) {
+        for i in 0..N {
+            self.mean[i] += w[i] * y;
+            for j in 0..N {
+                self.covariance[i][j] -= w[i] * w[j];
+            }
+        }
     }
 
     /// Covariance of fix less state.
@@ -127,22 +127,18 @@ impl<const N: usize> State<N> {
 
     /// Distance squared of a fix, in its covariance; none where that is singular.
     pub fn distance<const D: usize>(&self, fix: &Fix<D>) -> Option<f64> {
-        let (difference, factor) = self.innovation(fix)?;
-        let weighted = factor.solve(&difference);
-        Some((0..D).map(|d| difference[d] * weighted[d]).sum())
+        let mut difference = std::array::from_fn(|d| [fix.value[d] - self.mean[d]]);
+        Root::new(&self.spread(fix))?.whiten::<1>(&mut difference);
+        Some(difference.iter().map(|[d]| d * d).sum())
     }
 }
 
 impl<const N: usize, const M: usize> Mixture<N, M> {
-    /// The same state by all models.
-    pub fn new(state: State<N>, probability: [f64; M]) -> Self {
-        Self { states: [state; M], probability }
-    }
-
     /// Mixes the states for changes of the model (row) to another (column): Blom, Bar-Shalom 1988.
     /// What remains of the probabilities is scaled to one, because backwards they are likelihoods.
+    /// A model that begins draws its own state with its `variance`.
     #[inline]
-    pub fn mix(&mut self, changes: &Matrix<M>) {
+    pub fn mix(&mut self, changes: &Matrix<M>, variance: &[f64; M]) {
         let before = *self;
         for (j, state) in self.states.iter_mut().enumerate() {
             let mut weights = before.probability;
@@ -150,49 +146,75 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
             let sum = weights.iter().fold(0.0, |sum, weight| sum + weight);
             self.probability[j] = sum;
             if sum > 0.0 {
-                *state = before.moments_about(weights.map(|w| w / sum), j);
+                *state = before.mixed(weights.map(|w| w / sum), j, variance[j]);
             }
         }
         self.scale();
     }
 
-    /// Mean and covariance of all models together.
+    /// The state of a model, with these shares of all models before.
+    #[inline]
+    fn mixed(&self, weights: [f64; M], model: usize, variance: f64) -> State<N> {
+        let (mut state, shift) = self.shared(weights, model);
+        let (own, before, share) = (N - 1, &self.states[model], weights[model]);
+        let mean = share * before.mean[own];
+        state.mean[own] = mean;
+        for i in 0..own {
+            let covariance = share * before.covariance[i][own] - shift[i] * mean;
+            state.covariance[i][own] = covariance;
+            state.covariance[own][i] = covariance;
+        }
+        let square = before.covariance[own][own] + before.mean[own] * before.mean[own];
+        state.covariance[own][own] = share * square + (1.0 - share) * variance - mean * mean;
+        state
+    }
+
+    /// Mean and covariance of all models together; nothing of their own states.
     pub fn moments(&self) -> State<N> {
         let likely = (0..M)
             .fold(0, |best, j| if self.probability[j] > self.probability[best] { j } else { best });
-        self.moments_about(self.probability, likely)
+        self.shared(self.probability, likely).0
     }
 
-    /// The same with these weights, computed from the differences to the mean of one model.
+    /// The same with these weights, computed from the differences to the mean of one model; with the
+    /// difference of both means.
     #[inline]
-    fn moments_about(&self, weights: [f64; M], origin: usize) -> State<N> {
-        let mut sum = [0.0; N];
+    fn shared(&self, weights: [f64; M], origin: usize) -> (State<N>, Vector<N>) {
+        let mut shift = [0.0; N];
         let mut covariance = [[0.0; N]; N];
-        let origin = &self.states[origin].mean;
+        let mut mean = self.states[origin].mean;
         for (weight, state) in weights.into_iter().zip(&self.states) {
             if weight == 0.0 {
                 continue;
             }
             let mut d = [0.0; N];
-            for i in 0..N {
-                d[i] = state.mean[i] - origin[i];
-                sum[i] += weight * d[i];
+            for i in 0..N - 1 {
+                d[i] = state.mean[i] - mean[i];
+                shift[i] += weight * d[i];
             }
-            for i in 0..N {
+            for i in 0..N - 1 {
                 let scaled = weight * d[i];
-                for j in 0..N {
+                for j in 0..N - 1 {
                     covariance[i][j] += weight * state.covariance[i][j] + scaled * d[j];
                 }
             }
         }
-        let mut mean = *origin;
-        for i in 0..N {
-            mean[i] += sum[i];
-            for j in 0..N {
-                covariance[i][j] -= sum[i] * sum[j];
+        for i in 0..N - 1 {
+            mean[i] += shift[i];
+            for j in 0..N - 1 {
+                covariance[i][j] -= shift[i] * shift[j];
             }
         }
-        State { mean, covariance }
+        mean[N - 1] = 0.0;
+        (State { mean, covariance }, shift)
+    }
+
+    /// Means of the own states of the models, each times its probability.
+    pub fn own(&self) -> [f64; M] {
+        std::array::from_fn(|j| match self.probability[j] {
+            0.0 => 0.0,
+            share => share * self.states[j].mean[N - 1],
+        })
     }
 
     /// Corrects all models by a fix, and their probabilities by its densities. A fix by which a
@@ -202,10 +224,10 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         let mut logarithms = [f64::NEG_INFINITY; M];
         for (j, logarithm) in logarithms.iter_mut().enumerate() {
             if self.probability[j] > 0.0 {
-                let Some(surprise) = after.states[j].correct(fix) else {
+                let Some((distance, density)) = after.states[j].correct(fix) else {
                     return;
                 };
-                *logarithm = self.probability[j].ln() - 0.5 * surprise;
+                *logarithm = (self.probability[j] * density).ln() - 0.5 * distance;
             }
         }
         if after.weigh(&logarithms) {

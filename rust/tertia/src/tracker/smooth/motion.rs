@@ -1,9 +1,8 @@
 //! How targets move in the plane: straight on, in a turn, or with a change of speed.
 //!
-//! States are east and north, their velocities, the rate of turn (positive to the left) and the
-//! acceleration along the course. What a model does not use is drawn anew at each step. Rates of
-//! turn and accelerations fade instead of walking, so that their stationary law is what a
-//! manoeuvre begins with, and the motion is the same backwards in time.
+//! States are east and north, their velocities, and a model's own: the rate of turn (positive to the
+//! left), or the acceleration along the course. These fade instead of walking, so that their
+//! stationary law is what a manoeuvre begins with, and the motion is the same backwards in time.
 
 use super::mixture::State;
 use super::two_filter::{Models, exponential};
@@ -12,8 +11,8 @@ use crate::base::small::{Matrix, Vector};
 use crate::tracker::kinematics::Arc;
 use crate::tracker::motion::{ImmModel, Motion};
 
-/// East, north, their velocities, rate of turn, acceleration along the course.
-pub(super) const STATES: usize = 6;
+/// East, north, their velocities, and that of the model.
+pub(super) const STATES: usize = 5;
 /// Models.
 pub(super) const MODELS: usize = 3;
 /// Straight and uniform.
@@ -22,9 +21,8 @@ pub(super) const STRAIGHT: usize = 0;
 pub(super) const TURN: usize = 1;
 /// A change of speed.
 pub(super) const SPEED: usize = 2;
-/// Places of the rate of turn and the acceleration among the states.
-pub(super) const RATE: usize = 4;
-pub(super) const ACCELERATION: usize = 5;
+/// Place of the rate of turn or the acceleration among the states.
+pub(super) const OWN: usize = 4;
 
 /// Standard deviation of what is not known of a position, m, and a velocity, m/s. It is weight that
 /// no plot has: a millionth of that of a plot.
@@ -108,7 +106,7 @@ impl Movement {
 }
 
 impl Models<STATES, MODELS> for Movement {
-    const SIGNS: Vector<STATES> = [1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
+    const SIGNS: Vector<STATES> = [1.0, 1.0, -1.0, -1.0, -1.0];
 
     fn predict(&self, model: usize, state: &mut State<STATES>, t: f64) {
         let f = match model {
@@ -124,9 +122,9 @@ impl Models<STATES, MODELS> for Movement {
         exponential(&self.rates, t)
     }
 
-    fn common(&self) -> Vector<STATES> {
-        let [rate, acceleration] = [self.turn_rate[1].powi(-2), self.acceleration[1].powi(-2)];
-        [0.0, 0.0, 0.0, 0.0, rate, acceleration]
+    fn variances(&self) -> [f64; MODELS] {
+        // straight flight has no state of its own
+        [1.0, self.turn_rate[1].powi(2), self.acceleration[1].powi(2)]
     }
 
     fn stationary(&self) -> [f64; MODELS] {
@@ -134,17 +132,15 @@ impl Models<STATES, MODELS> for Movement {
     }
 
     fn unknown(&self, near: &Vector<STATES>) -> State<STATES> {
-        let mean = [near[0], near[1], near[2], near[3], 0.0, 0.0];
         let [p, v] = UNKNOWN.map(|sigma| sigma * sigma);
-        let manoeuvres = [self.turn_rate[1].powi(2), self.acceleration[1].powi(2)];
-        State::new(mean, [p, p, v, v, manoeuvres[0], manoeuvres[1]])
+        State::new([near[0], near[1], near[2], near[3], 0.0], [p, p, v, v, 0.0])
     }
 }
 
 impl Movement {
     /// Moves the mean in a turn at the rate of the state; returns the derivatives.
     fn turn(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
-        let [x, y, vx, vy, rate, _] = state.mean;
+        let [x, y, vx, vy, rate] = state.mean;
         let arc = Arc::new(rate, t);
         let velocity = [arc.cosine * vx - arc.sine * vy, arc.sine * vx + arc.cosine * vy];
         let left = Self::fading(self.turn_rate, t);
@@ -155,21 +151,19 @@ impl Movement {
             velocity[0],
             velocity[1],
             left * rate,
-            0.0,
         ];
         [
-            [1.0, 0.0, arc.along, -arc.across, by_rate[0], 0.0],
-            [0.0, 1.0, arc.across, arc.along, by_rate[1], 0.0],
-            [0.0, 0.0, arc.cosine, -arc.sine, -t * velocity[1], 0.0],
-            [0.0, 0.0, arc.sine, arc.cosine, t * velocity[0], 0.0],
-            [0.0, 0.0, 0.0, 0.0, left, 0.0],
-            [0.0; STATES],
+            [1.0, 0.0, arc.along, -arc.across, by_rate[0]],
+            [0.0, 1.0, arc.across, arc.along, by_rate[1]],
+            [0.0, 0.0, arc.cosine, -arc.sine, -t * velocity[1]],
+            [0.0, 0.0, arc.sine, arc.cosine, t * velocity[0]],
+            [0.0, 0.0, 0.0, 0.0, left],
         ]
     }
 
     /// Moves the mean with the acceleration of the state along its course; returns the derivatives.
     fn speed(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
-        let [x, y, vx, vy, _, a] = state.mean;
+        let [x, y, vx, vy, a] = state.mean;
         let speed = vx.hypot(vy).max(SLOWEST);
         let u = [vx / speed, vy / speed];
         let (half, left) = (0.5 * t * t, Self::fading(self.acceleration, t));
@@ -178,7 +172,6 @@ impl Movement {
             y + t * vy + half * a * u[1],
             vx + t * a * u[0],
             vy + t * a * u[1],
-            0.0,
             left * a,
         ];
         // du/dv = (1 − u u') / |v|
@@ -188,12 +181,11 @@ impl Movement {
         ];
         let [p, v] = [half * a, t * a].map(|w| by_velocity.map(|row| row.map(|b| w * b)));
         [
-            [1.0, 0.0, t + p[0][0], p[0][1], 0.0, half * u[0]],
-            [0.0, 1.0, p[1][0], t + p[1][1], 0.0, half * u[1]],
-            [0.0, 0.0, 1.0 + v[0][0], v[0][1], 0.0, t * u[0]],
-            [0.0, 0.0, v[1][0], 1.0 + v[1][1], 0.0, t * u[1]],
-            [0.0; STATES],
-            [0.0, 0.0, 0.0, 0.0, 0.0, left],
+            [1.0, 0.0, t + p[0][0], p[0][1], half * u[0]],
+            [0.0, 1.0, p[1][0], t + p[1][1], half * u[1]],
+            [0.0, 0.0, 1.0 + v[0][0], v[0][1], t * u[0]],
+            [0.0, 0.0, v[1][0], 1.0 + v[1][1], t * u[1]],
+            [0.0, 0.0, 0.0, 0.0, left],
         ]
     }
 
@@ -207,15 +199,11 @@ impl Movement {
             p[i + 2][i] += q * t * t / 2.0;
             p[i + 2][i + 2] += q * t;
         }
-        for (used, place, walk) in
-            [(TURN, RATE, self.turn_rate), (SPEED, ACCELERATION, self.acceleration)]
-        {
-            let variance = walk[1].powi(2);
-            if model == used {
-                p[place][place] += variance * (1.0 - Self::fading(walk, t).powi(2));
-            } else {
-                p[place][place] = variance;
-            }
+        let lost = |walk: [f64; 2]| walk[1].powi(2) * (1.0 - Self::fading(walk, t).powi(2));
+        match model {
+            TURN => p[OWN][OWN] += lost(self.turn_rate),
+            SPEED => p[OWN][OWN] += lost(self.acceleration),
+            _ => p[OWN][OWN] = 1.0,
         }
     }
 }
@@ -223,13 +211,12 @@ impl Movement {
 /// Moves the mean straight on; returns the derivatives.
 fn straight(state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
     let [x, y, vx, vy, ..] = state.mean;
-    state.mean = [x + t * vx, y + t * vy, vx, vy, 0.0, 0.0];
+    state.mean = [x + t * vx, y + t * vy, vx, vy, 0.0];
     [
-        [1.0, 0.0, t, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, t, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
-        [0.0; STATES],
+        [1.0, 0.0, t, 0.0, 0.0],
+        [0.0, 1.0, 0.0, t, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0],
         [0.0; STATES],
     ]
 }

@@ -5,11 +5,12 @@ use super::two_filter::{Instant, Models, Place, TwoFilter};
 use crate::base::small::{Matrix, Vector};
 use std::ops::Range;
 
-/// A state with the probabilities of the models.
+/// A state with the probabilities of the models, and what is expected of their own states.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Solution<const N: usize, const M: usize> {
     pub state: State<N>,
     pub probability: [f64; M],
+    pub own: [f64; M],
 }
 
 /// A measurement less the state that all others give, with its covariance and its distance squared.
@@ -76,13 +77,17 @@ impl<const D: usize> Record<D> {
             return passes;
         };
         let filter = TwoFilter { models, instants: &plan.instants, fixes: &plan.fixes };
-        let start = Mixture::new(models.unknown(&near), models.stationary());
+        let start = models.begin(&near, models.stationary());
         filter.run(start, &plan.between, |place, without, with| {
             let row = match place {
                 Place::At(k) => plan.row_of_instant[k],
                 Place::Between(k) => plan.row_of_between[k],
             };
-            let solution = Solution { state: with.moments(), probability: with.probability };
+            let solution = Solution {
+                state: with.moments(),
+                probability: with.probability,
+                own: with.own(),
+            };
             passes.solutions[row] = Some(solution);
             for i in plan.of_row[row].clone() {
                 passes.innovations[i] = self.innovation(i, &plan.of_row[row], without, with);

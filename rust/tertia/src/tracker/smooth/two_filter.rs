@@ -5,8 +5,9 @@
 //! linearised far off, come back through small weights.
 
 use super::mixture::{Fix, Mixture, State};
+use super::root::Root;
 use crate::base::exponential::exp;
-use crate::base::small::{Matrix, REGULAR, Vector, add, rotated};
+use crate::base::small::{Matrix, Vector, add};
 
 /// How targets move by each of M models, with N states.
 pub(super) trait Models<const N: usize, const M: usize> {
@@ -19,14 +20,29 @@ pub(super) trait Models<const N: usize, const M: usize> {
     /// Probabilities of the changes from a model (row) to another (column) in the time `t`.
     fn changes(&self, t: f64) -> Matrix<M>;
 
-    /// Information of what is known of the states of all targets, without their measurements.
-    fn common(&self) -> Vector<N>;
+    /// Variances of the own states of the models, without measurements.
+    fn variances(&self) -> [f64; M];
 
     /// Probabilities of the models where nothing is known.
     fn stationary(&self) -> [f64; M];
 
     /// What is known of a target near this state, but for what all targets have in common: nothing.
     fn unknown(&self, near: &Vector<N>) -> State<N>;
+
+    /// Models with these probabilities, which know nothing.
+    fn begin(&self, near: &Vector<N>, probability: [f64; M]) -> Mixture<N, M> {
+        self.start(self.unknown(near), probability)
+    }
+
+    /// Models that all begin with this state, but for their own.
+    fn start(&self, state: State<N>, probability: [f64; M]) -> Mixture<N, M> {
+        let states = self.variances().map(|variance| {
+            let mut state = state;
+            state.redraw(variance);
+            state
+        });
+        Mixture { states, probability }
+    }
 }
 
 /// Measurements of one time.
@@ -70,13 +86,13 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         let Some(last) = self.instants.len().checked_sub(1) else {
             return;
         };
-        let forward = self.forward(start);
+        let (forward, changes) = self.forward(start);
         let filtered = self.corrected(&forward[last], last);
         each(Place::At(last), &forward[last], &filtered);
         let near = filtered.moments().reversed(&L::SIGNS).mean;
         // probabilities backwards are likelihoods: those of no measurement are equal
         let present = self.models.stationary().map(|p| if p > 0.0 { 1.0 } else { 0.0 });
-        let mut backward = Mixture::new(self.models.unknown(&near), present);
+        let mut backward = self.models.begin(&near, present);
         let mut waiting = between.len();
         for k in (0..last).rev() {
             backward = self.corrected(&backward, k + 1);
@@ -84,30 +100,40 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
             while waiting > 0 && between[waiting - 1] > time {
                 waiting -= 1;
                 let filtered = self.corrected(&forward[k], k);
-                let before = self.predicted(&filtered, between[waiting] - time, false);
-                let after = self.predicted(&backward, next - between[waiting], true);
+                let (since, until) = (between[waiting] - time, next - between[waiting]);
+                let before = self.predicted(&filtered, since, &self.models.changes(since));
+                let after = transposed(&self.models.changes(until));
+                let after = self.predicted(&backward, until, &after);
                 let both = self.combined(&before, &after);
                 each(Place::Between(waiting), &both, &both);
             }
-            backward = self.predicted(&backward, next - time, true);
+            backward = self.predicted(&backward, next - time, &transposed(&changes[k]));
             let without = self.combined(&forward[k], &backward);
             each(Place::At(k), &without, &self.corrected(&without, k));
         }
     }
 
-    /// States before the measurements of each instant.
-    fn forward<const N: usize, const M: usize>(&self, start: Mixture<N, M>) -> Vec<Mixture<N, M>>
+    /// States before the measurements of each instant, and changes from each to the next.
+    fn forward<const N: usize, const M: usize>(
+        &self,
+        start: Mixture<N, M>,
+    ) -> (Vec<Mixture<N, M>>, Vec<Matrix<M>>)
     where
         L: Models<N, M>,
     {
         let mut forward = Vec::with_capacity(self.instants.len());
+        let mut changes: Vec<Matrix<M>> = Vec::with_capacity(self.instants.len());
         forward.push(start);
+        let mut last = f64::NAN;
         for k in 1..self.instants.len() {
             let filtered = self.corrected(&forward[k - 1], k - 1);
             let t = self.instants[k].time - self.instants[k - 1].time;
-            forward.push(self.predicted(&filtered, t, false));
+            let own = if t == last { changes[k - 2] } else { self.models.changes(t) };
+            forward.push(self.predicted(&filtered, t, &own));
+            changes.push(own);
+            last = t;
         }
-        forward
+        (forward, changes)
     }
 
     fn corrected<const N: usize, const M: usize>(
@@ -127,14 +153,13 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         &self,
         state: &Mixture<N, M>,
         t: f64,
-        backwards: bool,
+        changes: &Matrix<M>,
     ) -> Mixture<N, M>
     where
         L: Models<N, M>,
     {
         let mut state = *state;
-        let changes = self.models.changes(t);
-        state.mix(&if backwards { transposed(&changes) } else { changes });
+        state.mix(changes, &self.models.variances());
         for j in 0..M {
             if state.probability[j] > 0.0 {
                 self.models.predict(j, &mut state.states[j], t);
@@ -143,10 +168,10 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         state
     }
 
-    /// What a filter forwards and one backwards know together. With J of each, what both have in
-    /// common left out once, and h = J x: J = J_f + J_b − J_0, x = J⁻¹ h, and the probability of a
-    /// model is that of the two times ∫ N(x; x_f, P_f) N(x; x_b, P_b) / N(x; 0, J_0⁻¹) dx. Where a
-    /// covariance is singular, it is what is known forwards.
+    /// What a filter forwards and one backwards know together: the product of their densities, over
+    /// that of what both know of a model's own state. The probability of a model is that of the two
+    /// times `∫ N(x; x_f, P_f) N(x; x_b, P_b) / N(own; 0, variance) dx`. Where a covariance is
+    /// singular, it is what is known forwards.
     fn combined<const N: usize, const M: usize>(
         &self,
         forward: &Mixture<N, M>,
@@ -155,7 +180,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
     where
         L: Models<N, M>,
     {
-        let common = self.models.common();
+        let variances = self.models.variances();
         let mut both = *forward;
         let mut logarithms = [f64::NEG_INFINITY; M];
         for (j, of_model) in logarithms.iter_mut().enumerate() {
@@ -164,92 +189,60 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
                 continue;
             }
             let later = backward.states[j].reversed(&L::SIGNS);
-            let Some((state, logarithm)) = product(&forward.states[j], &later, &common) else {
+            let found = product(&forward.states[j], &later, variances[j]);
+            let Some((state, distance, density)) = found else {
                 return *forward;
             };
             both.states[j] = state;
-            *of_model = forward.probability[j].ln() + backward.probability[j].ln() + logarithm;
+            *of_model = (weight * density).ln() - 0.5 * distance;
         }
         if both.weigh(&logarithms) { both } else { *forward }
     }
 }
 
-/// The normalised product of two densities, over that of what they have in common; with the
-/// logarithm of its integral, less a constant.
+/// The normalised product of two densities, over that of their last state without measurements; with
+/// its integral, less a constant: the square in its exponent, and the factor before.
+#[inline]
 fn product<const N: usize>(
-    forward: &State<N>,
-    backward: &State<N>,
-    common: &Vector<N>,
-) -> Option<(State<N>, f64)> {
-    // relative to the state forwards, but for what is known of all targets
-    let origin: Vector<N> =
-        std::array::from_fn(|i| if common[i] == 0.0 { forward.mean[i] } else { 0.0 });
-    let of = |state: &State<N>| {
-        let (information, determinant) = inverse(&state.covariance)?;
-        let x: Vector<N> = std::array::from_fn(|i| state.mean[i] - origin[i]);
-        let h = rotated(&information, &x);
-        let form: f64 = (0..N).map(|i| x[i] * h[i]).sum();
-        Some((information, h, form + determinant))
-    };
-    let ((mut information, h_f, form_f), (other, h_b, form_b)) = (of(forward)?, of(backward)?);
+    one: &State<N>,
+    other: &State<N>,
+    variance: f64,
+) -> Option<(State<N>, f64, f64)> {
+    // from the narrower one on, so that no digits are lost
+    let (near, far) =
+        if one.covariance[0][0] <= other.covariance[0][0] { (one, other) } else { (other, one) };
+    let mut sum = near.covariance;
+    add(&mut sum, &far.covariance);
+    let root = Root::new(&sum)?;
+    let mut difference = [[0.0; 1]; N];
     for i in 0..N {
+        difference[i][0] = far.mean[i] - near.mean[i];
+    }
+    root.whiten(&mut difference);
+    let mut rows = near.covariance;
+    root.whiten(&mut rows);
+    let (mut state, mut distance) = (*near, 0.0);
+    for (row, [difference]) in rows.iter().zip(difference) {
+        distance += difference * difference;
+        state.explain(row, difference);
+    }
+    // both knew the own state so well
+    let own = N - 1;
+    let left = 1.0 - state.covariance[own][own] / variance;
+    if left.is_nan() || left <= 0.0 {
+        return None;
+    }
+    let (row, mean) = (state.covariance[own], state.mean[own]);
+    let scale = (variance * left).recip();
+    for i in 0..N {
+        let scaled = scale * row[i];
+        state.mean[i] += scaled * mean;
         for j in 0..N {
-            information[i][j] += other[i][j];
-        }
-        information[i][i] -= common[i];
-    }
-    let (covariance, determinant) = inverse(&information)?;
-    let h: Vector<N> = std::array::from_fn(|i| h_f[i] + h_b[i]);
-    let x = rotated(&covariance, &h);
-    let form: f64 = (0..N).map(|i| x[i] * h[i]).sum();
-    let logarithm = -0.5 * (form_f + form_b - form + determinant);
-    let mean = std::array::from_fn(|i| origin[i] + x[i]);
-    Some((State { mean, covariance }, logarithm))
-}
-
-/// The inverse of a symmetric matrix, and the logarithm of its determinant, by its Cholesky factor:
-/// `A⁻¹ = L⁻ᵀ L⁻¹`, a third of the cost of N systems. None where it is singular.
-fn inverse<const N: usize>(a: &Matrix<N>) -> Option<(Matrix<N>, f64)> {
-    let (mut lower, mut inverse) = ([[0.0; N]; N], [[0.0; N]; N]);
-    let mut scale = 1.0;
-    for i in 0..N {
-        for j in 0..i {
-            let mut sum = a[i][j];
-            for (x, y) in lower[i][..j].iter().zip(&lower[j]) {
-                sum -= x * y;
-            }
-            // the diagonal of `inverse` is 1 over that of `lower`
-            lower[i][j] = sum * inverse[j][j];
-        }
-        let mut pivot = a[i][i];
-        for value in &lower[i][..i] {
-            pivot -= value * value;
-        }
-        if pivot.is_nan() || pivot <= REGULAR * a[i][i] {
-            return None;
-        }
-        inverse[i][i] = pivot.sqrt().recip();
-        scale *= inverse[i][i];
-        for j in 0..i {
-            let mut sum = 0.0;
-            for k in j..i {
-                sum -= lower[i][k] * inverse[k][j];
-            }
-            inverse[i][j] = sum * inverse[i][i];
+            state.covariance[i][j] += scaled * row[j];
         }
     }
-    let mut product = [[0.0; N]; N];
-    for i in 0..N {
-        for j in 0..=i {
-            let mut sum = 0.0;
-            for row in &inverse[i..] {
-                sum += row[i] * row[j];
-            }
-            product[i][j] = sum;
-            product[j][i] = sum;
-        }
-    }
-    Some((product, -2.0 * scale.ln()))
+    distance -= mean * mean * scale;
+    Some((state, distance, root.density() * (variance / left).sqrt()))
 }
 
 fn transposed<const M: usize>(matrix: &Matrix<M>) -> Matrix<M> {

@@ -1,7 +1,7 @@
 //! Figures of an independent program (NumPy), for one target.
 
 use super::mixture::{Fix, Mixture, State};
-use super::motion::{MODELS, Movement, RATE, SPEED, STATES, STRAIGHT, TURN};
+use super::motion::{MODELS, Movement, OWN, SPEED, STATES, STRAIGHT, TURN};
 use super::passes::Record;
 use super::two_filter::{Instant, Models, Place, TwoFilter};
 use super::vertical::{CLIMB, Vertical};
@@ -22,9 +22,9 @@ type Target = Mixture<STATES, MODELS>;
 /// The target at so many plots and at 14 s.
 fn smoothed(count: usize) -> (Vec<Target>, Target) {
     let models = Movement::default();
-    let variance = [2500.0, 4900.0, 400.0, 400.0, models.turn_rate[1].powi(2), 0.25];
-    let state = State::new([0.0, 0.0, 200.0, 0.0, 0.0, 0.0], variance);
-    let start = Mixture::new(state, [0.85, 0.1, 0.05]);
+    let state =
+        State::new([0.0, 0.0, 200.0, 0.0, 0.0], [2500.0, 4900.0, 400.0, 400.0, 0.0]);
+    let start = models.start(state, [0.85, 0.1, 0.05]);
     let fixes = PLOTS.map(|value| Fix { value, covariance: [[2500.0, 0.0], [0.0, 4900.0]] });
     let instants: Vec<_> =
         (0..count).map(|k| Instant { time: 4.0 * k as f64, first: k, end: k + 1 }).collect();
@@ -48,8 +48,19 @@ fn four(values: &[f64]) -> [f64; 4] {
     std::array::from_fn(|i| values[i])
 }
 
-fn variances<const N: usize>(state: &State<N>) -> [f64; N] {
+fn variances<const N: usize>(state: &State<N>) -> [f64; 4] {
     std::array::from_fn(|i| state.covariance[i][i])
+}
+
+/// Variance of the own state of a model over all models, of which the others have `variance`.
+fn variance_of_own<const N: usize, const M: usize>(
+    target: &Mixture<N, M>,
+    model: usize,
+    variance: f64,
+) -> f64 {
+    let (state, share) = (&target.states[model], target.probability[model]);
+    let square = state.covariance[N - 1][N - 1] + state.mean[N - 1].powi(2);
+    share * square + (1.0 - share) * variance - target.own()[model].powi(2)
 }
 
 #[test]
@@ -82,10 +93,11 @@ fn smoothed_in_a_turn() {
     assert_within(2e-2, at[3].probability[STRAIGHT] + at[3].probability[SPEED], 4.7e-13);
     let expected = [2_396.719_442_69, 85.133_955_035_3, 200.112_293_197, 42.652_313_325_6];
     assert_all(2e-11, four(&middle.mean), expected);
-    assert_within(1e-11, middle.mean[RATE], 0.033_910_959_625_4);
+    assert_within(1e-11, at[3].own()[TURN], 0.033_910_959_625_4);
     let expected = [518.834_648_828, 1_368.362_048_7, 10.225_332_301_6, 16.581_163_324_7];
     assert_all(1e-10, four(&variances(&middle)), expected);
-    assert_within(1e-11, middle.covariance[RATE][RATE], 2.747_529_099_34e-5);
+    let rate = variance_of_own(&at[3], TURN, Movement::default().variances()[TURN]);
+    assert_within(1e-11, rate, 2.747_529_099_34e-5);
 
     let first = at[0].moments();
     let expected = [0.499_048_203_914, 0.488_496_717_44, 0.012_455_078_645_7];
@@ -96,7 +108,7 @@ fn smoothed_in_a_turn() {
     let later = between.moments();
     let expected = [2_780.957_029_87, 174.853_504_286, 197.233_319_811, 54.626_409_131_8];
     assert_all(2e-11, four(&later.mean), expected);
-    assert_within(1e-11, later.mean[RATE], 0.036_474_956_903);
+    assert_within(1e-11, between.own()[TURN], 0.036_474_956_903);
     let expected = [546.992_049_609, 1_356.647_164_26, 10.341_126_475_2, 22.060_178_072_1];
     assert_all(1e-10, four(&variances(&later)), expected);
 }
@@ -121,7 +133,7 @@ fn heights_of_a_climb() {
     let instants: Vec<_> =
         (0..10).map(|k| Instant { time: 4.0 * k as f64, first: k, end: k + 1 }).collect();
     let filter = TwoFilter { models: &models, instants: &instants, fixes: &fixes };
-    let start = Mixture::new(models.unknown(&[HEIGHTS[0], 0.0]), [0.5; 2]);
+    let start = models.begin(&[HEIGHTS[0], 0.0], [0.5; 2]);
     let mut at = [start; 10];
     filter.run(start, &[], |place, _, with| {
         if let Place::At(k) = place {
@@ -131,11 +143,13 @@ fn heights_of_a_climb() {
     // the figures are given to as many digits as its start, which is not, allows
     let expected = [0.129_956_989_534, 0.999_999_999_729, 0.855_282_409_097];
     assert_all(2e-7, [1, 4, 9].map(|k| at[k].probability[CLIMB]), expected);
-    let [first, middle, last] = [1, 4, 9].map(|k| at[k].moments());
-    assert_all(3e-7, first.mean, [3_047.327_682_66, 0.233_316_314_162]);
-    assert_all(3e-7, middle.mean, [3_082.020_167_99, 6.668_714_334_47]);
-    assert_all(3e-7, variances(&middle), [25.124_123_954_6, 0.787_872_438_756]);
-    assert_all(3e-7, last.mean, [3_210.088_833_03, 4.832_871_372_4]);
+    let of = |k: usize| [at[k].moments().mean[0], at[k].own()[CLIMB]];
+    assert_all(3e-7, of(1), [3_047.327_682_66, 0.233_316_314_162]);
+    assert_all(3e-7, of(4), [3_082.020_167_99, 6.668_714_334_47]);
+    assert_all(3e-7, of(9), [3_210.088_833_03, 4.832_871_372_4]);
+    let climb = variance_of_own(&at[4], CLIMB, models.variances()[CLIMB]);
+    let spread = [at[4].moments().covariance[0][0], climb];
+    assert_all(3e-7, spread, [25.124_123_954_6, 0.787_872_438_756]);
 }
 
 /// Plots of a flight that turns in its middle, each 4 s, with errors that are no noise but repeat.
@@ -179,10 +193,14 @@ fn backwards_in_time_it_is_the_same() {
     for k in count / 2 - 20..count / 2 + 20 {
         let (one, other) = (forwards[k].unwrap(), backwards[count - 1 - k].unwrap());
         let other_state = other.state.reversed(&Movement::SIGNS);
-        for i in 0..STATES {
+        for i in 0..OWN {
             let sigma = one.state.covariance[i][i].sqrt();
             let off = (one.state.mean[i] - other_state.mean[i]).abs() / sigma;
             assert!(off < 1e-6, "state {i} of {k} is {off} sigma off");
+        }
+        for (model, variance) in models.variances().into_iter().enumerate() {
+            let off = one.own[model] + other.own[model];
+            assert!(off.abs() < 1e-6 * variance.sqrt(), "{off} of model {model} at {k}");
         }
     }
 }

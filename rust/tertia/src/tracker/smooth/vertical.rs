@@ -36,7 +36,7 @@ impl Models<2, MODELS> for Vertical {
 
     fn predict(&self, model: usize, state: &mut State<2>, t: f64) {
         if model == LEVEL {
-            state.redraw(1, CLIMB_SIGMA.powi(2));
+            state.redraw(CLIMB_SIGMA.powi(2));
             state.covariance[0][0] += LEVEL_WALK.powi(2) * t;
             return;
         }
@@ -56,8 +56,8 @@ impl Models<2, MODELS> for Vertical {
         exponential(&rates(), t)
     }
 
-    fn common(&self) -> Vector<2> {
-        [0.0, CLIMB_SIGMA.powi(-2)]
+    fn variances(&self) -> [f64; MODELS] {
+        [CLIMB_SIGMA.powi(2); MODELS]
     }
 
     fn stationary(&self) -> [f64; MODELS] {
