@@ -3,7 +3,8 @@
 Times are fitted by a power of the size, over all sizes; the smaller ones cost little more than the
 call. Tracker and tables are measured in processes of their own, by wall clock, the others by CPU
 time on one thread. Exponents are those of the time of a plot (0: linear), of a recording, of an
-instant with so many stations, of a trajectory, and of a covariance of weights.
+instant with so many stations, of a trajectory, of a covariance of weights, and of smoothed tracks
+by how long they are.
 """
 
 import subprocess
@@ -20,6 +21,8 @@ import numpy as np
 
 from tertia import weights
 from tertia.location import Station, locate
+from tertia.sensors import Bias, Radar
+from tertia.tracker import Plots, smooth_tracks, track
 from tertia.trajectory import reconstruct
 
 FAULTY = 0.05
@@ -75,8 +78,56 @@ def covariances():
     report_growth("weight_covariance", "components", orders, list(least(problems).values()), "µs")
 
 
+def smoothed_tracks():
+    """Five aircraft that turn now and then, seen by ten radars."""
+    sizes, problems = (0.25, 0.5, 1.0, 2.0, 4.0), {}
+    for hours in sizes:
+        plots, radars = flown(hours)
+        tracks = track(plots, radars, registration=False)
+        problems[hours] = (partial(smooth_tracks, plots, radars, tracks, n_threads=1), len(plots))
+    costs = list(least(problems).values())
+    report_growth("smooth_tracks, 10 radars, a plot", "hours", sizes, costs, "µs")
+
+
+def flown(hours, aircraft=5):
+    rng = np.random.default_rng(5)
+    radars = [
+        Radar(
+            position=tuple(rng.uniform(-150e3, 150e3, 2)),
+            range_sigma=rng.uniform(40.0, 100.0),
+            azimuth_sigma=np.radians(0.08),
+            scan_period=period,
+            bias=Bias(),
+        )
+        for period in np.resize([4.0, 5.0, 6.0, 8.0, 10.0, 12.0], 10)
+    ]
+    end, columns = 3600.0 * hours, []
+    second = np.arange(0.0, end + 20.0)
+    for identity in range(aircraft):
+        turns = np.repeat(rng.choice([0.0, 0.0, 0.0, -1.5, 1.5, 3.0], len(second) // 60 + 1), 60)
+        course = rng.uniform(0.0, 2 * np.pi) + np.cumsum(np.radians(turns[: len(second)]))
+        step = rng.uniform(120.0, 240.0) * np.stack([np.sin(course), np.cos(course)])
+        place = rng.uniform(-80e3, 80e3, (2, 1)) + np.cumsum(step, axis=1)
+        for k, radar in enumerate(radars):
+            time = np.arange(rng.uniform(0.0, radar.scan_period), end, radar.scan_period)
+            time = time[rng.random(len(time)) < 0.9]
+            x, y = (
+                np.interp(time, second, axis) - own
+                for axis, own in zip(place, radar.position[:2], strict=True)
+            )
+            noise = rng.standard_normal((2, len(time)))
+            distance = np.hypot(x, y) + radar.range_sigma * noise[0]
+            azimuth = np.arctan2(x, y) + radar.azimuth_sigma * noise[1]
+            columns.append([time, distance, azimuth, *np.full((2, len(time)), [[k], [identity]])])
+    time, distance, azimuth, sensor, identity = np.hstack(columns)
+    order = np.argsort(time, kind="stable")
+    plots = Plots(time, distance, azimuth, sensor=sensor.astype(int), identity=identity.astype(int))
+    return plots[order], radars
+
+
 def main():
     positions()
+    smoothed_tracks()
     trajectories()
     covariances()
     for script in ("large_tables.py", "tracker_throughput.py"):

@@ -83,11 +83,8 @@ impl<const D: usize> Record<D> {
                 Place::At(k) => plan.row_of_instant[k],
                 Place::Between(k) => plan.row_of_between[k],
             };
-            let solution = Solution {
-                state: with.moments(),
-                probability: with.probability,
-                own: with.own(),
-            };
+            let solution =
+                Solution { state: with.moments(), probability: with.probability, own: with.own() };
             passes.solutions[row] = Some(solution);
             for i in plan.of_row[row].clone() {
                 passes.innovations[i] = self.innovation(i, &plan.of_row[row], without, with);

@@ -22,8 +22,7 @@ type Target = Mixture<STATES, MODELS>;
 /// The target at so many plots and at 14 s.
 fn smoothed(count: usize) -> (Vec<Target>, Target) {
     let models = Movement::default();
-    let state =
-        State::new([0.0, 0.0, 200.0, 0.0, 0.0], [2500.0, 4900.0, 400.0, 400.0, 0.0]);
+    let state = State::new([0.0, 0.0, 200.0, 0.0, 0.0], [2500.0, 4900.0, 400.0, 400.0, 0.0]);
     let start = models.start(state, [0.85, 0.1, 0.05]);
     let fixes = PLOTS.map(|value| Fix { value, covariance: [[2500.0, 0.0], [0.0, 4900.0]] });
     let instants: Vec<_> =
