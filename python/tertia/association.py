@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from tertia._arrays import (
     samples,
     scalar_or_array,
 )
+from tertia._result import Result
 
 __all__ = [
     "GUARD",
@@ -71,7 +72,7 @@ class GateSector(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
+class Pairs(Result):
     """Plots within the gates of tracks, sorted by track and then by plot.
 
     Attributes
@@ -85,6 +86,8 @@ class Pairs:
     log_determinant : ndarray of shape (P,)
         `ln |S|` of the innovation.
     """
+
+    _rows: ClassVar = "track", 0
 
     track: IntArray
     plot: IntArray
@@ -101,7 +104,7 @@ class Pairs:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Association:
+class Association(Result):
     """The plot of each track, and the track of each plot.
 
     Attributes
@@ -115,6 +118,9 @@ class Association:
     nis : ndarray of shape (T,)
         Normalised innovation squared of its plot; nan where it has none.
     """
+
+    _rows: ClassVar = "track_of_plot", 0
+    _omitted: ClassVar = ("plot_of_track", "score")
 
     track_of_plot: IntArray
     plot_of_track: IntArray

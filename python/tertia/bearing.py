@@ -8,7 +8,7 @@ outliers, and its sigma allows for time-correlated noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._result import Result
 
 __all__ = ["BearingEstimate", "Method", "estimate_bearing"]
 
@@ -34,7 +35,7 @@ Method: TypeAlias = Literal["robust", "corrected", "paper", "k-sigma", "mean"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BearingEstimate:
+class BearingEstimate(Result):
     """A bearing, its standard deviation, and the outliers found on the way.
 
     Attributes
@@ -66,6 +67,9 @@ class BearingEstimate:
         sum to one. The mean is nan in a block without measurements, and the variance in one with
         fewer than two. None where the method has no blocks.
     """
+
+    _rows: ClassVar = "value", 0
+    _omitted: ClassVar = ("outlier", "block_means", "block_variances", "block_weights")
 
     value: float | FloatArray
     sigma: float | FloatArray

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._result import Result
 from tertia.kalman._batch import _initial
 
 _MOST_AXES = 3  # of tracks with time-correlated noise
@@ -39,7 +40,7 @@ __all__ = ["LocalPolynomial", "SmoothedPositions", "local_polynomial", "smooth"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalPolynomial:
+class LocalPolynomial(Result):
     """A series smoothed by local polynomials, or its derivative.
 
     Attributes
@@ -58,6 +59,8 @@ class LocalPolynomial:
     systematic : {"not included"}
         `sigma` is that of white noise; a systematic error is not part of it.
     """
+
+    _rows: ClassVar = "value", 0
 
     value: FloatArray
     sigma: FloatArray
@@ -78,7 +81,7 @@ class LocalPolynomial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedPositions:
+class SmoothedPositions(Result):
     """Positions, velocities and accelerations of a target from all its plots.
 
     Attributes
@@ -113,6 +116,9 @@ class SmoothedPositions:
     systematic : {"not included"}
         An error common to all plots cannot be seen in one track.
     """
+
+    _rows: ClassVar = "mean", 1
+    _omitted: ClassVar = ("covariance",)
 
     mean: FloatArray
     covariance: FloatArray

@@ -1,8 +1,8 @@
 """What commands have in common: --json, interrupts, full disks."""
 
 import json
+import os
 import re
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -71,9 +71,12 @@ def tertia(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[s
 
 
 def _limited() -> None:
+    import resource  # noqa: PLC0415  # Windows has none
+
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of this kind")
 @pytest.mark.parametrize("name", ["tracks.csv", "tracks.parquet"])
 def test_a_full_disk_leaves_nothing(name: str, tmp_path: Path) -> None:
     """A file cannot become larger than 50 kB; what was there before remains."""

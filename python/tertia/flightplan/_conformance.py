@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray, instance, real
+from tertia._result import Result
 from tertia.flightplan._plan import FlightPlan
 from tertia.flightplan._tracks import one_track
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Conformance:
+class Conformance(Result):
     """Whether a track follows its plan, plot by plot.
 
     Attributes
@@ -33,6 +35,8 @@ class Conformance:
         Whether the turn at the end of the leg may be flown now.
     """
 
+    _rows: ClassVar = "conforms", 0
+
     conforms: BoolArray
     cusum: FloatArray
     along_track: FloatArray
@@ -46,7 +50,7 @@ class Conformance:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimesOver:
+class TimesOver(Result):
     """Estimated times over the waypoints (ETO), as known after each plot of a track.
 
     Attributes
@@ -60,6 +64,8 @@ class TimesOver:
     speed_sigma : ndarray of shape (N,)
         Standard deviation of the speed.
     """
+
+    _rows: ClassVar = "time", 0
 
     time: FloatArray
     sigma: FloatArray

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from tertia._arrays import (
     sequence_of,
     threads,
 )
+from tertia._result import Result
 from tertia.flightplan._plan import NO_IDENTITY, FlightPlan
 from tertia.flightplan._tracks import tracks_of
 
@@ -33,7 +35,7 @@ class CorrelationStatus(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Correlation:
+class Correlation(Result):
     """The flight plans of tracks.
 
     Attributes
@@ -45,6 +47,8 @@ class Correlation:
     scores : ndarray of shape (..., M)
         Mean score of each plan, at most 0; nan without plots.
     """
+
+    _rows: ClassVar = "plan", 0
 
     plan: int | IntArray
     status: CorrelationStatus | IntArray

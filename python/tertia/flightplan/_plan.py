@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from tertia._arrays import (
     samples,
     scalar_or_array,
 )
+from tertia._result import Result
 
 _GRAVITY = 9.80665
 _BANK = float(np.radians(25.0))
@@ -64,7 +65,7 @@ class Turns:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Projection:
+class Projection(Result):
     """The points of a plan's path nearest to some positions.
 
     Attributes
@@ -78,6 +79,8 @@ class Projection:
     leg : int or ndarray of int, shape (...)
         Index of the leg; the next one begins in the middle of the turn.
     """
+
+    _rows: ClassVar = "along_track", 0
 
     along_track: float | FloatArray
     cross_track: float | FloatArray

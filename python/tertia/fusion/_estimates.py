@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._result import Result
 from tertia.weights import Count
 from tertia.weights._few import enlarged
 from tertia.weights._readers import deviation, moderate, of_one_batch
@@ -32,7 +33,7 @@ InstantMethod: TypeAlias = Literal[
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FusedEstimate:
+class FusedEstimate(Result):
     """A fused estimate, and a test of the agreement of its inputs.
 
     Attributes
@@ -63,6 +64,8 @@ class FusedEstimate:
         Probability of a larger statistic if the covariances are right; nan where there is none. A
         small p-value means that an estimate or a covariance is wrong.
     """
+
+    _rows: ClassVar = "mean", 1
 
     mean: FloatArray
     covariance: FloatArray

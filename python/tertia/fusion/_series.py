@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from tertia._arrays import (
     samples,
     threads,
 )
+from tertia._result import Result
 from tertia.fusion._lasting import correlation_times, growth
 from tertia.kalman import filter_series
 from tertia.kalman._batch import _initial, _intervals
@@ -42,7 +43,7 @@ Outage: TypeAlias = Literal["left-out", "printed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FusedSeries:
+class FusedSeries(Result):
     """A fused track, and the estimated noise of the radars.
 
     Attributes
@@ -70,6 +71,9 @@ class FusedSeries:
     unfiltered : ndarray of shape (..., steps, 3) or None
         The fused states before the third filter; None without one.
     """
+
+    _rows: ClassVar = "mean", 1
+    _omitted: ClassVar = ("upper",)
 
     mean: FloatArray
     upper: FloatArray

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, real, threads
+from tertia._result import Result
 from tertia.kalman._batch import _batch
 from tertia.kalman._model import SingerModel
 
@@ -19,7 +20,7 @@ Limit: TypeAlias = Literal[
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NoiseFit:
+class NoiseFit(Result):
     """Maximum-likelihood noise of the plots and parameters of the motion.
 
     The likelihood may be largest where a parameter is 0 or infinite; `limits` then names the case:
@@ -52,6 +53,9 @@ class NoiseFit:
     outlier : ndarray of bool, of the shape of the plots
         Plots that were left out of the fit.
     """
+
+    _rows: ClassVar = "alpha", 0
+    _omitted: ClassVar = ("outlier",)
 
     alpha: float
     acceleration_sigma: float

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, Systematic, scalar_or_array, threads
+from tertia._result import Result
 from tertia.kalman._batch import _batch
 from tertia.kalman._model import SingerModel, _full, _sigma
 
@@ -17,7 +18,7 @@ Store: TypeAlias = Literal["all", "mean", "final"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilteredSeries:
+class FilteredSeries(Result):
     """A filtered series.
 
     Attributes
@@ -41,6 +42,9 @@ class FilteredSeries:
     systematic : {"not included"}
         The covariance is that of white noise as given; a systematic error is not part of it.
     """
+
+    _rows: ClassVar = "mean", 1
+    _omitted: ClassVar = ("upper",)
 
     mean: FloatArray
     innovation: FloatArray
@@ -79,7 +83,7 @@ class FilteredSeries:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedSeries:
+class SmoothedSeries(Result):
     """A smoothed series.
 
     Attributes
@@ -91,6 +95,9 @@ class SmoothedSeries:
     systematic : {"not included"}
         The covariance is that of white noise as given; a systematic error is not part of it.
     """
+
+    _rows: ClassVar = "mean", 1
+    _omitted: ClassVar = ("upper",)
 
     mean: FloatArray
     upper: FloatArray

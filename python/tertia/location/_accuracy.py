@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, finite, listed, positive_number, scalar_or_array, threads
+from tertia._result import Result
 from tertia.location._arrivals import LIGHT
 from tertia.location._readers import correlation_of, deviations
 from tertia.sensors import Kind, Station
@@ -19,7 +20,7 @@ from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Accuracy:
+class Accuracy(Result):
     """The accuracy of positions from given stations, before anything is measured.
 
     Attributes
@@ -29,6 +30,8 @@ class Accuracy:
     dop : float or ndarray of shape (...)
         See `Location`.
     """
+
+    _rows: ClassVar = "dop", 0
 
     covariance: FloatArray
     dop: float | FloatArray

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, probability, samples, scalar_or_array
+from tertia._result import Result
 from tertia.location._scene import Scene
 
 Polygon: TypeAlias = tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Region:
+class Region(Result):
     """A region of the plane that contains the target with a given probability.
 
     Attributes
@@ -31,6 +32,9 @@ class Region:
     orientation : float or ndarray of shape (...)
         Azimuth of its longer axis in radians, from 0 to pi.
     """
+
+    _rows: ClassVar = "area", 0
+    _omitted: ClassVar = ("polygon",)
 
     polygon: Polygon | npt.NDArray[np.object_]
     area: float | FloatArray

@@ -5,11 +5,12 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, scalar_or_array
+from tertia._result import Result
 from tertia.location._arrivals import Arrivals
 from tertia.location._protection import protection_level_of
 from tertia.location._region import Accuracy, Region, radius_of, region_of
@@ -67,7 +68,7 @@ _MESSAGES = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Location:
+class Location(Result):
     """A position, with the residuals and outliers of the measurements.
 
     Attributes
@@ -106,6 +107,8 @@ class Location:
     bias : Bias or None
         Systematic errors of the K stations, given or found.
     """
+
+    _rows: ClassVar = "position", 1
 
     position: FloatArray
     covariance: FloatArray

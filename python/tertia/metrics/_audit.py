@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, listed
 from tertia._arrays import probability as checked_probability
+from tertia._result import Result
 from tertia.metrics._indicator import (
     Indicator,
     digits,
@@ -39,7 +40,7 @@ _NEWTON_STEPS, _ROUNDING = 30, 1e-14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Audit:
+class Audit(Result):
     """How far the stated covariances of estimates agree with their errors.
 
     Attributes

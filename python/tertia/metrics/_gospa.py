@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, points, positive_number, real
+from tertia._result import Result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gospa:
+class Gospa(Result):
     """The generalised optimal sub-pattern assignment metric, and its parts.
 
     Attributes
@@ -26,6 +28,8 @@ class Gospa:
     false : float
         Cost of the estimates without a target.
     """
+
+    _rows: ClassVar = "distance", 0
 
     distance: float
     localisation: float

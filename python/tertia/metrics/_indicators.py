@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tertia._arrays import FloatArray, IntArray, instance, positive_number, probability, real
+from tertia._result import Result
 from tertia.metrics._by_flight import root_by_flight, share_by_flight
 from tertia.metrics._indicator import Indicator
 from tertia.metrics._matching import Matching, Tracks, match_tracks
@@ -22,7 +23,7 @@ TOLERANCE = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Indicators:
+class Indicators(Result):
     """Performance indicators of tracks versus truth.
 
     Attributes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from tertia._arrays import (
     positive_number,
     samples,
 )
+from tertia._result import Result
 from tertia.metrics._gospa import pairs_within
 from tertia.metrics._truth import Truth, rows
 
@@ -74,7 +75,7 @@ def track_errors(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matching:
+class Matching(Result):
     """The target of each update of a track, and the error.
 
     Attributes
@@ -88,6 +89,9 @@ class Matching:
     switches : ndarray of int, shape (K,)
         Number of times that each target continued under another track.
     """
+
+    _rows: ClassVar = "target", 0
+    _omitted: ClassVar = ("targets", "switches")
 
     target: IntArray
     error: FloatArray

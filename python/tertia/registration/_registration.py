@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray
+from tertia._result import Result
 from tertia.sensors import Bias, ByKind, Radar
 from tertia.sensors._bias import KINDS
 
@@ -32,7 +34,7 @@ class NoiseHistory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Registration:
+class Registration(Result):
     """Noise and systematic errors of K radars, estimated from their plots.
 
     Attributes
@@ -54,6 +56,9 @@ class Registration:
     sensors : tuple of K Radar
         The radars with the estimated noise.
     """
+
+    _rows: ClassVar = "bias_range", 0
+    _omitted: ClassVar = ("covariance", "history", "sensors")
 
     bias: Bias
     covariance: FloatArray

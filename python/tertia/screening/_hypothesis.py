@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from tertia._arrays import (
     samples,
     scalar_or_array,
 )
+from tertia._result import Result
 
 TestName: TypeAlias = Literal[
     "leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"
@@ -28,7 +29,7 @@ TestName: TypeAlias = Literal[
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OutlierTest:
+class OutlierTest(Result):
     """A test of single measurements.
 
     Attributes
@@ -39,12 +40,14 @@ class OutlierTest:
         Probability of a statistic at least as large if the measurement is not an outlier.
     """
 
+    _rows: ClassVar = "statistic", 0
+
     statistic: float | FloatArray
     pvalue: float | FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExtremeTest:
+class ExtremeTest(Result):
     """A test of the most extreme of several values.
 
     Attributes
@@ -60,6 +63,9 @@ class ExtremeTest:
     outlier : bool or ndarray of bool
         Whether the statistic exceeds the threshold.
     """
+
+    _rows: ClassVar = "index", 0
+    _omitted: ClassVar = ("outlier",)
 
     index: int | IntArray
     statistic: float | FloatArray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +21,11 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._result import Result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Screening:
+class Screening(Result):
     """Outliers of samples of shape `(..., N)`, and the samples without them.
 
     Attributes
@@ -40,6 +41,8 @@ class Screening:
         A sequential screening moves the band: this is the last one. `moving_polynomial` says what
         these three are for a series that moves.
     """
+
+    _rows: ClassVar = "outlier", 0
 
     outlier: BoolArray
     cleaned: FloatArray

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, generator, integer
+from tertia._result import Result
 from tertia.simulate._parameters import _number, _pair, _period, _require, _shape, _wrap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BearingRecord:
+class BearingRecord(Result):
     """Simulated bearings, with their outliers marked.
 
     Attributes
@@ -23,6 +25,8 @@ class BearingRecord:
     single, burst : ndarray of bool, shape (..., N)
         Which measurements are single outliers, and which belong to a burst of outliers.
     """
+
+    _rows: ClassVar = "theta", 0
 
     theta: FloatArray
     bearing: float

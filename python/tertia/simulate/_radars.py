@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, generator, integer
+from tertia._result import Result
 from tertia.kalman._model import SingerModel, _require_model
 from tertia.simulate._parameters import (
     _LARGEST,
@@ -34,7 +35,7 @@ _SPEED, _DISTANCE, _TURN_RATE, _TURN_TIME = 200.0, 60e3, np.radians(1.5), 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RadarRecord:
+class RadarRecord(Result):
     """Simulated plots of several radars, and the truth.
 
     Attributes
@@ -46,6 +47,8 @@ class RadarRecord:
     outlier : ndarray of bool, shape (..., K, steps)
         Which plots are outliers.
     """
+
+    _rows: ClassVar = "z", 0
 
     z: FloatArray
     truth: FloatArray

@@ -6,6 +6,7 @@ A schema lists the quantities of a record, the columns that may hold each, and t
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 import warnings
@@ -28,6 +29,7 @@ from tertia.tables._times import (
 )
 from tertia.tracker import NO_IDENTITY
 
+_LOG = logging.getLogger("tertia.tables")
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
 IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
@@ -249,6 +251,9 @@ def read(
     called = _called(schema, columns, by, results)
     readers = [Reader(part, schema, called, sensors) for part in source]
     frames = [reader.rows(number) for number, reader in enumerate(readers)]
+    for reader, frame in zip(readers, frames, strict=True):
+        taken = ", ".join(f"{what} from {name}" for what, name in reader.taken.items())
+        _LOG.info("%d rows of %s: %s", frame.height, reader.part.called, taken)
     for reader in readers[1:]:
         _require_alike(readers[0], reader)
     rows = pl.concat(frames, how="vertical_relaxed")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from tertia._arrays import (
     real,
     sequence_of,
 )
+from tertia._result import Result
 from tertia.sensors import Bias, Radar
 from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
@@ -36,7 +37,7 @@ _State: TypeAlias = "tuple[tuple[Radar, ...], float, float, bytes]"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SystemTracks:
+class SystemTracks(Result):
     """Targets as a centre sees them, one row for each at each instant.
 
     Attributes
@@ -63,6 +64,8 @@ class SystemTracks:
     identity : ndarray of int, shape (N,)
         Reply of the transponder; -1 where there is none.
     """
+
+    _rows: ClassVar = "time", 0
 
     time: FloatArray
     track: IntArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from tertia._arrays import (
     require_each,
     samples,
 )
+from tertia._result import Result
 from tertia.tracker import TrackTable
 from tertia.tracker._plots import NO_IDENTITY, _whole
 
@@ -27,7 +28,7 @@ _LARGEST = {"time": 1e11, "position": 1e9, "velocity": 1e5, "covariance": 1e18, 
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class SensorTracks:
+class SensorTracks(Result):
     """Tracks of one or several sensors, each row a state after a plot, in any order.
 
     Attributes
@@ -65,6 +66,8 @@ class SensorTracks:
     >>> SensorTracks([0.0], 0, 17, [[30e3, 40e3]], [[200.0, 0.0]])
     SensorTracks(1 tracks, 1 rows)
     """
+
+    _rows: ClassVar = "time", 0
 
     time: FloatArray
     sensor: IntArray

@@ -5,13 +5,14 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, array_of, radians, samples, sequence_of
+from tertia._result import Result
 from tertia.sensors import Radar
 from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._models import core_radar
@@ -21,7 +22,7 @@ NO_IDENTITY = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Plots:
+class Plots(Result):
     """Polar plots of one or several sensors, in any order.
 
     Parameters
@@ -51,6 +52,8 @@ class Plots:
     TypeError
         A column of the wrong type.
     """
+
+    _rows: ClassVar = "time", 0
 
     time: FloatArray
     range: FloatArray

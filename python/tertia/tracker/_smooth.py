@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from tertia._arrays import (
     sequence_of,
     threads,
 )
+from tertia._result import Result
 from tertia.sensors import Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
@@ -68,7 +69,7 @@ class Vertical(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedTracks:
+class SmoothedTracks(Result):
     """States of tracks by all their plots: one row for every plot, and for every time asked for.
 
     A track has states from its first plot to its last one.
@@ -112,6 +113,8 @@ class SmoothedTracks:
     final : ndarray of bool, shape (N,)
         Whether the state is 30 s older than the last plot: later ones would not change it.
     """
+
+    _rows: ClassVar = "time", 0
 
     time: FloatArray
     track: IntArray

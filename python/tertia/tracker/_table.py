@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia._result import Result
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,7 @@ class _Columns:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackTable(_Columns):
+class TrackTable(_Columns, Result):
     """Tracks: one row for every plot of a track and for every scan that missed its target.
 
     `COLUMNS` lists the columns with their units. `table[index]` has the rows of a slice, a mask or
@@ -113,6 +114,9 @@ class TrackTable(_Columns):
     track_of_plot : ndarray of int, shape (P,)
         The track of each plot; a negative `PlotStatus` where it was not used.
     """
+
+    _rows: ClassVar = "time", 0
+    _omitted: ClassVar = ("track_of_plot",)
 
     time: FloatArray
     track: IntArray

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, array_of, finite
+from tertia._result import Result
 from tertia.sensors import Station
 from tertia.trajectory._clocks import ClockBias
 
@@ -19,7 +20,7 @@ CORRELATED = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Arrivals:
+class Arrivals(Result):
     """Times at which receivers heard emissions.
 
     Attributes
@@ -45,6 +46,8 @@ class Arrivals:
     >>> Arrivals([12.1, 12.3], [0, 1], [77, 77])
     Arrivals(2 arrivals of 1 identity at 2 receivers)
     """
+
+    _rows: ClassVar = "time", 0
 
     time: FloatArray
     sensor: IntArray
@@ -95,7 +98,7 @@ class Arrivals:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArrivalTrajectory:
+class ArrivalTrajectory(Result):
     """Trajectories from arrivals, with the clocks, places and speed that explain them.
 
     Attributes
@@ -148,6 +151,9 @@ class ArrivalTrajectory:
     success : bool
         Whether it converged.
     """
+
+    _rows: ClassVar = "time", 0
+    _omitted: ClassVar = ("arrivals", "bias", "residual", "outlier", "stations")
 
     time: FloatArray
     time_sigma: FloatArray

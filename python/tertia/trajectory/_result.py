@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, Systematic
+from tertia._result import Result
 from tertia.location import Location
 from tertia.sensors import Bias, ByKind, Kind
 from tertia.sensors._kinds import KINDS
@@ -14,7 +16,7 @@ from tertia.smoothing import SmoothedPositions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
+class Trajectory(Result):
     """A trajectory, with the residuals and outliers of its measurements.
 
     Attributes
@@ -47,6 +49,9 @@ class Trajectory:
         Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
         and for "temporal-first".
     """
+
+    _rows: ClassVar = "time", 0
+    _omitted: ClassVar = ("bias", "smoothed", "fixes")
 
     time: FloatArray
     position: FloatArray

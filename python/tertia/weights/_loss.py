@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._result import Result
 from tertia._wishart import standard_wishart
 from tertia.weights._samples import Convention
 from tertia.weights._spread import LARGEST_N, Count, counts
@@ -35,7 +36,7 @@ _SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FusionLoss:
+class FusionLoss(Result):
     """The loss of a fused estimate whose weights are estimated.
 
     Attributes
@@ -53,6 +54,8 @@ class FusionLoss:
     method : {"first-order", "monte-carlo"}
         How it was computed.
     """
+
+    _rows: ClassVar = "loss", 0
 
     loss: float | FloatArray
     component_loss: FloatArray

@@ -1,0 +1,194 @@
+"""Results as tables of pandas, Polars and pyarrow, and on a page of Jupyter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+_AXES = ("east", "north", "up")
+# vectors with an axis per coordinate: how their columns begin, and their unit
+_VECTORS = {
+    "position": ("", "m"),
+    "velocity": ("velocity_", "m_s"),
+    "acceleration": ("acceleration_", "m_s2"),
+}
+_UNITS = {
+    "time": "s",
+    "height": "m",
+    "height_sigma": "m",
+    "vertical_rate": "m_s",
+    "range": "m",
+    "acceleration": "m_s2",
+    "emission_time": "s",
+    "emission_time_sigma": "s",
+}
+_PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
+
+
+class Result:
+    """A result whose numbers are also the rows of a table.
+
+    The columns have the names of the attributes, with the unit that they have in files, where that
+    is certain: `time_s`, `east_m`, `velocity_north_m_s`, `covariance_east_north_m2`. Other arrays
+    have numbered columns; angles are in the unit of the attribute. A batch has the columns
+    `index_0` and so on; what belongs to no row, such as the outliers of an estimate, is left out.
+    """
+
+    __slots__ = ()
+
+    # the attribute that says what a row is, and how many axes it has of its own; without it, each
+    # figure with its interval is a row
+    _rows: ClassVar[tuple[str, int] | None] = None
+    _omitted: ClassVar[tuple[str, ...]] = ()
+
+    def to_polars(self) -> Any:
+        """Return the result as a table.
+
+        Returns
+        -------
+        polars.DataFrame
+            One row per estimate, instant or plot.
+
+        Examples
+        --------
+        >>> from tertia import screening
+        >>> screening.k_sigma([45.0, 45.2, 44.9, 45.1, 45.0]).to_polars()["outlier"].sum()
+        0
+        """
+        import polars as pl  # noqa: PLC0415  # an extra
+
+        return pl.DataFrame(self._columns_of_rows())
+
+    def to_pandas(self) -> Any:
+        """Return the result as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per estimate, instant or plot.
+        """
+        import pandas as pd  # noqa: PLC0415  # the caller has it
+
+        return pd.DataFrame(self._columns_of_rows())
+
+    def to_arrow(self) -> Any:
+        """Return the result as a table.
+
+        Returns
+        -------
+        pyarrow.Table
+            One row per estimate, instant or plot.
+        """
+        import pyarrow as pa  # noqa: PLC0415  # the caller has it
+
+        return pa.table(self._columns_of_rows())
+
+    def _repr_html_(self) -> str:
+        """Return the first and last rows for Jupyter, or the text without Polars."""
+        try:
+            shown = self.to_polars()
+        except ModuleNotFoundError:
+            return f"<pre>{repr(self).replace('&', '&amp;').replace('<', '&lt;')}</pre>"
+        return f"<p>{type(self).__name__}</p>{shown._repr_html_()}"
+
+    def _columns_of_rows(self) -> dict[str, npt.NDArray[Any]]:
+        if self._rows is None:
+            return _columns_of_figures(self)
+        arrays = dict(_arrays(self, self._omitted))
+        name, own = self._rows
+        shape = arrays[name].shape
+        rows = shape[: len(shape) - own]
+        count = int(np.prod(rows, dtype=np.int64))
+        found: dict[str, npt.NDArray[Any]] = {}
+        if len(rows) > 1:
+            index = np.indices(rows).reshape(len(rows), count)
+            found |= {f"index_{axis}": index[axis] for axis in range(len(rows))}
+        axes = arrays["position"].shape[-1] if "position" in arrays else 0
+        for called, array in arrays.items():
+            depth = min(array.ndim, len(rows))
+            if array.shape[:depth] != rows[:depth]:
+                continue
+            rest = array.shape[depth:]
+            whole = array.reshape(array.shape[:depth] + (1,) * (len(rows) - depth) + rest)
+            whole = np.broadcast_to(whole, (*rows, *rest)).reshape(count, *rest)
+            found |= dict(_flat(called, whole, axes))
+        return found
+
+
+def _arrays(result: Any, omitted: tuple[str, ...] = ()) -> Iterator[tuple[str, npt.NDArray[Any]]]:
+    """Yield the numbers and texts of a result and of those within it, by name."""
+    for field in fields(result):
+        value = getattr(result, field.name)
+        if field.name.startswith("_") or field.name in omitted or value is None:
+            continue
+        if is_dataclass(value):
+            if not hasattr(value, "waypoints"):
+                yield from ((f"{field.name}_{name}", one) for name, one in _arrays(value))
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind in "biufU" and not isinstance(value, (tuple, list)):
+            yield field.name, array
+    sigma = getattr(type(result), "sigma", None)
+    # those of positions come with their covariance
+    if isinstance(sigma, property) and not hasattr(result, "position"):
+        yield "sigma", np.asarray(result.sigma)
+
+
+def _columns_of_figures(result: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return figures with their intervals, of a whole and of its parts."""
+    found = list(_figures(result, ""))
+    columns = {
+        "part": np.array([part for part, _, _ in found]),
+        "quantity": np.array([quantity for _, quantity, _ in found]),
+    }
+    for name in ("value", "low", "high", "count", "effective_number"):
+        cells = [getattr(figure, name, np.nan) for _, _, figure in found]
+        if name == "value":
+            cells = [getattr(figure, name, figure) for _, _, figure in found]
+        columns[name] = np.array(cells, dtype=np.float64)
+    columns["verdict"] = np.array([getattr(figure, "verdict", "") for _, _, figure in found])
+    return columns
+
+
+def _figures(result: Any, part: str) -> Iterator[tuple[str, str, Any]]:
+    """Yield part, name and value of each figure."""
+    for field in fields(result):
+        value = getattr(result, field.name)
+        for key, one in value.items() if isinstance(value, Mapping) else [(None, value)]:
+            if hasattr(one, "effective_number") and hasattr(one, "strata"):
+                yield from _figures(one, str(key))
+            elif hasattr(one, "verdict") or isinstance(one, (int, float)):
+                yield part, field.name if key is None else f"{field.name}_{key:g}", one
+
+
+def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
+    """Yield columns of one number per row; positions have some `axes`."""
+    shape = array.shape[1:]
+    if not shape:
+        yield f"{name}_{_UNITS[name]}" if name in _UNITS else name, array
+    elif name in _VECTORS and len(shape) == 1 and shape[0] <= len(_AXES):
+        prefix, unit = _VECTORS[name]
+        for k in range(shape[0]):
+            yield f"{prefix}{_AXES[k]}_{unit}", array[:, k]
+    elif name == "covariance" and axes:
+        yield from _covariance(array, axes)
+    else:
+        numbers = array.reshape(len(array), -1)
+        for k, place in enumerate(np.ndindex(*shape)):
+            yield "_".join([name, *map(str, place)]), numbers[:, k]
+
+
+def _covariance(array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
+    """Yield the sigmas and the covariances of a state, without those of accelerations."""
+    state = [
+        (f"{prefix}{axis}", unit) for prefix, unit in _VECTORS.values() for axis in _AXES[:axes]
+    ]
+    for i, (name, unit) in enumerate(state[: array.shape[-1]]):
+        yield f"{name}_sigma_{unit}", np.sqrt(array[:, i, i])
+        for j, (other, its) in enumerate(state[:i]):
+            if (its, unit) in _PRODUCTS:
+                yield f"covariance_{other}_{name}_{_PRODUCTS[its, unit]}", array[:, j, i]
