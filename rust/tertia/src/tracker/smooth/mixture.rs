@@ -41,11 +41,11 @@ impl<const N: usize> State<N> {
     /// `F P F'`, symmetric to the last bit.
     #[inline]
     pub fn transform(&mut self, f: &Matrix<N>) {
-        let mut g = [[0.0; N]; N];
+        let (p, mut g, mut after) = (self.covariance, [[0.0; N]; N], [[0.0; N]; N]);
         for i in 0..N {
             for k in 0..N {
                 for j in 0..N {
-                    g[i][j] += f[i][k] * self.covariance[k][j];
+                    g[i][j] += f[i][k] * p[k][j];
                 }
             }
         }
@@ -55,10 +55,11 @@ impl<const N: usize> State<N> {
                 for k in 0..N {
                     sum += g[i][k] * f[j][k];
                 }
-                self.covariance[i][j] = sum;
-                self.covariance[j][i] = sum;
+                after[i][j] = sum;
+                after[j][i] = sum;
             }
         }
+        self.covariance = after;
     }
 
     /// Forgets the own state: nothing but this variance is known of it.
@@ -159,8 +160,8 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         let (own, before, share) = (N - 1, &self.states[model], weights[model]);
         let mean = share * before.mean[own];
         state.mean[own] = mean;
-        for i in 0..own {
-            let covariance = share * before.covariance[i][own] - shift[i] * mean;
+        for (i, shift) in shift.into_iter().enumerate().take(own) {
+            let covariance = share * before.covariance[i][own] - shift * mean;
             state.covariance[i][own] = covariance;
             state.covariance[own][i] = covariance;
         }

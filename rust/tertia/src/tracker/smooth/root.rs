@@ -16,9 +16,9 @@ impl<const D: usize> Root<D> {
         for i in 0..D {
             let mut pivot = a[i][i];
             for j in 0..i {
-                let mut sum = a[i][j];
+                let (own, other, mut sum) = (lower[i], lower[j], a[i][j]);
                 for k in 0..j {
-                    sum -= lower[i][k] * lower[j][k];
+                    sum -= own[k] * other[k];
                 }
                 lower[i][j] = sum * reciprocal[j];
                 pivot -= lower[i][j] * lower[i][j];
@@ -35,14 +35,17 @@ impl<const D: usize> Root<D> {
     #[inline]
     pub fn whiten<const N: usize>(&self, b: &mut [[f64; N]; D]) {
         for i in 0..D {
+            let (mut row, factors) = (b[i], self.lower[i]);
             for k in 0..i {
+                let (factor, other) = (factors[k], b[k]);
                 for j in 0..N {
-                    b[i][j] -= self.lower[i][k] * b[k][j];
+                    row[j] -= factor * other[j];
                 }
             }
-            for x in &mut b[i] {
+            for x in &mut row {
                 *x *= self.reciprocal[i];
             }
+            b[i] = row;
         }
     }
 

@@ -214,10 +214,7 @@ fn product<const N: usize>(
     let mut sum = near.covariance;
     add(&mut sum, &far.covariance);
     let root = Root::new(&sum)?;
-    let mut difference = [[0.0; 1]; N];
-    for i in 0..N {
-        difference[i][0] = far.mean[i] - near.mean[i];
-    }
+    let mut difference: [[f64; 1]; N] = std::array::from_fn(|i| [far.mean[i] - near.mean[i]]);
     root.whiten(&mut difference);
     let mut rows = near.covariance;
     root.whiten(&mut rows);
@@ -237,9 +234,7 @@ fn product<const N: usize>(
     for i in 0..N {
         let scaled = scale * row[i];
         state.mean[i] += scaled * mean;
-        for j in 0..N {
-            state.covariance[i][j] += scaled * row[j];
-        }
+        state.covariance[i].iter_mut().zip(row).for_each(|(p, value)| *p += scaled * value);
     }
     distance -= mean * mean * scale;
     Some((state, distance, root.density() * (variance / left).sqrt()))
