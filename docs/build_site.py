@@ -46,8 +46,14 @@ LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
 def sources() -> dict[str, Path]:
     """Find the pages: their names on the site, and where they are written."""
     pages = {page: ROOT / name for name, page in FROM_ROOT.items()}
-    written = sorted([*DOCS.glob("*.md"), *DOCS.glob("decisions/*.md")])
+    written = sorted(
+        path for at in ("", "decisions/", "how-to/") for path in DOCS.glob(f"{at}*.md")
+    )
     return pages | {path.relative_to(DOCS).as_posix(): path for path in written}
+
+
+def _index_first(name: str) -> tuple[bool, str]:
+    return not name.endswith("index.md"), name
 
 
 def on_site(target: Path) -> str:
@@ -197,8 +203,10 @@ def main() -> None:
         write(f"reference/{name}.md", reference(name))
     concepts = [name for name in sorted(pages) if name not in START | MORE and "/" not in name]
     decisions = [name for name in sorted(pages) if name.startswith("decisions/0")]
+    tasks = [name for name in sorted(pages, key=_index_first) if name.startswith("how-to/")]
     nav = [
         *({title: name} for name, title in START.items()),
+        {"How do I …": [{heading(pages[name].read_text("utf-8")): name} for name in tasks]},
         {"Concepts": [{heading(pages[name].read_text("utf-8")): name} for name in concepts]},
         {"Reference": ["reference/index.md", *(f"reference/{name}.md" for name in modules())]},
         {"More": [{title: name} for name, title in MORE.items()]},

@@ -1,6 +1,7 @@
 """GeoJSON and KML: the coordinates of the tables, their times, and errors before the work."""
 
 import json
+import runpy
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -8,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
-from terminal import Write, run
+from terminal import Write, run, succeed
 
 from tertia.cli.files import maps
 
@@ -178,3 +179,33 @@ def test_other_commands_write_no_maps(tmp_path: Path) -> None:
     code, _, err = run("bearing", EXAMPLES / "bearings.csv", "--output", tmp_path / "o.kml")
     assert (code, err.count("\n")) == (2, 1)
     assert "its name must end in .csv" in err
+
+
+def test_regions_and_bearings_on_maps(tmp_path: Path) -> None:
+    """The region holds the position, and lines begin at the stations and pass by it."""
+    runpy.run_path(str(EXAMPLES / "scenes.py"))["SCENES"]["bearings"](
+        tmp_path, np.random.default_rng(3)
+    )
+    arguments = ("locate", tmp_path / "bearings.csv", "--sensors", tmp_path / "sensors.toml")
+    arguments += ("--tolerance", "inf", "--probability", "0.9", "--output")
+    for suffix in (".geojson", ".kml"):
+        succeed(*arguments, tmp_path / f"map{suffix}")
+    features = json.loads((tmp_path / "map.geojson").read_text(encoding="utf-8"))["features"]
+    point, *lines, region = features
+    assert region["geometry"]["type"] == "MultiPolygon"
+    assert region["properties"]["probability"] == 0.9
+    ((ring,),) = region["geometry"]["coordinates"]
+    assert ring[0] == ring[-1]
+    here = np.array(point["geometry"]["coordinates"])
+    assert np.all(np.min(ring, axis=0) < here)
+    assert np.all(here < np.max(ring, axis=0))
+    earth = pyproj.Geod(ellps="WGS84")
+    assert [one["properties"]["sensor"] for one in lines] == ["hill", "tower", "roof", "van"]
+    for one in lines:
+        (begin, end), azimuth = one["geometry"]["coordinates"], one["properties"]["azimuth_deg"]
+        found, _, far = earth.inv(*begin, *end)
+        assert (found - azimuth + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.01)
+        assert far == pytest.approx(1.2 * earth.inv(*begin, *here)[2], rel=1e-3)
+    text = (tmp_path / "map.kml").read_text(encoding="utf-8")
+    assert text.count("<LineString") == 4
+    assert text.count("<Polygon") == 1

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pytest
 import terminal
 
 from tertia import tables
+from tertia.geo import SystemPlane
 
 run = partial(terminal.run, "smooth")
 
@@ -71,3 +73,24 @@ def test_mistakes(tmp_path: Path) -> None:
         assert done.code != 0
         assert message in done.err
         assert done.err.count("\n") == 1
+
+
+def test_latitudes_and_longitudes(tmp_path: Path) -> None:
+    """What the plane makes of them comes back: a line over 60 km, without noise."""
+    time = np.arange(300.0)
+    plane = SystemPlane(50.0, 14.0)
+    way = np.column_stack([200.0 * time, -90.0 * time, 0.0 * time])
+    latitude, longitude, _ = plane.to_geodetic(way)
+    flight = pl.DataFrame({"time_s": time, "latitude_deg": latitude, "longitude_deg": longitude})
+    found = tables.smooth(flight, sigma=5.0)
+    np.testing.assert_allclose(found["latitude_smoothed_deg"], latitude, atol=1e-7)
+    np.testing.assert_allclose(found["longitude_smoothed_deg"], longitude, atol=1e-7)
+    np.testing.assert_allclose(found["east_rate_m_s"], 200.0, rtol=1e-3)
+    path, output = tmp_path / "flight.csv", tmp_path / "smooth.parquet"
+    flight.rename({"latitude_deg": "Latitude [deg]"}).write_csv(path)
+    assert run(path, "--sigma", "5", "--output", output).code == 0
+    columns = ["latitude_smoothed_deg", "longitude_smoothed_deg", "smoothing_outlier"]
+    assert pl.read_parquet(output).select(columns).equals(found.select(columns))
+    missing = flight.with_columns(latitude_deg=pl.lit(None, pl.Float64))
+    with pytest.raises(tables.RecordError, match="there are no positions"):
+        tables.smooth(missing, sigma=5.0)

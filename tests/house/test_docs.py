@@ -20,7 +20,8 @@ from typer.testing import CliRunner
 
 from tertia import cli
 
-PAGES = ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+_WRITTEN = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("how-to/*.md")]
+PAGES = ["README.md", *sorted(str(one.relative_to(ROOT)) for one in _WRITTEN)]
 BLOCK = re.compile(
     r"(?:^<!-- not run: (?P<reason>.+) -->\n)?^```(?P<language>\w+).*\n(?P<code>(?:.*\n)*?)^```$",
     re.M,

@@ -68,7 +68,7 @@ class Region(Result):
         regions = np.broadcast_to(regions, batch)
         inside = np.empty(batch, dtype=bool)
         for index in np.ndindex(batch):
-            inside[index] = sum(_crossings(ring, points[index]) for ring in regions[index]) % 2
+            inside[index] = sum(crossings(ring, points[index]) for ring in regions[index]) % 2
         found: bool | BoolArray = scalar_or_array(inside)
         return found
 
@@ -82,7 +82,7 @@ class Region(Result):
         )
 
 
-def _crossings(ring: FloatArray, point: FloatArray) -> int:
+def crossings(ring: FloatArray, point: FloatArray) -> int:
     """Count the sides of a ring that a ray towards the east crosses."""
     (x, y), (u, v) = ring.T, np.roll(ring, -1, axis=0).T
     crosses = (y > point[1]) != (v > point[1])

@@ -11,9 +11,11 @@ import polars as pl
 
 from tertia import smoothing
 from tertia._arrays import FloatArray, IntArray, finite, real
+from tertia.geo import SystemPlane
 from tertia.tables._frames import Table, extended
 from tertia.tables._groups import as_names, by_length, column_name, known, layout
-from tertia.tables._records import TIME, Field, Schema, Source, read, source_of
+from tertia.tables._records import TIME, Field, RecordError, Schema, Source, read, source_of
+from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 
 # what becomes of a quantity, and what its unit is divided by
@@ -24,7 +26,7 @@ def smooth(
     table: Table,
     *,
     columns: Mapping[str, str] | None = None,
-    values: str | Sequence[str] = ("east_m", "north_m"),
+    values: str | Sequence[str] = LOCAL[:2],
     sigma: float | str | Sequence[float | str],
     by: str | Sequence[str] = (),
     correlation_time: float | None = None,
@@ -41,7 +43,8 @@ def smooth(
         How columns are called in the table, by the names that they have here: `time_s` (seconds,
         or dates with time), and those of the other arguments.
     values : str or sequence of str
-        Columns of the axes.
+        Columns of the axes. By default `east_m` and `north_m`, or, where these are missing,
+        `latitude_deg` and `longitude_deg`, which are smoothed in the system plane about the first.
     sigma : float, str or sequence of these
         Standard deviation of the plots, or the column that contains it: for all axes, or for each.
     by : str or sequence of str
@@ -59,7 +62,8 @@ def smooth(
         The same rows with additional columns for each axis: the smoothed value, rate and
         acceleration, each followed by its sigma, for example `east_smoothed_m`,
         `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`; unknown values are
-        null. `smoothing_outlier` marks the rows that were left out.
+        null. From latitudes and longitudes there are `latitude_smoothed_deg` and
+        `longitude_smoothed_deg`, too. `smoothing_outlier` marks the rows that were left out.
 
     Raises
     ------
@@ -118,16 +122,24 @@ def smoothing_of(
 ) -> SmoothedRows:
     """Smooth the rows of all parts, in their order."""
     axes = as_names(values)
+    geodetic = axes == list(LOCAL[:2]) and _are_geodetic(source, columns or {})
     sigmas = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
     if len(sigmas) != len(axes):
         raise ValueError(f"sigma has {len(sigmas)} elements; there are {len(axes)} columns")
     intensity = None if jerk is None else real(jerk, "jerk")
     schema: Schema = {"time": TIME} | {
         name: Field("number", {name: 1.0}, required=True)
-        for name in [*axes, *(one for one in sigmas if isinstance(one, str))]
+        for name in [
+            *(GEODETIC[:2] if geodetic else axes),
+            *(one for one in sigmas if isinstance(one, str)),
+        ]
     }
     records = read(source, schema, columns=columns, by=as_names(by))
     frame = records.rows
+    plane = _plane_of(frame) if geodetic else None
+    if plane is not None:
+        local = plane.to_local(*frame.select(GEODETIC[:2]).to_numpy().T)
+        frame = frame.with_columns(pl.Series(name, local[:, k]) for k, name in enumerate(LOCAL[:2]))
     groups = layout(records.by, frame.height)
     t = Clock.of(frame["time"]).seconds(frame["time"])
     rows = groups.order[np.lexsort((groups.arranged(t), groups.group))]
@@ -156,11 +168,41 @@ def smoothing_of(
         places, smoothed = one
         found[places], spread[places] = smoothed.mean, smoothed.sigma
         outlier[places] = smoothed.outlier
-    added = _added(found, spread, axes).with_columns(smoothing_outlier=outlier)
-    times = frame.select(pl.col("time").alias("time_s"), pl.col(axes).fill_nan(None))
+    added = _added(found, spread, axes)
+    shown = axes
+    if plane is not None:
+        added, shown = added.with_columns(**_geodetic(plane, found[:, :2])), list(GEODETIC[:2])
+    added = added.with_columns(smoothing_outlier=outlier)
+    times = frame.select(pl.col("time").alias("time_s"), pl.col(shown).fill_nan(None))
     return SmoothedRows(
         pl.concat([records.by, times], how="horizontal"), added, len(groups.lengths)
     )
+
+
+def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
+    """Return whether positions are latitudes and longitudes."""
+
+    def has(name: str) -> bool:
+        return all(part.has(columns.get(name, name)) for part in source)
+
+    return has(GEODETIC[0]) and not has(LOCAL[0])
+
+
+def _plane_of(frame: pl.DataFrame) -> SystemPlane:
+    """Return the plane about the first place."""
+    places = frame.select(GEODETIC[:2]).filter(pl.all_horizontal(pl.all().is_finite()))
+    if places.is_empty():
+        raise RecordError("there are no positions: all are missing")
+    return SystemPlane(*places.row(0))
+
+
+def _geodetic(plane: SystemPlane, position: FloatArray) -> dict[str, pl.Series]:
+    """Return the columns of smoothed latitudes and longitudes."""
+    places = plane.to_geodetic(np.column_stack([position, np.zeros(len(position))]))
+    return {
+        column_name(name, "smoothed"): known(np.asarray(cells))
+        for name, cells in zip(GEODETIC[:2], places, strict=False)
+    }
 
 
 def _sigmas(frame: pl.DataFrame, sigma: float | str) -> FloatArray:

@@ -9,7 +9,7 @@ import polars as pl
 import typer
 
 from tertia import plot
-from tertia.cli.commands import positions
+from tertia.cli.commands import positions, shapes
 from tertia.cli.files import krakensdr, maps, read, write
 from tertia.cli.terminal.options import (
     By,
@@ -103,7 +103,10 @@ def locate(
     ] = None,
     probability: Annotated[
         float | None,
-        typer.Option(metavar="P", help="Write regions with this probability: area, axes, CEP."),
+        typer.Option(
+            metavar="P",
+            help="Write regions with this probability: area, axes, CEP; outlines on a map.",
+        ),
     ] = None,
     risk: Annotated[
         float | None,
@@ -151,7 +154,14 @@ def locate(
         positions.say_located(one)
         _say_sigma(one)
         _say_bias(one)
-    positions.write_all(found, output, measurements, lambda: _points(found, by or []), "position")
+    positions.write_all(
+        found,
+        output,
+        measurements,
+        lambda: _points(found, by or []),
+        "position",
+        shapes=lambda: shapes.of(found, probability),
+    )
     if plot_file is not None:
         write.save_groups(
             found.targets,

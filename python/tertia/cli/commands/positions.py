@@ -55,10 +55,12 @@ def write_all(
     measurements: Path | None,
     features: Callable[[], Sequence[maps.Feature | None]],
     noun: str,
+    *,
+    shapes: Callable[[], Sequence[maps.Shape]] = tuple,
 ) -> None:
     """Write positions, as a table or for a map, and the measurements."""
     if output is not None and maps.is_map(output):
-        maps.write(features(), output, noun)
+        maps.write(features(), output, noun, shapes())
     elif output is not None:
         write.write(found.rows, output)
     if measurements is not None:

@@ -33,7 +33,8 @@ def smooth(
         list[str] | None,
         typer.Option(
             metavar="COLUMN",
-            help="Column of an axis; may be repeated. By default east_m and north_m.",
+            help="Column of an axis; may be repeated. By default east_m and north_m, or "
+            "latitude_deg and longitude_deg.",
         ),
     ] = None,
     column: ColumnNames = None,

@@ -23,6 +23,8 @@ GEOJSON, KML = SUFFIXES = (".geojson", ".kml")
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 # eight digits are a millimetre
 _DIGITS, _HEIGHT_DIGITS = 8, 3
+# of areas: opacity, blue, green, red
+_PALE = "60ff9933"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,29 @@ class Feature:
             [*(round(x, _DIGITS) for x in row[:2]), *(round(x, _HEIGHT_DIGITS) for x in row[2:])]
             for row in places.tolist()
         ]
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A line, or the parts of a region, each an outline and its holes, with its properties.
+
+    A part is a list of longitudes and latitudes, (N, 2); a line is the only outline of one part.
+    """
+
+    name: str
+    parts: Sequence[Sequence[FloatArray]]
+    properties: Mapping[str, Any]
+    is_line: bool = False
+
+    def coordinates(self) -> list[list[list[list[float]]]]:
+        """Return the places of each ring of each part, without a jump at 180 degrees."""
+        return [[_unwrapped(ring, closed=not self.is_line) for ring in part] for part in self.parts]
+
+
+def _unwrapped(ring: FloatArray, *, closed: bool) -> list[list[float]]:
+    places = np.vstack([ring, ring[:1]]) if closed else ring.copy()
+    places[:, 0] = np.unwrap(places[:, 0], period=360.0)
+    return [[round(x, _DIGITS) for x in row] for row in places.tolist()]
 
 
 def is_map(path: Path | None) -> bool:
@@ -89,19 +114,24 @@ def feature(rows: pl.DataFrame, name: str, properties: Mapping[str, Any]) -> Fea
     return Feature(name, rows["time_s"].to_list(), rows.select(columns).to_numpy(), properties)
 
 
-def write(features: Sequence[Feature | None], path: Path, noun: str) -> None:
-    """Write lines and points in the format of the file name, and print a note."""
+def write(
+    features: Sequence[Feature | None], path: Path, noun: str, shapes: Sequence[Shape] = ()
+) -> None:
+    """Write lines, points and regions in the format of the file name, and print a note."""
     there = [one for one in features if one is not None]
-    writers: dict[str, Callable[[Sequence[Feature]], str]] = {GEOJSON: _geojson, KML: _kml}
-    text = writers[path.suffix.lower()](there)
+    writers: dict[str, Callable[[Sequence[Feature], Sequence[Shape]], str]] = {
+        GEOJSON: _geojson,
+        KML: _kml,
+    }
+    text = writers[path.suffix.lower()](there, shapes)
     write_text(text, path)
     typer.echo(f"wrote {counted(len(there), noun)} to {path}")
 
 
-def _geojson(features: Sequence[Feature]) -> str:
+def _geojson(features: Sequence[Feature], shapes: Sequence[Shape]) -> str:
     document = {
         "type": "FeatureCollection",
-        "features": [_geojson_feature(one) for one in features],
+        "features": [*map(_geojson_feature, features), *map(_geojson_shape, shapes)],
     }
     return json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
@@ -123,6 +153,21 @@ def _geojson_feature(one: Feature) -> dict[str, Any]:
     }
 
 
+def _geojson_shape(one: Shape) -> dict[str, Any]:
+    coordinates: Any = one.coordinates()
+    return {
+        "type": "Feature",
+        "geometry": {
+            "type": "LineString" if one.is_line else "MultiPolygon",
+            "coordinates": coordinates[0][0] if one.is_line else coordinates,
+        },
+        "properties": {
+            "name": one.name,
+            **{name: _plain(value) for name, value in one.properties.items()},
+        },
+    }
+
+
 def _plain(value: Any) -> Any:
     """Convert a value to a JSON type."""
     if isinstance(value, datetime):
@@ -130,7 +175,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _kml(features: Sequence[Feature]) -> str:
+def _kml(features: Sequence[Feature], shapes: Sequence[Shape]) -> str:
     simplekml = import_module("simplekml")
     document = simplekml.Kml()
     modes = simplekml.AltitudeMode
@@ -145,10 +190,24 @@ def _kml(features: Sequence[Feature]) -> str:
         else:
             placemark = document.newpoint(name=one.name, coords=coordinates, altitudemode=mode)
             placemark.timestamp.when = moments[0]
-        for name, value in one.properties.items():
-            if (cell := _plain(value)) is not None:
-                placemark.extendeddata.newdata(name=name, value=str(cell))
+        _say_properties(placemark, one.properties)
+    for shape in shapes:
+        for outline, *holes in shape.coordinates():
+            if shape.is_line:
+                placemark = document.newlinestring(name=shape.name, coords=outline, tessellate=1)
+            else:
+                placemark = document.newpolygon(
+                    name=shape.name, outerboundaryis=outline, innerboundaryis=holes
+                )
+                placemark.style.polystyle.color = _PALE
+            _say_properties(placemark, shape.properties)
     return str(document.kml())
+
+
+def _say_properties(placemark: Any, properties: Mapping[str, Any]) -> None:
+    for name, value in properties.items():
+        if (cell := _plain(value)) is not None:
+            placemark.extendeddata.newdata(name=name, value=str(cell))
 
 
 def _moment(time: datetime | float) -> str:
