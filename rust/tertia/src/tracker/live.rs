@@ -3,10 +3,10 @@
 use super::cluster::Clusters;
 use super::clutter::Clutter;
 use super::doubles::Doubles;
+use super::ended::Ended;
 use super::level::Level;
 use super::plans::Plans;
 use super::plot::{Measured, PlotStatus, Plots, keep_followed};
-use super::resume::{forget, remember};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
@@ -42,7 +42,7 @@ pub struct Tracker {
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Clusters,
     /// Tracks that have ended and may be resumed.
-    ended: Vec<Track>,
+    ended: Ended,
     clutter: Vec<Clutter>,
     /// Heights of all plots so far.
     level: Level,
@@ -63,7 +63,7 @@ pub struct Tracker {
 pub(super) struct Kept {
     tracks: Vec<Track>,
     clusters: Clusters,
-    ended: Vec<Track>,
+    ended: Ended,
     plans: Plans,
     clutter: Vec<Clutter>,
     level: Level,
@@ -90,7 +90,7 @@ impl Tracker {
             settings,
             tracks,
             clusters,
-            ended: Vec::new(),
+            ended: Ended::default(),
             doubles,
             clutter,
             level,
@@ -420,12 +420,12 @@ impl Tracker {
         tracks.retain(|track| {
             let is_alive = track.is_alive(settings);
             if !is_alive {
-                remember(ended, track);
+                ended.remember(track, settings);
             }
             is_alive
         });
         if tracks.len() < before {
-            forget(ended, *time);
+            ended.forget(*time);
             settings.plans.free(|number| tracks.iter().all(|t| t.number != number));
         }
     }

@@ -1,20 +1,19 @@
 //! Tracks that go on under their number: after a gap, by their identity, or after a manoeuvre that no
 //! gate has followed.
 
+use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::settings::Settings;
 use super::track::Track;
 
-/// Seconds for which an ended track may be resumed by its identity.
-const REMEMBERED: f64 = 600.0;
 /// Largest acceleration of an aircraft, m/s²: 4 g.
 const ACCELERATION: f64 = 40.0;
-/// Scans without a plot after which a track without identity is not resumed, and for which it is
-/// remembered.
+/// Scans after which a track without identity is not resumed.
 const SCANS: f64 = 5.5;
-const SCANS_REMEMBERED: f64 = 15.0;
+/// Longest time without any plot of the aircraft, in scans.
+const LINK: f64 = 2.5;
 /// Largest change of speed, as a share.
 const FASTER: f64 = 1.2;
-/// Margin for errors of position and velocity, in standard deviations.
+/// Margin for errors of positions and velocities, in standard deviations.
 const SIGMAS: f64 = 3.0;
 
 /// Gives new tracks the numbers of those that they continue, which end. Returns pairs of numbers: that
@@ -22,20 +21,21 @@ const SIGMAS: f64 = 3.0;
 /// tracks that have not been seen since it began.
 pub(super) fn resume(
     tracks: &mut [Track],
-    ended: &mut Vec<Track>,
+    ended: &mut Ended,
     begun: &[u64],
     settings: &Settings,
 ) -> Vec<(u64, u64)> {
     let mut renamed = Vec::new();
     let (places, mut silent) = candidates(tracks, begun, settings);
+    let paths = Paths::of(tracks, ended, begun, settings);
     for &number in begun {
         let Ok(at) = places.binary_search_by_key(&number, |(number, _)| *number) else { continue };
         let place = places[at].1;
         let new = &tracks[place];
-        let may = |old: &&Track| continues(new, old, settings);
+        let may = |old: &&Track| continues(new, old, &paths);
         let same = |old: &Track| old.identity().is_some() && old.identity() == new.identity();
         let live = silent.iter().map(|&i| &tracks[i]).filter(may);
-        let mut found: Vec<&Track> = live.chain(ended.iter().filter(may)).collect();
+        let mut found: Vec<&Track> = live.chain(ended.tracks.iter().filter(may)).collect();
         if found.iter().any(|old| same(old)) {
             // another track that answers so now is no part of this one's past
             let is_doubled = tracks.iter().any(|other| {
@@ -51,8 +51,8 @@ pub(super) fn resume(
         let [old] = found[..] else { continue };
         let old = old.number;
         renamed.push((number, old));
-        let past = match ended.iter().position(|track| track.number == old) {
-            Some(gone) => ended.remove(gone),
+        let past = match ended.tracks.iter().position(|track| track.number == old) {
+            Some(gone) => ended.tracks.remove(gone),
             None => {
                 let at = silent.iter().position(|&i| tracks[i].number == old).expect("it is one");
                 tracks[silent.remove(at)].retire()
@@ -89,57 +89,103 @@ fn candidates(
 }
 
 /// Whether a new track may be the same target as an older one.
-fn continues(new: &Track, old: &Track, settings: &Settings) -> bool {
-    let (time, there) = (new.first.time, new.first.position);
-    let radar = &settings.radars[new.first.radar];
-    let gap = time - old.seen;
+fn continues(new: &Track, old: &Track, paths: &Paths<'_>) -> bool {
+    let settings = paths.settings;
+    let (begin, end) = (Spot::last(old), Spot::first(new, settings));
+    let gap = end.time - begin.time;
     if gap <= 0.0 {
         return false;
     }
-    let is_same = match (new.identity(), old.identity()) {
+    match (new.identity(), old.identity()) {
         (Some(new), Some(old)) if new != old => return false,
-        (new, old) => new.is_some() && new == old,
-    };
-    let longest = match is_same {
-        true if settings.has_addresses() => REMEMBERED,
-        true => 2.0 * settings.coasting as f64 * old.period(),
-        false => SCANS * old.period(),
-    };
-    if gap > longest {
-        return false;
+        (None, _) | (_, None) => {
+            return gap <= SCANS * old.period()
+                && turned(new, old)
+                && paths.lead(old, &begin, &end);
+        }
+        _ => (),
     }
-    let (place, p) = old.position_at(time);
-    let r = radar.noise_at(there, f64::NAN);
-    let away = f64::hypot(there[0] - place[0], there[1] - place[1]);
-    let errors = SIGMAS * (p.xx + p.yy + r.xx + r.yy).sqrt();
-    let flown = 2.0 * settings.max_speed * gap;
-    if is_same {
-        return away <= flown + errors;
-    }
-    let turned = |old: &Track| {
-        let (a, b) = (&new.estimate, &old.estimate);
-        let change = f64::hypot(a.mean[2] - b.mean[2], a.mean[3] - b.mean[3]);
-        let variance = |i: usize| a.covariance[(i, i)] + b.covariance[(i, i)];
-        let sigma = (variance(2) + variance(3)).sqrt();
-        change <= ACCELERATION * (new.time - old.seen) + SIGMAS * sigma
+    let longest = match settings.has_addresses() {
+        true => REMEMBERED,
+        false => 2.0 * settings.coasting as f64 * old.period(),
     };
-    let last = [0, 1].map(|i| old.position_at(old.seen).0[i] - there[i]);
-    let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
-    let reached = f64::hypot(last[0], last[1]) <= FASTER * speed * gap + errors;
-    reached && away <= 0.5 * ACCELERATION * gap * gap + errors && turned(old)
+    let (place, p) = old.position_at(end.time);
+    let away = f64::hypot(end.position[0] - place[0], end.position[1] - place[1]);
+    let errors = SIGMAS * (p.xx + p.yy + end.variance).sqrt();
+    gap <= longest && away <= 2.0 * settings.max_speed * gap + errors
 }
 
-/// Remembers a track that has ended, if it may be resumed.
-pub(super) fn remember(ended: &mut Vec<Track>, track: &Track) {
-    if track.is_confirmed() && track.number > 0 {
-        ended.push(track.clone());
-    }
+/// Whether an aircraft may have turned from the old velocity into the new one.
+fn turned(new: &Track, old: &Track) -> bool {
+    let velocity = |track: &Track| [2, 3].map(|i| track.estimate.mean[i]);
+    let (a, b) = (velocity(new), velocity(old));
+    let variance = |i: usize| new.estimate.covariance[(i, i)] + old.estimate.covariance[(i, i)];
+    let errors = SIGMAS * (variance(2) + variance(3)).sqrt();
+    let change = f64::hypot(a[0] - b[0], a[1] - b[1]);
+    let (a, b) = (f64::hypot(a[0], a[1]), f64::hypot(b[0], b[1]));
+    let is_as_fast = a <= FASTER * b + errors && b <= FASTER * a + errors;
+    is_as_fast && change <= ACCELERATION * (new.time - old.seen) + errors
 }
 
-/// Forgets those of long ago.
-pub(super) fn forget(ended: &mut Vec<Track>, time: f64) {
-    ended.retain(|track| {
-        let scans = SCANS_REMEMBERED * track.period();
-        time - track.seen <= if track.identity().is_some() { REMEMBERED } else { scans }
-    });
+/// Plots by which an aircraft may have come from one track to another.
+struct Paths<'a> {
+    stretches: Vec<Stretch>,
+    settings: &'a Settings,
+}
+
+impl<'a> Paths<'a> {
+    fn of(tracks: &[Track], ended: &Ended, begun: &[u64], settings: &'a Settings) -> Self {
+        let mut stretches = Vec::new();
+        if !begun.is_empty() {
+            stretches.extend_from_slice(&ended.stretches);
+            let others = tracks.iter().filter(|track| !track.is_confirmed());
+            stretches.extend(others.map(|track| Stretch::of(track, settings)));
+        }
+        Self { stretches, settings }
+    }
+
+    /// Whether a way leads from where a track was seen last to where another begins, with a plot about
+    /// as often as a radar sees an aircraft. Cost O(stretches²) at most.
+    fn lead(&self, old: &Track, begin: &Spot, end: &Spot) -> bool {
+        let longest = LINK * old.period();
+        let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
+        let hop = |a: &Spot, b: &Spot| {
+            let time = b.time - a.time;
+            let errors = SIGMAS * (a.variance + b.variance).sqrt();
+            let flown = f64::hypot(b.position[0] - a.position[0], b.position[1] - a.position[1]);
+            // half the angle of the sharpest turn
+            let half = (0.5 * ACCELERATION * time / speed.max(1.0)).min(std::f64::consts::PI);
+            let least = speed * time * (half.sin() / half) / FASTER;
+            time > 0.0
+                && time <= longest
+                && flown <= FASTER * speed * time + errors
+                && flown >= least - errors
+        };
+        let straight = |b: &Spot| {
+            let (place, p) = old.position_at(b.time);
+            let time = b.time - begin.time;
+            let errors = SIGMAS * (p.xx + p.yy + b.variance).sqrt();
+            let away = f64::hypot(b.position[0] - place[0], b.position[1] - place[1]);
+            hop(begin, b) && away <= 0.5 * ACCELERATION * time * time + errors
+        };
+        let mut reached = Vec::new();
+        let mut now: Vec<Option<usize>> = vec![None];
+        while let Some(from) = now.pop() {
+            let goes = |b: &Spot| match from {
+                None => straight(b),
+                Some(at) => hop(&self.stretches[at].last, b),
+            };
+            if goes(end) {
+                return true;
+            }
+            for (i, one) in self.stretches.iter().enumerate() {
+                let mine = one.identity.is_none_or(|code| old.identity() == Some(code));
+                if mine && one.last.time < end.time && !reached.contains(&i) && goes(&one.first) {
+                    reached.push(i);
+                    now.push(Some(i));
+                }
+            }
+        }
+        false
+    }
 }

@@ -8,6 +8,7 @@ use super::claim::Claim;
 use super::cluster::{Cells, Clusters};
 use super::clutter::Clutter;
 use super::doubles::{self, Doubles};
+use super::ended::Ended;
 use super::plot::{Measured, PlotStatus, Source};
 use super::resume::resume;
 use super::row::{Row, Rows};
@@ -56,7 +57,7 @@ pub(super) struct Sky<'a, R> {
     pub tracks: &'a mut Vec<Track>,
     pub clusters: &'a mut Clusters,
     /// Tracks that may be resumed.
-    pub ended: &'a mut Vec<Track>,
+    pub ended: &'a mut Ended,
     pub clutter: &'a mut [Clutter],
     pub doubles: &'a mut [Doubles],
     pub next_number: &'a mut u64,

@@ -1,0 +1,85 @@
+//! Tracks that have ended, as far as others may go on from them.
+
+use super::settings::Settings;
+use super::track::Track;
+use serde::{Deserialize, Serialize};
+
+/// Scans for which tracks without identity are remembered, and plots of those that were never confirmed.
+const SCANS: f64 = 15.0;
+const SCANS_OF_PLOTS: f64 = 8.0;
+/// Seconds for which tracks with an identity are.
+pub(super) const REMEMBERED: f64 = 600.0;
+
+/// A plot, or the last estimate, of a track.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Spot {
+    pub time: f64,
+    pub position: [f64; 2],
+    /// Sum of the variances, m².
+    pub variance: f64,
+}
+
+impl Spot {
+    /// The first plot of a track.
+    pub fn first(track: &Track, settings: &Settings) -> Self {
+        let plot = &track.first;
+        let r = settings.radars[plot.radar].noise_at(plot.position, f64::NAN);
+        Self { time: plot.time, position: plot.position, variance: r.xx + r.yy }
+    }
+
+    /// Where a track was seen last.
+    pub fn last(track: &Track) -> Self {
+        let (position, p) = track.position_at(track.seen);
+        Self { time: track.seen, position, variance: p.xx + p.yy }
+    }
+}
+
+/// Beginning and end of a few plots in which no target was recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Stretch {
+    pub first: Spot,
+    pub last: Spot,
+    pub identity: Option<i64>,
+    period: f64,
+}
+
+impl Stretch {
+    pub fn of(track: &Track, settings: &Settings) -> Self {
+        let (first, last) = (Spot::first(track, settings), Spot::last(track));
+        // a single plot has no velocity
+        let last = if last.time > first.time { last } else { first };
+        Self { first, last, identity: track.identity(), period: track.period() }
+    }
+}
+
+/// What has ended.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Ended {
+    /// Confirmed ones.
+    pub tracks: Vec<Track>,
+    /// The others.
+    pub stretches: Vec<Stretch>,
+}
+
+impl Ended {
+    /// Remembers a track, if it has not gone on as another.
+    pub fn remember(&mut self, track: &Track, settings: &Settings) {
+        if track.number == 0 {
+            return;
+        }
+        if track.is_confirmed() {
+            self.tracks.push(track.clone());
+        } else {
+            self.stretches.push(Stretch::of(track, settings));
+        }
+    }
+
+    /// Forgets what was long ago.
+    pub fn forget(&mut self, time: f64) {
+        self.tracks.retain(|track| {
+            let scans = SCANS * track.period();
+            time - track.seen <= if track.identity().is_some() { REMEMBERED } else { scans }
+        });
+        self.stretches.retain(|one| time - one.last.time <= SCANS_OF_PLOTS * one.period);
+    }
+}
