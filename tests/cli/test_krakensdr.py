@@ -72,10 +72,6 @@ def test_without_spectra_the_convention_is_assumed(tmp_path) -> None:
     [
         ("time_s,azimuth_deg\n1,2\n", "is no recording of KrakenSDR: it has 2 columns"),
         (lines("east", compass=True).replace(", 12.5", "0, 12.5"), "it cannot be told whether"),
-        (
-            lines("east", compass=True) + lines("east", compass=True).replace("50.0,", "50.4,"),
-            "east moves, by 0.4 degrees",
-        ),
         (lines("east", compass=True).replace("200.0", "abc"), "a number is none"),
     ],
 )

@@ -63,7 +63,9 @@ def locate(
         and any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (from the first
         sensor) and `arrival_time_s` (from any origin, preferably from `time_s`: seconds since 1970
         have steps of .2 µs), with their sigmas (`range_sigma_m`) if they differ from those of the
-        sensor; or one row per measurement, with `kind`, `value` and `sigma`. Measurements with
+        sensor; or one row per measurement, with `kind`, `value` and `sigma`. Where a sensor moves,
+        it was at `sensor_east_m`, `sensor_north_m` and in space `sensor_up_m`, or on the earth at
+        `sensor_latitude_deg`, `sensor_longitude_deg` and `sensor_height_m`. Measurements with
         equal times, or within `tolerance`, form an instant.
     sensors : sequence of Station
         The stations, with the names used in the table.
@@ -190,7 +192,7 @@ def _locate(
 ) -> Located[Location]:
     if not target.values:
         raise RecordError(f"{target.name}: nothing was measured")
-    sigmas = target.all_sigmas(stations, optional=True)
+    sigmas = target.all_sigmas(target.sensors, optional=True)
     # their sigmas are those that are given
     bare = [
         Station(
@@ -200,7 +202,7 @@ def _locate(
             bias=one.bias,
             position_sigma=one.position_sigma,
         )
-        for one in stations.items
+        for one in target.sensors.items
     ]
     options: dict[str, Any] = target.measured()
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
@@ -209,7 +211,7 @@ def _locate(
         regions = _regions(found, *asked)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
-    measured = of_measurements(target, stations, found.residual, found.outlier, found)
+    measured = of_measurements(target, found.residual, found.outlier, found)
     rows = {
         "time_s": target.moments,
         **coordinates(found.position, found.covariance),

@@ -13,6 +13,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import combined, instants
+from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -50,6 +51,7 @@ SCHEMA: Schema = {
     "kind": Field("name", {"kind": 1.0}),
     "value": number("value"),
     "sigma": number("sigma", positive=True),
+    **PLACES,
 }
 
 
@@ -58,7 +60,8 @@ class Target:
     """Measurements of one target at N times by K stations, in metres, radians, seconds.
 
     `rows` has one measurement per row, in the units of the columns, with `step` and `site`.
-    `values` and `sigmas` are (N, K) for each kind, nan where there is none.
+    `values` and `sigmas` are (N, K) for each kind, nan where there is none. `sensors` are the
+    stations, where they move at the N times.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Target:
     rows: pl.DataFrame
     values: dict[Kind, FloatArray]
     sigmas: dict[Kind, FloatArray]
+    sensors: Sensors[Station]
 
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
         """Yield each kind with the times, stations and rows of its measurements."""
@@ -141,7 +145,8 @@ def read_targets(
         records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
     for part in source:
         _require_kinds(part, columns or {})
-    measured = _one_by_one(records)
+    placed = names_of_places(records, sensors)
+    measured = _one_by_one(records, placed)
     if not measured["kind"].count():
         raise RecordError("nothing was measured: all values are missing")
     if sensors.dimension == 2 and (measured["kind"] == "elevation").any():
@@ -157,7 +162,7 @@ def read_targets(
     group[groups.order] = groups.group
     measured = measured.with_columns(group=group[measured["record"].to_numpy()])
     targets = [
-        _target(rows, groups.keys[k : k + 1], len(sensors.names), clock, tolerance)
+        _target(rows, groups.keys[k : k + 1], sensors, clock, tolerance, records)
         for k, rows in enumerate(measured.partition_by("group", maintain_order=True))
     ]
     for target in targets:
@@ -190,10 +195,10 @@ def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
         )
 
 
-def _one_by_one(records: Records) -> pl.DataFrame:
+def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
     """Return one row per measurement; a row without measurements is kept without a kind."""
     rows = records.rows.with_row_index("record").rename({"sensor": "site"})
-    place = ["record", "part", "row", "time", "site"]
+    place = ["record", "part", "row", "time", "site", *placed]
     long = rows.filter(pl.col("kind").is_not_null() | pl.col("value").is_not_nan())
     wrong = pl.col("value").is_not_nan() & ~pl.col("kind").is_in(list(UNITS)).fill_null(False)
     kinds = ", ".join(UNITS)
@@ -253,13 +258,24 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     one.refuse(again, reason)
 
 
-def _target(
-    rows: pl.DataFrame, keys: pl.DataFrame, count: int, clock: Clock, tolerance: float
+def _target(  # noqa: PLR0917
+    rows: pl.DataFrame,
+    keys: pl.DataFrame,
+    sensors: Sensors[Station],
+    clock: Clock,
+    tolerance: float,
+    records: Records,
 ) -> Target:
+    moves = "place_0" in rows.columns
+    like = np.zeros(0, dtype=np.int64)
     if tolerance > 0:
         rows = rows.sort("seconds", maintain_order=True)
         if tolerance == np.inf:
-            rows = combined(rows.filter(pl.col("kind").is_not_null()), group_name(keys))
+            rows = rows.filter(pl.col("kind").is_not_null())
+            if moves:
+                places = local_places(records, rows, sensors)
+                rows, like = apart(rows, places, len(sensors.items))
+            rows = combined(rows, group_name(keys))
         step, times = instants(rows, tolerance)
         moments = clock.moments(times)
     else:
@@ -269,6 +285,10 @@ def _target(
         moments = rows["time"][first]
     rows = rows.with_columns(step=pl.Series(step, dtype=pl.Int64))
     rows = rows.filter(pl.col("kind").is_not_null())
+    if moves:
+        places = local_places(records, rows, sensors)
+        sensors = stations_of(sensors, rows, places, like, times.size)
+    count = len(sensors.items)
     values: dict[Kind, FloatArray] = {}
     sigmas: dict[Kind, FloatArray] = {}
     for kind, (_, unit) in UNITS.items():
@@ -279,4 +299,4 @@ def _target(
         for found, name in ((values, "value"), (sigmas, "sigma")):
             found[kind] = np.full((times.size, count), np.nan)
             found[kind][at] = own[name].to_numpy() * unit
-    return Target(group_name(keys), keys, moments, times, rows, values, sigmas)
+    return Target(group_name(keys), keys, moments, times, rows, values, sigmas, sensors)

@@ -130,7 +130,6 @@ def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
 
 def of_measurements(
     target: Target,
-    stations: Sensors[Station],
     residuals: ByKind,
     outliers: ByKind,
     fixes: Location,
@@ -146,7 +145,7 @@ def of_measurements(
     return target.rows.select(
         "step",
         "site",
-        pl.col("site").replace_strict(dict(enumerate(stations.names))).alias("sensor"),
+        pl.col("site").replace_strict(dict(enumerate(target.sensors.names))).alias("sensor"),
         pl.col("time").alias("time_s"),
         "kind",
         "value",
@@ -191,8 +190,9 @@ def of_sensors(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
     kept = pl.col("residual").filter(~pl.col("outlier").fill_null(False))
     order = {kind: number for number, kind in enumerate(UNITS)}
     found = (
-        measurements.group_by("site", "sensor", "kind")
+        measurements.group_by("sensor", "kind")
         .agg(
+            pl.col("site").min(),
             pl.len().cast(pl.Int64).alias("measurement_count"),
             pl.col("outlier").sum().cast(pl.Int64).alias("outlier_count"),
             kept.mean().alias("residual_mean"),

@@ -130,7 +130,7 @@ def _path(
         raise RecordError(f"{target.name}: nothing was measured")
     if "arrival_time" in target.values:
         raise RecordError(f"{target.name}: paths take no arrival_time_s; locate each instant")
-    sigmas = _constant(target, sensors)
+    sigmas = _constant(target, target.sensors)
     stations = [
         Station(
             one.position,
@@ -140,7 +140,7 @@ def _path(
             azimuth_sigma=_stated(sigmas, "azimuth", k),
             elevation_sigma=_stated(sigmas, "elevation", k),
         )
-        for k, one in enumerate(sensors.items)
+        for k, one in enumerate(target.sensors.items)
     ]
     measured: dict[str, Any] = dict(target.measured())
     if "range_difference" in sigmas:
@@ -149,7 +149,7 @@ def _path(
         found = reconstruct_path(stations, target.times, **measured, **options)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
-    judged = of_measurements(target, sensors, found.residual, found.outlier, found.fixes)
+    judged = of_measurements(target, found.residual, found.outlier, found.fixes)
     return Located(
         target,
         found,

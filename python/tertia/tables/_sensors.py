@@ -458,10 +458,10 @@ def _on_the_earth(
                 f"{one.name} is {distance / 1e3:.0f} km from the origin; places in a plane, "
                 f"without {GEODETIC[2]}, must be within {_REACH_OF_A_PLANE / 1e3:.0f} km"
             )
-    return positions[:, :2], _in_the_plane(axes), frame
+    return positions[:, :2], in_the_plane(axes), frame
 
 
-def _in_the_plane(axes: FloatArray) -> FloatArray:
+def in_the_plane(axes: FloatArray) -> FloatArray:
     """Return the rotations about the vertical that are nearest to axes, (K, 2, 2)."""
     angle = np.arctan2(axes[:, 0, 1] - axes[:, 1, 0], axes[:, 0, 0] + axes[:, 1, 1])
     cosine, sine = np.cos(angle), np.sin(angle)

@@ -60,21 +60,23 @@ def _bearings(one: Located[Location], stations: Sensors[Station]) -> Iterator[Sh
         return
     azimuths, outliers = one.target.values["azimuth"][0], one.result.outlier.azimuth
     places = one.result.position[..., :2].reshape(-1)
-    for k, station in enumerate(stations.items):
+    for k, station in enumerate(one.target.sensors.items):
         if np.isnan(azimuths[k]) or np.isnan(places).any():
             continue
-        begin = station.position[:2]
+        # those that move have a place for each instant, of which there is one
+        begin = station.position.reshape(-1, stations.dimension)[0, :2]
         along = np.array([np.sin(azimuths[k]), np.cos(azimuths[k])])
         if station.axes is not None:
-            along = along @ station.axes[:2, :2]
+            axes = station.axes.reshape(-1, stations.dimension, stations.dimension)[0]
+            along = along @ axes[:2, :2]
         end = begin + (1 + _BEHIND) * np.linalg.norm(places - begin) * along
         is_outlier = outliers is not None and bool(np.reshape(outliers, -1)[k])
         properties = {
-            "sensor": stations.names[k],
+            "sensor": one.target.sensors.names[k],
             "azimuth_deg": float(np.degrees(azimuths[k]) % 360.0),
             "outlier": is_outlier,
         }
-        name = " ".join(filter(None, [one.target.name, stations.names[k]]))
+        name = " ".join(filter(None, [one.target.name, one.target.sensors.names[k]]))
         line = _on_earth(np.array([begin, end]), stations)
         yield Shape(name, [[line]], properties, is_line=True)
 

@@ -26,6 +26,7 @@ _COLUMNS = (
     "heading",
 )
 _NUMBERS = ("angle", "latitude_deg", "longitude_deg", "gps_heading", "compass_heading")
+_PLACE = ("latitude_deg", "longitude_deg")
 _RESERVED = 4
 _SPECTRUM = 360
 # degrees between an angle and the maximum of its spectrum, and a share of rows that agree
@@ -69,8 +70,11 @@ def recording(path: Path) -> Part:
         pl.from_epoch("time", time_unit="ms").dt.replace_time_zone("UTC").alias("time_s"),
         "sensor",
         ((heading.otherwise("gps_heading") + pl.Series(relative)) % 360.0).alias("azimuth_deg"),
+        *(pl.when(_moves()).then(pl.col(name)).alias(f"sensor_{name}") for name in _PLACE),
     )
-    return Part(table, str(path), path.stem, 1, sensors=_places(path, rows))
+    if not table["sensor_latitude_deg"].count():
+        table = table.drop("sensor_latitude_deg", "sensor_longitude_deg")
+    return Part(table, str(path), path.stem, 1, sensors=_places(rows))
 
 
 def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
@@ -93,16 +97,13 @@ def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
     return bool(compass > circle)
 
 
-def _places(path: Path, rows: pl.DataFrame) -> dict[str, dict[str, float]]:
-    """Return the places of the stations, which must stand."""
-    places = {}
-    for (name,), own in rows.group_by("sensor"):
-        place = own.select("latitude_deg", "longitude_deg")
-        spread = place.select(pl.all().max() - pl.all().min()).row(0)
-        if max(spread) > _STANDS:
-            fail(
-                f"{path}: {name} moves, by {max(spread):.3g} degrees; locate takes stations that "
-                "stand"
-            )
-        places[str(name)] = place.median().row(0, named=True)
-    return places
+def _moves() -> pl.Expr:
+    """Whether the station of a row moves."""
+    spread = [(pl.col(name).max() - pl.col(name).min()).over("sensor") for name in _PLACE]
+    return pl.max_horizontal(spread) > _STANDS
+
+
+def _places(rows: pl.DataFrame) -> dict[str, dict[str, float]]:
+    """Return the places of the stations, in the middle of those that move."""
+    found = rows.group_by("sensor").agg(pl.col(_PLACE).median())
+    return {row.pop("sensor"): row for row in found.to_dicts()}

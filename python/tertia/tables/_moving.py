@@ -1,0 +1,111 @@
+"""Stations that move: a place per row."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray, IntArray
+from tertia.sensors import Station
+from tertia.tables._records import Records, Schema, number
+from tertia.tables._sensors import Sensors, in_the_plane
+
+# the places of sensors in the rows of measurements, local or on the earth
+PLACES: Schema = {
+    "place_0": number("sensor_east_m", "sensor_latitude_deg"),
+    "place_1": number("sensor_north_m", "sensor_longitude_deg"),
+    "place_2": number("sensor_up_m", "sensor_height_m"),
+}
+_UNPLACED = "{} needs latitudes and longitudes of the sensors, too"
+
+
+def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
+    """Return the quantities that are the places of sensors; none where all stand."""
+    if "place_0" not in records.column:
+        return []
+    needed = list(PLACES)[: sensors.dimension]
+    for name in needed:
+        if name not in records.column:
+            wanted = " or ".join(PLACES[name].columns)
+            raise records.source[0].error(f"the places of sensors need {wanted}, too")
+    if _are_geodetic(records) and sensors.frame is None:
+        raise sensors.error(_UNPLACED.format(records.column["place_0"]))
+    return needed
+
+
+def _are_geodetic(records: Records) -> bool:
+    return "latitude" in records.column["place_0"].lower()
+
+
+def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
+    """Return the place of the sensor of each row with its axes as further rows, (M, 1 + D, D).
+
+    They are nan where a row has no place.
+    """
+    d = sensors.dimension
+    given = rows.select(list(PLACES)[:d]).to_numpy()
+    found = np.full((len(given), 1 + d, d), np.nan)
+    there = np.isfinite(given).all(axis=1)
+    if not _are_geodetic(records):
+        found[:, 0] = given
+        found[there, 1:] = np.eye(d)
+    elif there.any() and sensors.frame is not None:
+        one = sensors.frame.station(*given[there].T)  # type: ignore[union-attr]
+        found[there, 0] = one.position[:, :d]
+        axes = np.broadcast_to(np.asarray(one.axes), (int(there.sum()), 3, 3))
+        found[there, 1:] = in_the_plane(axes) if d == 2 else axes
+    return found
+
+
+def apart(rows: pl.DataFrame, places: FloatArray, count: int) -> tuple[pl.DataFrame, IntArray]:
+    """Return rows of which each of a moving sensor is of a sensor of its own.
+
+    Also which of the `count` sensors each of them is, after these.
+    """
+    moves = np.isfinite(places[:, 0]).all(axis=1)
+    site = rows["site"].to_numpy().copy()
+    own = site[moves]
+    site[moves] = count + np.arange(len(own))
+    return rows.with_columns(site=pl.Series(site)), own
+
+
+def stations_of(
+    sensors: Sensors[Station], rows: pl.DataFrame, places: FloatArray, own: IntArray, count: int
+) -> Sensors[Station]:
+    """Return the sensors, and further ones like `own`, at their places at each of `count` steps."""
+    like = np.concatenate([np.arange(len(sensors.items)), own]).astype(np.int64)
+    d = sensors.dimension
+    position = np.empty((count, len(like), d))
+    axes = np.empty((count, len(like), d, d))
+    for k, which in enumerate(like):
+        item = sensors.items[which]
+        position[:, k] = item.position
+        axes[:, k] = np.eye(d) if item.axes is None else item.axes
+    there = np.isfinite(places[:, 0]).all(axis=1)
+    at = rows["step"].to_numpy()[there], rows["site"].to_numpy()[there]
+    position[at], axes[at] = places[there, 0], places[there, 1:]
+    items = [
+        _moved(sensors.items[which], position[:, k], axes[:, k]) for k, which in enumerate(like)
+    ]
+    return replace(
+        sensors,
+        items=items,
+        norths=sensors.norths[like],
+        range_difference_sigma=sensors.range_difference_sigma[like],
+    )
+
+
+def _moved(one: Station, position: FloatArray, axes: FloatArray) -> Station:
+    return Station(
+        position,
+        range_sigma=one.range_sigma,
+        azimuth_sigma=one.azimuth_sigma,
+        elevation_sigma=one.elevation_sigma,
+        arrival_time_sigma=one.arrival_time_sigma,
+        position_sigma=one.position_sigma,
+        bias=one.bias,
+        axes=axes,
+        name=one.name,
+    )

@@ -1,0 +1,139 @@
+"""Sensors that move: where they were is in the rows."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from terminal import succeed
+
+from tertia import tables
+from tertia.geo import LocalFrame
+from tertia.location import locate
+from tertia.sensors import Station
+
+SIGMA = np.radians(3.0)
+
+
+def drive(rng: np.random.Generator, count: int = 60, wrong: float = 0.2) -> pl.DataFrame:
+    """Return an hour of bearings from a car that passes by (4 km, 6 km)."""
+    time = np.sort(rng.uniform(0, 3600, count))
+    places = np.column_stack([2.2 * time, 1500 * np.sin(time / 900)])
+    azimuth = np.arctan2(*(np.array([4e3, 6e3]) - places).T) + rng.normal(0, SIGMA, count)
+    bad = rng.random(count) < wrong
+    azimuth[bad] = rng.uniform(-np.pi, np.pi, bad.sum())
+    return pl.DataFrame(
+        {
+            "time_s": time,
+            "sensor": "car",
+            "azimuth_deg": np.degrees(azimuth) % 360,
+            "sensor_east_m": places[:, 0],
+            "sensor_north_m": places[:, 1],
+        }
+    )
+
+
+CAR = Station((0.0, 0.0), name="car", azimuth_sigma=SIGMA)
+
+
+def test_one_position_of_an_hour_is_within_its_sigma() -> None:
+    inside = []
+    for seed in range(60):
+        found = tables.locate(
+            drive(np.random.default_rng(seed)), sensors=[CAR], tolerance=np.inf
+        ).row(0, named=True)
+        error = np.array([found["east_m"] - 4e3, found["north_m"] - 6e3])
+        cross = found["covariance_east_north_m2"]
+        covariance = [[found["east_sigma_m"] ** 2, cross], [cross, found["north_sigma_m"] ** 2]]
+        inside.append(error @ np.linalg.solve(covariance, error) < 5.99)
+    # 95 % of 60: 57 ± 1.7
+    assert sum(inside) >= 53
+
+
+def test_it_is_what_locate_says_of_as_many_stations() -> None:
+    table = drive(np.random.default_rng(1), wrong=0.0)
+    places = table.select("sensor_east_m", "sensor_north_m").to_numpy()
+    one_each = [Station(place, azimuth_sigma=SIGMA) for place in places]
+    expected = locate(one_each, azimuth=np.radians(table["azimuth_deg"]))
+    found = tables.locate(table, sensors=[CAR], tolerance=np.inf)
+    np.testing.assert_allclose(found.select("east_m", "north_m").row(0), expected.position)
+    np.testing.assert_allclose(found["measurement_count"], 60)
+
+
+def test_some_stand_and_some_move_on_the_earth() -> None:
+    """At every instant a car and two towers; the same in the plane and on the earth."""
+    rng = np.random.default_rng(2)
+    frame = LocalFrame(50.0, 14.0)
+    time = np.arange(20.0)
+    car = np.column_stack([100.0 * time, 50.0 * time])
+    target = np.array([5e3, 7e3])
+    places = {"car": car, "A": np.tile([0.0, 9e3], (20, 1)), "B": np.tile([9e3, 0.0], (20, 1))}
+    parts, local = [], []
+    for name, own in places.items():
+        azimuth = np.arctan2(*(target - own).T) + rng.normal(0, 1e-3, 20)
+        row = {"time_s": time, "sensor": name, "azimuth_deg": np.degrees(azimuth) % 360}
+        moved = own if name == "car" else np.full((20, 2), np.nan)
+        local.append(
+            pl.DataFrame(row | {"sensor_east_m": moved[:, 0], "sensor_north_m": moved[:, 1]})
+        )
+        latitude, longitude, _ = frame.to_geodetic(np.column_stack([own, np.zeros(20)]))
+        latitude, longitude = (
+            np.where(np.isnan(moved[:, 0]), np.nan, cells) for cells in (latitude, longitude)
+        )
+        parts.append(
+            pl.DataFrame(row | {"sensor_latitude_deg": latitude, "sensor_longitude_deg": longitude})
+        )
+    stations = [Station(own[0], name=name, azimuth_sigma=1e-3) for name, own in places.items()]
+    found = tables.locate(pl.concat(local), sensors=stations)
+    error = np.hypot(found["east_m"] - 5e3, found["north_m"] - 7e3)
+    assert found["measurement_count"].to_list() == [3] * 20
+    assert (error < 4 * np.hypot(found["east_sigma_m"], found["north_sigma_m"])).all()
+    way = tables.reconstruct(pl.concat(local), sensors=stations, jerk=0.0)
+    np.testing.assert_allclose(way["east_m"], 5e3, atol=20)
+    with pytest.raises(tables.RecordError, match="needs latitudes and longitudes of the sensors"):
+        tables.locate(pl.concat(parts), sensors=stations)
+
+
+def test_files_on_the_earth(tmp_path: Path) -> None:
+    """The map of an hour's drive has a line from every place."""
+    pyproj = pytest.importorskip("pyproj")
+    earth = pyproj.Geod(ellps="WGS84")
+    rng = np.random.default_rng(5)
+    table = drive(rng, count=30, wrong=0.0)
+    frame = LocalFrame(49.2, 16.6)
+    latitude, longitude, _ = frame.to_geodetic(
+        np.column_stack([table["sensor_east_m"], table["sensor_north_m"], np.zeros(30)])
+    )
+    emitter = (16.66, 49.25)
+    azimuth, _, _ = earth.inv(longitude, latitude, [emitter[0]] * 30, [emitter[1]] * 30)
+    rows = pl.DataFrame(
+        {
+            "time_s": table["time_s"],
+            "sensor": "car",
+            "azimuth_deg": (azimuth + rng.normal(0, 3.0, 30)) % 360,
+            "sensor_latitude_deg": latitude,
+            "sensor_longitude_deg": longitude,
+        }
+    )
+    path, sensors = tmp_path / "drive.csv", tmp_path / "sensors.toml"
+    rows.write_csv(path)
+    sensors.write_text(
+        '[[station]]\nname = "car"\nlatitude_deg = 49.2\nlongitude_deg = 16.6\n'
+        "azimuth_sigma_deg = 3.0\n",
+        encoding="utf-8",
+    )
+    arguments = ("locate", path, "--sensors", sensors, "--tolerance", "inf", "--output")
+    succeed(*arguments, tmp_path / "fix.csv")
+    found = pl.read_csv(tmp_path / "fix.csv").row(0, named=True)
+    _, _, error = earth.inv(*emitter, found["longitude_deg"], found["latitude_deg"])
+    assert error < 3 * np.hypot(found["east_sigma_m"], found["north_sigma_m"])
+    succeed(*arguments, tmp_path / "fix.geojson")
+    text = (tmp_path / "fix.geojson").read_text(encoding="utf-8")
+    assert len(re.findall("LineString", text)) == 30
+
+
+def test_half_a_place_is_none() -> None:
+    table = drive(np.random.default_rng(1)).drop("sensor_north_m")
+    with pytest.raises(tables.RecordError, match="need sensor_north_m or sensor_longitude_deg"):
+        tables.locate(table, sensors=[CAR])
