@@ -62,6 +62,7 @@ pub fn scans(count: usize, aircraft: usize, extent: f64, radars: &[Radar]) -> Ve
                         radar: index,
                         height: f64::NAN,
                         identity: -1,
+                        report: None,
                     });
                 }
             }

@@ -23,6 +23,7 @@ from tertia._arrays import (
 )
 from tertia.sensors._bias import ERRORS, RADAR_LIMITS, Bias
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
+from tertia.sensors._positions import PositionSensor
 
 if TYPE_CHECKING:
     from tertia.geo import LocalFrame, SystemPlane
@@ -304,11 +305,12 @@ def stack_stations(
     return places, _all_axes(known, places.shape[-1]), sigmas
 
 
-def own_biases(radars: Sequence[Radar]) -> Bias:
-    """Return the systematic errors of radars, (K,), as they are known; else within the limits."""
-    columns: dict[str, Any] = {
-        kind: [_error(radar.bias, kind) for radar in radars] for kind in ERRORS
-    }
+def own_biases(sensors: Sequence[Radar | PositionSensor]) -> Bias:
+    """Return the systematic errors of sensors, (K,), as known; of radars else within the limits."""
+    given = [
+        Bias() if isinstance(s, PositionSensor) and s.bias is None else s.bias for s in sensors
+    ]
+    columns: dict[str, Any] = {kind: [_error(bias, kind) for bias in given] for kind in ERRORS}
     return Bias(**columns)
 
 

@@ -6,7 +6,7 @@ positions are local east and north in metres.
 """
 
 from tertia.kalman import SingerModel
-from tertia.sensors import Radar
+from tertia.sensors import PositionSensor, Radar
 from tertia.tracker._models import (
     Association,
     AssociationName,
@@ -46,6 +46,7 @@ __all__ = [
     "PlanModel",
     "PlotStatus",
     "Plots",
+    "PositionSensor",
     "Radar",
     "SingerModel",
     "SmoothedTracks",

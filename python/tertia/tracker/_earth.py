@@ -107,16 +107,6 @@ def reach(radar: Radar) -> float:
     return radar.max_range * (1.0 + (far / (2.0 * _RADIUS)) ** 2)
 
 
-def core_geometry(radar: Radar) -> _core.Geometry:
-    """Return what the plots of a radar say of positions."""
-    site = radar.site
-    if radar.frame is None or site is None:
-        flat = len(radar.position) == 2  # east and north alone
-        return _core.Geometry.flat() if flat else _core.Geometry.space()
-    place = [*np.radians([site.latitude, site.longitude]).tolist(), site.height]
-    return _core.Geometry.earth(place, radar.frame._frame, radar.max_range)
-
-
 def _sites(sensors: Sequence[Radar]) -> FloatArray:
     """Return latitudes and longitudes in radians, and heights, (K, 3)."""
     sites = [one.site for one in sensors]

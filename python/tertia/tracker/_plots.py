@@ -23,7 +23,9 @@ NO_IDENTITY = -1
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Plots(Result):
-    """Polar plots of one or several sensors, in any order.
+    """Plots of one or several sensors, in any order.
+
+    Those of a `Radar` are polar, those of a `PositionSensor` positions with their covariances.
 
     Parameters
     ----------
@@ -35,7 +37,8 @@ class Plots(Result):
     time : ndarray of shape (N,)
         Seconds.
     range : ndarray of shape (N,)
-        Metres from the sensor: slant range where there is a height, horizontal otherwise.
+        Metres from the sensor: slant, but horizontal where radars are in a plane and no height is
+        known of any target; nan for positions.
     azimuth : ndarray of shape (N,)
         Radians, clockwise from north.
     sensor : ndarray of int, shape (N,)
@@ -44,6 +47,10 @@ class Plots(Result):
         Metres; nan where it is not known.
     identity : ndarray of int, shape (N,)
         Reply of the transponder, for example a code or an address; -1 where there is none.
+    position : ndarray of shape (N, 2) or None
+        East and north in metres, of sensors that report positions; nan for plots of radars.
+    covariance : ndarray of shape (N, 2, 2) or None
+        Of the positions; nan where it is that of the sensor.
 
     Raises
     ------
@@ -61,16 +68,20 @@ class Plots(Result):
     sensor: IntArray
     height: FloatArray
     identity: IntArray
+    position: FloatArray | None
+    covariance: FloatArray | None
 
     def __init__(
         self,
         time: npt.ArrayLike,
-        range: npt.ArrayLike,  # noqa: A002  # that is what it is
-        azimuth: npt.ArrayLike,
+        range: npt.ArrayLike = np.nan,  # noqa: A002  # that is what it is
+        azimuth: npt.ArrayLike = np.nan,
         *,
         sensor: npt.ArrayLike = 0,
         height: npt.ArrayLike = np.nan,
         identity: npt.ArrayLike = NO_IDENTITY,
+        position: npt.ArrayLike | None = None,
+        covariance: npt.ArrayLike | None = None,
         degrees: bool = False,
     ) -> None:
         instants = samples(time, "time")
@@ -94,6 +105,11 @@ class Plots(Result):
                     f"{key} has shape {values.shape}; it must be {instants.shape}, as time"
                 ) from None
             object.__setattr__(self, key, column)
+        if covariance is not None and position is None:
+            raise ValueError("covariance is that of position, which is None")
+        count = len(instants)
+        object.__setattr__(self, "position", _rows(position, "position", (count, 2)))
+        object.__setattr__(self, "covariance", _rows(covariance, "covariance", (count, 2, 2)))
 
     def __len__(self) -> int:
         """Return the number of plots."""
@@ -107,8 +123,12 @@ class Plots(Result):
         """Return some of the plots."""
         some = Plots.__new__(Plots)
         for name in self.__slots__:
-            column = getattr(self, name)[index]
-            if column.ndim != 1:
+            whole = getattr(self, name)
+            if whole is None:
+                object.__setattr__(some, name, None)
+                continue
+            column = whole[index]
+            if name == "time" and column.ndim != 1:
                 raise ValueError(f"time has shape {column.shape}; it must be (N,)")
             object.__setattr__(some, name, np.ascontiguousarray(column))
         return some
@@ -174,6 +194,7 @@ class PlotStatus(enum.IntEnum):
     OUT_OF_RANGE = -4
     CLOCK_ERROR = -5
     DUPLICATE = -6
+    NO_QUALITY = -7
 
     @property
     def message(self) -> str:
@@ -191,7 +212,20 @@ _MESSAGES = {
     PlotStatus.OUT_OF_RANGE: "the plot is beyond the range of the radar",
     PlotStatus.CLOCK_ERROR: "the plot comes alone and long after the others, as with a wrong clock",
     PlotStatus.DUPLICATE: "the plot repeats the one before it",
+    PlotStatus.NO_QUALITY: "the position has no covariance, or one that is none",
 }
+
+
+def _rows(value: npt.ArrayLike | None, name: str, shape: tuple[int, ...]) -> FloatArray | None:
+    """Return `value` as an array of this shape, if it is given."""
+    if value is None:
+        return None
+    array = samples(value, name)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}; it must be {shape}, a row per plot")
+    if len(shape) > 2 and not np.allclose(array, array.swapaxes(1, 2), equal_nan=True):
+        raise ValueError(f"{name} is not symmetric")
+    return np.ascontiguousarray(array)
 
 
 def _whole(value: npt.ArrayLike, name: str) -> IntArray:

@@ -14,6 +14,7 @@ from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import in_plane
 from tertia.tracker._models import core_radar
 from tertia.tracker._plots import Plots
+from tertia.tracker._sensors import Sensor
 from tertia.tracker._start import bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
 
@@ -36,8 +37,10 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
     }
 
 
-def is_registrable(sensors: Sequence[Radar]) -> bool:
-    """Return whether there is more than one sensor, and one that may have constant errors."""
+def is_registrable(sensors: Sequence[Sensor]) -> bool:
+    """Return whether there are several radars and nothing else, of which one may have errors."""
+    if not all(isinstance(one, Radar) for one in sensors):
+        return False
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
     unknown = columns_of(own_biases(sensors), "_sigma") > 0.0
     return len(sensors) > 1 and not deviates and bool(np.any(unknown))
@@ -208,7 +211,8 @@ def _loose(plots: Plots) -> dict[str, Any]:
 def _joined(parts: Sequence[Plots]) -> Plots:
     """Return the plots of several scans."""
     columns: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in Plots.__slots__
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("time", "range", "azimuth", "sensor", "height", "identity")
     }
     return Plots(**columns)
 

@@ -25,16 +25,14 @@ from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
-from tertia.tracker._earth import core_geometry, plane_of
-from tertia.tracker._models import Association, Motion, PlanModel, core_radar
+from tertia.tracker._models import Association, Motion, PlanModel
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar, is_registrable, scans
+from tertia.tracker._sensors import Sensor, core_sensor, radars_of, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
-_State: TypeAlias = (
-    "tuple[tuple[Radar, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes]"
-)
+_State: TypeAlias = "tuple[tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes]"
 
 
 class Tracker:
@@ -44,8 +42,8 @@ class Tracker:
 
     Parameters
     ----------
-    sensors : sequence of Radar
-        The radars; plots refer to them by their index. With a `frame`, as
+    sensors : sequence of Radar or PositionSensor
+        The sensors; plots refer to them by their index. With a `frame`, as
         `tertia.geo.SystemPlane.radar` sets it, tracks are in that plane, and heights are above the
         ellipsoid; all radars must have the same one, or none.
     motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
@@ -147,7 +145,7 @@ class Tracker:
 
     def __init__(
         self,
-        sensors: Sequence[Radar],
+        sensors: Sequence[Sensor],
         *,
         motion: Motion = "imm",
         plans: Sequence[FlightPlan] = (),
@@ -168,14 +166,11 @@ class Tracker:
     ) -> None:
         self.n_threads = threads(n_threads)
         self.lag = real(lag, "lag")
-        self.sensors = sequence_of(sensors, Radar, "sensors")
+        self.sensors = sensors_of(sensors)
         self._plans: list[FlightPlan | None] = [*sequence_of(plans, FlightPlan, "plans")]
         self.clock_period = None
         if clock_period is not None:
             self.clock_period = positive_number(clock_period, "clock_period")
-        if not self.sensors:
-            raise ValueError("sensors is empty; there must be at least one")
-        plane_of(self.sensors)
         settings = core_settings(
             motion=motion,
             plan_model=plan_model,
@@ -190,10 +185,11 @@ class Tracker:
             emergency_codes=emergency_codes,
             with_plans=bool(self._plans),
         )
+        each = [core_sensor(sensor) for sensor in self.sensors]
         self._core = _core.PlotTracker(
             settings,
-            [core_radar(radar) for radar in self.sensors],
-            [core_geometry(radar) for radar in self.sensors],
+            [radar for radar, _ in each],
+            [geometry for _, geometry in each],
             [plan._route for plan in plans],
             self.lag,
         )
@@ -204,7 +200,7 @@ class Tracker:
             raise ValueError(
                 "registration needs plots in order, and lag takes late ones; give one of them"
             )
-        self._registrar = Registrar(self.sensors) if registration else None
+        self._registrar = Registrar(radars_of(self.sensors)) if registration else None
 
     @property
     def bias(self) -> Bias:
@@ -532,15 +528,15 @@ class Tracker:
         return f"Tracker({len(self.sensors)} sensors, time {self._core.time:.6g} s)"
 
 
-def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
+def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable:
     """Track a whole recording.
 
     Parameters
     ----------
     plots : Plots
         Plots in any order.
-    sensors : sequence of Radar
-        The radars.
+    sensors : sequence of Radar or PositionSensor
+        The sensors.
     **options
         Options of `Tracker`.
 
@@ -566,7 +562,7 @@ def track(plots: Plots, sensors: Sequence[Radar], **options: Any) -> TrackTable:
     return tracked(plots, sensors, **options)[0]
 
 
-def tracked(plots: Plots, sensors: Sequence[Radar], **options: Any) -> tuple[TrackTable, Bias]:
+def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[TrackTable, Bias]:
     """Return the tracks of a recording, and the errors of the sensors as they are known then."""
     tracker = Tracker(sensors, **options)
     return tracker._track(plots, None, True), tracker.bias

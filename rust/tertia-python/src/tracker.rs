@@ -21,7 +21,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::borrow::Cow;
 use table::codes;
-use tertia::tracker::{self, Command, Plane, Plot, Plots, Table};
+use tertia::tracker::{self, Command, Plane, Plot, Plots, Report, Table};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
@@ -215,6 +215,9 @@ pub struct Columns<'py> {
     height: Input<'py>,
     sensor: PyReadonlyArray1<'py, i64>,
     identity: PyReadonlyArray1<'py, i64>,
+    /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
+    position: Option<Input<'py>>,
+    covariance: Option<Input<'py>>,
 }
 
 /// The same, as they are in memory.
@@ -225,6 +228,20 @@ struct View<'a> {
     height: Cow<'a, [f64]>,
     sensor: &'a [i64],
     identity: &'a [i64],
+    position: Option<Cow<'a, [f64]>>,
+    covariance: Option<Cow<'a, [f64]>>,
+}
+
+impl View<'_> {
+    /// The position of a plot, and its covariance.
+    fn report(&self, index: usize) -> Option<Report> {
+        let position = self.position.as_ref()?.as_chunks::<2>().0[index];
+        let [xx, xy, _, yy] = self
+            .covariance
+            .as_ref()
+            .map_or([f64::NAN; 4], |covariance| covariance.as_chunks::<4>().0[index]);
+        Some(Report { position, covariance: Plane { xx, xy, yy } })
+    }
 }
 
 impl Plots for View<'_> {
@@ -241,6 +258,7 @@ impl Plots for View<'_> {
             radar: self.sensor[index] as usize,
             height: self.height[index],
             identity: self.identity[index],
+            report: self.report(index),
         }
     }
 }
@@ -255,8 +273,26 @@ impl Columns<'_> {
             height: self.height.rows("height", 0)?.values,
             sensor: self.sensor.as_slice()?,
             identity: self.identity.as_slice()?,
+            position: self
+                .position
+                .as_ref()
+                .map(|p| p.rows("position", 1))
+                .transpose()?
+                .map(|p| p.values),
+            covariance: self
+                .covariance
+                .as_ref()
+                .map(|p| p.rows("covariance", 2))
+                .transpose()?
+                .map(|p| p.values),
         };
         let count = view.len();
+        let width = |column: &Option<Cow<'_, [f64]>>, of: usize| {
+            column.as_ref().is_none_or(|values| values.len() == of * count)
+        };
+        if !width(&view.position, 2) || !width(&view.covariance, 4) {
+            return Err(PyValueError::new_err("the columns of plots differ in length"));
+        }
         let numbers = [&view.time, &view.range, &view.azimuth, &view.height];
         if numbers.iter().any(|column| column.len() != count) || view.identity.len() != count {
             return Err(PyValueError::new_err("the columns of plots differ in length"));

@@ -44,6 +44,7 @@ fn scan(k: usize, random: &mut impl FnMut() -> f64) -> Vec<Plot> {
         radar: 0,
         height: f64::NAN,
         identity: -1,
+        report: None,
     };
     plots.into_iter().map(plot).collect()
 }

@@ -65,7 +65,7 @@ pub use live::Tracker;
 pub use mht::Mht;
 pub use motion::{ImmModel, Motion, WindowModel};
 pub use plans::Plans;
-pub use plot::{Plot, PlotStatus, Plots};
+pub use plot::{Plot, PlotStatus, Plots, Report};
 pub use row::{Row, Rows};
 pub use settings::Settings;
 pub use smooth::{Manoeuvre, Movement, SmoothedRow, Times, TrackPlot, smooth_tracks};

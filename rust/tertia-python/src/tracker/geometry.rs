@@ -21,6 +21,12 @@ impl Geometry {
         Self(tracker::Geometry::Space)
     }
 
+    /// Positions, of this standard deviation; not a number: each comes with its covariance.
+    #[staticmethod]
+    fn position(sigma: f64) -> Self {
+        Self(tracker::Geometry::Position(sigma))
+    }
+
     /// A site of latitude and longitude in radians and height, a system plane, and the largest range.
     #[staticmethod]
     fn earth(site: [f64; 3], plane: &Frame, max_range: f64) -> PyResult<Self> {

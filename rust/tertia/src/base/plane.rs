@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Symmetric 2×2 matrix of east and north.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
     /// Variance east.
     pub xx: f64,

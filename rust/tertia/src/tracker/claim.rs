@@ -1,7 +1,9 @@
 //! The plots that a track may claim: those near its place when a radar's beam passes.
 
+use super::plot::{Measured, Source};
 use super::settings::{MAX_DELAY, Settings};
 use super::track::Track;
+use crate::base::plane::Plane;
 use std::f64::consts::PI;
 
 /// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
@@ -21,6 +23,35 @@ pub(super) struct Claim {
     pub end: u32,
 }
 
+/// How far from where they are expected the plots of a scan may be, for other reasons than noise of
+/// radars.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Spread {
+    /// Lowest and highest height at which plots without one are.
+    placed: Option<[f64; 2]>,
+    /// Largest variance of a position.
+    pub variance: f64,
+}
+
+impl Spread {
+    pub fn of(plots: &[Measured]) -> Self {
+        let mut spread = Self::default();
+        for plot in plots {
+            match plot.source {
+                Source::Polar => {}
+                Source::Placed(Plane { xx, yy, .. }) => {
+                    spread.variance = spread.variance.max(xx).max(yy);
+                }
+                Source::Slant { prior: [height, _], .. } => {
+                    let [low, high] = spread.placed.unwrap_or([height; 2]);
+                    spread.placed = Some([low.min(height), high.max(height)]);
+                }
+            }
+        }
+        spread
+    }
+}
+
 impl Claim {
     /// A claim of a track, by its index among all, to the plots from `start` to `end`.
     pub fn new(track: usize, start: usize, end: usize) -> Self {
@@ -30,7 +61,7 @@ impl Claim {
 }
 
 /// Centre and half widths of the box of possible plots from `begin` to `end`; none where the radar
-/// does not see the track in that time. Plots without heights were placed at heights within `placed`.
+/// does not see the track in that time.
 #[inline]
 pub(super) fn reach(
     track: &Track,
@@ -38,11 +69,12 @@ pub(super) fn reach(
     (begin, end): (f64, f64),
     unseen: (f64, f64),
     settings: &Settings,
-    placed: Option<[f64; 2]>,
+    spread: &Spread,
 ) -> Option<([f64; 2], [f64; 2])> {
     let station = &settings.radars[radar];
+    let geometry = settings.geometry(radar);
     let (time, slack) = match track.expected_by(radar) {
-        Some(expected) => {
+        Some(expected) if !geometry.is_position() => {
             // near the radar the beam comes earlier or later
             let moved = settings.max_speed * (begin - expected.seen).max(station.scan_period);
             let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
@@ -58,14 +90,18 @@ pub(super) fn reach(
             }
             (time.clamp(begin, end), (BEAM + swing) * station.scan_period)
         }
-        None => (0.5 * (begin + end), 0.5 * (end - begin)),
+        _ => (0.5 * (begin + end), 0.5 * (end - begin)),
     };
     let (centre, covariance) = track.position_at(time);
-    let noise = station.noise_at(centre, track.height() - station.position[2]);
+    let noise = if geometry.is_position() {
+        Plane { xx: spread.variance, xy: 0.0, yy: spread.variance }
+    } else {
+        station.noise_at(centre, track.height() - station.position[2])
+    };
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
     let (wide, margin) = track.reach(time, unseen);
-    let site = settings.geometry(radar).site(station);
-    let sway = track.sway((station, site), (time, centre), placed);
+    let site = geometry.site(station);
+    let sway = track.sway((station, site), (time, centre), spread.placed);
     let more = margin + speed * slack + sway;
     // no target is farther than it can have flown
     let scans = (time - track.seen).abs().max(station.scan_period);

@@ -47,7 +47,9 @@ pub(super) fn find(
     found.clear();
     found.resize(plots.len(), 0.0);
     let mut counts = vec![(0.0, 0.0); doubles.len()];
-    for (i, plot) in plots.iter().enumerate() {
+    // a target may report its position as often as it likes
+    let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
+    for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| polar(plot)) {
         let count = &mut counts[plot.radar];
         if taken[i] {
             count.0 += 1.0;

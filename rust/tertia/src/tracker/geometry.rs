@@ -22,6 +22,9 @@ pub enum Geometry {
     Space,
     /// The earth, and the largest slant range.
     Earth(View, f64),
+    /// Positions, with this standard deviation where they come without a covariance; not a number
+    /// where there is none.
+    Position(f64),
 }
 
 /// A plot in the plane.
@@ -40,11 +43,17 @@ impl Geometry {
         known || !matches!(self, Self::Flat)
     }
 
+    /// Whether it reports positions, at any time.
+    #[inline]
+    pub(super) fn is_position(&self) -> bool {
+        matches!(self, Self::Position(_))
+    }
+
     /// Height of the sensor.
     pub(super) fn site(&self, radar: &Radar) -> f64 {
         match self {
             Self::Earth(view, _) => view.site().height,
-            Self::Flat | Self::Space => radar.position[2],
+            _ => radar.position[2],
         }
     }
 
@@ -52,7 +61,7 @@ impl Geometry {
     pub(super) fn max_range(&self, radar: &Radar) -> f64 {
         match self {
             Self::Earth(_, limit) => *limit,
-            Self::Flat | Self::Space => radar.max_range,
+            _ => radar.max_range,
         }
     }
 
@@ -63,7 +72,7 @@ impl Geometry {
                 let excess = (height - self.site(radar)).abs() - range;
                 excess >= 0.0 && excess < OVERHEAD_SIGMAS * radar.range_sigma
             }
-            Self::Flat | Self::Space => radar.ground_squared(range, height).is_none(),
+            _ => radar.ground_squared(range, height).is_none(),
         }
     }
 

@@ -13,7 +13,36 @@ const FARTHEST: f64 = 1e9;
 /// Codes of tracks without a final number are above all others.
 const FIRST_PROVISIONAL: i64 = 1 << 40;
 
-/// A plot of a radar.
+/// A position that a sensor reports.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// East and north, m.
+    pub position: [f64; 2],
+    /// Covariance; not numbers where the sensor says what it is.
+    pub covariance: Plane,
+}
+
+impl Report {
+    /// Its covariance, or that of its sensor; none where neither is one.
+    fn noise(&self, sigma: f64) -> Option<Plane> {
+        let Plane { xx, xy, yy } = self.covariance;
+        let own = if xx.is_nan() && xy.is_nan() && yy.is_nan() {
+            Plane { xx: sigma * sigma, xy: 0.0, yy: sigma * sigma }
+        } else {
+            self.covariance
+        };
+        let holds = own.xx > 0.0 && own.xx.is_finite() && own.determinant() > 0.0;
+        holds.then_some(own)
+    }
+
+    /// All its numbers.
+    fn numbers(&self) -> [f64; 5] {
+        let ([x, y], Plane { xx, xy, yy }) = (self.position, self.covariance);
+        [x, y, xx, xy, yy]
+    }
+}
+
+/// A plot of a radar, or a position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plot {
     /// s
@@ -28,6 +57,8 @@ pub struct Plot {
     pub height: f64,
     /// Reply of the transponder; negative where there is none.
     pub identity: i64,
+    /// What a sensor of positions reports, in place of range and azimuth.
+    pub report: Option<Report>,
 }
 
 impl Plot {
@@ -40,6 +71,9 @@ impl Plot {
 
     /// Why it cannot be used, if so.
     pub(super) fn fault(&self, radar: &Radar, geometry: &Geometry) -> Option<PlotStatus> {
+        if let Geometry::Position(sigma) = geometry {
+            return self.report_fault(*sigma);
+        }
         match () {
             () if !self.is_valid() => Some(PlotStatus::Invalid),
             () if self.range > geometry.max_range(radar) => Some(PlotStatus::OutOfRange),
@@ -48,19 +82,33 @@ impl Plot {
         }
     }
 
+    fn report_fault(&self, sigma: f64) -> Option<PlotStatus> {
+        let near = |x: f64| x.abs() <= FARTHEST;
+        let report = self.report.filter(|report| report.position.into_iter().all(near));
+        match report {
+            Some(_) if self.time.is_nan() || self.time.abs() > LATEST => Some(PlotStatus::Invalid),
+            Some(_) if self.height.abs() > FARTHEST => Some(PlotStatus::Invalid),
+            Some(report) => report.noise(sigma).is_none().then_some(PlotStatus::NoQuality),
+            None => Some(PlotStatus::Invalid),
+        }
+    }
+
     /// Whether this is the same plot again, in the plane.
     pub(super) fn repeats(&self, other: &Self, radar: &Radar) -> bool {
         let place = |plot: &Self| radar.position_of(plot.range, plot.azimuth, plot.height);
         let source = self.radar == other.radar && self.identity == other.identity;
-        self.time == other.time && source && place(self) == place(other)
+        let same = self.report == other.report && place(self) == place(other);
+        self.time == other.time && source && same
     }
 
     /// The order of time, then that of all else: by what plots are, not by when they came.
     pub(super) fn by_content(&self, other: &Self) -> Ordering {
         let numbers = |plot: &Self| [plot.range, plot.azimuth, plot.height];
         let times = self.time.total_cmp(&other.time).then(self.radar.cmp(&other.radar));
+        let reported = |plot: &Self| plot.report.map_or([0.0; 5], |report| report.numbers());
         let pairs = numbers(self).into_iter().zip(numbers(other));
-        let order = pairs.fold(times, |order, (a, b)| order.then(a.total_cmp(&b)));
+        let more = reported(self).into_iter().zip(reported(other));
+        let order = pairs.chain(more).fold(times, |order, (a, b)| order.then(a.total_cmp(&b)));
         order.then(self.identity.cmp(&other.identity))
     }
 
@@ -115,6 +163,8 @@ pub enum PlotStatus {
     ClockError,
     /// It belongs to a track without a final number: index of the first plot of that.
     Provisional(usize),
+    /// A position whose accuracy is not known.
+    NoQuality,
 }
 
 impl PlotStatus {
@@ -129,6 +179,7 @@ impl PlotStatus {
             Self::ClockError => -5,
             Self::Duplicate => -6,
             Self::Provisional(first) => FIRST_PROVISIONAL + first as i64,
+            Self::NoQuality => -7,
         }
     }
 }
@@ -170,9 +221,14 @@ impl Measured {
         stretch: f64,
         level: &Level,
     ) -> Self {
-        let &Plot { time, range, azimuth, radar: number, height, identity } = plot;
+        let &Plot { time, range, azimuth, radar: number, height, identity, report } = plot;
         let polar = [range, azimuth];
         let mut own = Self { index, time, radar: number, height, identity, ..Self::default() };
+        if let (Geometry::Position(sigma), Some(report)) = (geometry, report) {
+            let noise = report.noise(*sigma).unwrap_or_default();
+            (own.position, own.source) = (report.position, Source::Placed(noise));
+            return own;
+        }
         let on_earth = matches!(geometry, Geometry::Earth(..));
         if height.is_nan() && geometry.is_slant(level.is_known()) {
             own.slant(polar, (radar, geometry), level);

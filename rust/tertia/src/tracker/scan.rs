@@ -4,12 +4,12 @@
 //! several threads settle them, and a track is in the cache for all its radars. Results are written in
 //! the order of the groups: tracks that compete for plots of one radar.
 
-use super::claim::Claim;
+use super::claim::{Claim, Spread};
 use super::cluster::{Cells, Clusters};
 use super::clutter::Clutter;
 use super::doubles::{self, Doubles};
 use super::ended::Ended;
-use super::plot::{Measured, PlotStatus, Source};
+use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
 use super::row::{Row, Rows};
 use super::settings::Settings;
@@ -27,8 +27,11 @@ pub(super) struct Scan {
     /// Plots that already have a track.
     taken: Vec<bool>,
     deferred: Vec<bool>,
-    /// Lowest and highest height at which plots without one are.
-    placed: Option<[f64; 2]>,
+    spread: Spread,
+    /// Whether there are positions among them.
+    reports: bool,
+    /// Plots of each radar that belonged to no track.
+    unused: Vec<usize>,
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
@@ -77,26 +80,42 @@ impl Scan {
         mut report: impl FnMut(usize, PlotStatus),
     ) {
         self.load(sky, plots);
-        for confirmed in [true, false] {
-            if !confirmed {
-                let plots = (&self.grid, &self.plots[..]);
-                let used = (&self.taken[..], &self.deferred[..]);
-                doubles::find(plots, used, sky.doubles, sky.settings, &mut self.doubled);
+        self.take(sky, true, [oldest, hold], &mut report);
+        let around = (&self.grid, &self.plots[..]);
+        let used = (&self.taken[..], &self.deferred[..]);
+        doubles::find(around, used, sky.doubles, sky.settings, &mut self.doubled);
+        loop {
+            self.take(sky, false, [oldest, hold], &mut report);
+            if !self.begin(sky, hold, &mut report) {
+                break;
             }
+        }
+        self.count(sky);
+        plots.clear();
+        for (plot, _) in self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred) {
+            plots.push(*plot);
+        }
+    }
+
+    /// Gives plots to tracks, until none is left that one would take.
+    fn take<R: Rows>(
+        &mut self,
+        sky: &mut Sky<'_, R>,
+        confirmed: bool,
+        [oldest, hold]: [f64; 2],
+        report: &mut impl FnMut(usize, PlotStatus),
+    ) {
+        let mut again = true;
+        while again {
             self.claim(sky, confirmed);
             let cells = if confirmed { sky.clusters.open() } else { Cells::default() };
             self.join(&cells, sky.tracks);
             self.defer(oldest, hold);
-            self.settle(sky, &cells, confirmed, &mut report);
+            again = self.settle(sky, &cells, confirmed, report);
             if let Some(limits) = sky.settings.limits().filter(|_| confirmed) {
                 let back = self.shares.clusters();
                 sky.clusters.close(cells, back, sky.tracks, (sky.settings, &limits));
             }
-        }
-        self.begin(sky, hold, &mut report);
-        plots.clear();
-        for (plot, _) in self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred) {
-            plots.push(*plot);
         }
     }
 
@@ -107,13 +126,11 @@ impl Scan {
         self.taken.resize(plots.len(), false);
         self.deferred.clear();
         self.deferred.resize(plots.len(), false);
-        self.placed = None;
-        for plot in plots {
-            if let Source::Slant { prior: [height, _], .. } = plot.source {
-                let [low, high] = self.placed.unwrap_or([height; 2]);
-                self.placed = Some([low.min(height), high.max(height)]);
-            }
-        }
+        self.spread = Spread::of(plots);
+        let settings = sky.settings;
+        self.reports = plots.iter().any(|plot| settings.geometry(plot.radar).is_position());
+        self.unused.clear();
+        self.unused.resize(settings.radars.len(), 0);
         let radars = &sky.settings.radars;
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
@@ -129,7 +146,7 @@ impl Scan {
 
     /// Finds the plots near each track.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
-        let Self { plots, taken, deferred, placed, grid, claims, claimed, shares, .. } = self;
+        let Self { plots, taken, deferred, spread, grid, claims, claimed, shares, .. } = self;
         claims.clear();
         claimed.clear();
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
@@ -143,9 +160,9 @@ impl Scan {
                         !taken[i] && !deferred[i]
                     };
                     let (times, around) = ((begin, end), (&*grid, &plots[..]));
-                    share.find(track, times, settings, around, *placed, free);
+                    share.find(track, times, settings, around, spread, free);
                     for leaf in track.alternatives() {
-                        share.find_more(&leaf.track, times, settings, around, *placed, free);
+                        share.find_more(&leaf.track, times, settings, around, spread, free);
                     }
                     share.claim(first + index, plots);
                 }
@@ -221,16 +238,17 @@ impl Scan {
         }
     }
 
-    /// Assigns the plots to the tracks that claim them, within each group in the order of time.
+    /// Assigns the plots to the tracks that claim them, within each group in the order of time. Returns
+    /// whether positions are left that tracks would take as well.
     fn settle<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
         cells: &Cells,
         confirmed: bool,
         report: &mut impl FnMut(usize, PlotStatus),
-    ) {
+    ) -> bool {
         if self.claims.is_empty() {
-            return;
+            return false;
         }
         let Self { plots, taken, deferred, claims, claimed, places, doubled, shares, .. } = self;
         // tracks by component
@@ -267,6 +285,9 @@ impl Scan {
                     for doubt in doubts.into_iter().flatten() {
                         share.decide(doubt, group, tracks, view, with_rows);
                     }
+                    if settings.geometry(plots[group[0].root as usize].radar).is_position() {
+                        share.note_wanted();
+                    }
                     share.correct(group, tracks, view, (confirmed, with_rows));
                     if confirmed {
                         share.guard(group, tracks, view);
@@ -298,16 +319,19 @@ impl Scan {
                 None => (),
             }
         });
+        shares.are_wanted()
     }
 
-    /// Begins tracks with the remaining plots, and counts these.
+    /// Begins tracks with the remaining plots. Returns whether it left some that may be of targets whose
+    /// tracks it has begun: those report more than once.
     fn begin<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
         hold: f64,
         report: &mut impl FnMut(usize, PlotStatus),
-    ) {
-        let mut unused = vec![0; sky.settings.radars.len()];
+    ) -> bool {
+        let mut left = false;
+        let mut now = vec![false; if self.reports { self.plots.len() } else { 0 }];
         for (i, plot) in self.plots.iter().enumerate() {
             self.deferred[i] |= !self.taken[i] && plot.time >= hold;
             if self.taken[i] || self.deferred[i] {
@@ -316,10 +340,19 @@ impl Scan {
             let radar = &sky.settings.radars[plot.radar];
             let (density, false_plots) =
                 (sky.clutter[plot.radar].density(radar), sky.clutter[plot.radar].plots(radar));
+            let reports = self.reports && sky.settings.geometry(plot.radar).is_position();
+            if reports && self.is_near(plot, &now, sky.settings) {
+                left = true;
+                continue;
+            }
+            if reports {
+                now[i] = true;
+            }
+            self.taken[i] = true;
             let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             *sky.next_number += 1;
             let is_double = self.doubled[i] > density;
-            unused[plot.radar] += usize::from(!is_double);
+            self.unused[plot.radar] += usize::from(!is_double);
             let track_or_not = PlotStatus::Track(track.number);
             report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });
             if sky.rows.wants(false) {
@@ -327,11 +360,35 @@ impl Scan {
             }
             sky.tracks.push(track);
         }
+        left
+    }
+
+    /// Whether a report may be of the same target as one that has begun a track now.
+    fn is_near(&self, plot: &Measured, now: &[bool], settings: &Settings) -> bool {
+        let longest = self.plots.last().map_or(0.0, |last| last.time - self.plots[0].time);
+        let half =
+            settings.max_speed * longest + 2.0 * (settings.guard * self.spread.variance).sqrt();
+        let [x, y] = plot.position;
+        let mut near = false;
+        self.grid.between([x - half, y - half], [x + half, y + half], &mut |i| {
+            let other = &self.plots[i];
+            if now[i] && other.radar == plot.radar {
+                let apart = (x - other.position[0]).hypot(y - other.position[1]);
+                let flown = settings.max_speed * (plot.time - other.time).abs();
+                let noise = 2.0 * (settings.guard * self.spread.variance).sqrt();
+                near |= apart <= flown + noise;
+            }
+        });
+        near
+    }
+
+    /// Counts the plots that belonged to no track.
+    fn count<R>(&mut self, sky: &mut Sky<'_, R>) {
         let settled = || self.plots.iter().zip(&self.deferred).filter(|(_, d)| !**d);
         let (Some((first, _)), Some((last, _))) = (settled().next(), settled().next_back()) else {
             return;
         };
-        for (radar, count) in unused.into_iter().enumerate() {
+        for (radar, &count) in self.unused.iter().enumerate() {
             let period = sky.settings.radars[radar].scan_period;
             sky.clutter[radar].count(count, [first.time, last.time], period);
         }

@@ -87,6 +87,14 @@ impl Settings {
         self.geometry.get(radar).unwrap_or(&Geometry::Flat)
     }
 
+    /// Seconds between plots of a radar for the noise of the models, which is set for scans of four
+    /// seconds or more: targets do not fly straighter because positions come more often.
+    #[inline]
+    pub(super) fn pace(&self, radar: usize) -> f64 {
+        let period = self.radars[radar].scan_period;
+        if self.geometry(radar).is_position() { period.max(GUARD_PERIODS[0]) } else { period }
+    }
+
     /// Logarithm of the odds that a plot of this radar is of a target that is there, against `others`
     /// per square metre, before it is compared with the prediction.
     pub(super) fn odds(&self, radar: usize, others: f64) -> f64 {

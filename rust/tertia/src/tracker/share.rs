@@ -1,6 +1,6 @@
 //! The part of a scan that one thread processes, and its results.
 
-use super::claim::{Claim, reach};
+use super::claim::{Claim, Spread, reach};
 use super::cluster::{Cells, Cluster};
 use super::clutter::Clutter;
 use super::plot::Measured;
@@ -67,6 +67,8 @@ pub(super) struct Share {
     closed: Vec<Cluster>,
     assigner: Assigner,
     given: Vec<Given>,
+    /// Positions that tracks would take and have not taken.
+    wanted: Vec<u32>,
     rows: Vec<Row>,
 }
 
@@ -78,11 +80,11 @@ impl Share {
         times: (f64, f64),
         settings: &Settings,
         (grid, plots): (&Grid, &[Measured]),
-        placed: Option<[f64; 2]>,
+        spread: &Spread,
         free: impl Fn(&u32) -> bool,
     ) {
         self.near.clear();
-        self.find_more(track, times, settings, (grid, plots), placed, free);
+        self.find_more(track, times, settings, (grid, plots), spread, free);
     }
 
     /// Adds the free plots near another state of the same track.
@@ -92,7 +94,7 @@ impl Share {
         times: (f64, f64),
         settings: &Settings,
         (grid, plots): (&Grid, &[Measured]),
-        placed: Option<[f64; 2]>,
+        spread: &Spread,
         free: impl Fn(&u32) -> bool,
     ) {
         let Self { near, boxes, .. } = self;
@@ -100,7 +102,7 @@ impl Share {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let unseen = track.unseen(settings);
         for radar in 0..settings.radars.len() {
-            let found = reach(track, radar, times, unseen, settings, placed);
+            let found = reach(track, radar, times, unseen, settings, spread);
             if let Some((centre, half)) = found {
                 for i in 0..2 {
                     low[i] = f64::min(low[i], centre[i] - half[i]);
@@ -121,11 +123,11 @@ impl Share {
                 && x <= centre[0] + half[0]
                 && y >= centre[1] - half[1]
                 && y <= centre[1] + half[1];
-            if inside
-                && free(&(i as u32))
-                && track.is_due(plot, &radars[plot.radar])
-                && !track.refuses(plot, settings)
-            {
+            let is_due = || {
+                settings.geometry(plot.radar).is_position()
+                    || track.is_due(plot, &radars[plot.radar])
+            };
+            if inside && free(&(i as u32)) && is_due() && !track.refuses(plot, settings) {
                 near.push(i as u32);
             }
         });
@@ -165,7 +167,7 @@ impl Share {
             let Some(&first) = wanted.clone().min_by(|a, b| off(a).total_cmp(&off(b))) else {
                 continue;
             };
-            track.predict(plots[first as usize].time, station.scan_period, settings);
+            track.predict(plots[first as usize].time, settings.pace(radar), settings);
             for &plot in wanted {
                 if track.tree.is_some() && !track.is_due(&plots[plot as usize], station) {
                     continue;
@@ -202,6 +204,17 @@ impl Share {
         }
     }
 
+    /// Notes the positions that tracks would have taken: a target may report several times before the
+    /// radars have seen it once.
+    pub fn note_wanted(&mut self) {
+        for pair in self.pairs.iter().filter(|pair| pair.gain > 0.0) {
+            let plot = self.columns[pair.column as usize];
+            if !self.choice.contains(&Some(plot)) {
+                self.wanted.push(plot);
+            }
+        }
+    }
+
     /// Corrects the tracks by their plots.
     pub fn correct(
         &mut self,
@@ -224,7 +237,9 @@ impl Share {
                 let gain = self.pairs.iter().find(own).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
                 let others = (1.0 + doubled[plot as usize] / density).ln();
-                track.credit(gain + (1.0 - radar.detection_probability).ln() - others);
+                if track.is_due(measured, radar) {
+                    track.credit(gain + (1.0 - radar.detection_probability).ln() - others);
+                }
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
@@ -284,6 +299,7 @@ impl Share {
         self.claims.clear();
         self.claimed.clear();
         self.given.clear();
+        self.wanted.clear();
         self.rows.clear();
         self.closed.clear();
     }
@@ -377,6 +393,11 @@ impl Shares {
             given.filter(|given| given.begun.is_some()).map(|given| given.track).collect();
         numbers.sort_unstable();
         numbers
+    }
+
+    /// Whether positions are left that tracks would take.
+    pub fn are_wanted(&self) -> bool {
+        self.shares.iter().any(|share| !share.wanted.is_empty())
     }
 
     /// Calls `report` with every assigned plot and its row, in the order of groups.

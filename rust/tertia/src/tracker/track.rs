@@ -10,7 +10,7 @@ use super::identity::Identity;
 use super::lean::Lean;
 use super::motion::Motion;
 use super::plan::Guide;
-use super::plot::{Measured, Source};
+use super::plot::Measured;
 use super::settings::{MAX_DELAY, Settings};
 use super::tree::Tree;
 use crate::base::exponential::exp;
@@ -98,18 +98,7 @@ impl Track {
     /// A track from one plot, of any velocity up to about `max_speed`. To be confirmed it must be
     /// likelier than the chains that `false_plots` per scan would form.
     pub fn new(number: u64, plot: &Measured, false_plots: f64, settings: &Settings) -> Self {
-        let radar = &settings.radars[plot.radar];
-        let (r, vertical, lean) = match plot.source {
-            Source::Polar => {
-                (radar.noise_at(plot.position, plot.height - radar.position[2]), None, None)
-            }
-            Source::Placed(noise) => (noise, None, None),
-            Source::Slant { polar, prior } => {
-                let placed = settings.geometry(plot.radar).placed(radar, polar, prior[0]);
-                let vertical = Vertical::assumed(plot.time, prior);
-                (placed.noise, Some(vertical), Some(Box::new(Lean::new(placed.by_height))))
-            }
-        };
+        let (r, vertical, lean) = Self::first(plot, settings);
         let v = (0.5 * settings.max_speed).powi(2);
         let [x, y] = plot.position;
         let covariance = SMatrix::from([
@@ -305,7 +294,7 @@ impl Track {
     /// Corrects by a plot.
     pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
         let radar = &settings.radars[plot.radar];
-        self.predict(plot.time, radar.scan_period, settings);
+        self.predict(plot.time, settings.pace(plot.radar), settings);
         if self.lean.is_some() {
             self.take_height(plot);
         }
@@ -420,15 +409,22 @@ impl Track {
         let period = settings.radars[plot.radar].scan_period;
         let next = plot.time + period;
         self.period = self.period.max(period);
+        // several reports in an interval are one: copies of a false one would confirm a track
+        let counts = self.is_due(plot, &settings.radars[plot.radar]);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
-            Some(expected) => (expected.time, expected.seen) = (next, plot.time),
+            Some(expected) => {
+                expected.time = next;
+                if counts {
+                    expected.seen = plot.time;
+                }
+            }
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
         self.set_due(settings);
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
-            *hits += 1;
-            let counts = !matches!(settings.association, Association::Paper(_));
-            if *hits >= settings.confirmation.0 && (*evidence >= 0.0 || !counts) {
+            *hits += usize::from(counts);
+            let scored = !matches!(settings.association, Association::Paper(_));
+            if *hits >= settings.confirmation.0 && (*evidence >= 0.0 || !scored) {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }

@@ -122,7 +122,7 @@ impl Share {
             let mut scored = vec![Scored { id, gains }];
             let time = track.time;
             for Leaf { branch, track: leaf } in track.alternatives_mut() {
-                leaf.predict(time, station.scan_period, settings);
+                leaf.predict(time, settings.pace(radar), settings);
                 let mut gains = Vec::new();
                 for &plot in plots_of(claim, claimed).filter(|&&i| !deferred[i as usize]) {
                     let measured = &plots[plot as usize];

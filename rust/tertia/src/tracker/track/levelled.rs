@@ -2,7 +2,7 @@
 
 use super::super::estimate::Estimate;
 use super::super::height::Vertical;
-use super::super::lean::along;
+use super::super::lean::{Lean, along};
 use super::super::plot::{Measured, Source};
 use super::super::settings::Settings;
 use super::Track;
@@ -37,6 +37,25 @@ impl Here {
 }
 
 impl Track {
+    /// Noise of a first plot, the height that it is placed at, and how it leans on that.
+    pub(super) fn first(
+        plot: &Measured,
+        settings: &Settings,
+    ) -> (Plane, Option<Vertical>, Option<Box<Lean>>) {
+        let radar = &settings.radars[plot.radar];
+        match plot.source {
+            Source::Polar => {
+                (radar.noise_at(plot.position, plot.height - radar.position[2]), None, None)
+            }
+            Source::Placed(noise) => (noise, None, None),
+            Source::Slant { polar, prior } => {
+                let placed = settings.geometry(plot.radar).placed(radar, polar, prior[0]);
+                let vertical = Vertical::assumed(plot.time, prior);
+                (placed.noise, Some(vertical), Some(Box::new(Lean::new(placed.by_height))))
+            }
+        }
+    }
+
     /// The estimate, with what is uncertain in it because the height is.
     pub fn widened(&self) -> Estimate<4> {
         let Some((lean, vertical)) = self.lean.as_ref().zip(self.vertical) else {

@@ -41,7 +41,7 @@ impl Track {
         let radar = &settings.radars[plot.radar];
         let mut other = other.clone();
         for track in [&mut *self, &mut other] {
-            track.predict(plot.time, radar.scan_period, settings);
+            track.predict(plot.time, settings.pace(plot.radar), settings);
         }
         let Some(pair) = Separation::of(&self.estimate, &other.estimate, radar) else { return };
         let (z, r) = plot_of([self, &other], plot, settings);

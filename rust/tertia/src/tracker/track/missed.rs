@@ -24,7 +24,7 @@ impl Track {
                     break;
                 }
                 self.beams.all_mut()[i].time += station.scan_period;
-                self.predict(time, station.scan_period, settings);
+                self.predict(time, settings.pace(radar), settings);
                 if station.covers(self.estimate.position()) {
                     if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
                         *misses += 1;

@@ -1,0 +1,81 @@
+"""Sensors that report positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tertia._arrays import instance, positive_number, probability
+from tertia.sensors._bias import Bias
+
+# in seconds; as that of radars
+_FASTEST = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class PositionSensor:
+    """A sensor that reports positions at any time: multilateration, ADS-B, lidar, a tracker.
+
+    It has no scan: a report is expected every `update_interval`, but a target may report more
+    often.
+
+    Attributes
+    ----------
+    position_sigma : float or None
+        Standard deviation of east and of north in metres, of reports without a covariance; None:
+        such reports are not used.
+    update_interval : float
+        Seconds between the reports of a target, at least 0.001. Without one for so long, one is
+        missed.
+    detection_probability : float
+        Probability that a target reports in an update interval.
+    bias : Bias or None
+        Its systematic error of time: how late reports are.
+    name : str or None
+        Its label in plots and reports.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A number outside its domain, or an argument of the wrong type.
+
+    Examples
+    --------
+    >>> from tertia.sensors import PositionSensor
+    >>> PositionSensor(position_sigma=15.0, update_interval=1.0).detection_probability
+    0.97
+    """
+
+    position_sigma: float | None
+    update_interval: float
+    detection_probability: float
+    bias: Bias | None
+    name: str | None
+
+    def __init__(
+        self,
+        *,
+        position_sigma: float | None = None,
+        bias: Bias | None = None,
+        update_interval: float = 1.0,
+        detection_probability: float = 0.97,
+        name: str | None = None,
+    ) -> None:
+        if position_sigma is not None:
+            position_sigma = float(positive_number(position_sigma, "position_sigma"))
+        interval = float(positive_number(update_interval, "update_interval"))
+        if not _FASTEST <= interval < np.inf:
+            raise ValueError(
+                f"update_interval is {interval:g}; it must be at least {_FASTEST} s, and finite"
+            )
+        if bias is not None:
+            instance(bias, "bias", Bias)
+            if np.ndim(bias.time) > 0:
+                raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
+        detected = probability(detection_probability, "detection_probability")
+        object.__setattr__(self, "position_sigma", position_sigma)
+        object.__setattr__(self, "update_interval", interval)
+        object.__setattr__(self, "detection_probability", detected)
+        object.__setattr__(self, "bias", bias)
+        object.__setattr__(self, "name", name)

@@ -1,0 +1,190 @@
+"""Sensors that report positions: alone, at any rate, and together with a radar."""
+
+import numpy as np
+import pytest
+from checks import assert_refused
+
+from tertia import simulate
+from tertia.metrics import nees
+from tertia.sensors import Bias, PositionSensor, Radar
+from tertia.tracker import CvModel, Plots, PlotStatus, Tracker, track
+
+# a constant acceleration noise for the tracker and the filter that knows all: 0.3 m/s2 over 4 s
+SIGMA, PACE = 0.3, 4.0
+DURATION, SETTLED = 240.0, 60.0
+
+
+def reports(traffic, interval, sigmas, detected, random):
+    """Return times, targets, positions and covariances of a sensor that sees all flights."""
+    count = len(traffic.position)
+    each = [
+        np.arange(start, DURATION - 0.01, interval) for start in random.uniform(0, interval, count)
+    ]
+    time = np.concatenate(each)
+    target = np.repeat(np.arange(count), [len(one) for one in each])
+    kept = random.random(len(time)) < detected
+    time, target = time[kept], target[kept]
+    truth, _ = traffic.at(target, time)
+    sigma = random.uniform(*sigmas, (len(time), 2))
+    covariance = sigma[:, :, np.newaxis] * sigma[:, np.newaxis]
+    covariance[:, 0, 1] *= 0.5
+    covariance[:, 1, 0] *= 0.5
+    root = np.linalg.cholesky(covariance)
+    noise = random.normal(size=(len(time), 2, 1))
+    return time, target, truth + (root @ noise)[..., 0], covariance
+
+
+def scene(seed):
+    """Return 20 straight flights, a radar, multilateration, ADS-B, their plots, and the targets."""
+    random = np.random.default_rng([26, seed])
+    radar = Radar(
+        (-70e3, 0.0), range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0, bias=Bias()
+    )
+    wam = PositionSensor(update_interval=1.0, detection_probability=0.9)
+    adsb = PositionSensor(update_interval=2.0, detection_probability=0.95)
+    traffic = simulate.dense_traffic(
+        20, area=(120e3, 120e3), turning_share=0.0, duration=DURATION, rng=random
+    )
+    record = simulate.radar_plots(traffic, [radar], rng=random)
+    seen = record.plots
+    none = np.full((len(seen), 2), np.nan)
+    parts = [
+        (seen.time, seen.range, seen.azimuth, seen.height, 0, none, record.target),
+    ]
+    covariances = [np.full((len(seen), 2, 2), np.nan)]
+    for sensor, numbers in ((1, (1.0, (20.0, 60.0), 0.9)), (2, (2.0, (15.0, 40.0), 0.95))):
+        time, target, position, covariance = reports(traffic, *numbers, random)
+        nothing = np.full(len(time), np.nan)
+        parts.append((time, nothing, nothing, nothing, sensor, position, target))
+        covariances.append(covariance)
+    time, rho, azimuth, height, _, position, target = (
+        np.concatenate([np.atleast_1d(part[k]) for part in parts]) for k in range(7)
+    )
+    sensor = np.repeat([0, 1, 2], [len(part[0]) for part in parts])
+    plots = Plots(
+        time, rho, azimuth, sensor=sensor, height=height, position=position,
+        covariance=np.concatenate(covariances),
+    )  # fmt: skip
+    return traffic, [radar, wam, adsb], plots, target
+
+
+def who_knows_all(traffic, sensors, plots, target):
+    """Return errors and normalised squares of one Kalman filter per target, of its own plots."""
+    polar = np.flatnonzero(plots.sensor == 0)
+    z, r = plots.position.copy(), plots.covariance.copy()
+    if len(polar):
+        z[polar], r[polar] = plots[polar].to_cartesian(sensors[:1])
+    errors, squares = [], []
+    for own in range(len(traffic.position)):
+        rows = np.flatnonzero(target == own)
+        rows = rows[np.argsort(plots.time[rows])]
+        mean, covariance = (
+            np.append(z[rows[0]], [0.0, 0.0]),
+            np.diag([0.0, 0.0, 175.0**2, 175.0**2]),
+        )
+        covariance[:2, :2] = r[rows[0]]
+        states, matrices, last = [], [], plots.time[rows[0]]
+        for row in rows[1:]:
+            t, last = plots.time[row] - last, plots.time[row]
+            f = np.eye(4) + t * np.eye(4, k=2)
+            noise = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * SIGMA**2 * PACE
+            mean, covariance = f @ mean, f @ covariance @ f.T + np.kron(noise, np.eye(2))
+            gain = covariance[:, :2] @ np.linalg.inv(covariance[:2, :2] + r[row])
+            mean = mean + gain @ (z[row] - mean[:2])
+            covariance = covariance - gain @ covariance[:2]
+            states.append(mean)
+            matrices.append(covariance)
+        times = plots.time[rows[1:]]
+        truth = np.hstack(traffic.at(np.full(len(times), own), times))
+        late = (times > SETTLED) & np.isfinite(truth).all(axis=1)
+        error = (np.array(states) - truth)[late]
+        errors.append(error)
+        squares.append(nees(error, np.array(matrices)[late]))
+    return np.concatenate(errors), np.concatenate(squares)
+
+
+def rms(error):
+    return np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))
+
+
+@pytest.mark.parametrize("without", [None, 0, 1, 2])
+def test_all_sensors_together_are_as_good_as_a_filter_that_knows_whose_plots_they_are(without):
+    traffic, sensors, plots, target = scene(0)
+    kept = plots.sensor != (-1 if without is None else without)
+    plots, target = plots[kept], target[kept]
+    table = track(plots, sensors, motion=CvModel(SIGMA))
+    assert len(np.unique(table.track)) <= 21
+    table = table[(table.plot >= 0) & (table.time > SETTLED)]
+    own = target[table.plot]
+    truth = np.hstack(traffic.at(np.maximum(own, 0), table.time))
+    known = (own >= 0) & np.isfinite(truth).all(axis=1)
+    error = (np.hstack([table.position, table.velocity]) - truth)[known]
+    square = nees(error, table.covariance[known])
+    best, expected = who_knows_all(traffic, sensors, plots, target)
+    assert rms(error) < 1.03 * rms(best)
+    assert 0.95 < np.mean(square) / np.mean(expected) < 1.05
+
+
+@pytest.mark.parametrize(("copies", "step"), [(1, 0.2), (3, 1.0)])
+def test_a_target_may_report_more_often_than_expected(copies, step):
+    time = np.repeat(np.arange(0.0, 60.0, step), copies)
+    truth = np.column_stack([100.0 * time, 50.0 * time])
+    noise = np.random.default_rng(2).normal(0.0, 10.0, truth.shape)
+    sensors = [PositionSensor(position_sigma=10.0)]
+    plots = Plots(time, position=truth + noise)
+    table = track(plots, sensors)
+    assert len(np.unique(table.track)) == 1
+    assert len(table) > 0.97 * len(time)
+    live = Tracker(sensors)
+    for second in range(60):
+        some = (time >= second) & (time < second + 1)
+        live.update(plots[some], time=second + 1.0)
+    last = live.update(plots[:0], time=60.5)
+    assert len(np.unique(last.track)) <= 1
+
+
+def test_copies_of_a_false_report_confirm_nothing():
+    plots = Plots(np.full(20, 5.0), position=np.random.default_rng(3).normal(0.0, 10.0, (20, 2)))
+    assert len(Tracker([PositionSensor(position_sigma=10.0)]).update(plots)) == 0
+
+
+def test_a_track_without_reports_ends():
+    sensor = PositionSensor(position_sigma=10.0, update_interval=2.0)
+    tracker = Tracker([sensor])
+    time = np.arange(0.0, 30.0, 2.0)
+    tracker.update(Plots(time, position=np.column_stack([80.0 * time, 0.0 * time])))
+    missed = tracker.update(Plots([], position=np.empty((0, 2))), time=37.0)
+    assert np.all(missed.plot == -1)
+    np.testing.assert_allclose(missed.time, [30.0, 32.0, 34.0, 36.0], atol=0.5)
+    tracker.update(Plots([], position=np.empty((0, 2))), time=60.0)
+    assert len(tracker.extrapolate(0.0)[0]) == 0
+
+
+def test_what_cannot_be_used():
+    nan = np.full((2, 2), np.nan)
+    bad = np.array([nan, [[1.0, 2.0], [2.0, 1.0]], np.eye(2), np.eye(2)])
+    plots = Plots(np.arange(4.0), position=[[0, 0], [0, 0], [np.nan, 0], [5, 5]], covariance=bad)
+    status = Tracker([PositionSensor()]).update(plots).track_of_plot
+    assert status[:3].tolist() == [
+        PlotStatus.NO_QUALITY, PlotStatus.NO_QUALITY, PlotStatus.INVALID,
+    ]  # fmt: skip
+    assert status[3] > 0
+    # a plot of a radar is no position, and the other way round
+    radar = Radar(range_sigma=50.0, azimuth_sigma=0.001, scan_period=4.0)
+    found = Tracker([radar, PositionSensor()]).update(Plots([0.0, 0.0], 1e4, 0.1, sensor=[0, 1]))
+    assert found.track_of_plot.tolist() == [1, PlotStatus.INVALID]
+
+
+def test_wrong_arguments():
+    assert_refused(lambda: PositionSensor(position_sigma=0.0), ValueError, "position_sigma")
+    assert_refused(lambda: PositionSensor(update_interval=1e-6), ValueError, "update_interval")
+    assert_refused(lambda: PositionSensor(bias=3), TypeError, "bias")
+    assert_refused(lambda: Plots([0.0], position=[[0.0]]), ValueError, "position has shape")
+    assert_refused(lambda: Plots([0.0], covariance=np.eye(2)[None]), ValueError, "position")
+    skew = [[[1.0, 2.0], [0.0, 1.0]]]
+    assert_refused(
+        lambda: Plots([0.0], position=[[0.0, 0.0]], covariance=skew), ValueError, "symmetric"
+    )
+    one = [PositionSensor()]
+    assert_refused(lambda: Tracker(one, registration=True), ValueError, "registration")
+    assert_refused(lambda: Tracker([3]), TypeError, "sensors")
