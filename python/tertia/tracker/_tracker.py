@@ -32,7 +32,9 @@ from tertia.tracker._sensors import Sensor, core_sensor, radars_of, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
-_State: TypeAlias = "tuple[tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes]"
+_State: TypeAlias = tuple[
+    tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes
+]
 
 
 class Tracker:

@@ -1,5 +1,6 @@
 //! Tracks that have ended, as far as others may go on from them.
 
+use super::plot::Source;
 use super::settings::Settings;
 use super::track::Track;
 use serde::{Deserialize, Serialize};
@@ -23,7 +24,10 @@ impl Spot {
     /// The first plot of a track.
     pub fn first(track: &Track, settings: &Settings) -> Self {
         let plot = &track.first;
-        let r = settings.radars[plot.radar].noise_at(plot.position, f64::NAN);
+        let r = match plot.source {
+            Source::Placed(noise) if settings.geometry(plot.radar).is_position() => noise,
+            _ => settings.radars[plot.radar].noise_at(plot.position, f64::NAN),
+        };
         Self { time: plot.time, position: plot.position, variance: r.xx + r.yy }
     }
 
