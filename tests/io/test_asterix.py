@@ -173,6 +173,39 @@ def test_packets(save: Save) -> None:
         read_asterix(save(whole[: 24 + 16 + len(parts[0]) + 10], "net.pcap"))
 
 
+def ioss(part: bytes) -> bytes:
+    """Return a frame of the final format of IOSS."""
+    return struct.pack(">HBBB", len(part) + 12, 0, 1, 7) + b"\x01\x02\x03" + part + b"\xa5" * 4
+
+
+def rff(part: bytes) -> bytes:
+    """Return a frame of RFF."""
+    return struct.pack("<IH", 1234, len(part)) + part
+
+
+@pytest.mark.parametrize(("frame", "header"), [(ioss, b""), (rff, b"2026-11-22".ljust(128))])
+def test_frames(frame: Callable[[bytes], bytes], header: bytes, save: Save) -> None:
+    """Blocks in frames are those without; what is damaged is left out and counted."""
+    contents = flight()
+    bodies = [reference.block(category, body) for category, body in reference.blocks(contents)]
+    plain = read_asterix(save(contents))
+    framed = [frame(one) for one in bodies]
+    found = read_asterix(save(header + b"".join(framed)))
+    assert found.plots.equals(plain.plots)
+    assert found.sensors.equals(plain.sensors)
+    assert (found.damaged, found.other_packets) == (0, 0)
+    cut = read_asterix(save(header + b"".join(framed)[:-3]))
+    assert cut.damaged == 1
+    assert cut.plots.equals(plain.plots[: cut.plots.height])
+    assert f"frame {len(framed)} is cut off" in cut.first_damage
+    # after the frames that decide, one has something else in it
+    spoiled = [*framed[:12], frame(b"\xff\x00\x00\x01"), *framed[12:]]
+    found = read_asterix(save(header + b"".join(spoiled)))
+    assert found.plots.equals(plain.plots)
+    assert found.damaged == 1
+    assert "frame 13, byte 0: there is no data block" in found.first_damage
+
+
 @pytest.mark.parametrize(
     ("contents", "message"),
     [

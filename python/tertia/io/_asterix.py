@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tertia.io._categories import TITLES
+from tertia.io._framing import frames
 from tertia.io._packets import MAGIC, udp_payloads
 
 if TYPE_CHECKING:
@@ -97,7 +98,8 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     ----------
     path : str or Path
         A file of consecutive data blocks, or a network recording of UDP packets that contain them
-        (pcap, pcapng). The first bytes decide which.
+        (pcap, pcapng), or such blocks in frames (IOSS final format, RFF). What it begins with
+        decides which.
 
     Returns
     -------
@@ -145,8 +147,12 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     if not contents:
         raise ValueError(f"{path} is empty")
     reader = Reader(path)
+    framed = frames(contents)
     if contents[:4] in MAGIC:
         _read_packets(reader, contents)
+    elif framed is not None:
+        for number, payload in framed:
+            reader.take_frame(payload, number)
     else:
         reader.take(contents, "")
     return AsterixRecording(**reader.recording())

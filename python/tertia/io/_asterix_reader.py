@@ -57,6 +57,16 @@ class Reader:
         else:
             self.other_packets += 1
 
+    def take_frame(self, payload: bytes | None, number: int) -> None:
+        """Collect the data blocks of a frame; what is damaged of it is left out and counted."""
+        if payload is None:
+            self._damage(1, f"{self.path}, frame {number} is cut off or damaged")
+            return
+        *_, stop = found = _core.asterix_blocks(payload)
+        if stop < len(payload):
+            self._damage(1, f"{self.path}, frame {number}, byte {stop}: there is no data block")
+        self._collect(payload, f"frame {number}, ", found)
+
     def take(self, contents: bytes, where: str) -> None:
         """Collect data blocks; error messages begin with `where`."""
         category, *_, stop = found = _core.asterix_blocks(contents)
