@@ -1,5 +1,7 @@
 """Sensors that report positions: alone, at any rate, and together with a radar."""
 
+import pickle
+
 import numpy as np
 import pytest
 from checks import assert_refused
@@ -188,3 +190,66 @@ def test_wrong_arguments():
     one = [PositionSensor()]
     assert_refused(lambda: Tracker(one, registration=True), ValueError, "registration")
     assert_refused(lambda: Tracker([3]), TypeError, "sensors")
+
+
+@pytest.mark.parametrize("association", ["gnn", "mht"])
+def test_a_saved_tracker_goes_on_to_the_last_bit(association):
+    _, sensors, plots, _ = scene(1)
+    live = Tracker(sensors, association=association)
+    for begin in np.arange(0.0, 60.0, 4.0):
+        live.update(plots[(plots.time >= begin) & (plots.time < begin + 4.0)], time=begin + 4.0)
+    other = pickle.loads(pickle.dumps(live))
+    for begin in np.arange(60.0, 80.0, 4.0):
+        now = plots[(plots.time >= begin) & (plots.time < begin + 4.0)]
+        one, two = (tracker.update(now, time=begin + 4.0) for tracker in (live, other))
+        assert len(one) > 0
+        np.testing.assert_array_equal(one.track_of_plot, two.track_of_plot)
+        np.testing.assert_array_equal(one.covariance, two.covariance)
+
+
+def test_several_hypotheses_leave_one_track_per_target():
+    _, sensors, plots, target = scene(2)
+    table = track(plots, sensors, association="mht")
+    assert len(np.unique(table.track)) <= 21
+    used = table.plot >= 0
+    assert np.mean(used) > 0.9
+    assert len(np.unique(table.plot[used])) > 0.97 * len(target)
+
+
+def test_late_reports_change_nothing_whatever_their_order():
+    _, sensors, plots, _ = scene(3)
+    some = np.flatnonzero(plots.time < 60.0)
+    some = some[np.argsort(plots.time[some], kind="stable")]
+    late = some[
+        np.argsort(plots.time[some] + np.random.default_rng(4).uniform(0.0, 4.0, len(some)))
+    ]
+    tables = []
+    for order in (some, late):
+        live = Tracker(sensors, lag=8.0)
+        rows = [live.update(plots[order[k : k + 100]]) for k in range(0, len(order), 100)]
+        rows = [one[one.final] for one in (*rows, live.finish())]
+        tables.append(np.vstack([np.hstack([one.position, one.velocity]) for one in rows]))
+    np.testing.assert_array_equal(*tables)
+
+
+def test_latency_is_taken_out():
+    time = np.arange(0.0, 60.0, 2.0)
+    position = np.column_stack([80.0 * time, 0.0 * time])
+    late = PositionSensor(position_sigma=10.0, update_interval=2.0, bias=Bias(time=0.5))
+    found = track(Plots(time + 0.5, position=position), [late])
+    np.testing.assert_allclose(found.time, time)
+    np.testing.assert_allclose(found.position[-1], position[-1], atol=0.01)
+
+
+def test_any_number_of_threads_gives_the_same():
+    _, sensors, plots, _ = scene(5)
+    tables = [track(plots, sensors, n_threads=n) for n in (1, 4)]
+    np.testing.assert_array_equal(tables[0].covariance, tables[1].covariance)
+    np.testing.assert_array_equal(tables[0].plot, tables[1].plot)
+
+
+def test_positions_are_columns_of_tables():
+    plots = Plots([0.0, 1.0], position=[[1.0, 2.0], [3.0, 4.0]], covariance=[np.eye(2)] * 2)
+    table = plots.to_polars()
+    assert table["east_m"].to_list() == [1.0, 3.0]
+    assert table["covariance_east_north_m2"].to_list() == [0.0, 0.0]

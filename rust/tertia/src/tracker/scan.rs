@@ -300,10 +300,12 @@ impl Scan {
         let renamed = resume(sky.tracks, sky.ended, &begun, settings);
         let number =
             |own: u64| renamed.iter().find(|(new, _)| *new == own).map_or(own, |(_, old)| *old);
+        let mut advanced = false;
         shares.report(claims.len(), |given, row| {
             let track = number(given.track);
             // a plot of two tracks counts as that of the first
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
+                advanced = true;
                 report(plots[given.plot as usize].index, PlotStatus::Track(track));
             }
             if let Some((radar, time)) = given.begun {
@@ -319,7 +321,8 @@ impl Scan {
                 None => (),
             }
         });
-        shares.are_wanted()
+        // hypotheses may leave all of them, again and again
+        advanced && shares.are_wanted()
     }
 
     /// Begins tracks with the remaining plots. Returns whether it left some that may be of targets whose
