@@ -30,6 +30,7 @@ from studies import (
     location,
     location_arrivals,
     paper,
+    positions,
     recordings,
     regions,
     registration,
@@ -168,6 +169,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "between": smooth_tracks.between,
         "recording": smooth_tracks.recording,
     },
+    "position-sensors.md": {"mixed": positions.mixed},
     "tracker.md": {
         "columns": tracker.columns,
         "conforming": tracker.conforming,
