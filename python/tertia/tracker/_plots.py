@@ -179,9 +179,9 @@ class Plots(Result):
 
     def _replaced(self, **columns: FloatArray | IntArray) -> Plots:
         """Return the same plots with other values in some of the columns."""
-        some = self[:]
-        for name, column in columns.items():
-            object.__setattr__(some, name, column)
+        some = Plots.__new__(Plots)
+        for name in self.__slots__:
+            object.__setattr__(some, name, columns.get(name, getattr(self, name)))
         return some
 
 

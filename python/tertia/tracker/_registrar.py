@@ -77,12 +77,8 @@ class Registrar:
 
     def correct(self, plots: Plots) -> Plots:
         """Return plots without the errors of their sensors."""
-        offset, gain, azimuth, clock = self._core.known()[0][plots.sensor].T
-        return plots._replaced(
-            time=plots.time - clock,
-            range=(plots.range - offset) / (1.0 + gain),
-            azimuth=plots.azimuth - azimuth,
-        )
+        time, distance, azimuth = self._core.correct(plots)
+        return plots._replaced(time=time, range=distance, azimuth=azimuth)
 
     @property
     def noise(self) -> FloatArray:
@@ -94,35 +90,13 @@ class Registrar:
         """Times and sensors of sudden changes."""
         return self._core.changes()
 
-    def learn(self, plots: Plots, first: int, tracks: TrackTable, time: float) -> FloatArray:
+    def learn(self, plots: Plots, first: int, tracks: TrackTable, time: float) -> None:
         """Learn from the rows that these plots made, of which the first has this number.
 
-        Returns the covariances of the rows, with what is not known of the errors.
+        Adds what is not known of the errors to the covariances of the rows.
         """
-        place = tracks.plot - first
-        seen = place >= 0
-        own = plots[np.where(seen, place, 0)] if len(plots) else _nothing(len(tracks))
-        height = np.where(np.isfinite(own.height), own.height, tracks.height)
-        own = own._replaced(
-            sensor=tracks.sensor,
-            time=np.where(seen, own.time, tracks.time),
-            range=np.where(seen, own.range, np.nan),
-            height=height,
-        )
-        columns = target_plots(in_plane(own, self.sensors), tracks, np.arange(len(tracks)))
-        rows = {
-            "plots": columns,
-            "confirmed": tracks.confirmed,
-            "position": tracks.position,
-            "velocity": tracks.velocity,
-            "covariance": tracks.covariance,
-            "innovation": tracks.innovation,
-            "innovation_covariance": tracks.innovation_covariance,
-        }
-        loose = tracks.track_of_plot >= 0
-        loose[place[seen & tracks.confirmed]] = False
-        added = self._core.learn(rows, _loose(in_plane(plots[loose], self.sensors)), time)
-        return tracks.covariance + added
+        flat = in_plane(_with_heights(plots, first, tracks), self.sensors)
+        self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, time)
 
     def search(self, plots: Plots, time: float, alone: Alone) -> bool:
         """Seek large errors in the first scans; return whether there are, and so to start anew.
@@ -130,7 +104,7 @@ class Registrar:
         Then `kept` are the plots from which on. What is found comes from the tracks of each radar
         alone; it is sought again later where radars have no targets in common yet.
         """
-        if np.all(self._paired):
+        if self._paired.all():
             return False
         span = _SCANS * self.period
         if np.isnan(self._begin):
@@ -187,6 +161,8 @@ class Registrar:
 
 def scans(time: FloatArray, period: float) -> list[IntArray]:
     """Return the indices of the plots of each period, in order of time."""
+    if len(time) and np.max(time) - np.min(time) < 1.5 * period:
+        return [np.arange(len(time))]
     order = np.argsort(time, kind="stable")
     known = time[order[: np.count_nonzero(np.isfinite(time))]]
     if not len(known) or known[-1] - known[0] < 1.5 * period:
@@ -195,17 +171,16 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
     return [part for part in np.split(order, edges) if len(part)]
 
 
-def _loose(plots: Plots) -> dict[str, Any]:
-    """Return the columns of plots without a target, as the core takes them."""
-    return {
-        "sensor": plots.sensor,
-        "target": np.full(len(plots), -1),
-        "time": plots.time,
-        "range": plots.range,
-        "azimuth": plots.azimuth,
-        "height": plots.height,
-        "turn_probability": np.zeros(len(plots)),
-    }
+def _with_heights(plots: Plots, first: int, tracks: TrackTable) -> Plots:
+    """Return plots of which those without a height are at the height of their track."""
+    unknown = ~np.isfinite(plots.height)
+    if not unknown.any():
+        return plots
+    height, place = plots.height.copy(), tracks.plot - first
+    rows = np.flatnonzero(place >= 0)
+    rows = rows[unknown[place[rows]]]
+    height[place[rows]] = tracks.height[rows]
+    return plots._replaced(height=height)
 
 
 def _joined(parts: Sequence[Plots]) -> Plots:
@@ -215,8 +190,3 @@ def _joined(parts: Sequence[Plots]) -> Plots:
         for name in ("time", "range", "azimuth", "sensor", "height", "identity")
     }
     return Plots(**columns)
-
-
-def _nothing(count: int) -> Plots:
-    """Return plots without a measurement."""
-    return Plots(np.full(count, np.nan), np.nan, np.nan)

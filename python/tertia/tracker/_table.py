@@ -148,11 +148,6 @@ class TrackTable(_Columns, Result):
         object.__setattr__(table, "track_of_plot", track_of_plot)
         return table
 
-    def _with(self, covariance: FloatArray) -> TrackTable:
-        """Return the same table, with these covariances from now on."""
-        object.__setattr__(self, "covariance", covariance)
-        return self
-
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.time)

@@ -274,16 +274,15 @@ class Tracker:
         self, registrar: Registrar, plots: Plots, end: float | None, recording: bool
     ) -> TrackTable:
         """Return rows of tracks, while the errors of the sensors are learned scan by scan."""
-        if np.any((plots.sensor < 0) | (plots.sensor >= len(self.sensors))):
-            # which the core refuses
-            return self._scan(plots, end, "confirmed")
         if recording:
             registrar.search_recording(plots, _alone)
         rows, first = "all" if recording else "confirmed", self._core.plots
         parts = scans(plots.time, registrar.period)
         tables = []
         for n, index in enumerate(parts):
-            part, until = plots[index], end if n == len(parts) - 1 else None
+            part, until = plots if len(parts) == 1 else plots[index], None
+            if n == len(parts) - 1:
+                until = end
             table = self._learned(registrar, part, until, rows)
             if not recording and registrar.search(part, self._core.time, _alone):
                 self._core.restart(sum(map(len, registrar.kept)))
@@ -301,7 +300,8 @@ class Tracker:
         first = self._core.plots
         self._core.set_noise(registrar.noise)
         table = self._scan(registrar.correct(plots), end, rows)
-        return table._with(registrar.learn(plots, first, table, self._core.time))
+        registrar.learn(plots, first, table, self._core.time)
+        return table
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:
         """Return continuous times from a clock that starts again, near the earlier ones."""

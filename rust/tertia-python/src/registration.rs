@@ -2,6 +2,7 @@
 
 use crate::arrays::{Array, Input, Integers, array, release};
 use crate::sensors::Radar;
+use crate::tracker::{Columns, TrackColumns};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -9,6 +10,7 @@ use pyo3::types::PyBytes;
 use tertia::registration::{
     self as core, Alone, Common, ERRORS, Level, PolarPlot, Report, Row, TargetPlot, Update,
 };
+use tertia::tracker::{Plot, Plots};
 
 /// Cost of a row of a table or an instant of a radar, for releasing the interpreter's lock.
 const ROW_NS: f64 = 500.0;
@@ -65,19 +67,6 @@ pub struct TargetPlots<'py> {
     azimuth: Input<'py>,
     height: Input<'py>,
     turn_probability: Input<'py>,
-}
-
-/// Rows of tracks, with their plots; the range is nan where there was none.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct TrackRows<'py> {
-    plots: TargetPlots<'py>,
-    confirmed: PyReadonlyArray1<'py, bool>,
-    position: Input<'py>,
-    velocity: Input<'py>,
-    covariance: Input<'py>,
-    innovation: Input<'py>,
-    innovation_covariance: Input<'py>,
 }
 
 /// Tracks of single radars at one instant.
@@ -142,29 +131,52 @@ impl TargetPlots<'_> {
     }
 }
 
-impl TrackRows<'_> {
-    fn read(&self, radars: usize) -> PyResult<Vec<Update>> {
-        let plots = self.plots.read(radars)?;
-        let position = self.position.points::<2>("position", 1)?;
-        let velocity = self.velocity.points::<2>("velocity", 1)?;
-        let covariance = self.covariance.points::<16>("covariance", 2)?;
-        let confirmed = self.confirmed.as_slice()?;
-        let innovation = self.innovation.points::<2>("innovation", 1)?;
-        let spread = self.innovation_covariance.points::<4>("innovation_covariance", 2)?;
-        let counts = [position.len(), velocity.len(), covariance.len(), confirmed.len()];
-        same_length(plots.len(), &counts)?;
-        same_length(plots.len(), &[innovation.len(), spread.len()])?;
-        let row = |(i, plot): (usize, TargetPlot)| Update {
-            plot,
+/// The rows of a table of tracks, with their plots, of which the first has this number.
+fn updates(
+    py: Python<'_>,
+    table: &TrackColumns,
+    plots: &impl Plots,
+    first: i64,
+) -> PyResult<Vec<Update>> {
+    let [track, plot, sensor] = ["track", "plot", "sensor"].map(|name| table.integers(py, name));
+    let (track, plot, sensor) = (track?, plot?, sensor?);
+    let confirmed = table.flags(py, "confirmed")?;
+    let [time, turning] = ["time", "turn_probability"].map(|name| table.numbers(py, name));
+    let (time, turning) = (time?, turning?);
+    let [position, velocity, innovation] =
+        ["position", "velocity", "innovation"].map(|name| table.numbers(py, name));
+    let (position, velocity, innovation) = (position?, velocity?, innovation?);
+    let covariance = table.upper(py, "covariance", |values| values.to_vec())?;
+    let spread = table.upper(py, "innovation_covariance", |values| values.to_vec())?;
+    let row = |i: usize| {
+        let own = usize::try_from(plot[i] - first).ok().filter(|&own| own < plots.len());
+        let radar = sensor[i] as usize;
+        let report = own.map_or(
+            Report { radar, time: time[i], range: f64::NAN, azimuth: f64::NAN, height: f64::NAN },
+            |own| report(&plots.get(own)),
+        );
+        let pair = |values: &[f64]| [values[2 * i], values[2 * i + 1]];
+        let upper = &covariance[10 * i..][..10];
+        let own = &spread[3 * i..][..3];
+        Update {
+            plot: TargetPlot { report, target: track[i], turn_probability: turning[i] },
             confirmed: confirmed[i],
-            position: position[i],
-            velocity: velocity[i],
-            covariance: covariance[i],
-            innovation: innovation[i],
-            innovation_covariance: spread[i],
-        };
-        Ok(plots.into_iter().enumerate().map(row).collect())
-    }
+            position: pair(&position),
+            velocity: pair(&velocity),
+            covariance: UPPER.map(|at| upper[at]),
+            innovation: pair(&innovation),
+            innovation_covariance: [own[0], own[1], own[1], own[2]],
+        }
+    };
+    Ok((0..track.len()).map(row).collect())
+}
+
+/// Where the elements of a symmetric matrix of order 4 are in its upper half.
+const UPPER: [usize; 16] = [0, 1, 2, 3, 1, 4, 5, 6, 2, 5, 7, 8, 3, 6, 8, 9];
+
+fn report(plot: &Plot) -> Report {
+    let Plot { time, range, azimuth, radar, height, .. } = *plot;
+    Report { radar, time, range, azimuth, height }
 }
 
 impl LoneTracks<'_> {
@@ -352,20 +364,53 @@ impl Registrar {
         Ok(Self(core::Registrar::new(radars, mean, sigma)))
     }
 
-    /// Learns from rows of tracks and from plots that no confirmed track has, until a time; returns
-    /// what the errors add to the covariances, (N, 4, 4).
+    /// Times, ranges and azimuths of plots without the errors known, (N,) each.
+    fn correct<'py>(&self, py: Python<'py>, plots: Columns<'py>) -> PyResult<[Array<'py>; 3]> {
+        let errors = self.0.errors();
+        let plots = plots.read(&plots.time, errors.len())?;
+        let corrected: Vec<Report> = (0..plots.len())
+            .map(|i| plots.get(i))
+            .map(|plot| report(&plot).corrected(&errors[plot.radar]))
+            .collect();
+        let column =
+            |read: fn(&Report) -> f64| array(py, &[corrected.len()], corrected.iter().map(read));
+        Ok([column(|one| one.time)?, column(|one| one.range)?, column(|one| one.azimuth)?])
+    }
+
+    /// Learns from a table of tracks and the plots that it is of, of which the first has this number,
+    /// until a time; adds what is not known of the errors to the covariances.
     fn learn<'py>(
         &mut self,
         py: Python<'py>,
-        rows: TrackRows<'py>,
-        loose: TargetPlots<'py>,
+        plots: Columns<'py>,
+        first: i64,
+        table: &TrackColumns,
+        track_of_plot: PyReadonlyArray1<'py, i64>,
         time: f64,
-    ) -> PyResult<Array<'py>> {
-        let radars = self.0.errors().len();
-        let (updates, loose) = (rows.read(radars)?, loose.read(radars)?);
-        let loose: Vec<Report> = loose.iter().map(|plot| plot.report).collect();
+    ) -> PyResult<()> {
+        let plots = plots.read(&plots.time, self.0.errors().len())?;
+        let updates = updates(py, table, &plots, first)?;
+        // plots that no confirmed track has
+        let mut loose: Vec<bool> =
+            track_of_plot.as_slice()?.iter().map(|&track| track >= 0).collect();
+        same_length(plots.len(), &[loose.len()])?;
+        let plot = table.integers(py, "plot")?;
+        for (plot, update) in plot.iter().zip(&updates).filter(|(_, update)| update.confirmed) {
+            let own = usize::try_from(plot - first).ok().and_then(|own| loose.get_mut(own));
+            if let (Some(own), true) = (own, update.plot.report.range.is_finite()) {
+                *own = false;
+            }
+        }
+        let loose = loose.iter().enumerate().filter(|(_, loose)| **loose);
+        let loose: Vec<Report> = loose.map(|(i, _)| report(&plots.get(i))).collect();
         let added = py.detach(|| self.0.learn(&updates, &loose, time));
-        array(py, &[updates.len(), 4, 4], added.into_flattened())
+        table.upper(py, "covariance", |values| {
+            for (upper, added) in values.chunks_exact_mut(10).zip(&added) {
+                for (place, &at) in UPPER.iter().enumerate().filter(|(n, _)| n / 4 <= n % 4) {
+                    upper[at] += added[place];
+                }
+            }
+        })
     }
 
     /// Errors and their standard deviations, (K, 4), and the noise for the tracker, (K, 2).

@@ -209,7 +209,7 @@ pub fn plots_to_cartesian<'py>(
 /// The columns of `Plots`.
 #[derive(FromPyObject)]
 pub struct Columns<'py> {
-    time: Input<'py>,
+    pub time: Input<'py>,
     range: Input<'py>,
     azimuth: Input<'py>,
     height: Input<'py>,
@@ -221,7 +221,7 @@ pub struct Columns<'py> {
 }
 
 /// The same, as they are in memory.
-struct View<'a> {
+pub struct View<'a> {
     time: Cow<'a, [f64]>,
     range: Cow<'a, [f64]>,
     azimuth: Cow<'a, [f64]>,
@@ -265,7 +265,7 @@ impl Plots for View<'_> {
 
 impl Columns<'_> {
     /// The plots, at these times, of so many sensors.
-    fn read<'a>(&'a self, time: &'a Input<'_>, sensors: usize) -> PyResult<View<'a>> {
+    pub fn read<'a>(&'a self, time: &'a Input<'_>, sensors: usize) -> PyResult<View<'a>> {
         let view = View {
             time: time.rows("time", 0)?.values,
             range: self.range.rows("range", 0)?.values,

@@ -2,6 +2,7 @@
 
 use crate::arrays::Output;
 use numpy::{PyArray, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 use std::sync::{Mutex, PoisonError};
@@ -50,6 +51,67 @@ impl TrackColumns {
 }
 
 impl TrackColumns {
+    /// The values of a column, those of symmetric matrices on and above the diagonal, if it is not an
+    /// array yet; else what `read` makes of that.
+    fn values<T>(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        own: impl FnOnce(&mut Data) -> Option<T>,
+        read: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+    ) -> PyResult<T> {
+        let index = COLUMNS.iter().position(|column| column.name == name).expect("it is a column");
+        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        match &mut columns[index] {
+            Kept::Data(data) => Ok(own(data).expect("the type of the column")),
+            Kept::Array(array) => read(array.bind(py)),
+        }
+    }
+
+    /// The numbers of a column that is no matrix.
+    pub fn numbers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<f64>> {
+        let own = |data: &mut Data| match data {
+            Data::Numbers(values) => Some(values.clone()),
+            _ => None,
+        };
+        self.values(py, name, own, |array| {
+            let values: Vec<f64> = array.call_method0("ravel")?.extract()?;
+            Ok(values)
+        })
+    }
+
+    pub fn integers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<i64>> {
+        let own = |data: &mut Data| match data {
+            Data::Integers(values) => Some(values.clone()),
+            _ => None,
+        };
+        self.values(py, name, own, |array| array.extract())
+    }
+
+    pub fn flags(&self, py: Python<'_>, name: &str) -> PyResult<Vec<bool>> {
+        let own = |data: &mut Data| match data {
+            Data::Flags(values) => Some(values.clone()),
+            _ => None,
+        };
+        self.values(py, name, own, |array| array.extract())
+    }
+
+    /// Acts on the upper halves of symmetric matrices, row by row, before they are an array.
+    pub fn upper<T>(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        act: impl FnOnce(&mut [f64]) -> T,
+    ) -> PyResult<T> {
+        let own = |data: &mut Data| match data {
+            Data::Numbers(values) => Some(act(values)),
+            _ => None,
+        };
+        self.values(py, name, own, |_| {
+            Err(PyValueError::new_err(format!("{name} is an array already")))
+        })
+    }
+
     pub fn new(table: Table) -> Self {
         Self(Mutex::new(table.into_columns().into_iter().map(Kept::Data).collect()))
     }

@@ -2,12 +2,16 @@
 //!
 //! The target moves with constant acceleration, of which nothing is known but its size. Position,
 //! velocity and acceleration are projected out, so that no state of a target is needed. Errors are in
-//! units of their prior standard deviations. Cost O(n (6 + q)²) for n plots and q errors.
+//! units of their prior standard deviations. Cost O(n + q²) for n plots and q errors.
 
 use super::sighting::{ERRORS, Sighting};
-use nalgebra::{DMatrix, DVector, SMatrix, Vector2};
+use crate::base::matrix::solve_definite;
+use crate::base::small::{Factor, rotated};
+use nalgebra::{DMatrix, DVector, Vector2};
+use std::collections::BTreeMap;
 
-/// Position, velocity and acceleration in two axes.
+/// Position, velocity and acceleration in two axes: east and north of the place, of the speed, and of
+/// half the acceleration.
 const MOTION: usize = 6;
 /// Plots of which a block is.
 const FEWEST: usize = 3;
@@ -24,128 +28,286 @@ pub(super) struct Block {
     pub square: f64,
     /// Measurements less unknowns of the motion.
     pub free: usize,
-    /// `M y` and `M G`, two rows a plot.
-    residual: DVector<f64>,
-    sensitivity: DMatrix<f64>,
     /// The diagonal of `M`, two numbers a plot.
-    pub redundancy: Vec<f64>,
+    pub redundancy: Vec<[f64; 2]>,
+    /// What plots measure over their standard deviations.
+    seen: Vec<Seen>,
+    /// The motion without errors, and by a unit of each.
+    motion: Vec<[f64; MOTION]>,
+}
+
+/// A plot of a block.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    /// Time from the middle, in units of half the duration.
+    time: f64,
+    /// Along and across: direction over the standard deviation, place, and its change by each error.
+    axes: [Vector2<f64>; 2],
+    place: [f64; 2],
+    design: [[f64; ERRORS]; 2],
+    /// Where the errors of its radar begin in the block.
+    first: usize,
 }
 
 /// The columns of the errors that a radar may have, among those of all radars, and their priors.
 pub(super) type Unknowns = Vec<[Option<(usize, f64)>; ERRORS]>;
 
+/// What is known of the errors of all radars before a block.
+pub(super) struct Known<'a> {
+    covariance: &'a DMatrix<f64>,
+    /// The inverse of the part of each set of columns that was asked for.
+    inverses: BTreeMap<Vec<usize>, Option<DMatrix<f64>>>,
+}
+
+impl<'a> Known<'a> {
+    pub fn new(covariance: &'a DMatrix<f64>) -> Self {
+        Self { covariance, inverses: BTreeMap::new() }
+    }
+
+    fn inverse(&mut self, columns: &[usize]) -> Option<&DMatrix<f64>> {
+        if !self.inverses.contains_key(columns) {
+            let own = self.covariance.select_rows(columns).select_columns(columns);
+            let inverse = own.cholesky().map(|factor| factor.inverse());
+            self.inverses.insert(columns.to_vec(), inverse);
+        }
+        self.inverses[columns].as_ref()
+    }
+}
+
 impl Block {
     /// Of sightings in order of time of a target with accelerations of about `acceleration`, m/s².
     /// None where there are too few.
     pub fn new(sightings: &[Sighting], unknowns: &Unknowns, acceleration: f64) -> Option<Self> {
-        if sightings.len() < FEWEST {
-            return None;
-        }
-        Self::at_velocity(sightings, unknowns, acceleration, velocity(sightings)?)
+        Self::at_velocity(sightings, unknowns, acceleration, None)
     }
 
-    /// As `new`, with the velocity by which an error of a clock counts.
+    /// As `new`, with the velocity by which an error of a clock counts; that of a weighted straight
+    /// line if it is not given.
     fn at_velocity(
         sightings: &[Sighting],
         unknowns: &Unknowns,
         acceleration: f64,
-        velocity: Vector2<f64>,
+        velocity: Option<Vector2<f64>>,
     ) -> Option<Self> {
         let n = sightings.len();
-        let (first, last) = (sightings[0].time, sightings[n - 1].time);
-        let middle = f64::midpoint(first, last);
-        let columns = columns_of(sightings, unknowns);
-        let q = columns.len();
-        let centre = sightings.iter().map(|one| one.position).sum::<Vector2<f64>>() / n as f64;
-        // the two last rows are of the acceleration
-        let (rows, half) = (2 * n + 2, (0.5 * (last - first)).max(1e-3));
-        let mut motion = DMatrix::<f64>::zeros(rows, MOTION);
-        let mut right = DMatrix::<f64>::zeros(rows, 1 + q);
-        for (i, one) in sightings.iter().enumerate() {
-            let t = (one.time - middle) / half;
-            for (axis, metres) in one.design(velocity).into_iter().enumerate() {
-                let (row, sigma) = (2 * i + axis, one.sigma[axis]);
-                for (k, power) in [1.0, t, t * t].into_iter().enumerate() {
-                    for side in 0..2 {
-                        motion[(row, 3 * side + k)] = one.axes[axis][side] * power / sigma;
-                    }
-                }
-                right[(row, 0)] = one.axes[axis].dot(&(one.position - centre)) / sigma;
-                for (unknown, metres) in unknowns[one.radar].iter().zip(metres) {
-                    if let Some((column, prior)) = unknown {
-                        let own = columns.binary_search(column).ok()?;
-                        right[(row, 1 + own)] = metres * prior / sigma;
-                    }
-                }
-            }
+        if n < FEWEST {
+            return None;
         }
+        let (first, last) = (sightings[0].time, sightings[n - 1].time);
+        let (middle, half) = (f64::midpoint(first, last), (0.5 * (last - first)).max(1e-3));
+        let centre = sightings.iter().map(|one| one.position).sum::<Vector2<f64>>() / n as f64;
+        let mut seen: Vec<Seen> =
+            sightings.iter().map(|one| Seen::new(one, centre, middle, half)).collect();
+        let (mut normal, right) = normal_equations(&seen);
+        let velocity = match velocity {
+            Some(velocity) => velocity,
+            None => line(&normal, &right)? / half,
+        };
         for side in 0..2 {
             // the unknown is half the acceleration, in units of the half time squared
-            motion[(2 * n + side, 3 * side + 2)] = 2.0 / (half * half * acceleration);
+            normal[4 + side][4 + side] += (2.0 / (half * half * acceleration)).powi(2);
         }
-        let q_of_motion = motion.qr().q();
-        right -= &q_of_motion * q_of_motion.tr_mul(&right);
-        let redundancy = (0..2 * n).map(|row| 1.0 - q_of_motion.row(row).norm_squared()).collect();
-        let (residual, sensitivity) = (right.column(0), right.columns(1, q));
+        let spread = Factor::try_new(&normal, 0.0)?.inverse();
+        let columns = columns_of(sightings, unknowns);
+        for (seen, one) in seen.iter_mut().zip(sightings) {
+            seen.err(one, velocity, &unknowns[one.radar], &columns);
+        }
+        let (mut sums, rights) = products(&seen, right, columns.len());
+        let motion: Vec<[f64; MOTION]> = rights.iter().map(|one| rotated(&spread, one)).collect();
+        for (j, right) in rights.iter().enumerate() {
+            for (i, motion) in motion.iter().enumerate().take(j + 1) {
+                let explained: f64 = right.iter().zip(motion).map(|(a, b)| a * b).sum();
+                sums[(i, j)] -= explained;
+                sums[(j, i)] = sums[(i, j)];
+            }
+        }
+        let q = columns.len();
+        let reach = reach(&spread);
         Some(Self {
-            columns,
-            information: sensitivity.tr_mul(&sensitivity),
-            score: sensitivity.tr_mul(&residual),
-            square: residual.norm_squared(),
+            information: sums.view((1, 1), (q, q)).into_owned(),
+            score: sums.view((1, 0), (q, 1)).column(0).into_owned(),
+            square: sums[(0, 0)],
             free: 2 * n + 2 - MOTION,
-            residual: residual.rows(0, 2 * n).into_owned(),
-            sensitivity: sensitivity.rows(0, 2 * n).into_owned(),
-            redundancy,
+            redundancy: seen.iter().map(|one| one.redundancy(&reach)).collect(),
+            columns,
+            seen,
+            motion,
         })
     }
 
-    /// The errors that fit best where their covariance is `prior`, and the misfit that they leave.
-    pub fn fit(&self, prior: &DMatrix<f64>) -> Option<(DVector<f64>, f64)> {
-        let own = prior.select_rows(&self.columns).select_columns(&self.columns);
-        // (P⁻¹ + Y)⁻¹ η = P (I + Y P)⁻¹ η, without an inverse of P
-        let size = self.columns.len();
-        if size == 0 {
-            // sensors that are trusted
-            return Some((DVector::zeros(0), self.square));
+    /// The errors that fit best with what is known before, and the misfit that they leave.
+    pub fn fit(&self, known: &mut Known<'_>) -> Option<(DVector<f64>, f64)> {
+        let mut step = self.score.clone();
+        if !self.columns.is_empty() {
+            let mut sum = known.inverse(&self.columns)? + &self.information;
+            if !solve_definite(&mut sum, step.as_mut_slice()) {
+                return None;
+            }
         }
-        let sum = DMatrix::identity(size, size) + &self.information * &own;
-        let step = &own * sum.lu().solve(&self.score)?;
         let misfit = self.square - self.score.dot(&step);
         Some((step, misfit))
     }
 
     /// Residuals after a step of the errors, two for each plot, in standard deviations.
-    pub fn residuals(&self, step: &DVector<f64>) -> DVector<f64> {
-        &self.residual - &self.sensitivity * step
+    pub fn residuals(&self, step: &DVector<f64>) -> Vec<[f64; 2]> {
+        let mut motion = self.motion[0];
+        for (of_error, step) in self.motion[1..].iter().zip(step.iter()) {
+            for (motion, of_error) in motion.iter_mut().zip(of_error) {
+                *motion -= of_error * step;
+            }
+        }
+        self.seen.iter().map(|one| one.residual(&motion, step.as_slice())).collect()
     }
+}
+
+impl Seen {
+    fn new(one: &Sighting, centre: Vector2<f64>, middle: f64, half: f64) -> Self {
+        let off = one.position - centre;
+        let axes = [one.axes[0] / one.sigma[0], one.axes[1] / one.sigma[1]];
+        Self {
+            time: (one.time - middle) / half,
+            place: [axes[0].dot(&off), axes[1].dot(&off)],
+            axes,
+            design: [[0.0; ERRORS]; 2],
+            first: 0,
+        }
+    }
+
+    /// The errors that its radar may have, one after the other.
+    fn err(
+        &mut self,
+        one: &Sighting,
+        velocity: Vector2<f64>,
+        unknowns: &[Option<(usize, f64)>; ERRORS],
+        columns: &[usize],
+    ) {
+        let metres = one.design(velocity);
+        for (own, (j, column, prior)) in known(unknowns).enumerate() {
+            if own == 0 {
+                self.first = columns.partition_point(|&other| other < column);
+            }
+            for axis in 0..2 {
+                self.design[axis][own] = metres[axis][j] * prior / one.sigma[axis];
+            }
+        }
+    }
+
+    /// A pair of numbers along and across as information on the place.
+    fn in_plane(&self, along: f64, across: f64) -> [f64; 2] {
+        let both = self.axes[0] * along + self.axes[1] * across;
+        [both[0], both[1]]
+    }
+
+    fn residual(&self, motion: &[f64; MOTION], step: &[f64]) -> [f64; 2] {
+        let t = self.time;
+        let place = [0, 1].map(|side| motion[side] + t * (motion[2 + side] + t * motion[4 + side]));
+        std::array::from_fn(|axis| {
+            let direction = &self.axes[axis];
+            let mut left = self.place[axis] - direction[0] * place[0] - direction[1] * place[1];
+            for (design, step) in self.design[axis].iter().zip(&step[self.first..]) {
+                left -= design * step;
+            }
+            left
+        })
+    }
+
+    fn redundancy(&self, reach: &[[f64; 5]; 3]) -> [f64; 2] {
+        let t = self.time;
+        let [east, both, north] =
+            reach.map(|[a, b, c, d, e]| a + t * (b + t * (c + t * (d + t * e))));
+        self.axes.map(|axis| {
+            1.0 - axis[0] * (axis[0] * east + 2.0 * axis[1] * both) - axis[1] * axis[1] * north
+        })
+    }
+}
+
+/// Number, column and prior of the errors that a radar may have.
+fn known(
+    unknowns: &[Option<(usize, f64)>; ERRORS],
+) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
+    unknowns.iter().enumerate().filter_map(|(j, one)| one.map(|(column, prior)| (j, column, prior)))
+}
+
+/// Of the motion alone: `Hᵀ H` and `Hᵀ y`.
+fn normal_equations(seen: &[Seen]) -> ([[f64; MOTION]; MOTION], [f64; MOTION]) {
+    let (mut moments, mut right) = ([[0.0; 3]; 5], [0.0; MOTION]);
+    for one in seen {
+        let [u, v] = one.axes;
+        let mut own = [u[0] * u[0] + v[0] * v[0], u[0] * u[1] + v[0] * v[1]];
+        let mut north = u[1] * u[1] + v[1] * v[1];
+        for moment in &mut moments {
+            *moment = [moment[0] + own[0], moment[1] + own[1], moment[2] + north];
+            own = own.map(|value| value * one.time);
+            north *= one.time;
+        }
+        add_powers(&mut right, one.in_plane(one.place[0], one.place[1]), one.time);
+    }
+    let element = |i: usize, j: usize| moments[i / 2 + j / 2][i % 2 + j % 2];
+    let normal = std::array::from_fn(|i| std::array::from_fn(|j| element(i, j)));
+    (normal, right)
+}
+
+/// Adds what a plot says of the place, times 1, t, t².
+fn add_powers(sum: &mut [f64; MOTION], mut place: [f64; 2], time: f64) {
+    for powers in sum.chunks_exact_mut(2) {
+        powers[0] += place[0];
+        powers[1] += place[1];
+        place = place.map(|value| value * time);
+    }
+}
+
+/// The velocity of a weighted straight line, in half times.
+fn line(normal: &[[f64; MOTION]; MOTION], right: &[f64; MOTION]) -> Option<Vector2<f64>> {
+    let own: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| normal[i][j]));
+    let found = Factor::try_new(&own, 0.0)?.solve(&std::array::from_fn(|i| right[i]));
+    Some(Vector2::new(found[2], found[3]))
+}
+
+/// `[y G]ᵀ [y G]`, and `Hᵀ [y G]` by columns.
+fn products(
+    seen: &[Seen],
+    right: [f64; MOTION],
+    errors: usize,
+) -> (DMatrix<f64>, Vec<[f64; MOTION]>) {
+    let mut sums = DMatrix::<f64>::zeros(1 + errors, 1 + errors);
+    let mut rights = vec![[0.0; MOTION]; 1 + errors];
+    rights[0] = right;
+    for one in seen {
+        let [along, across] = &one.design;
+        sums[(0, 0)] += one.place[0] * one.place[0] + one.place[1] * one.place[1];
+        let own = ERRORS.min(errors - one.first);
+        for j in 0..own {
+            let column = 1 + one.first + j;
+            add_powers(&mut rights[column], one.in_plane(along[j], across[j]), one.time);
+            sums[(0, column)] += one.place[0] * along[j] + one.place[1] * across[j];
+            for i in 0..=j {
+                sums[(1 + one.first + i, column)] += along[i] * along[j] + across[i] * across[j];
+            }
+        }
+    }
+    (sums, rights)
+}
+
+/// Covariance of the place by the powers of time: east, both, north.
+fn reach(spread: &[[f64; MOTION]; MOTION]) -> [[f64; 5]; 3] {
+    let mut found = [[0.0; 5]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            for (found, (a, b)) in found.iter_mut().zip([(0, 0), (0, 1), (1, 1)]) {
+                found[i + j] += spread[2 * i + a][2 * j + b];
+            }
+        }
+    }
+    found
 }
 
 /// The columns of the radars of these sightings, in order.
 fn columns_of(sightings: &[Sighting], unknowns: &Unknowns) -> Vec<usize> {
-    let mut columns: Vec<usize> = sightings
-        .iter()
-        .flat_map(|one| unknowns[one.radar].iter().flatten().map(|(column, _)| *column))
-        .collect();
-    columns.sort_unstable();
-    columns.dedup();
-    columns
-}
-
-/// Velocity of a weighted straight line.
-fn velocity(sightings: &[Sighting]) -> Option<Vector2<f64>> {
-    let mut normal = SMatrix::<f64, 4, 4>::zeros();
-    let mut score = SMatrix::<f64, 4, 1>::zeros();
-    let centre = sightings[0].position;
-    for one in sightings {
-        let t = one.time - sightings[0].time;
-        for (axis, sigma) in one.axes.iter().zip(one.sigma) {
-            let row = SMatrix::<f64, 4, 1>::new(axis[0], axis[1], axis[0] * t, axis[1] * t) / sigma;
-            normal += row * row.transpose();
-            score += row * (axis.dot(&(one.position - centre)) / sigma);
-        }
-    }
-    let line = normal.cholesky()?.solve(&score);
-    Some(Vector2::new(line[2], line[3]))
+    let mut radars: Vec<usize> = sightings.iter().map(|one| one.radar).collect();
+    radars.sort_unstable();
+    radars.dedup();
+    let own = |k: &usize| unknowns[*k].iter().flatten().map(|(column, _)| *column);
+    radars.iter().flat_map(own).collect()
 }
 
 #[cfg(test)]
@@ -171,7 +333,8 @@ mod tests {
             std::array::from_fn(|j| Some((ERRORS * k + j, PRIOR[j])))
         };
         let velocity = Vector2::new(180.0, 90.0);
-        Block::at_velocity(&sightings, &vec![unknown(0), unknown(1)], 0.3, velocity).unwrap()
+        let unknowns = vec![unknown(0), unknown(1)];
+        Block::at_velocity(&sightings, &unknowns, 0.3, Some(velocity)).unwrap()
     }
 
     #[test]
@@ -205,14 +368,14 @@ mod tests {
             close(block.information[(i, 0)], first[i]);
         }
         close(block.information[(4, 4)], 3.834917047892);
-        close(block.redundancy[0], 0.3829102429999);
-        close(block.redundancy[13], 0.5457523835922);
+        close(block.redundancy[0][0], 0.3829102429999);
+        close(block.redundancy[6][1], 0.5457523835922);
     }
 
     #[test]
     fn the_errors_that_follow() {
         let block = block();
-        let (step, misfit) = block.fit(&DMatrix::identity(8, 8)).unwrap();
+        let (step, misfit) = block.fit(&mut Known::new(&DMatrix::identity(8, 8))).unwrap();
         let expected: Errors =
             [-25.95962987554, -3.324860671941e-5, -9.948045549001e-4, 0.01252980932538];
         for j in 0..ERRORS {

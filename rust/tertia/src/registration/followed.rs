@@ -2,11 +2,11 @@
 //! its covariance.
 
 use super::sighting::{ERRORS, Sighting};
-use nalgebra::{DMatrix, Matrix2, Matrix4, Vector2};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Position and velocity by the errors of one radar, in units of the prior.
-type Part = [[f64; ERRORS]; 4];
+/// By each error of one radar, in units of the prior: position and velocity, or the errors of another.
+type Part = [[f64; 4]; ERRORS];
 
 /// A track after its last row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,53 +65,53 @@ impl Followed {
     /// Moves on to the time of a row.
     pub fn advance(&mut self, time: f64) {
         let ahead = (time - self.row_time).max(0.0);
-        for (_, _, [east, north, east_rate, north_rate]) in &mut self.parts {
-            for (place, rate) in [(east, east_rate), (north, north_rate)] {
-                for (place, rate) in place.iter_mut().zip(rate) {
-                    *place += ahead * *rate;
-                }
+        for (_, _, part) in &mut self.parts {
+            for [east, north, east_rate, north_rate] in part {
+                *east += ahead * *east_rate;
+                *north += ahead * *north_rate;
             }
         }
         self.row_time = time;
     }
 
     /// A plot has updated the track, whose covariance (row by row) and velocity are these now. The
-    /// radar may have such errors; `seen` has the noise with which the gain was made.
+    /// radar may have such errors; `sigma` is the noise with which the gain was made.
     pub fn correct(
         &mut self,
         seen: &Sighting,
+        sigma: [f64; 2],
         covariance: &[f64; 16],
         velocity: [f64; 2],
         unknowns: &[Option<(usize, f64)>; ERRORS],
     ) {
-        let axes = Matrix2::from_columns(&seen.axes);
-        let weights = Matrix2::from_diagonal(&seen.sigma.map(|sigma| sigma.powi(-2)).into());
-        let covariance = Matrix4::from_row_slice(covariance);
-        let gain = covariance.fixed_columns::<2>(0) * axes * weights * axes.transpose();
-        let gain = std::array::from_fn(|i| [gain[(i, 0)], gain[(i, 1)]]);
-        let design = seen.design(velocity.into());
-        let mut own = [[0.0; ERRORS]; 2];
-        for (j, unknown) in unknowns.iter().enumerate() {
-            if let Some((_, sigma)) = *unknown {
-                let moved = axes * Vector2::new(design[0][j], design[1][j]) * sigma;
-                (own[0][j], own[1][j]) = (moved[0], moved[1]);
-            }
-        }
+        let ([u, v], weights) = (seen.axes, sigma.map(|sigma| 1.0 / (sigma * sigma)));
+        let weight = |i: usize, j: usize| weights[0] * u[i] * u[j] + weights[1] * v[i] * v[j];
+        let (east, both, north) = (weight(0, 0), weight(0, 1), weight(1, 1));
+        let gain = std::array::from_fn(|i| {
+            let [a, b] = [covariance[4 * i], covariance[4 * i + 1]];
+            [a * east + b * both, a * both + b * north]
+        });
+        let [along, across] = seen.design(velocity.into());
+        let own = std::array::from_fn(|j| {
+            let sigma = unknowns[j].map_or(0.0, |(_, sigma)| sigma);
+            [0, 1].map(|side| sigma * (u[side] * along[j] + v[side] * across[j]))
+        });
         self.update(seen.radar, &gain, &own);
     }
 
-    /// A plot of a radar, that a unit of its errors moves by `own`, updates the track with `gain`.
-    pub fn update(&mut self, radar: usize, gain: &[[f64; 2]; 4], own: &[[f64; ERRORS]; 2]) {
+    /// A plot of a radar, that a unit of each of its errors moves by `own`, updates the track with
+    /// `gain`.
+    pub fn update(&mut self, radar: usize, gain: &[[f64; 2]; 4], own: &[[f64; 2]; ERRORS]) {
         self.part(radar);
         for (k, _, part) in &mut self.parts {
-            for j in 0..ERRORS {
-                let mut moved = [-part[0][j], -part[1][j]];
+            for (row, own) in part.iter_mut().zip(own) {
+                let mut moved = [-row[0], -row[1]];
                 if *k == radar {
-                    moved[0] += own[0][j];
-                    moved[1] += own[1][j];
+                    moved[0] += own[0];
+                    moved[1] += own[1];
                 }
-                for (row, gain) in part.iter_mut().zip(gain) {
-                    row[j] += gain[0] * moved[0] + gain[1] * moved[1];
+                for (value, gain) in row.iter_mut().zip(gain) {
+                    *value += gain[0] * moved[0] + gain[1] * moved[1];
                 }
             }
         }
@@ -121,15 +121,12 @@ impl Followed {
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
         for (k, _, part) in &self.parts {
-            let mut product = [[0.0; ERRORS]; 4];
+            let mut product = [[0.0; 4]; ERRORS];
             for (other, _, second) in &self.parts {
-                add_product(&mut product, second, &errors.blocks[other * errors.radars + k]);
+                product = plus(product, &errors.blocks[k * errors.radars + other], second);
             }
-            for i in 0..4 {
-                for j in 0..4 {
-                    sum[i][j] += dot(&product[i], &part[j]);
-                }
-            }
+            let turned = std::array::from_fn(|i| std::array::from_fn(|j| part[j][i]));
+            sum = plus(sum, &turned, &product);
         }
         std::array::from_fn(|n| 0.5 * (sum[n / 4][n % 4] + sum[n % 4][n / 4]))
     }
@@ -137,26 +134,22 @@ impl Followed {
     fn part(&mut self, radar: usize) -> &mut (usize, f64, Part) {
         let at = self.parts.iter().position(|(k, ..)| *k == radar);
         let at = at.unwrap_or_else(|| {
-            self.parts.push((radar, f64::NEG_INFINITY, [[0.0; ERRORS]; 4]));
+            self.parts.push((radar, f64::NEG_INFINITY, [[0.0; 4]; ERRORS]));
             self.parts.len() - 1
         });
         &mut self.parts[at]
     }
 }
 
-/// Adds `a b`.
+/// `sum + a b`
 #[inline]
-fn add_product(sum: &mut Part, a: &Part, b: &Part) {
+fn plus(mut sum: Part, a: &Part, b: &Part) -> Part {
     for i in 0..4 {
-        for l in 0..ERRORS {
-            for j in 0..ERRORS {
-                sum[i][j] += a[i][l] * b[l][j];
+        for k in 0..4 {
+            for j in 0..4 {
+                sum[i][j] += a[i][k] * b[k][j];
             }
         }
     }
-}
-
-#[inline]
-fn dot(a: &[f64; ERRORS], b: &[f64; ERRORS]) -> f64 {
-    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
+    sum
 }

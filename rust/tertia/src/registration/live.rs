@@ -4,7 +4,7 @@
 //! cost is that of a factorisation of 4 K unknowns a scan; nothing grows with the number of targets
 //! but the blocks.
 
-use super::block::Unknowns;
+use super::block::{Known, Unknowns};
 use super::followed::{Blocks, Followed};
 use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
 use super::sighting::{ERRORS, Errors, Report, Sighting};
@@ -198,7 +198,6 @@ impl Registrar {
         self.wander(time);
         self.step(&blocks, time);
         let added = self.follow(updates, &applied);
-        self.watch(updates);
         self.tracks.retain(|_, track| time - track.row_time <= FORGOTTEN * longest);
         let errors = self.errors();
         self.loose.retain(|plot| time - plot.time <= longest);
@@ -239,32 +238,52 @@ impl Registrar {
         let columns: Vec<_> =
             unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
         let errors = Blocks::new(&self.covariance, &columns);
-        updates.iter().map(|update| self.carry(update, applied, &unknowns, &errors)).collect()
+        let one = |update: &Update| {
+            let report = &update.plot.report;
+            let radar = &self.radars[report.radar];
+            let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
+            if let Some(seen) = &seen {
+                self.watch(update, seen);
+            }
+            let begin = || Followed::new(report.time);
+            let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
+            track.advance(report.time);
+            if let Some(seen) = seen {
+                let (velocity, own) = (update.velocity, &unknowns[report.radar]);
+                // the noise that the gain of the track was made with
+                let sigma = seen.noise(applied[report.radar]);
+                track.correct(&seen, sigma, &update.covariance, velocity, own);
+                if update.confirmed {
+                    track.see(report.time, report.radar, update.position, velocity);
+                }
+            }
+            // the gains of the track carry the errors on
+            track.added(&errors)
+        };
+        updates.iter().map(one).collect()
     }
 
     /// Raises noise that has grown suddenly.
-    fn watch(&mut self, updates: &[Update]) {
-        for update in updates.iter().filter(|update| update.confirmed) {
-            let (plot, e) = (&update.plot, update.innovation);
-            let (k, radar) = (plot.report.radar, &self.radars[plot.report.radar]);
-            if plot.turn_probability > TURNING || e[0].is_nan() {
-                continue;
-            }
-            let seen = Sighting::new(&plot.report, plot.report.height, radar, self.factor[k]);
-            let Some(seen) = seen else { continue };
-            let s = Matrix2::from_row_slice(&update.innovation_covariance);
-            for axis in 0..2 {
-                let direction = seen.axes[axis];
-                let variance = direction.dot(&(s * direction));
-                let innovation = direction.dot(&Vector2::from(e));
-                let own = seen.sigma[axis].powi(2);
-                let found = self.watches[k][axis].see(innovation, variance, own);
-                if let Some(growth) = found {
-                    let square = growth * self.factor[k][axis].powi(2);
-                    self.factor[k][axis] = square.sqrt();
-                    self.redundancy[k][axis] = GROWN;
-                    self.squares[k][axis] = square * (GROWN + STATED) - STATED;
-                }
+    fn watch(&mut self, update: &Update, seen: &Sighting) {
+        let (plot, e) = (&update.plot, update.innovation);
+        if !update.confirmed || plot.turn_probability > TURNING || e[0].is_nan() {
+            return;
+        }
+        let k = seen.radar;
+        let s = Matrix2::from_row_slice(&update.innovation_covariance);
+        let (radar, [range, azimuth]) = (&self.radars[k], self.factor[k]);
+        let noise = seen.noise([radar.range_sigma * range, radar.azimuth_sigma * azimuth]);
+        for axis in 0..2 {
+            let direction = seen.axes[axis];
+            let variance = direction.dot(&(s * direction));
+            let innovation = direction.dot(&Vector2::from(e));
+            let own = noise[axis] * noise[axis];
+            let found = self.watches[k][axis].see(innovation, variance, own);
+            if let Some(growth) = found {
+                let square = growth * self.factor[k][axis].powi(2);
+                self.factor[k][axis] = square.sqrt();
+                self.redundancy[k][axis] = GROWN;
+                self.squares[k][axis] = square * (GROWN + STATED) - STATED;
             }
         }
     }
@@ -305,8 +324,9 @@ impl Registrar {
         let (order, unknowns) = (self.mean.len(), self.unknowns());
         let mut sums = Sums::new(order, self.radars.len());
         let errors = self.errors();
+        let mut known = Known::new(&self.covariance);
         for block in blocks {
-            sums.add(block, &self.radars, &unknowns, &errors, &self.factor, &self.covariance);
+            sums.add(block, &self.radars, &unknowns, &errors, &self.factor, &mut known);
         }
         self.learn_noise(&sums);
         if sums.blocks[0] == 0 || order == 0 {
@@ -383,32 +403,6 @@ impl Registrar {
             self.update(&scan.information, &scan.score);
         }
         self.changes.push((time, radar));
-    }
-
-    /// What the errors add to the covariance of a row: the gains of the track carry them on.
-    fn carry(
-        &mut self,
-        update: &Update,
-        applied: &[[f64; 2]],
-        unknowns: &Unknowns,
-        errors: &Blocks,
-    ) -> [f64; 16] {
-        let report = &update.plot.report;
-        let begin = || Followed::new(report.time);
-        let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
-        track.advance(report.time);
-        let radar = &self.radars[report.radar];
-        // the noise that the gain of the track was made with
-        let [range, azimuth] = applied[report.radar];
-        let factor = [range / radar.range_sigma, azimuth / radar.azimuth_sigma];
-        if let Some(seen) = Sighting::new(report, report.height, radar, factor) {
-            let (velocity, own) = (update.velocity, &unknowns[report.radar]);
-            track.correct(&seen, &update.covariance, velocity, own);
-            if update.confirmed {
-                track.see(report.time, report.radar, update.position, velocity);
-            }
-        }
-        track.added(errors)
     }
 }
 

@@ -1,6 +1,6 @@
 //! The systematic errors of radars from a whole recording.
 
-use super::block::{Block, Unknowns};
+use super::block::{Block, Known, Unknowns};
 use super::sighting::{Errors, Report, Sighting};
 use crate::base::distribution::chi_square_upper;
 use crate::sensors::Radar;
@@ -81,8 +81,9 @@ pub fn register(
     let mut sums = Sums::new(order, radars.len());
     for _ in 0..ROUNDS {
         sums = Sums::new(order, radars.len());
+        let mut known = Known::new(&covariance);
         for block in &blocks {
-            sums.add(block, radars, &unknowns, &errors, &factor, &covariance);
+            sums.add(block, radars, &unknowns, &errors, &factor, &mut known);
         }
         let Some(cholesky) = sums.information.clone().cholesky() else { break };
         covariance = cholesky.inverse();
@@ -127,21 +128,23 @@ impl Sums {
         unknowns: &Unknowns,
         errors: &[Errors],
         factor: &[[f64; 2]],
-        covariance: &DMatrix<f64>,
+        known: &mut Known<'_>,
     ) {
         let turns = plots.iter().any(|plot| plot.turn_probability > TURNING);
         let acceleration = if turns { TURN } else { STRAIGHT };
         let mut sightings = sightings(plots, radars, errors, factor);
         for left_out in 0..=LEFT_OUT {
             let Some(block) = Block::new(&sightings, unknowns, acceleration) else { return };
-            let Some((step, misfit)) = block.fit(covariance) else { return };
+            let Some((step, misfit)) = block.fit(known) else { return };
             let residuals = block.residuals(&step);
-            if chi_square_upper(misfit, block.free) >= SIGNIFICANCE {
-                return self.take(&block, &sightings, residuals.as_slice());
+            // a misfit below its mean is probable
+            let fits =
+                misfit <= block.free as f64 || chi_square_upper(misfit, block.free) >= SIGNIFICANCE;
+            if fits {
+                return self.take(&block, &sightings, &residuals);
             }
-            let worst = (0..sightings.len())
-                .map(|i| (i, off(residuals.as_slice(), &block.redundancy, i)))
-                .max_by(|a, b| a.1.total_cmp(&b.1));
+            let off = residuals.iter().zip(&block.redundancy).map(|(own, free)| off(own, free));
+            let worst = off.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
             match worst {
                 Some((i, off)) if left_out < LEFT_OUT && off > OUTLIER * OUTLIER => {
                     sightings.remove(i);
@@ -152,12 +155,11 @@ impl Sums {
         self.blocks[1] += 1;
     }
 
-    fn take(&mut self, block: &Block, sightings: &[Sighting], residuals: &[f64]) {
-        for (i, one) in sightings.iter().enumerate() {
+    fn take(&mut self, block: &Block, sightings: &[Sighting], residuals: &[[f64; 2]]) {
+        for (one, (own, free)) in sightings.iter().zip(residuals.iter().zip(&block.redundancy)) {
             for axis in 0..2 {
-                let row = 2 * i + axis;
-                self.square[one.radar][axis] += residuals[row] * residuals[row];
-                self.redundancy[one.radar][axis] += block.redundancy[row];
+                self.square[one.radar][axis] += own[axis] * own[axis];
+                self.redundancy[one.radar][axis] += free[axis];
             }
         }
         // one radar alone says nothing of its errors
@@ -175,9 +177,9 @@ impl Sums {
 }
 
 /// The larger squared residual of a plot over its redundancy.
-fn off(residuals: &[f64], redundancy: &[f64], plot: usize) -> f64 {
-    let one = |row: usize| residuals[row] * residuals[row] / redundancy[row].max(1e-9);
-    one(2 * plot).max(one(2 * plot + 1))
+fn off(residuals: &[f64; 2], redundancy: &[f64; 2]) -> f64 {
+    let one = |axis: usize| residuals[axis] * residuals[axis] / redundancy[axis].max(1e-9);
+    one(0).max(one(1))
 }
 
 /// The unknown errors, numbered.

@@ -55,6 +55,8 @@ pub(super) struct Sighting {
     /// Slant range and ground range, metres.
     range: f64,
     ground: f64,
+    /// By how much an error of the height makes the ground range uncertain, metres.
+    tilt: f64,
 }
 
 impl Sighting {
@@ -69,8 +71,7 @@ impl Sighting {
         }
         let ground = squared.sqrt();
         let (sine, cosine) = plot.azimuth.sin_cos();
-        let along = factor[0] * radar.range_sigma * plot.range / ground;
-        Some(Self {
+        let mut seen = Self {
             radar: plot.radar,
             time: plot.time,
             position: Vector2::new(
@@ -78,13 +79,19 @@ impl Sighting {
                 radar.position[1] + ground * cosine,
             ),
             axes: [Vector2::new(sine, cosine), Vector2::new(cosine, -sine)],
-            sigma: [
-                along.hypot(HEIGHT_SIGMA * up / ground),
-                factor[1] * radar.azimuth_sigma * ground,
-            ],
+            sigma: [0.0; 2],
             range: plot.range,
             ground,
-        })
+            tilt: HEIGHT_SIGMA * up / ground,
+        };
+        seen.sigma = seen.noise([radar.range_sigma * factor[0], radar.azimuth_sigma * factor[1]]);
+        Some(seen)
+    }
+
+    /// Standard deviations along and across where those of range (m) and azimuth (rad) are these.
+    pub fn noise(&self, [range, azimuth]: [f64; 2]) -> [f64; 2] {
+        let along = range * self.range / self.ground;
+        [(along * along + self.tilt * self.tilt).sqrt(), azimuth * self.ground]
     }
 
     /// How far a unit of each error moves the plot along both axes, at this velocity.

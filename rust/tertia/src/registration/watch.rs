@@ -25,20 +25,35 @@ impl Watch {
         if self.0.len() < WATCHED {
             return None;
         }
+        // about the mean the squares are half of those about the median at least
+        let count = WATCHED as f64;
+        let (sum, squares) = self
+            .0
+            .iter()
+            .fold((0.0, 0.0), |(sum, squares), (value, _)| (sum + value, squares + value * value));
+        if 2.0 * (squares - sum * sum / count) < (count - 1.0) * most() {
+            self.0.pop_front();
+            return None;
+        }
         let mut values: Vec<f64> = self.0.iter().map(|(value, _)| *value).collect();
         let middle = median(&mut values);
         let squares = values.iter().map(|value| (value - middle).powi(2));
         let (sum, largest) =
             squares.fold((0.0, 0.0_f64), |(sum, most), one| (sum + one, most.max(one)));
-        let mean = (sum - largest) / (WATCHED - 1) as f64;
-        let share = self.0.iter().map(|(_, share)| share).sum::<f64>() / WATCHED as f64;
-        if mean > 1.0 + ERRORS * (2.0 / WATCHED as f64).sqrt() {
+        let mean = (sum - largest) / (count - 1.0);
+        let share = self.0.iter().map(|(_, share)| share).sum::<f64>() / count;
+        if mean > most() {
             self.0.clear();
             return Some(1.0 + (mean - 1.0) * share);
         }
         self.0.pop_front();
         None
     }
+}
+
+/// The largest mean square of noise that has not grown.
+fn most() -> f64 {
+    1.0 + ERRORS * (2.0 / WATCHED as f64).sqrt()
 }
 
 #[cfg(test)]

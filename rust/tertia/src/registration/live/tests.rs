@@ -18,11 +18,10 @@ fn what_the_errors_add_to_a_track() {
     let seen = Sighting::new(&report, height, &registrar.radars[0], [1.0; 2]).unwrap();
     let design = seen.design(velocity.into());
     let axes = Matrix2::from_columns(&seen.axes);
-    let mut half = [[0.0; ERRORS]; 2];
-    for (j, prior) in PRIOR.iter().enumerate() {
-        let own = axes * Vector2::new(design[0][j], design[1][j]) * *prior;
-        (half[0][j], half[1][j]) = (0.5 * own[0], 0.5 * own[1]);
-    }
+    let half = std::array::from_fn(|j| {
+        let own = axes * Vector2::new(design[0][j], design[1][j]) * PRIOR[j];
+        [0.5 * own[0], 0.5 * own[1]]
+    });
     let mut track = Followed::new(0.0);
     track.update(0, &[[1.0, 0.0], [0.0, 1.0], [0.0; 2], [0.0; 2]], &half);
     registrar.tracks.insert(1, track);
@@ -64,7 +63,7 @@ fn what_the_errors_add_to_a_track() {
     ];
     for (i, row) in expected.iter().enumerate() {
         for (j, value) in row.iter().enumerate() {
-            close(registrar.tracks[&1].parts[0].2[i][j], *value);
+            close(registrar.tracks[&1].parts[0].2[j][i], *value);
         }
     }
 }
