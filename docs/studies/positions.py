@@ -55,7 +55,8 @@ class Scene:
         """Return positions and velocities, (N, 4)."""
         at = np.minimum((time / STEP).astype(np.int64), self.states.shape[1] - 2)
         share = (time / STEP - at)[:, np.newaxis]
-        return (1.0 - share) * self.states[target, at] + share * self.states[target, at + 1]
+        found: FloatArray = (1.0 - share) * self.states[target, at]
+        return found + share * self.states[target, at + 1]
 
 
 def flights(random: np.random.Generator) -> FloatArray:
@@ -74,7 +75,7 @@ def _times(
     """Return when a sensor sees which targets."""
     count = int(DURATION / interval)
     time = random.uniform(0.0, interval, (FLIGHTS, 1)) + interval * np.arange(count)
-    seen = random.random(time.shape) < detected
+    seen = np.asarray(random.random(time.shape) < detected)
     return time[seen], np.nonzero(seen)[0]
 
 
