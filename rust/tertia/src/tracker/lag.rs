@@ -16,6 +16,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZero;
 
+#[cfg(test)]
+mod tests;
+
 /// Steps in the shortest scan: the more, the less is done again for plots that come in order.
 const STEPS: f64 = 2.0;
 /// Copies of the tracks within the lag.

@@ -1,0 +1,97 @@
+//! A worked example: three plots of one target, on one axis, in any order.
+
+use super::*;
+use crate::base::checks::assert_within;
+use crate::base::plane::Plane;
+use crate::sensors::Radar;
+use crate::tracker::estimate::Estimate;
+use crate::tracker::filter::Filter;
+use crate::tracker::level::Level;
+use crate::tracker::motion::Motion;
+use crate::tracker::plot::Measured;
+use crate::tracker::settings::Settings;
+use crate::tracker::track::{Stage, Track};
+use nalgebra::{SMatrix, SVector};
+
+/// Where the target is at time 0, north of two radars, m.
+const START: f64 = 1e5;
+/// Time, way since then, and radar.
+const PLOTS: [(f64, f64, usize); 3] = [(4.0, 830.0, 0), (6.0, 1160.0, 1), (8.0, 1620.0, 0)];
+const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+
+fn radar() -> Radar {
+    Radar {
+        position: [0.0; 3],
+        range_sigma: 50.0,
+        azimuth_sigma: 0.08_f64.to_radians(),
+        scan_period: 4.0,
+        max_range: 2e5,
+        detection_probability: 0.9,
+        resolution: None,
+    }
+}
+
+fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {
+    let range = (START + way) / radar().stretch();
+    Plot { time, range, azimuth: 0.0, radar: radar_index, height: f64::NAN, identity: -1 }
+}
+
+/// A track with a state at time 0, 200 m/s to the north.
+fn tracker() -> LagTracker {
+    let motion = Motion::Cv(0.1);
+    let settings =
+        Settings { clutter_density: 1e-10, ..Settings::new(vec![radar(), radar()], motion) };
+    let mut tracker = Tracker::try_new(settings.clone()).unwrap();
+    let first = plot((-4.0, -800.0, 0));
+    let own = (&radar(), settings.geometry(0));
+    let first = Measured::new(0, &first, own, radar().stretch(), &Level::default());
+    let mut track = Track::new(1, &first, 0.0, &settings);
+    let Plane { xx, .. } = radar().noise_at([0.0, START], f64::NAN);
+    let covariance = SMatrix::from_diagonal(&SVector::from([xx, 2500.0, 100.0, 100.0]));
+    track.estimate = Estimate { mean: SVector::from([0.0, START, 0.0, 200.0]), covariance };
+    track.filter = Filter::new(&motion, track.estimate);
+    (track.stage, track.time) = (Stage::Confirmed, 0.0);
+    tracker.tracks.push(track);
+    let kept = tracker.keep();
+    let mut tracker = LagTracker::try_new(tracker, 10.0).unwrap();
+    // a tracker begins without tracks: this one at time 0
+    tracker.kept = VecDeque::from([(0, kept)]);
+    tracker
+}
+
+/// The state at the last plot.
+fn last(plots: &[(f64, f64, usize)]) -> Estimate<4> {
+    let mut tracker = tracker();
+    let (mut rows, mut statuses) = (Vec::new(), Vec::new());
+    for &own in plots {
+        tracker.track(&[plot(own)][..], Some(8.0), &mut statuses, &mut rows, None).unwrap();
+    }
+    rows.clear();
+    tracker.finish(&mut rows, None);
+    let at = |row: &&Row| row.plot.is_some() && row.time == 8.0;
+    rows.iter().find(at).expect("a row of the last plot").estimate
+}
+
+fn assert_state(state: &Estimate<4>, [way, speed]: [f64; 2], covariance: [f64; 3]) {
+    assert_within(1e-9, state.mean[1] - START, way);
+    assert_within(1e-9, state.mean[3], speed);
+    for ((i, j), expected) in [(1, 1), (1, 3), (3, 3)].into_iter().zip(covariance) {
+        assert_within(1e-9, state.covariance[(i, j)], expected);
+    }
+}
+
+#[test]
+fn plots_in_any_order_have_the_state_of_plots_in_order() {
+    let covariance = [1_135.936_549_24, 146.090_879_029, 41.841_590_048_6];
+    for order in ORDERS {
+        let state = last(&order.map(|k| PLOTS[k]));
+        assert_state(&state, [1_602.208_404_13, 199.917_192_751], covariance);
+    }
+}
+
+#[test]
+fn without_the_late_plot_the_state_is_another() {
+    let covariance = [1_535.650_195_27, 175.690_804_416, 44.033_548_195_7];
+    let state = last(&[PLOTS[0], PLOTS[2]]);
+    assert_state(&state, [1_622.281_820_28, 201.403_685_96], covariance);
+}
