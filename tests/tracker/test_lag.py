@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from tracker.flights import line, scene
+from tracker.test_hypotheses import RADAR, side_by_side
 
 from tertia.tracker import COLUMNS, Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
@@ -85,6 +86,20 @@ def test_final_rows_are_those_of_plots_in_order(mixed, seed, every, n_threads):
     assert not np.any(statuses == PlotStatus.LATE)
     for name, found, wanted in zip(["plot", *NAMES], record(tables, came), expected, strict=True):
         assert found == wanted, name
+
+
+@pytest.mark.parametrize(("seed", "every"), [(1, 4.0), (2, 1.3)])
+def test_with_several_hypotheses_final_rows_are_those_of_plots_in_order(seed, every):
+    plots, _ = side_by_side(7)
+    expected = fed(Tracker([RADAR], association="mht", lag=LAG), plots, plots.time + 0.5, 4.0)
+    rng = np.random.default_rng(seed)
+    arrival = arrivals(plots.time, 0.3, LAG - every, rng) + 0.5
+    found = fed(
+        Tracker([RADAR], association="mht", lag=LAG), plots, arrival, every, rng=rng, saved=True
+    )
+    assert record(*found) == record(*expected)
+    final = TrackTable.join([table[table.final] for table in found[0]])
+    assert np.min(final.association_probability) < 0.95
 
 
 def test_a_recording_with_a_lag_is_the_record_of_a_tracker_with_one(mixed):
