@@ -120,6 +120,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "zeros": association.zeros,
         "ambiguity": association.ambiguity,
         "hypotheses": ambiguity.hypotheses,
+        "calibration": ambiguity.calibration,
         "resolution": ambiguity.resolution,
         "updates": association.updates,
     },

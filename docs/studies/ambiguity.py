@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,13 @@ def encounter(cell: Cell, rng: np.random.Generator) -> Encounter:
 
 def plots_of(cell: Cell, flown: Encounter, radar: Radar, rng: np.random.Generator) -> Plots:
     """Return what a radar in the origin sees, at the same instant in each scan."""
+    return seen_of(cell, flown, radar, rng)[0]
+
+
+def seen_of(
+    cell: Cell, flown: Encounter, radar: Radar, rng: np.random.Generator
+) -> tuple[Plots, IntArray]:
+    """Return the same, and the target of each plot; -1 of false and merged ones."""
     columns: list[FloatArray] = []
     reach = 1.3 * cell.distance
     for scan, place in enumerate(flown.position):
@@ -87,15 +95,19 @@ def plots_of(cell: Cell, flown: Encounter, radar: Radar, rng: np.random.Generato
         azimuth = np.arctan2(*place.T) + radar.azimuth_sigma * rng.normal(size=len(place))
         seen = rng.uniform(size=len(place)) < radar.detection_probability
         polar = np.stack([distance, azimuth], axis=-1)[seen]
+        target = np.flatnonzero(seen)
         if radar.range_resolution is not None:
             polar = merged(polar, radar, rng)
+            target = target if len(polar) == len(target) else np.array([-1])
         count = rng.poisson(cell.clutter)
         false = np.stack(
             [reach * np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)], axis=-1
         )
         found = np.concatenate([polar, false])
-        columns.append(np.column_stack([np.full(len(found), PERIOD * scan), found]))
-    return Plots(*np.concatenate(columns).T)
+        target = np.concatenate([target, np.full(count, -1)])
+        columns.append(np.column_stack([np.full(len(found), PERIOD * scan), found, target]))
+    time, distance, azimuth, target = np.concatenate(columns).T
+    return Plots(time, distance, azimuth), target.astype(np.int64)
 
 
 def merged(polar: FloatArray, radar: Radar, rng: np.random.Generator) -> FloatArray:
@@ -227,6 +239,66 @@ def hypotheses() -> str:
         "lost %", "NEES, mht",
     ]  # fmt: skip
     return markdown(head, rows)
+
+
+# plots of one target that say whose track it is
+SETTLED = 5
+DOUBTFUL = tuple(cell for cell in CELLS if cell.kind == "abreast" and cell.targets == 2)
+EDGES = (0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5)
+
+
+def calibration() -> str:
+    """Compare how likely what is shown is wrong with how often it is."""
+    pairs = [
+        pair
+        for at, cell in enumerate(DOUBTFUL)
+        for run in range(CLUTTERED if cell.clutter else RUNS)
+        for pair in doubts(cell, generator(57, 3, at, run))
+    ]
+    stated, wrong = np.array(pairs).reshape(-1, 2).T
+    rows = []
+    for low, high in pairwise(EDGES):
+        own = (stated > low) & (stated <= high)
+        count = max(int(np.sum(own)), 1)
+        mean, share = np.sum(stated[own]) / count, np.sum(wrong[own]) / count
+        error = np.sqrt(max(mean * (1 - mean), 1e-6) / count)
+        rows.append(
+            [f"{low:g} to {high:g}", f"{np.sum(own)}", f"{mean:.3f}", f"{share:.3f} ± {error:.3f}"]
+        )
+    return markdown(["1 − `association_probability`", "scans", "mean", "wrong"], rows)
+
+
+def doubts(cell: Cell, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Return how likely what is shown is wrong, and whether it is, scan by scan.
+
+    It is wrong where a track has another plot than that of its target: in the first scan of a
+    doubt, after plots of one target in several scans, so that it is known whose track it is. Later
+    the choices before belong to what is shown as well, and may be others than were shown then.
+    """
+    flown = encounter(cell, rng)
+    plots, target = seen_of(cell, flown, RADAR, rng)
+    found = track(plots, [RADAR], association="mht")
+    scan = np.round(found.time / PERIOD).astype(int)
+    long = [n for n in np.unique(found.track) if np.sum(found.track == n) > 0.9 * scan.max()]
+    # the target of the plot of each track in each scan; of missed ones -1, of false ones -2
+    taken = np.full((len(long), scan.max() + 1), -1)
+    stated = np.ones(taken.shape)
+    for k, number in enumerate(long):
+        rows = found.track == number
+        origin = np.where(target[found.plot] >= 0, target[found.plot], -2)
+        taken[k, scan[rows]] = np.where(found.plot >= 0, origin, -1)[rows]
+        stated[k, scan[rows]] = found.association_probability[rows]
+    there = np.zeros((flown.position.shape[1], taken.shape[1]), dtype=bool)
+    known = target >= 0
+    there[target[known], np.round(plots.time[known] / PERIOD).astype(int)] = True
+    result = []
+    for own, of_track in zip(taken, stated, strict=True):
+        for at in np.flatnonzero(of_track < 1.0):
+            before = own[max(at - SETTLED, 0) : at]
+            if len(before) == SETTLED and of_track[at - 1] == 1.0 and np.all(before == before[0]):
+                expected = before[0] if there[before[0], at] else -1
+                result.append((1.0 - of_track[at], float(own[at] != expected)))
+    return result
 
 
 RESOLUTION: dict[str, Any] = {"range_resolution": 150.0, "azimuth_resolution": 1.4}
