@@ -292,7 +292,9 @@ def doubts(cell: Cell, rng: np.random.Generator) -> list[tuple[float, float]]:
     known = target >= 0
     there[target[known], np.round(plots.time[known] / PERIOD).astype(int)] = True
     result = []
-    for own, of_track in zip(taken, stated, strict=True):
+    for k in range(len(taken)):
+        own: IntArray = taken[k]
+        of_track: FloatArray = stated[k]
         for at in np.flatnonzero(of_track < 1.0):
             before = own[max(at - SETTLED, 0) : at]
             if len(before) == SETTLED and of_track[at - 1] == 1.0 and np.all(before == before[0]):
