@@ -33,7 +33,15 @@ fn radar() -> Radar {
 
 fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {
     let range = (START + way) / radar().stretch();
-    Plot { time, range, azimuth: 0.0, radar: radar_index, height: f64::NAN, identity: -1 }
+    Plot {
+        time,
+        range,
+        azimuth: 0.0,
+        radar: radar_index,
+        height: f64::NAN,
+        identity: -1,
+        report: None,
+    }
 }
 
 /// A track with a state at time 0, 200 m/s to the north.
