@@ -55,8 +55,8 @@ class Scene:
         """Return positions and velocities, (N, 4)."""
         at = np.minimum((time / STEP).astype(np.int64), self.states.shape[1] - 2)
         share = (time / STEP - at)[:, np.newaxis]
-        found: FloatArray = (1.0 - share) * self.states[target, at]
-        return found + share * self.states[target, at + 1]
+        before, after = self.states[target, at], self.states[target, at + 1]
+        return np.asarray((1.0 - share) * before + share * after)
 
 
 def flights(random: np.random.Generator) -> FloatArray:
