@@ -303,6 +303,8 @@ impl Registrar {
                 self.covariance[(*column, *column)] += VOTED;
             }
             self.loose.retain(|plot| plot.radar != k);
+            // their plots may be of other targets
+            self.open.clear();
             self.recent.clear();
             self.changes.push((time, k));
         }

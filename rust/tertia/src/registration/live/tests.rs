@@ -87,3 +87,29 @@ fn noise_fades() {
     close(registrar.factor[0][0], 1.149091550924);
     close(registrar.factor[0][1], 1.48275957234);
 }
+
+#[test]
+fn a_vote_throws_open_blocks_away() {
+    let mut registrar = registrar();
+    let (radar, velocity) = (0, [0.0; 2]);
+    for i in 0..10 {
+        let (azimuth, range) = (0.5 + 0.1 * f64::from(i), 4e4 + 3e3 * f64::from(i));
+        let position = [range * azimuth.sin(), range * azimuth.cos()];
+        let report = |time, azimuth| Report { radar, time, range, azimuth, height: f64::NAN };
+        let mut track = Followed::new(35.0);
+        track.see(35.0, radar, position, velocity);
+        let plot =
+            TargetPlot { report: report(35.0, azimuth), target: i.into(), turn_probability: 0.0 };
+        registrar.tracks.insert(i.into(), track);
+        registrar.open.insert(i.into(), vec![plot]);
+        registrar.loose.push(report(39.5, azimuth + 0.5_f64.to_radians()));
+    }
+    registrar.vote(41.0);
+    assert_eq!(registrar.changes(), [(41.0, radar)]);
+    assert!((registrar.errors()[0][2] - 0.5_f64.to_radians()).abs() < 1e-9);
+    assert!(registrar.open.is_empty());
+    // what is there again before the next vote stays
+    registrar.open.insert(1, Vec::new());
+    registrar.vote(42.0);
+    assert_eq!(registrar.open.len(), 1);
+}
