@@ -60,8 +60,7 @@ mod core_module {
     };
     #[pymodule_export]
     use super::registration::{
-        Registrar, calibrate, common_states, correct_states, register_errors, register_noise,
-        register_start,
+        calibrate, common_states, correct_states, register_errors, register_noise, register_start,
     };
     #[pymodule_export]
     use super::screening::{
@@ -79,7 +78,7 @@ mod core_module {
     use super::tertiary::FusionCentre;
     #[pymodule_export]
     use super::tracker::{
-        Geometry, Motion, PlotTracker, TrackAssociation, TrackColumns, TrackerSettings,
+        Geometry, Motion, PlotTracker, Registrar, TrackAssociation, TrackColumns, TrackerSettings,
         plots_to_cartesian, smooth_tracks, track_columns,
     };
     #[pymodule_export]

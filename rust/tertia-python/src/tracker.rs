@@ -1,11 +1,13 @@
 //! Bindings of `tertia::tracker`.
 
 mod geometry;
+mod registrar;
 mod settings;
 mod smooth;
 mod table;
 
 pub use geometry::Geometry;
+pub use registrar::Registrar;
 pub use settings::{Motion, TrackAssociation, TrackerSettings};
 pub use smooth::smooth_tracks;
 pub use table::{TrackColumns, track_columns};

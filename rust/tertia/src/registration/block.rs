@@ -186,8 +186,8 @@ impl Seen {
             if own == 0 {
                 self.first = columns.partition_point(|&other| other < column);
             }
-            for axis in 0..2 {
-                self.design[axis][own] = metres[axis][j] * prior / one.sigma[axis];
+            for (axis, metres) in metres.iter().enumerate() {
+                self.design[axis][own] = metres[j] * prior / one.sigma[axis];
             }
         }
     }

@@ -273,12 +273,11 @@ impl Registrar {
         let s = Matrix2::from_row_slice(&update.innovation_covariance);
         let (radar, [range, azimuth]) = (&self.radars[k], self.factor[k]);
         let noise = seen.noise([radar.range_sigma * range, radar.azimuth_sigma * azimuth]);
-        for axis in 0..2 {
+        for (axis, noise) in noise.into_iter().enumerate() {
             let direction = seen.axes[axis];
             let variance = direction.dot(&(s * direction));
             let innovation = direction.dot(&Vector2::from(e));
-            let own = noise[axis] * noise[axis];
-            let found = self.watches[k][axis].see(innovation, variance, own);
+            let found = self.watches[k][axis].see(innovation, variance, noise * noise);
             if let Some(growth) = found {
                 let square = growth * self.factor[k][axis].powi(2);
                 self.factor[k][axis] = square.sqrt();
