@@ -3,6 +3,7 @@
 use super::plot::Measured;
 use super::settings::Settings;
 use crate::association::Grid;
+use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -10,8 +11,14 @@ use std::f64::consts::TAU;
 const MEMORY: f64 = 1000.0;
 /// Plots of targets, as if so many had been seen alone.
 const ALONE: f64 = 50.0;
+/// Share from which second plots are left out before tracks look for plots, and how many it takes to
+/// know it: targets close together make a few until all have a track.
+const OFTEN: f64 = 0.05;
+const ENOUGH: f64 = 15.0;
 /// Distance squared of two plots of one target, in 99 % of all cases.
 const NEAR: f64 = 9.21;
+/// Difference of the heights of two plots of one target, m.
+const ROUNDED: f64 = 100.0;
 /// Seconds between two plots of one target, as a share of a scan.
 const SOON: f64 = 0.1;
 
@@ -28,6 +35,11 @@ impl Doubles {
         self.seconds / (self.targets + ALONE)
     }
 
+    /// Whether there are many.
+    fn is_often(&self) -> bool {
+        self.share() > OFTEN && self.seconds > ENOUGH
+    }
+
     fn count(&mut self, targets: f64, seconds: f64) {
         let kept = (-targets / MEMORY).exp();
         self.targets = kept * self.targets + targets;
@@ -35,10 +47,75 @@ impl Doubles {
     }
 }
 
+/// The plots of a scan, and which of them are left out as second ones.
+#[derive(Clone, Copy)]
+pub(super) struct Near<'a> {
+    pub grid: &'a Grid,
+    pub plots: &'a [Measured],
+    pub left_out: &'a [bool],
+}
+
+/// Finds second plots of radars that make many. Cost O(plots).
+pub(super) fn leave_out(
+    (grid, plots): (&Grid, &[Measured]),
+    doubles: &[Doubles],
+    settings: &Settings,
+    left_out: &mut Vec<bool>,
+) {
+    left_out.clear();
+    left_out.resize(plots.len(), false);
+    let often: Vec<bool> = doubles.iter().map(Doubles::is_often).collect();
+    for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| often[plot.radar]) {
+        let mut is_second = false;
+        Pairs::of(plot, settings).each(grid, plots, |k, distance| {
+            is_second |= k < i && !left_out[k] && distance < NEAR && is_alike(plot, &plots[k]);
+        });
+        left_out[i] = is_second;
+    }
+}
+
+/// Whether two plots may be of one target, by its identity and its height.
+fn is_alike(a: &Measured, b: &Measured) -> bool {
+    let one_code = a.identity < 0 || b.identity < 0 || a.identity == b.identity;
+    let apart = (a.height - b.height).abs();
+    one_code && (apart.is_nan() || apart <= ROUNDED)
+}
+
+/// The plots that its radar may have made of the target of one plot at the same time.
+struct Pairs<'a> {
+    plot: &'a Measured,
+    soon: f64,
+    r: Plane,
+}
+
+impl<'a> Pairs<'a> {
+    fn of(plot: &'a Measured, settings: &Settings) -> Self {
+        let radar = &settings.radars[plot.radar];
+        let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
+        Self { plot, soon: SOON * radar.scan_period, r: r.plus(r) }
+    }
+
+    /// Calls `look` with the index of each, and its normalised distance squared.
+    fn each(&self, grid: &Grid, plots: &[Measured], mut look: impl FnMut(usize, f64)) {
+        let Self { plot, soon, r } = self;
+        let inverse = r.inverse();
+        let half = [r.xx, r.yy].map(|variance| (NEAR * variance).sqrt());
+        let low = [plot.position[0] - half[0], plot.position[1] - half[1]];
+        let high = [plot.position[0] + half[0], plot.position[1] + half[1]];
+        grid.between(low, high, &mut |k| {
+            let other = &plots[k];
+            if other.radar == plot.radar && (other.time - plot.time).abs() < *soon {
+                let y = [0, 1].map(|axis| plot.position[axis] - other.position[axis]);
+                look(k, inverse.form(y));
+            }
+        });
+    }
+}
+
 /// For each plot that confirmed tracks have left, the density of second plots there, per square metre and
 /// scan, and whether it is near a plot of a target. Cost O(plots).
 pub(super) fn find(
-    (grid, plots): (&Grid, &[Measured]),
+    Near { grid, plots, left_out }: Near<'_>,
     (taken, deferred): (&[bool], &[bool]),
     doubles: &mut [Doubles],
     settings: &Settings,
@@ -47,31 +124,23 @@ pub(super) fn find(
     found.clear();
     found.resize(plots.len(), 0.0);
     let mut counts = vec![(0.0, 0.0); doubles.len()];
+    let is_taken = |i: usize| taken[i] && !left_out[i];
     // a target may report its position as often as it likes
     let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
     for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| polar(plot)) {
         let count = &mut counts[plot.radar];
-        if taken[i] {
+        if is_taken(i) {
             count.0 += 1.0;
             continue;
         }
         if deferred[i] {
             continue;
         }
-        let radar = &settings.radars[plot.radar];
-        let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
-        let r = r.plus(r);
-        let (inverse, scale) = (r.inverse(), TAU * r.determinant().sqrt());
-        let half = [r.xx, r.yy].map(|variance| (NEAR * variance).sqrt());
-        let low = [plot.position[0] - half[0], plot.position[1] - half[1]];
-        let high = [plot.position[0] + half[0], plot.position[1] + half[1]];
+        let pairs = Pairs::of(plot, settings);
+        let scale = TAU * pairs.r.determinant().sqrt();
         let (mut density, mut nearest) = (0.0, f64::INFINITY);
-        grid.between(low, high, &mut |k| {
-            let other = &plots[k];
-            let soon = (other.time - plot.time).abs() < SOON * radar.scan_period;
-            if taken[k] && other.radar == plot.radar && soon {
-                let y = [0, 1].map(|axis| plot.position[axis] - other.position[axis]);
-                let d = inverse.form(y);
+        pairs.each(grid, plots, |k, d| {
+            if is_taken(k) {
                 nearest = f64::min(nearest, d);
                 density += (-0.5 * d).exp() / scale;
             }

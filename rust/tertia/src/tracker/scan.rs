@@ -7,7 +7,7 @@
 use super::claim::{Claim, Spread};
 use super::cluster::{Cells, Clusters};
 use super::clutter::Clutter;
-use super::doubles::{self, Doubles};
+use super::doubles::{self, Doubles, Near};
 use super::ended::Ended;
 use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
@@ -28,6 +28,8 @@ pub(super) struct Scan {
     taken: Vec<bool>,
     deferred: Vec<bool>,
     spread: Spread,
+    /// Second plots of targets, of radars that make many.
+    left_out: Vec<bool>,
     /// Whether there are positions among them.
     reports: bool,
     /// Plots of each radar that belonged to no track.
@@ -80,10 +82,12 @@ impl Scan {
         mut report: impl FnMut(usize, PlotStatus),
     ) {
         self.load(sky, plots);
+        self.leave_out(sky, &mut report);
         self.take(sky, true, [oldest, hold], &mut report);
-        let around = (&self.grid, &self.plots[..]);
+        let Self { grid, plots: all, left_out, .. } = self;
+        let near = Near { grid, plots: all, left_out };
         let used = (&self.taken[..], &self.deferred[..]);
-        doubles::find(around, used, sky.doubles, sky.settings, &mut self.doubled);
+        doubles::find(near, used, sky.doubles, sky.settings, &mut self.doubled);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
             if !self.begin(sky, hold, &mut report) {
@@ -142,6 +146,16 @@ impl Scan {
             7.0 * (radar.range_sigma + far) + 500.0
         });
         self.grid.fill(&self.points, cell.fold(0.0, f64::max)).expect("plots are finite");
+    }
+
+    /// Leaves out second plots of targets, of radars that make many.
+    fn leave_out<R>(&mut self, sky: &Sky<'_, R>, report: &mut impl FnMut(usize, PlotStatus)) {
+        let Self { grid, plots, left_out, .. } = self;
+        doubles::leave_out((grid, plots), sky.doubles, sky.settings, left_out);
+        for (i, plot) in plots.iter().enumerate().filter(|(i, _)| left_out[*i]) {
+            self.taken[i] = true;
+            report(plot.index, PlotStatus::Duplicate);
+        }
     }
 
     /// Finds the plots near each track.
