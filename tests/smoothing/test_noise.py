@@ -1,5 +1,6 @@
 """Noise that is not as stated: lasting, larger, with outliers and jumps."""
 
+import mpmath
 import numpy as np
 import pytest
 from checks import NAN, assert_same, rng
@@ -63,6 +64,41 @@ def test_parity(d, time):
     np.testing.assert_allclose(found.covariance / unit, matrix / unit, atol=1e-7)
     np.testing.assert_allclose(found.innovation, innovation, atol=1e-9)
     assert found.correlation_time == time
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_known_of_the_first_state(seed):
+    """In 50 digits: a quadratic with flat priors, white jerk, lasting noise."""
+    n, q, time = 14, 0.02, 6.0
+    random = rng(seed)
+    t = np.sort(random.uniform(0, 20, n))
+    y = random.normal(size=n) + 0.1 * t**2
+    found = smooth(
+        y[:, np.newaxis], 1.0, time=t, jerk=q, initial=None, correlation_time=time, robust=False
+    )
+    with mpmath.workdps(50):
+        times = [mpmath.mpf(value - t[0]) for value in t]
+        walk = mpmath.matrix(n)
+        noise = mpmath.matrix(n)
+        for i, a in enumerate(times):
+            for j, b in enumerate(times):
+                s, late = min(a, b), max(a, b) - min(a, b)
+                # integral of (s - u)² (s + late - u)² / 4 over u from 0 to s
+                walk[i, j] = q * (s**5 / 5 + late * s**4 / 2 + late**2 * s**3 / 3) / 4
+                noise[i, j] = SHARE * mpmath.exp(-abs(a - b) / time) + (1 - SHARE) * (i == j)
+        line = mpmath.matrix([[1, a, a * a / 2] for a in times])
+        inverse = (walk + noise) ** -1
+        known = (line.T * inverse * line) ** -1
+        fit = known * line.T * inverse * mpmath.matrix(list(y))
+        gain = walk * inverse
+        mean = line * fit + gain * (mpmath.matrix(list(y)) - line * fit)
+        rest = line - gain * line
+        covariance = walk - gain * walk + rest * known * rest.T
+        exact = np.array([float(value) for value in mean])
+        sigma = np.array([float(mpmath.sqrt(covariance[i, i])) for i in range(n)])
+    np.testing.assert_allclose((found.position[:, 0] - exact) / sigma, 0, atol=1e-9)
+    # of the first variances, far smaller than those before the last plots, rounding leaves less
+    np.testing.assert_allclose(found.position_covariance[:, 0, 0] / sigma**2, 1, rtol=0, atol=3e-5)
 
 
 def test_healthy_tracks_do_not_pay():

@@ -4,6 +4,7 @@
 //! smoother of position, velocity and acceleration, [`fit_jerk`] finds how restless the target is.
 
 pub(crate) mod adjoint;
+mod diffuse;
 mod faults;
 mod information;
 mod jerk;

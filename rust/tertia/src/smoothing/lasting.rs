@@ -8,6 +8,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::adjoint::{self, Adjoint};
+use super::diffuse::forget_start;
 use super::rows::invert;
 use super::track::{ENOUGH, Track};
 use crate::base::small::{Matrix as Square, dot};
@@ -81,6 +82,8 @@ pub(super) struct Lasting<const D: usize, const N: usize> {
     /// may say so little that a smoother which begins with them loses all digits.
     smoothed: Option<([f64; N], Square<N>)>,
     steps: Vec<Step<D, N>>,
+    /// Of each instant, how its state answers to each component of the first one.
+    answers: Vec<Square<N>>,
 }
 
 impl<const D: usize, const N: usize> Lasting<D, N> {
@@ -97,7 +100,7 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         for i in S..N {
             start.1[i][i] = 1.0;
         }
-        Some(Self { start, smoothed: None, steps: Vec::new() })
+        Some(Self { start, smoothed: None, steps: Vec::new(), answers: Vec::new() })
     }
 
     /// Sets state and covariance of the first instant for white noise: smoothing begins near them.
@@ -170,13 +173,22 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         out.innovation.resize(n * D, 0.0);
         out.jump.resize(n, 0.0);
         let mut step = self.first();
+        let mut answer: Square<N> =
+            std::array::from_fn(|c| std::array::from_fn(|r| f64::from(r == c)));
         self.steps.clear();
+        self.answers.clear();
         for k in 0..n {
             step.arrive(track, k, model, faults);
             let mut after = step.clone();
             after.update(track, k, model, faults, &mut Fit::default());
             (step.ph, step.h, step.s, step.innovation) =
                 (after.ph, after.h, after.s, after.innovation);
+            let t = track.times[k] - track.times[k.saturating_sub(1)];
+            for column in &mut answer[..states] {
+                advance::<D, N>(column, t, 0.5 * t * t, decay(t, model));
+            }
+            self.answers.push(answer);
+            answer[..states].iter_mut().for_each(|column| step.answer(column));
             self.steps.push(std::mem::replace(&mut step, after));
         }
         let mut is_well = true;
@@ -197,10 +209,14 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
             track.add_trend(k, mean);
             let covariance = &mut out.covariance[k * states * states..];
             is_well &= step.smoothed_covariance(&big, states, covariance);
+            self.answers[k][..states].iter_mut().for_each(|a| step.smooth_answer(&big, a));
             if k > 0 {
                 let t = track.times[k] - track.times[k - 1];
                 back::<D, N>(t, decay(t, model), &mut l, &mut big);
             }
+        }
+        if track.prior.is_empty() {
+            forget_start::<D, N>(&self.answers, &l, &big, out);
         }
         is_well
     }
@@ -383,6 +399,24 @@ impl<const D: usize, const N: usize> Step<D, N> {
             for c in 0..N {
                 big[r][c] += h[r] * h[c] * square - h[r] * moved[c] - moved[r] * h[c];
             }
+        }
+    }
+
+    /// What the plot leaves of an answer to the first state: `(I − K H) a`.
+    fn answer(&self, column: &mut [f64; N]) {
+        for i in (0..D).filter(|&i| self.s[i] > 0.0) {
+            let along = dot(&self.h[i], column) / self.s[i];
+            for r in 0..N {
+                column[r] -= self.ph[i][r] * along;
+            }
+        }
+    }
+
+    /// What all later plots leave of it: `(I − P Λ) a`.
+    fn smooth_answer(&self, big: &Square<N>, column: &mut [f64; N]) {
+        let seen: [f64; N] = std::array::from_fn(|r| dot(&big[r], column));
+        for r in 0..N {
+            column[r] -= dot(&self.p[r], &seen);
         }
     }
 

@@ -1,0 +1,58 @@
+//! The exact results of a smoother that begins with nothing known, from those that begin with a vague
+//! state.
+
+// indices are those of the formulas
+#![allow(clippy::needless_range_loop)]
+
+use super::lasting::Found;
+use crate::base::small::{Matrix as Square, dot};
+
+/// What rounding must leave of what the plots say of the first state.
+const LEAST_PIVOT: f64 = 1e-11;
+
+/// Takes out what the start said, exactly (de Jong 1991): `B` are the smoothed answers to the
+/// first state, so `B Λ^-1 B'` and `B Λ^-1 λ` are missing, with Λ and λ of the first instant.
+/// Cost O(N D³).
+pub(super) fn forget_start<const D: usize, const N: usize>(
+    answers: &[Square<N>],
+    l: &[f64; N],
+    big: &Square<N>,
+    out: &mut Found,
+) {
+    let states = 3 * D;
+    let scale: [f64; N] = std::array::from_fn(|i| big[i][i].sqrt());
+    let mut factor = [[0.0; N]; N];
+    let mut white = [0.0; N];
+    for i in 0..states {
+        for j in 0..=i {
+            let value = big[i][j] / (scale[i] * scale[j]) - dot(&factor[i], &factor[j]);
+            if i > j {
+                factor[i][j] = value / factor[j][j];
+            } else if value > LEAST_PIVOT {
+                factor[i][i] = value.sqrt();
+            } else {
+                // the plots do not determine the path, or the start is not vague
+                return;
+            }
+        }
+        white[i] = (l[i] / scale[i] - dot(&factor[i], &white)) / factor[i][i];
+    }
+    for (k, answer) in answers.iter().enumerate() {
+        // columns of B L'^-1
+        let mut columns = [[0.0; N]; N];
+        for c in 0..states {
+            for r in 0..states {
+                let inner: f64 = (0..c).map(|j| factor[c][j] * columns[j][r]).sum();
+                columns[c][r] = (answer[c][r] / scale[c] - inner) / factor[c][c];
+            }
+        }
+        for r in 0..states {
+            let at = k * states + r;
+            out.mean[at] += (0..states).map(|c| columns[c][r] * white[c]).sum::<f64>();
+            for q in 0..states {
+                out.covariance[at * states + q] +=
+                    (0..states).map(|c| columns[c][r] * columns[c][q]).sum::<f64>();
+            }
+        }
+    }
+}
