@@ -2,6 +2,7 @@
 
 import csv
 import gzip
+import json
 from collections.abc import Iterable
 
 import numpy as np
@@ -18,6 +19,10 @@ BEARING_SIGMAS, RANGE_SIGMA = (3.0, 5.0, 8.0), 0.15
 # metres a degree at 32.8 degrees north
 DEGREE, ORIGIN = np.array([93_570.0, 110_920.0]), np.array([-117.588, 32.818])
 BUOYS = ("NW", "NE", "SW", "SE")
+# of a ship's lidar, radar and two cameras: metres and degrees
+SHIP_SIGMAS = ((2.0, 2.0), (5.0, 3.0), (None, 2.0), (None, 2.0))
+# a detection is that of a boat within so many metres, or degrees where there is no range
+GATES = 25.0, 10.0
 RUNS = ("LOS_A1", "LOS_A2")
 # ranges come in rounds of a tenth of a second
 ROUND = 0.1
@@ -27,11 +32,12 @@ LIMIT = 5.991
 
 def table() -> str:
     """Tabulate errors against the truth; without the recordings, the table is that of the page."""
-    if not (DATA / "difar").is_dir() or not (DATA / "uwb_ranges").is_dir():
+    if not all((DATA / name).is_dir() for name in ("difar", "uwb_ranges", "autoferry", "lenth")):
         return table_of("honesty.md", "recordings")
     rows = [*_sonobuoys()]
     for run in RUNS:
         rows += _radio_tag(run)
+    rows += [*_boats(), _animal()]
     head = ["recording", "number", "p50, m", "p90, m", "p99, m", "inside 95 %", "NEES per axis"]
     return markdown(head, rows)
 
@@ -88,6 +94,75 @@ def _radio_tag(run: str) -> Iterable[list[str]]:
     track = reconstruct(stations, mean(time), range=ranges)
     yield [f"radio tag {run}, track", *_against(track, truth)]
     yield [f"radio tag {run}, instants", *_against(locate(stations, range=ranges), truth)]
+
+
+def _boats() -> Iterable[list[str]]:
+    """Yield positions of two boats from lidar, radar and cameras of a ship, twice a second."""
+    plots, truths = (
+        json.loads((DATA / "autoferry" / f"scenario2_{name}.json").read_text("utf-8"))
+        for name in ("detections", "groundTruth")
+    )
+    for boat in (1, 2):
+        known = {row["time"]: row["position"] for at in truths for row in at
+                 if row["targetID"] == boat}  # fmt: skip
+        times = np.array(sorted(known))
+        path = np.array([known[time] for time in times])
+        shape = (int(2 * (times[-1] - times[0])) + 1, len(SHIP_SIGMAS))
+        # time, place of the ship and of the boat (north, east), range, azimuth
+        rows = np.full((*shape, 7), np.nan)
+        for plot in plots:
+            at, sensor = int(2 * (plot["time"] - times[0])), plot["sensorID"] - 1
+            if not 0 <= at < len(rows) or not np.isnan(rows[at, sensor, 0]):
+                continue
+            place = np.array(plot["ownshipPosition"])
+            truth = np.array([np.interp(plot["time"], times, path[:, axis]) for axis in (0, 1)])
+            polar = _nearest(plot["measurement"], truth - place, sensor < 2)
+            if polar is not None:
+                rows[at, sensor] = plot["time"], *place, *truth, *polar
+        rows = rows[np.isfinite(rows[..., 5]).any(axis=1)]
+        middle = np.nanmean(rows[..., 1:5], axis=1)
+        places = np.where(np.isnan(rows[..., 1:3]), middle[:, np.newaxis, :2], rows[..., 1:3])
+        stations = [
+            Station(places[:, k, ::-1], range_sigma=far, azimuth_sigma=np.radians(angle))
+            for k, (far, angle) in enumerate(SHIP_SIGMAS)
+        ]
+        found = locate(stations, range=rows[..., 5], azimuth=rows[..., 6])
+        yield [f"boat {boat} from a ship, instants", *_against(found, middle[:, :1:-1])]
+
+
+def _nearest(measured: npt.ArrayLike, truth: FloatArray, is_position: bool) -> FloatArray | None:
+    """Return range and azimuth of what was detected of a boat, if anything was."""
+    values = np.asarray(measured, dtype=float)
+    if values.size == 0:
+        return None
+    azimuth = np.arctan2(truth[1], truth[0])
+    if is_position:
+        values = values.reshape(2, -1)
+        off = np.hypot(*(values - truth[:, np.newaxis]))
+        north, east = values[:, np.argmin(off)]
+        polar, gate = np.array([np.hypot(north, east), np.arctan2(east, north)]), GATES[0]
+    else:
+        off = np.abs(np.degrees(np.angle(np.exp(1j * (values.reshape(-1) - azimuth)))))
+        polar, gate = np.array([np.nan, values.reshape(-1)[np.argmin(off)]]), GATES[1]
+    return polar if np.min(off) < gate else None
+
+
+def _animal() -> list[str]:
+    """Return fixes of an animal by three of eight towers against those published with them."""
+    towers = np.loadtxt(DATA / "lenth" / "towers.dat", delimiter=",")
+    lines = (DATA / "lenth" / "fixes.dat").read_bytes().decode().replace("\r", " ").split("\n")
+    azimuth, published = [], []
+    for line in lines:
+        fields = line.split()
+        # what does not fit into its column is printed as stars
+        if "*" in line or len(fields) != 18:
+            continue
+        row = np.full(len(towers), np.nan)
+        row[[int(tower) - 1 for tower in fields[4:10:2]]] = [float(v) for v in fields[5:10:2]]
+        azimuth.append(row)
+        published.append([float(value) for value in fields[10:12]])
+    found = locate(towers, azimuth=azimuth, degrees=True, pooled=True)
+    return ["animal, instants, `pooled`", *_against(found, np.array(published))]
 
 
 def _pair(row: dict[str, str], first: str, second: str) -> FloatArray:
