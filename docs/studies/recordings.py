@@ -154,8 +154,8 @@ def _animal() -> list[str]:
     azimuth, published = [], []
     for line in lines:
         fields = line.split()
-        # what does not fit into its column is printed as stars
-        if "*" in line or len(fields) != 18:
+        # what does not fit into its column is printed as stars, no fix as 0
+        if "*" in line or len(fields) != 18 or float(fields[10]) == 0.0:
             continue
         row = np.full(len(towers), np.nan)
         row[[int(tower) - 1 for tower in fields[4:10:2]]] = [float(v) for v in fields[5:10:2]]
