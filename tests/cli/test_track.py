@@ -19,6 +19,7 @@ from terminal import Run, Write, assert_column, table
 
 from tertia import metrics, plot
 from tertia.cli.commands import track as track_command
+from tertia.cli.files.limits import read_limits
 from tertia.flightplan import FlightPlan
 from tertia.tracker import PlanModel, Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
@@ -57,6 +58,7 @@ RADARS = [
         name="east",
     ),
 ]
+FIX_HEAD = "name,latitude_deg,longitude_deg"
 PLAN = FlightPlan([[10e3, 30e3], [24e3, 30e3], [24e3, 60e3]], 200.0, identity=0o4321, name="P1")
 PLAN_TEXT = json.dumps(
     [
@@ -184,6 +186,38 @@ def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: P
     assert frame["time_s"].to_list() == result.time.tolist()
     assert_column(frame["identity"], np.where(result.identity < 0, NAN, result.identity))
     check(frame, result)
+
+
+def test_plans_of_messages(write: Write, tmp_path: Path) -> None:
+    """The same tracks as with the plans that the library reads of the messages."""
+    sensors = write(
+        [
+            '[[radar]]\nname = "A"\nlatitude_deg = 50.0\nlongitude_deg = 14.0',
+            "range_sigma_m = 50.0\nazimuth_sigma_deg = 0.08\nscan_period_s = 4.0",
+        ],
+        "",
+        "sensors.toml",
+    )
+    fixes = write(["AAAA,50.2,13.5", "BBBB,50.2,14.5", "MIDDY,50.2,14.0"], FIX_HEAD, "fixes.csv")
+    filed = write(
+        ["-A320/M-S/C", "-AAAA0000", "-N0390F330 MIDDY", "-BBBB0020", "-0)"],
+        "(FPL-ABC12/A4321-IS",
+        "plans.fpl",
+    )
+    rows = [f"{t},{40_000 - 100 * t},{320 + 0.2 * t}" for t in np.arange(0.0, 200.0, 4.0)]
+    found = write(rows, "time_s,range_m,azimuth_deg", "found.csv")
+    arguments = (found, "--sensors", sensors, "--plans", filed)
+    done = run(*arguments, "--fixes", fixes)
+    assert done.code == 0, done.err
+    assert "1 plan" in done.out
+    assert "give --fixes" in run(*arguments).err
+    few = write(["AAAA,50.2,13.5", "MIDDY,50.2,14.0"], FIX_HEAD, "few.csv")
+    told = run(*arguments, "--fixes", few).err
+    assert "BBBB" in told
+    assert told.count("\n") == 1
+    plans = write(["[]"], "", "plans.json")
+    told = run(found, "--sensors", sensors, "--plans", plans, "--fixes", fixes).err
+    assert "--fixes and --airways are for messages" in told
 
 
 def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
@@ -509,7 +543,8 @@ def test_mistakes_in_radars(rows: list[str], header: str, message: str, write: W
         ("p.json", "{", "cannot read"),
         ("p.json", "[]", "has no plans"),
         ("p.json", '[{"name": "A", "waypoints": [[0, 0]]}]', "plan A"),
-        ("p.txt", "", "its name must end in .csv, .json, .geojson"),
+        ("p.xml", "", "its name must end in .csv, .json, .geojson"),
+        ("p.txt", "", "give --fixes"),
         ("p.csv", "a,b\n1,2\n", "it must have name"),
         (
             "p.csv",
@@ -687,6 +722,44 @@ def test_errors_along_and_across(write: Write, truth: Path, tmp_path: Path) -> N
     np.testing.assert_allclose(rows["rmse_cross_track_m"], [0.0, 30.0], atol=1e-6)
     assert told["GOSPA, mean"] == pytest.approx(30 * np.sqrt(2))
     assert told["GOSPA, localisation"] == told["GOSPA, mean"]
+
+
+@pytest.mark.parametrize(("rmse", "verdict"), [(29.0, "not met"), (31.0, "met")])
+def test_limits(write: Write, truth: Path, tmp_path: Path, rmse: float, verdict: str) -> None:
+    path, output = write(shown(np.array([30.0, 0.0])), TRACK_HEAD), tmp_path / "figures.json"
+    limits = write([f"rmse_m = {rmse}"], "probability_of_update = 0.5", "limits.toml")
+    done = run(path, "--truth", truth, "--limits", limits, "--output", output, command="evaluate")
+    assert done.code == 0, done.err
+    rows = {row["figure"]: row for row in json.loads(output.read_text(encoding="utf-8"))}
+    told = rows["RMSE"]
+    assert (told["limit"], told["verdict"]) == (rmse, verdict)
+    assert told["low"] <= told["value"] <= told["high"]
+    assert rows["probability of update"]["verdict"] == "met"
+    assert rows["share missed in long gaps"]["verdict"] is None
+    assert rows["targets"]["low"] is None
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("rmse = 300.0", "has 'rmse'; it may have"),
+        ("rmse_m = true", "rmse_m is True; it must be"),
+        ("rmse_m = nan", "rmse_m is nan; it must be"),
+        ("rmse_m = ", "cannot read"),
+    ],
+)
+def test_wrong_limits(write: Write, truth: Path, line: str, text: str) -> None:
+    limits = write([], line, "limits.toml")
+    path = write(shown(), TRACK_HEAD)
+    done = run(path, "--truth", truth, "--limits", limits, command="evaluate")
+    assert done.code != 0
+    assert text in " ".join(done.err.split())
+
+
+@pytest.mark.parametrize("name", ["limits_3nm.toml", "limits_5nm.toml"])
+def test_limits_of_the_examples_are_read(name: str) -> None:
+    found = read_limits(Path(__file__).parents[2] / "examples" / name)
+    assert found.keys() == {"probability_of_update", "long_gap_ratio", "rmse"}
 
 
 def test_gaps_false_tracks_switches_and_latency(write: Write, truth: Path, tmp_path: Path) -> None:

@@ -98,6 +98,13 @@ def test_figures_are_those_of_evaluate(scene: Path, summary: dict[str, Any]) -> 
     page = {row["figure"]: row["all radars together"] for row in summary["evaluation"]}
     for row in judged["figures"]:
         assert page[row["figure"]] == pytest.approx(row["value"], rel=1e-9), row["figure"]
+    rows = summary["requirements"]
+    own = {row["figure"]: row for row in rows if row["tracks"] == "all radars together"}
+    assert len(own) == 3
+    for figure, row in own.items():
+        assert row["value"] == page[figure]
+        assert row["low"] is None or row["low"] <= row["value"]
+        assert (row["limit"], row["verdict"]) == (None, "")
 
 
 def test_the_page_is_whole_and_asks_for_nothing(scene: Path, summary: dict[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.metrics import Indicators, Truth
+from tertia.metrics._indicator import Indicator
 
 # a track that ends is shown for this many scans of its radars
 _AGE = 1.5
@@ -112,13 +113,21 @@ class Judged:
         return self.rows.time[self.rows.updated]
 
 
-def judge(rows: Rows, truth: Truth, periods: tuple[float, float], distance: float) -> Judged:
-    """Compare tracks with the truth.
+def judge(
+    rows: Rows,
+    truth: Truth,
+    periods: tuple[float, float],
+    distance: float,
+    limits: Mapping[str, float] | None = None,
+) -> Judged:
+    """Compare tracks with the truth, and with limits of its indicators.
 
     `periods` holds the required update interval and that of the slowest radar.
     """
     updates = rows.updates()
-    found = metrics.indicators(updates, truth, max_distance=distance, update_interval=periods[0])
+    found = metrics.indicators(
+        updates, truth, max_distance=distance, update_interval=periods[0], limits=limits
+    )
     matching = found.matching
     course = truth.course(matching.target, updates.time)
     along, across = metrics.track_errors(matching.error, course)
@@ -163,6 +172,21 @@ def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]
     return [
         (name, None if value is None or np.isnan(value) else value, unit)
         for name, value, unit in found
+    ]
+
+
+def requirements(
+    judged: Judged, limits: Mapping[str, float] | None
+) -> list[tuple[str, Indicator, float | None, str]]:
+    """Return the indicators that may have limits: names, figures, limits and units."""
+    shown, limits = judged.indicators, limits or {}
+    return [
+        (name, getattr(shown, key), limits.get(key), unit)
+        for name, key, unit in (
+            ("probability of update", "probability_of_update", ""),
+            ("share missed in long gaps", "long_gap_ratio", ""),
+            ("RMSE", "rmse", "m"),
+        )
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +62,7 @@ class Analysis:
     judged: dict[str, Judged]
     audits: dict[str, Audit]
     update_interval: float
+    limits: Mapping[str, float]
     followed: list[Followed]
     heard: list[Heard]
     stations: Sequence[Station]
@@ -94,6 +95,7 @@ def analyse(
     emitters: Sequence[Emitter],
     max_distance: float,
     update_interval: float | None,
+    limits: Mapping[str, float],
     progress: Progress,
 ) -> Analysis:
     """Track, register, fuse and evaluate a recording."""
@@ -135,7 +137,7 @@ def analyse(
         )
     required = update_interval or slowest
     if truth is not None:
-        judged, required = _judge_all(sets, truth, max_distance, update_interval)
+        judged, required = _judge_all(sets, truth, max_distance, update_interval, limits)
         if fused is not None and TOGETHER in judged:
             fused = _judge_fusion(fused, truth, judged[TOGETHER])
     begin("direction finders")
@@ -157,6 +159,7 @@ def analyse(
         judged=judged,
         audits=_audit_all(judged),
         update_interval=required,
+        limits=limits,
         followed=plan_rows,
         heard=heard,
         stations=stations,
@@ -183,7 +186,11 @@ def _fuse(stated: Common, better: Common) -> Fusion:
 
 
 def _judge_all(
-    sets: dict[str, TrackTable], truth: Truth, max_distance: float, update_interval: float | None
+    sets: dict[str, TrackTable],
+    truth: Truth,
+    max_distance: float,
+    update_interval: float | None,
+    limits: Mapping[str, float],
 ) -> tuple[dict[str, Judged], float]:
     """Evaluate all sets of tracks with the same update interval; return it as well."""
     rows = {name: confirmed_rows(table) for name, table in sets.items()}
@@ -194,7 +201,7 @@ def _judge_all(
     required = usual[0] if update_interval is None else update_interval
     intervals = required, max([required, *usual])
     return {
-        name: judge(one, truth, intervals, max_distance) for name, one in rows.items()
+        name: judge(one, truth, intervals, max_distance, limits) for name, one in rows.items()
     }, required
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -67,6 +67,7 @@ def make(
     bearings: Sequence[Emitter] = (),
     max_distance: float = 1000.0,
     update_interval: float | None = None,
+    limits: Mapping[str, float] | None = None,
     title: str = "Tracks",
     since: str | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -100,6 +101,9 @@ def make(
         Largest distance in metres from a track to its target; also the cutoff of GOSPA.
     update_interval : float, optional
         Required seconds between updates; by default those of the fastest radar.
+    limits : mapping of str to float, optional
+        Limits of indicators, as for `tertia.metrics.indicators`; the page then says whether they
+        are met.
     title : str
         The title of the page.
     since : str, optional
@@ -177,6 +181,7 @@ def make(
         update_interval=None
         if update_interval is None
         else positive_number(update_interval, "update_interval"),
+        limits={} if limits is None else limits,
         progress=progress or quiet,
     )
     numbers = summary(analysis)

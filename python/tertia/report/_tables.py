@@ -20,6 +20,7 @@ from tertia.report._analysis import (
     Analysis,
     within,
 )
+from tertia.report._requirements import CAPTION, COLUMNS, requirement_cells, requirement_rows
 from tertia.tracker import PlotStatus
 
 Row = dict[str, Any]
@@ -279,7 +280,9 @@ def tables(analysis: Analysis) -> dict[str, list[Table]]:
     return {
         "radars": [_radar_table(analysis), *_reference_tables(analysis)],
         "fusion": [_fusion_table(analysis)] if analysis.fusion is not None else [],
-        "truth": [_evaluation_table(analysis)] if analysis.judged else [],
+        "truth": [_requirement_table(analysis), _evaluation_table(analysis)]
+        if analysis.judged
+        else [],
         "audit": [_audit_table(analysis)] if analysis.audits else [],
         "plans": [_plan_table(analysis)] if analysis.followed else [],
         "finders": [_emitter_table(analysis), _bearing_table(analysis)] if analysis.heard else [],
@@ -377,6 +380,10 @@ def _fusion_table(analysis: Analysis) -> Table:
         "Covariance intersection holds for any correlation, and is conservative."
     )
     return _table("fusion-table", caption, columns, fusion_rows(analysis))
+
+
+def _requirement_table(analysis: Analysis) -> Table:
+    return _table("requirement-table", CAPTION, COLUMNS, requirement_cells(analysis))
 
 
 def _evaluation_table(analysis: Analysis) -> Table:
@@ -514,6 +521,7 @@ def summary(analysis: Analysis) -> Row:
         "references": reference_rows(analysis),
         "fusion": fusion_rows(analysis),
         "evaluation": evaluation_rows(analysis),
+        "requirements": requirement_rows(analysis),
         "audit": audit_rows(analysis),
         "conformance": plan_rows(analysis),
         "emitters": emitter_rows(analysis),

@@ -12,7 +12,15 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray, positive_number
 from tertia.geo import SystemPlane
 from tertia.metrics import Truth
-from tertia.metrics._evaluation import Judged, Rows, figures, judge, rmse, usual_periods
+from tertia.metrics._evaluation import (
+    Judged,
+    Rows,
+    figures,
+    judge,
+    requirements,
+    rmse,
+    usual_periods,
+)
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._records import (
@@ -73,6 +81,7 @@ def evaluate(
     origin: tuple[float, float] | None = None,
     max_distance: float = 1000.0,
     update_interval: float | None = None,
+    limits: Mapping[str, float] | None = None,
 ) -> Table:
     """Compare tracks with the truth, as the command `tertia evaluate` does.
 
@@ -92,11 +101,14 @@ def evaluate(
         Largest distance in metres at which a track can belong to a target.
     update_interval : float, optional
         Required seconds between updates; by default those of the fastest sensor.
+    limits : mapping of str to float, optional
+        Limits of indicators, as for `tertia.metrics.indicators`.
 
     Returns
     -------
     table of the same kind
-        Names of the measures, their values, and units.
+        Names of the measures, their values, and units; and of those that may have limits `low` and
+        `high`, bounds of a confidence interval of 95 % by flight, `limit` and `verdict`.
 
     Raises
     ------
@@ -126,6 +138,7 @@ def evaluate(
         origin=origin,
         max_distance=max_distance,
         update_interval=update_interval,
+        limits=limits,
     )
     return result(table, found.rows)  # type: ignore[no-any-return]
 
@@ -138,6 +151,7 @@ def evaluation_of(
     origin: tuple[float, float] | None = None,
     max_distance: float = 1000.0,
     update_interval: float | None = None,
+    limits: Mapping[str, float] | None = None,
 ) -> Evaluation:
     """Return the measures of all tracks and of each target; see `evaluate`."""
     distance = positive_number(max_distance, "max_distance")
@@ -160,12 +174,25 @@ def evaluation_of(
     required = usual[0] if interval is None else interval
     periods = required, max([required, *usual])
     try:
-        judged = judge(rows, _truth(real_places, clock, origin), periods, distance)
+        judged = judge(rows, _truth(real_places, clock, origin), periods, distance, limits)
     except np.linalg.LinAlgError as error:
         raise RecordError("a covariance of the tracks is not positive definite") from error
     schema: Any = {"figure": pl.String, "value": pl.Float64, "unit": pl.String}
     found = pl.DataFrame(figures(judged, required), schema, orient="row", strict=False)
+    found = found.join(_verdicts(judged, limits), on="figure", how="left", maintain_order="left")
     return Evaluation(found, _by_target(judged), judged)
+
+
+def _verdicts(judged: Judged, limits: Mapping[str, float] | None) -> pl.DataFrame:
+    """Return intervals, limits and verdicts of the measures that may have limits."""
+    rows = [
+        (name, one.low, one.high, limit, one.verdict or None)
+        for name, one, limit, _ in requirements(judged, limits)
+    ]
+    numbers = ("low", "high", "limit")
+    schema: Any = {"figure": pl.String, **dict.fromkeys(numbers, pl.Float64), "verdict": pl.String}
+    found = pl.DataFrame(rows, schema, orient="row", strict=False)
+    return found.with_columns(pl.when(pl.col(numbers).is_finite()).then(pl.col(numbers)))
 
 
 def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = None) -> Truth:

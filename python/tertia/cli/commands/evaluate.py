@@ -7,6 +7,7 @@ import numpy as np
 import typer
 
 from tertia.cli.files import read, write
+from tertia.cli.files.limits import LimitFile, read_limits
 from tertia.cli.terminal.options import (
     TRUTH,
     ColumnNames,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "tertia evaluate tracks.csv --truth truth.csv",
     "tertia evaluate tracks.parquet --truth truth.csv --update-interval 4 --output figures.json",
+    "tertia evaluate tracks.csv --truth truth.csv --limits limits.toml",
     "tertia evaluate tracks.csv --truth truth.csv --targets targets.csv --plot errors.png",
 )
 _KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
@@ -46,6 +48,7 @@ def evaluate(
     origin: Origin = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
+    limits: LimitFile = None,
     output: Output = None,
     targets: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one row per target.")
@@ -66,8 +69,9 @@ def evaluate(
             origin=pair(origin, "--origin", float),
             max_distance=max_distance,
             update_interval=update_interval,
+            limits=read_limits(limits),
         )
-    print_table(found.rows, text=["figure", "unit"], limited="figures are shown")
+    print_table(found.rows, text=["figure", "unit", "verdict"], limited="figures are shown")
     if not np.any(found.judged.indicators.matching.matched):
         note(f"no track is within {max_distance:g} m of a target: are the origins the same?")
     if output is not None:

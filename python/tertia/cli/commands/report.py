@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 from tertia import report as pages
 from tertia.cli.files import read, write
+from tertia.cli.files.limits import LimitFile, read_limits
 from tertia.cli.terminal.options import (
     TRUTH,
     By,
@@ -76,6 +77,7 @@ def report(
     clock_period: ClockPeriod = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
+    limits: LimitFile = None,
     output: Annotated[Path, typer.Option(metavar="FILE", help="Write the page, .html.")] = Path(
         "report.html"
     ),
@@ -114,6 +116,7 @@ def report(
             bearings=emitters,
             max_distance=max_distance,
             update_interval=update_interval,
+            limits=read_limits(limits),
             title=f"Report on {', '.join(path.name for path in files)}",
             since=_since(clock),
             progress=tell,

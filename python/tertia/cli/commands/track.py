@@ -11,8 +11,10 @@ from tertia.cli.commands import stream as streams
 from tertia.cli.commands.control import Control
 from tertia.cli.files import maps, read, write
 from tertia.cli.terminal.options import (
+    AirwayFile,
     ClockPeriod,
     ColumnNames,
+    FixFile,
     Flat,
     MapOutput,
     Origin,
@@ -53,6 +55,8 @@ def track(
     *,
     sensors: SensorFile,
     plans: PlanFile = None,
+    fixes: FixFile = None,
+    airways: AirwayFile = None,
     origin: Origin = None,
     flat: Flat = False,
     column: ColumnNames = None,
@@ -158,7 +162,7 @@ def track(
             fail("a stream goes to standard output; it has no --output or --plot")
         source = streams.source(given, latency)
         radars = _trusting(read.read_radars(sensors, flat=flat), trusted)
-        filed = read.read_plans(plans, place, radars)
+        filed = read.read_plans(plans, place, radars, fixes=fixes, airways=airways)
         frame = read.plan_frame(place, radars)
         tracker = Tracker(radars.items, plans=filed, **options)
         commands = Control(tracker, filed, frame) if control else None
@@ -181,7 +185,7 @@ def track(
     plots = read.plots(*given)
     radars = _trusting(read.read_radars(sensors, plots, flat=flat), trusted)
     maps.check(output, radars)
-    filed = read.read_plans(plans, place, radars)
+    filed = read.read_plans(plans, place, radars, fixes=fixes, airways=airways)
     recording = recording_of(plots, radars, columns)
     with working(f"Tracking {counted(len(recording.plots), 'plot')}"):
         tracking = tracks_of(recording, filed, **options)

@@ -36,6 +36,8 @@ ARROW = (".arrow", ".feather")
 _PACKED = (".gz", ".zst")
 # what holds types, so that no row is blank
 _BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
+# flight plans in messages of ICAO
+_MESSAGES = (".fpl", ".txt")
 _ORIGIN = "origin"
 _ROWS_AT_ONCE = 2**17
 
@@ -249,15 +251,42 @@ def plan_frame(
     return (SystemPlane if isinstance(sensors.frame, SystemPlane) else LocalFrame)(*origin)
 
 
+def _messages(
+    path: Path,
+    frame: LocalFrame | SystemPlane | None,
+    fixes: Path | None,
+    airways: Path | None,
+) -> list[Any]:
+    """Return the plans of ICAO messages."""
+    if fixes is None:
+        fail(f"{path} has messages: give --fixes, a table of name, latitude_deg, longitude_deg")
+    if frame is None:
+        fail(f"{path} has places on the earth: give --origin, or sensors with a latitude")
+    return io.read_fpl(path, fixes=fixes, airways={} if airways is None else airways, frame=frame)
+
+
 def read_plans(
-    path: Path | None, origin: tuple[float, float] | None, sensors: Sensors[Any]
+    path: Path | None,
+    origin: tuple[float, float] | None,
+    sensors: Sensors[Any],
+    *,
+    fixes: Path | None = None,
+    airways: Path | None = None,
 ) -> list[FlightPlan]:
     """Return the plans of a file, at least one; their origin is that of the sensors."""
     if path is None:
         return []
+    filed = path.suffix.lower() in _MESSAGES
+    if not filed and (fixes or airways):
+        fail(f"--fixes and --airways are for messages, {', '.join(_MESSAGES)}; this is {path}")
+    frame = plan_frame(origin, sensors)
     try:
         with reading(path):
-            plans = io.read_plans(path, frame=plan_frame(origin, sensors))
+            plans: list[Any] = (
+                _messages(path, frame, fixes, airways)
+                if filed
+                else io.read_plans(path, frame=frame)
+            )
     except (ImportError, ValueError) as error:
         fail(str(error))
     if not plans:

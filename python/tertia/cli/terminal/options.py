@@ -35,7 +35,28 @@ SensorFile: TypeAlias = Annotated[
 PlanFile: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        "--plans", metavar="FILE", readable=False, help="Flight plans: .csv, .json, .geojson."
+        "--plans",
+        metavar="FILE",
+        readable=False,
+        help="Flight plans: .csv, .json, .geojson; messages of ICAO, .fpl, .txt.",
+    ),
+]
+FixFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--fixes",
+        metavar="FILE",
+        readable=False,
+        help="Aerodromes and fixes of messages: name, latitude_deg, longitude_deg; GeoJSON.",
+    ),
+]
+AirwayFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--airways",
+        metavar="FILE",
+        readable=False,
+        help="Airways of messages: airway, sequence, fix.",
     ),
 ]
 TRUTH = "The truth: time_s, target, east_m, north_m; ASTERIX."

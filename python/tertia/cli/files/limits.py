@@ -1,0 +1,52 @@
+"""Limits of indicators, from a TOML file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+from tertia.cli.files.text import decoded
+from tertia.cli.terminal.say import fail, reading
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+# keys of the file, and the indicators that they limit
+_KEYS = {
+    "probability_of_update": "probability_of_update",
+    "long_gap_ratio": "long_gap_ratio",
+    "rmse_m": "rmse",
+}
+LimitFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--limits",
+        metavar="FILE",
+        readable=False,
+        help=f"Limits of indicators, .toml: {', '.join(_KEYS)}.",
+    ),
+]
+
+
+def read_limits(path: Path | None) -> dict[str, float]:
+    """Return the limits of a file by the names of their indicators; its `source` is a comment."""
+    if path is None:
+        return {}
+    try:
+        with reading(path):
+            document = tomllib.loads(decoded(path.read_bytes()))
+    except ValueError as error:
+        fail(f"cannot read {path}: {error}")
+    document.pop("source", None)
+    known = f"it may have {', '.join(_KEYS)} and source"
+    for key, value in document.items():
+        if key not in _KEYS:
+            fail(f"{path} has {key!r}; {known}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+            fail(f"{path}: {key} is {value!r}; it must be a number that is not negative")
+    return {_KEYS[key]: float(value) for key, value in document.items()}

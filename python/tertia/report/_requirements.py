@@ -1,0 +1,60 @@
+"""Whether tracks meet limits of their indicators."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tertia.metrics._evaluation import requirements
+from tertia.metrics._indicator import share_text, text
+from tertia.report._analysis import Analysis
+
+Row = dict[str, Any]
+CAPTION = (
+    "Tracks versus limits, with confidence intervals of 95 % by flight: met where the whole "
+    "interval is within the limit, not met where all of it is beyond, and otherwise not shown: "
+    "the recording is too short to decide."
+)
+COLUMNS = {
+    "figure": "figure",
+    "tracks": "tracks",
+    "found": "found",
+    "limit": "limit",
+    "verdict": "verdict",
+}
+
+
+def requirement_rows(analysis: Analysis) -> list[Row]:
+    """Return the indicators of each set of tracks with their intervals, limits and verdicts."""
+    return [
+        {
+            "figure": figure,
+            "unit": unit,
+            "tracks": name,
+            "value": one.value if np.isfinite(one.value) else None,
+            "low": one.low if np.isfinite(one.low) else None,
+            "high": one.high if np.isfinite(one.high) else None,
+            "limit": limit,
+            "verdict": one.verdict,
+        }
+        for name, judged in analysis.judged.items()
+        for figure, one, limit, unit in requirements(judged, analysis.limits)
+    ]
+
+
+def requirement_cells(analysis: Analysis) -> list[Row]:
+    """Return the same as texts for a table."""
+    return [
+        {
+            "figure": figure,
+            "tracks": name,
+            "found": " ".join(text(one.value, one.low, one.high)) + " m"
+            if unit
+            else share_text(one),
+            "limit": None if limit is None else f"{limit:g} m" if unit else f"{100 * limit:g} %",
+            "verdict": one.verdict or "no limit is given",
+        }
+        for name, judged in analysis.judged.items()
+        for figure, one, limit, unit in requirements(judged, analysis.limits)
+    ]
