@@ -193,17 +193,50 @@ impl Registrar {
     /// Learns from the rows of tracks and from plots that no confirmed track has, until a time.
     /// Returns what the errors add to the covariance of each row.
     pub fn learn(&mut self, updates: &[Update], loose: &[Report], time: f64) -> Vec<[f64; 16]> {
-        let (longest, applied) = (scans(&self.radars), self.noise());
-        let blocks = self.closed(updates, time, longest);
+        let applied = self.begin(updates, time);
+        let (unknowns, errors) = (self.unknowns(), self.blocks());
+        let added = updates
+            .iter()
+            .map(|update| self.carry(update, &applied, &unknowns).added(&errors))
+            .collect();
+        self.end(loose, time);
+        added
+    }
+
+    /// The same without loose plots; returns what the errors add to the covariance of each target, in
+    /// the order of these.
+    pub(crate) fn learn_last(&mut self, updates: &[Update], time: f64) -> Vec<(i64, [f64; 16])> {
+        let applied = self.begin(updates, time);
+        let (unknowns, errors) = (self.unknowns(), self.blocks());
+        for update in updates {
+            self.carry(update, &applied, &unknowns);
+        }
+        let mut targets: Vec<_> = updates.iter().map(|update| update.plot.target).collect();
+        targets.sort_unstable();
+        targets.dedup();
+        let added = |target: i64| (target, self.tracks[&target].added(&errors));
+        let added = targets.into_iter().map(added).collect();
+        self.end(&[], time);
+        added
+    }
+
+    /// Learns from blocks that end by a time; returns the noise that was applied before.
+    fn begin(&mut self, updates: &[Update], time: f64) -> Vec<[f64; 2]> {
+        let applied = self.noise();
+        let blocks = self.closed(updates, time, scans(&self.radars));
         self.wander(time);
         self.step(&blocks, time);
-        let added = self.follow(updates, &applied);
+        applied
+    }
+
+    /// Forgets old tracks and plots, and looks for radars whose errors are new.
+    fn end(&mut self, loose: &[Report], time: f64) {
+        let longest = scans(&self.radars);
         self.tracks.retain(|_, track| time - track.row_time <= FORGOTTEN * longest);
         let errors = self.errors();
         self.loose.retain(|plot| time - plot.time <= longest);
         self.loose.extend(loose.iter().map(|plot| plot.corrected(&errors[plot.radar])));
         self.vote(time);
-        added
     }
 
     /// The blocks that end by a time.
@@ -231,36 +264,12 @@ impl Registrar {
         closed
     }
 
-    /// Follows the tracks, which were made with this noise; returns what the errors add to the
-    /// covariance of each row.
-    fn follow(&mut self, updates: &[Update], applied: &[[f64; 2]]) -> Vec<[f64; 16]> {
+    /// The covariance of the errors.
+    fn blocks(&self) -> Blocks {
         let unknowns = self.unknowns();
         let columns: Vec<_> =
             unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
-        let errors = Blocks::new(&self.covariance, &columns);
-        let one = |update: &Update| {
-            let report = &update.plot.report;
-            let radar = &self.radars[report.radar];
-            let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
-            if let Some(seen) = &seen {
-                self.watch(update, seen);
-            }
-            let begin = || Followed::new(report.time);
-            let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
-            track.advance(report.time);
-            if let Some(seen) = seen {
-                let (velocity, own) = (update.velocity, &unknowns[report.radar]);
-                // the noise that the gain of the track was made with
-                let sigma = seen.noise(applied[report.radar]);
-                track.correct(&seen, sigma, &update.covariance, velocity, own);
-                if update.confirmed {
-                    track.see(report.time, report.radar, update.position, velocity);
-                }
-            }
-            // the gains of the track carry the errors on
-            track.added(&errors)
-        };
-        updates.iter().map(one).collect()
+        Blocks::new(&self.covariance, &columns)
     }
 
     /// Raises noise that has grown suddenly.
@@ -404,6 +413,29 @@ impl Registrar {
             self.update(&scan.information, &scan.score);
         }
         self.changes.push((time, radar));
+    }
+
+    /// Follows a row of a track: its gains carry the errors of the radars on.
+    fn carry(&mut self, update: &Update, applied: &[[f64; 2]], unknowns: &Unknowns) -> &Followed {
+        let report = &update.plot.report;
+        let radar = &self.radars[report.radar];
+        let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
+        if let Some(seen) = &seen {
+            self.watch(update, seen);
+        }
+        let begin = || Followed::new(report.time);
+        let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
+        track.advance(report.time);
+        if let Some(seen) = seen {
+            let (velocity, own) = (update.velocity, &unknowns[report.radar]);
+            // the noise that the gain of the track was made with
+            let sigma = seen.noise(applied[report.radar]);
+            track.correct(&seen, sigma, &update.covariance, velocity, own);
+            if update.confirmed {
+                track.see(report.time, report.radar, update.position, velocity);
+            }
+        }
+        track
     }
 }
 

@@ -39,6 +39,22 @@ pub(super) fn sensitivity(state: &Vector4<f64>, height: f64, radar: &Radar) -> M
     )
 }
 
+/// What errors of covariance `block` between two sensors do to two states: `J Σ K'`. In plain loops, which
+/// compilers unroll; in the order of sums of a general product.
+#[inline]
+pub(super) fn propagated(j: &Matrix4<f64>, block: &Matrix4<f64>, k: &Matrix4<f64>) -> Matrix4<f64> {
+    product(&product(j, block), &k.transpose())
+}
+
+#[inline]
+fn product(a: &Matrix4<f64>, b: &Matrix4<f64>) -> Matrix4<f64> {
+    let a = &a.data.0;
+    let column = |b: [f64; 4]| -> [f64; 4] {
+        std::array::from_fn(|i| a[0][i] * b[0] + a[1][i] * b[1] + a[2][i] * b[2] + a[3][i] * b[3])
+    };
+    Matrix4::from(b.data.0.map(column))
+}
+
 /// The state without these errors.
 pub(super) fn corrected(
     state: &Vector4<f64>,

@@ -2,7 +2,7 @@
 
 use super::bias::{corrected, sensitivity};
 use super::groups::{Group, grouped};
-use super::pairs::{Known, Manual, Pairs, Sample, key};
+use super::pairs::{Known, Manual, Pairs, Sample, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule, correction};
 use super::target::{Target, Tracklet};
@@ -13,7 +13,7 @@ use crate::base::state::{restored, saved};
 use crate::registration::{Errors, Registrar, Update};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 /// Scans after which a track is old, and after which it is forgotten.
 const OLD: f64 = 2.5;
@@ -23,11 +23,6 @@ const CONFIRMED: usize = 3;
 const UNSEEN: usize = 10;
 /// Detection probability of a sensor that must see a target within its range.
 const CERTAIN: f64 = 0.8;
-/// Least density of other targets, per m², and the spread of their velocities, m/s.
-const LEAST_DENSITY: f64 = 2e-9;
-const VELOCITIES: f64 = 250.0;
-/// Sides of the least rectangle that others are spread over, m.
-const LEAST_EXTENT: f64 = 20e3;
 
 /// How a centre works.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,7 +77,8 @@ struct Member {
 pub struct Centre {
     settings: Settings,
     registrar: Registrar,
-    members: BTreeMap<(usize, i64), Member>,
+    /// In the order of their sensors and numbers.
+    members: Vec<Member>,
     waiting: Vec<Row>,
     targets: BTreeMap<u64, Target>,
     pairs: Pairs,
@@ -97,7 +93,7 @@ impl Centre {
         Self {
             registrar: Registrar::new(settings.radars.clone(), start, sigma),
             settings,
-            members: BTreeMap::new(),
+            members: Vec::new(),
             waiting: Vec::new(),
             targets: BTreeMap::new(),
             pairs: Pairs::default(),
@@ -129,86 +125,105 @@ impl Centre {
     pub fn update(&mut self, rows: &[Row], time: f64) -> Result<Vec<SystemTrack>> {
         self.take(rows, time);
         let radars = &self.settings.radars;
-        self.members.retain(|_, member| {
+        self.members.retain(|member| {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
         });
         let known =
             Known { errors: self.registrar.errors(), covariance: self.registrar.covariance() };
-        let (samples, keys) = self.samples(time, &known);
+        let (samples, places) = self.samples(time, &known);
         let density = density(&samples);
         let candidates = self.pairs.look(&samples, &known, &self.manual, density)?;
         let groups = grouped(&samples, &candidates, &self.order());
-        let ids = groups.iter().enumerate();
-        let ids = ids.flat_map(|(g, group)| group.members.iter().map(move |&i| (i, g)));
-        let group_of: BTreeMap<u64, usize> = ids.map(|(i, g)| (samples[i].id, g)).collect();
-        self.pairs.remember(&group_of);
-        let numbers = self.name(&groups, &keys);
-        self.follow(&groups, &numbers, &samples, &keys, &known, time);
+        let mut group_of = vec![0; samples.len()];
+        for (g, group) in groups.iter().enumerate() {
+            group.members.iter().for_each(|&i| group_of[i] = g);
+        }
+        self.pairs.remember(&candidates, &group_of);
+        let numbers = self.name(&groups, &places);
+        self.follow(&groups, &numbers, &samples, &places, &known, time);
         groups
             .iter()
             .zip(&numbers)
-            .map(|(group, &number)| self.shown(group, number, &samples, &keys, &known, time))
+            .map(|(group, &number)| self.shown(group, number, &samples, &places, &known, time))
             .collect()
     }
 
-    /// Takes the rows of the tracks in order of time.
+    /// Takes the rows of the tracks in order of time. Cost O(N log N) for N rows, and O(M) for M tracks.
     fn take(&mut self, rows: &[Row], time: f64) {
         let mut all = std::mem::take(&mut self.waiting);
         all.extend_from_slice(rows);
-        all.sort_by(|a, b| {
-            (a.sensor, a.track).cmp(&(b.sensor, b.track)).then(a.time.total_cmp(&b.time))
+        let mut order: Vec<_> =
+            all.iter().enumerate().map(|(i, row)| (row.sensor, row.track, row.time, i)).collect();
+        order.sort_unstable_by(|a, b| {
+            (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
         });
-        for row in all {
+        let (known, mut at, mut begun) = (self.members.len(), 0, None);
+        for (.., i) in order {
+            let row = all[i];
             if row.time > time {
                 self.waiting.push(row);
                 continue;
             }
-            let radar = &self.settings.radars[row.sensor];
-            match self.members.get_mut(&(row.sensor, row.track)) {
-                Some(member) if row.time - member.last.time > FORGOTTEN * radar.scan_period => {
-                    // the number is used again
-                    *member = Member::new(self.next[0], row, radar);
-                    self.next[0] += 1;
-                }
-                Some(member) if row.time > member.last.time => member.add(row, radar),
-                Some(_) => {}
-                None => {
-                    let member = Member::new(self.next[0], row, radar);
-                    self.members.insert((row.sensor, row.track), member);
-                    self.next[0] += 1;
-                }
+            let place = (row.sensor, row.track);
+            while at < known && self.members[at].place() < place {
+                at += 1;
             }
+            let own = if begun == Some(place) { self.members.len() - 1 } else { at };
+            let radar = &self.settings.radars[row.sensor];
+            let is_known =
+                begun == Some(place) || (at < known && self.members[at].place() == place);
+            if !is_known {
+                self.members.push(Member::new(self.next[0], row, radar));
+                self.next[0] += 1;
+                begun = Some(place);
+                continue;
+            }
+            let member = &mut self.members[own];
+            if row.time - member.last.time > FORGOTTEN * radar.scan_period {
+                // the number is used again
+                *member = Member::new(self.next[0], row, radar);
+                self.next[0] += 1;
+            } else if row.time > member.last.time {
+                member.add(row, radar);
+            }
+        }
+        if begun.is_some() {
+            // two runs that are in order
+            self.members.sort_by_key(Member::place);
         }
     }
 
-    /// The tracks that are not old, at a time, without the errors of their sensors; by their ids.
-    fn samples(&self, time: f64, known: &Known) -> (Vec<Sample>, Vec<(usize, i64)>) {
+    /// The tracks that are not old, at a time, without the errors of their sensors; by their ids, with
+    /// their places in the list of members.
+    fn samples(&self, time: f64, known: &Known) -> (Vec<Sample>, Vec<usize>) {
         let mut live: Vec<_> = self
             .members
             .iter()
-            .filter(|((sensor, _), member)| {
-                time - member.last.time <= OLD * self.settings.radars[*sensor].scan_period
+            .enumerate()
+            .filter(|(_, member)| {
+                let radar = &self.settings.radars[member.last.sensor];
+                time - member.last.time <= OLD * radar.scan_period
             })
+            .map(|(place, member)| (member.id, place))
             .collect();
-        live.sort_unstable_by_key(|(_, member)| member.id);
-        let sample = |(&place, member): (&(usize, i64), &Member)| {
-            let (row, sensor) = (&member.last, place.0);
-            let radar = &self.settings.radars[sensor];
+        live.sort_unstable();
+        let sample = |&(id, place): &(u64, usize)| {
+            let row = &self.members[place].last;
+            let radar = &self.settings.radars[row.sensor];
             let estimate = row.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
-            let sample = Sample {
-                id: member.id,
-                sensor,
-                mean: corrected(&estimate.mean, &sensitivity, &known.errors[sensor]),
+            Sample {
+                id,
+                sensor: row.sensor,
+                mean: corrected(&estimate.mean, &sensitivity, &known.errors[row.sensor]),
                 covariance: estimate.covariance,
                 sensitivity,
                 height: row.height,
                 age: time - row.time,
                 identity: row.identity,
-            };
-            (sample, place)
+            }
         };
-        live.into_iter().map(sample).unzip()
+        (live.iter().map(sample).collect(), live.iter().map(|&(_, place)| place).collect())
     }
 
     /// The sensors, best first.
@@ -222,19 +237,18 @@ impl Centre {
     }
 
     /// The number of each group: that of the target with most members in common, or a new one.
-    fn name(&mut self, groups: &[Group], keys: &[(usize, i64)]) -> Vec<u64> {
-        let mut common: BTreeMap<(u64, usize), usize> = BTreeMap::new();
+    fn name(&mut self, groups: &[Group], places: &[usize]) -> Vec<u64> {
+        let mut own = Vec::with_capacity(places.len());
         for (g, group) in groups.iter().enumerate() {
-            for &i in &group.members {
-                if let Some(number) = self.members[&keys[i]].target {
-                    *common.entry((number, g)).or_default() += 1;
-                }
-            }
+            let targets = group.members.iter().filter_map(|&i| self.members[places[i]].target);
+            own.extend(targets.map(|number| (number, g)));
         }
-        let mut common: Vec<_> = common.into_iter().collect();
+        own.sort_unstable();
+        let mut common: Vec<_> =
+            own.chunk_by(|a, b| a == b).map(|same| (same[0], same.len())).collect();
         // the sort is stable: then the older number, then the first group
         common.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
-        let (mut numbers, mut used) = (vec![None; groups.len()], BTreeSet::new());
+        let (mut numbers, mut used) = (vec![None; groups.len()], HashSet::new());
         for ((number, g), _) in common {
             if numbers[g].is_none() && used.insert(number) {
                 numbers[g] = Some(number);
@@ -248,13 +262,11 @@ impl Centre {
             });
             self.targets.entry(number).or_insert_with(|| Target::new(number));
             for &i in &group.members {
-                if let Some(member) = self.members.get_mut(&keys[i]) {
-                    member.target = Some(number);
-                }
+                self.members[places[i]].target = Some(number);
             }
             found.push(number);
         }
-        let kept: BTreeSet<_> = self.members.values().filter_map(|one| one.target).collect();
+        let kept: HashSet<_> = self.members.iter().filter_map(|one| one.target).collect();
         self.targets.retain(|number, _| kept.contains(number));
         found
     }
@@ -265,7 +277,7 @@ impl Centre {
         groups: &[Group],
         numbers: &[u64],
         samples: &[Sample],
-        keys: &[(usize, i64)],
+        places: &[usize],
         known: &Known,
         time: f64,
     ) {
@@ -273,13 +285,11 @@ impl Centre {
         let mut learnt: Vec<Update> = Vec::new();
         for (group, number) in groups.iter().zip(numbers) {
             let best = best(group, samples);
-            let start = (self.members[&keys[best]].last, samples[best].clone());
+            let start = (self.members[places[best]].last, samples[best].clone());
             let period = self.period(group, samples);
             let mut tracklets = Vec::new();
             for &i in &group.members {
-                if let Some(member) = self.members.get_mut(&keys[i]) {
-                    tracklets.append(&mut member.pending);
-                }
+                tracklets.append(&mut self.members[places[i]].pending);
             }
             tracklets.sort_by(|a, b| {
                 let order = a.report.time.total_cmp(&b.report.time);
@@ -295,10 +305,12 @@ impl Centre {
         if !self.settings.registers {
             return;
         }
-        learnt.sort_by(|a, b| a.plot.report.time.total_cmp(&b.plot.report.time));
-        let added = self.registrar.learn(&learnt, &[], time);
-        for (update, added) in learnt.iter().zip(added) {
-            if let Some(target) = self.targets.get_mut(&(update.plot.target as u64)) {
+        let mut order: Vec<_> =
+            learnt.iter().enumerate().map(|(i, one)| (one.plot.report.time, i)).collect();
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let learnt: Vec<_> = order.into_iter().map(|(_, i)| learnt[i].clone()).collect();
+        for (number, added) in self.registrar.learn_last(&learnt, time) {
+            if let Some(target) = self.targets.get_mut(&(number as u64)) {
                 target.added = nalgebra::SMatrix::from_row_slice(&added);
             }
         }
@@ -342,12 +354,12 @@ impl Centre {
         group: &Group,
         number: u64,
         samples: &[Sample],
-        keys: &[(usize, i64)],
+        places: &[usize],
         known: &Known,
         time: f64,
     ) -> Result<SystemTrack> {
         let target = &self.targets[&number];
-        let rows: Vec<_> = group.members.iter().map(|&i| &self.members[&keys[i]]).collect();
+        let rows: Vec<_> = group.members.iter().map(|&i| &self.members[places[i]]).collect();
         let estimate = match self.settings.rule {
             Rule::Tracklets => target.at(time, self.period(group, samples)),
             _ => None,
@@ -381,7 +393,7 @@ impl Centre {
         let mut members = vec![None; self.settings.radars.len()];
         let (mut height, mut identity, mut newest) = (f64::NAN, -1, [f64::NEG_INFINITY; 2]);
         for &i in &group.members {
-            let row = &self.members[&keys[i]].last;
+            let row = &self.members[places[i]].last;
             members[row.sensor] = Some(row.track);
             if row.height.is_finite() && row.time > newest[0] {
                 (height, newest[0]) = (row.height, row.time);
@@ -407,8 +419,8 @@ impl Centre {
     /// False where there is no such target, or both have a track of the same sensor to be joined.
     pub fn decide(&mut self, a: u64, b: u64, joined: bool) -> bool {
         let ids = |number: u64| -> Vec<(usize, u64)> {
-            let own = self.members.iter().filter(|(_, member)| member.target == Some(number));
-            own.map(|((sensor, _), member)| (*sensor, member.id)).collect()
+            let own = self.members.iter().filter(|member| member.target == Some(number));
+            own.map(|member| (member.last.sensor, member.id)).collect()
         };
         let (first, second) = (ids(a), ids(b));
         let clash = first.iter().any(|one| second.iter().any(|other| one.0 == other.0));
@@ -431,7 +443,7 @@ impl Centre {
     pub fn release(&mut self, number: u64) -> bool {
         let ids: BTreeSet<u64> = self
             .members
-            .values()
+            .iter()
             .filter(|member| member.target == Some(number))
             .map(|member| member.id)
             .collect();
@@ -448,6 +460,11 @@ impl Member {
             Self { id, last: row, before: [None; 2], pending: Vec::new(), target: None };
         member.look_behind(radar);
         member
+    }
+
+    /// Its sensor and number.
+    fn place(&self) -> (usize, i64) {
+        (self.last.sensor, self.last.track)
     }
 
     /// Adds a row, and the plot behind it.
@@ -472,24 +489,4 @@ fn best(group: &Group, samples: &[Sample]) -> usize {
     let trace = |i: usize| samples[i].covariance[(0, 0)] + samples[i].covariance[(1, 1)];
     let first = group.members[0];
     group.members.iter().copied().fold(first, |a, b| if trace(b) < trace(a) { b } else { a })
-}
-
-/// Density of other targets in position and velocity: that of the sensor with most tracks, in the
-/// rectangle that holds nine tenths of each axis.
-fn density(samples: &[Sample]) -> f64 {
-    let velocities = std::f64::consts::PI * VELOCITIES * VELOCITIES;
-    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
-    samples.iter().for_each(|one| *counts.entry(one.sensor).or_default() += 1);
-    let most = counts.into_values().max().unwrap_or(0) as f64;
-    let extent = |axis: usize| {
-        let mut values: Vec<_> = samples.iter().map(|one| one.mean[axis]).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        let n = values.len();
-        if n < 2 {
-            f64::INFINITY
-        } else {
-            ((values[n - 1 - n / 20] - values[n / 20]) / 0.9).max(LEAST_EXTENT)
-        }
-    };
-    (most / (extent(0) * extent(1))).max(LEAST_DENSITY) / velocities
 }

@@ -1,5 +1,6 @@
 //! Which tracks of different sensors may be of one target: now and before.
 
+use super::bias::propagated;
 use super::compare::Distance;
 use crate::association::Grid;
 use crate::base::error::Result;
@@ -31,6 +32,11 @@ const LAYER: f64 = 10_000.0;
 const IDENTITIES: f64 = 4096.0;
 /// Cycles in a row in which identities differ, after which they are of two targets.
 const DIFFERENT: u8 = 2;
+/// Least density of other targets, per m², and the spread of their velocities, m/s.
+const LEAST_DENSITY: f64 = 2e-9;
+const VELOCITIES: f64 = 250.0;
+/// Sides of the least rectangle that others are spread over, m.
+const LEAST_EXTENT: f64 = 20e3;
 /// By a hand that joined them.
 const JOINED: f64 = 1e6;
 
@@ -101,7 +107,7 @@ impl Known {
     /// What errors that are not known add to the covariance of a state.
     pub fn added(&self, sample: &Sample) -> Matrix4<f64> {
         let j = &sample.sensitivity;
-        j * self.block(sample.sensor, sample.sensor) * j.transpose()
+        propagated(j, &self.block(sample.sensor, sample.sensor), j)
     }
 }
 
@@ -122,10 +128,15 @@ impl Pairs {
         manual: &Manual,
         density: f64,
     ) -> Result<Vec<Candidate>> {
-        let places: Vec<_> = samples.iter().map(|one| [one.mean[0], one.mean[1]]).collect();
+        let places: Vec<_> = samples.iter().map(place_of).collect();
         let own: Vec<_> = samples.iter().map(|one| one.covariance + known.added(one)).collect();
-        let variances = own.iter().flat_map(|p| [p[(0, 0)], p[(1, 1)]]);
-        let largest = variances.fold(0.0, f64::max);
+        // compact, as most of what is near is far in terms of its variance
+        let spots: Vec<_> = samples
+            .iter()
+            .zip(&own)
+            .map(|(one, p)| (one.sensor, place_of(one), [p[(0, 0)], p[(1, 1)]]))
+            .collect();
+        let largest = spots.iter().flat_map(|spot| spot.2).fold(0.0, f64::max);
         let by_hand = !manual.joined.is_empty();
         let reach = |variance: f64| (FAR * (variance + largest)).sqrt().min(REACH);
         let grid = Grid::new(&places, reach(largest).max(1.0))?;
@@ -139,12 +150,15 @@ impl Pairs {
             let p = &own[i];
             let around = if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) };
             grid.within(places[i], around, &mut |j| {
+                if j <= i {
+                    return;
+                }
+                let (sensor, place, variance) = spots[j];
                 let is_far = |k: usize| {
-                    let d = places[i][k] - places[j][k];
-                    d * d > FAR * (p[(k, k)] + own[j][(k, k)])
+                    let d = places[i][k] - place[k];
+                    d * d > FAR * (p[(k, k)] + variance[k])
                 };
-                let is_other = j > i && samples[j].sensor != a.sensor;
-                if is_other && (by_hand || !(is_far(0) || is_far(1))) {
+                if sensor != a.sensor && (by_hand || !(is_far(0) || is_far(1))) {
                     near.push(j);
                 }
             });
@@ -157,9 +171,8 @@ impl Pairs {
                 let total = own[i] + own[j];
                 let d = a.mean - b.mean;
                 let joined = by_hand && manual.joined.contains(&pair);
-                let cross = a.sensitivity
-                    * blocks[a.sensor * sensors + b.sensor]
-                    * b.sensitivity.transpose();
+                let block = &blocks[a.sensor * sensors + b.sensor];
+                let cross = propagated(&a.sensitivity, block, &b.sensitivity);
                 let distance = Distance::new(&d, total - cross - cross.transpose());
                 let Some(distance) = distance else { continue };
                 if distance.squared > FAR && !joined {
@@ -179,12 +192,16 @@ impl Pairs {
         Ok(found)
     }
 
-    /// Remembers which pairs are one target: `group` of each track by its id.
-    pub fn remember(&mut self, group: &BTreeMap<u64, usize>) {
-        for ((a, b), history) in &mut self.known {
-            history.paired = group.get(a) == group.get(b);
+    /// Remembers which pairs, the candidates of the last look, are one target: `group` of each sample.
+    pub fn remember(&mut self, candidates: &[Candidate], group: &[usize]) {
+        for ((_, history), pair) in self.known.iter_mut().zip(candidates) {
+            history.paired = group[pair.first] == group[pair.second];
         }
     }
+}
+
+fn place_of(sample: &Sample) -> [f64; 2] {
+    [sample.mean[0], sample.mean[1]]
 }
 
 fn blocks(known: &Known) -> Vec<Matrix4<f64>> {
@@ -237,4 +254,24 @@ fn judged(
     }
     let squared = distance.squared;
     (Candidate { first: 0, second: 0, gain, passes, squared }, next)
+}
+
+/// Density of other targets in position and velocity: that of the sensor with most tracks, in the
+/// rectangle that holds nine tenths of each axis.
+pub(super) fn density(samples: &[Sample]) -> f64 {
+    let velocities = std::f64::consts::PI * VELOCITIES * VELOCITIES;
+    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+    samples.iter().for_each(|one| *counts.entry(one.sensor).or_default() += 1);
+    let most = counts.into_values().max().unwrap_or(0) as f64;
+    let extent = |axis: usize| {
+        let mut values: Vec<_> = samples.iter().map(|one| one.mean[axis]).collect();
+        let n = values.len();
+        let mut at = |place: usize| *values.select_nth_unstable_by(place, f64::total_cmp).1;
+        if n < 2 {
+            f64::INFINITY
+        } else {
+            ((at(n - 1 - n / 20) - at(n / 20)) / 0.9).max(LEAST_EXTENT)
+        }
+    };
+    (most / (extent(0) * extent(1))).max(LEAST_DENSITY) / velocities
 }

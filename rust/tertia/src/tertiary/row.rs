@@ -66,10 +66,20 @@ impl Row {
         let t = time - self.time;
         let turning = self.turning();
         let square = (1.0 - turning) * STRAIGHT * STRAIGHT + turning * TURNING * TURNING;
-        let mut f = SMatrix::<f64, 4, 4>::identity();
-        (f[(0, 2)], f[(1, 3)]) = (t, t);
-        mean = f * mean;
-        covariance = f * covariance * f.transpose();
+        for i in 0..2 {
+            mean[i] += t * mean[i + 2];
+        }
+        // rows, then columns
+        for j in 0..4 {
+            for i in 0..2 {
+                covariance[(i, j)] += t * covariance[(i + 2, j)];
+            }
+        }
+        for i in 0..2 {
+            for j in 0..4 {
+                covariance[(j, i)] += t * covariance[(j, i + 2)];
+            }
+        }
         for i in 0..2 {
             covariance[(i, i)] += 0.25 * square * t.powi(4);
             covariance[(i, i + 2)] += 0.5 * square * t.powi(3);

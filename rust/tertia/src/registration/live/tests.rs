@@ -51,7 +51,8 @@ fn what_the_errors_add_to_a_track() {
         innovation,
         innovation_covariance,
     };
-    let added = registrar.follow(&[update], &stated)[0];
+    let (unknowns, errors) = (registrar.unknowns(), registrar.blocks());
+    let added = registrar.carry(&update, &stated, &unknowns).added(&errors);
     close(added[0] + corrected[(0, 0)], 1020.719237257);
     close(added[1] + corrected[(0, 1)], 20.87698829836);
     close(added[5] + corrected[(1, 1)], 1455.49754268);
