@@ -173,3 +173,47 @@ class TestVectors:
         weights = [np.eye(3) * 0.75, np.eye(3) * 0.25]
         mean, _ = reference.combine(weights, states, np.zeros((2, 2, 3, 3)), 360.0)
         assert mean[0] == close(359.5)
+
+
+# two tracks of one target: position and velocity
+FIRST = [[8100, 900, 220, 30], [900, 6400, 25, 180], [220, 25, 36, 4], [30, 180, 4, 30]]
+SECOND = [
+    [14400, -2000, 300, -60],
+    [-2000, 10000, -50, 260],
+    [300, -50, 49, -6],
+    [-60, 260, -6, 40],
+]
+STATES = np.array([[1000.0, 2000, 100, 50], [860, 2095, 94, 46]])
+
+
+def test_independent_tracks():
+    found = fuse(STATES, np.array([FIRST, SECOND], dtype=float))
+    mean = [954.5955862076, 2028.047076863, 97.21025017035, 47.80340428431]
+    variances = [5065.782372154, 3822.215076831, 20.41505898324, 16.85222675532]
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
+    np.testing.assert_allclose(np.diag(found.covariance), variances, rtol=1e-12)
+
+
+def test_tracks_with_common_process_noise():
+    first, second = np.linalg.cholesky(FIRST), np.linalg.cholesky(SECOND)
+    block = first @ np.diag([0.1, 0.1, 0.3, 0.3]) @ second.T
+    cross = np.zeros((2, 2, 4, 4))
+    cross[0, 1], cross[1, 0] = block, block.T
+    found = fuse(STATES, np.array([FIRST, SECOND], dtype=float), cross_covariances=cross)
+    mean = [956.9396805927, 2026.479935219, 97.0212350385, 47.95062030454]
+    variances = [5514.992967404, 4193.236057556, 25.54454487058, 21.27973378563]
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
+    np.testing.assert_allclose(np.diag(found.covariance), variances, rtol=1e-12)
+    np.testing.assert_allclose(found.covariance[0, 2], 135.4918745787, rtol=1e-12)
+
+
+def test_covariance_intersection_of_tracks():
+    other = [[9000, 1500, 300, 0], [1500, 900, 0, 40], [300, 0, 90, 5], [0, 40, 5, 12]]
+    both = np.array([np.diag([400, 10000, 9, 100]), other], dtype=float)
+    found = fuse(STATES, both, method="covariance-intersection")
+    mean = [993.5405865205, 2111.070039235, 99.92193555401, 46.07169959935]
+    variances = [755.5036997839, 1173.265216762, 16.06938306665, 20.84272214489]
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-9)
+    np.testing.assert_allclose(np.diag(found.covariance), variances, rtol=1e-9)
+    determinant = np.linalg.slogdet(found.covariance).logabsdet
+    np.testing.assert_allclose(determinant, 19.22437825853, rtol=1e-12)
