@@ -250,6 +250,7 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
         (("--confirmation", "4,6", "--coasting", 1), {"confirmation": (4, 6), "coasting": 1}),
         (("--clutter-density", 1e-4), {"clutter_density": 1e-4}),
         (("--max-speed", 160), {"max_speed": 160.0}),
+        (("--profile", "drone", "--max-speed", 300), {"profile": "drone", "max_speed": 300.0}),
         (("--gate-probability", 0.8), {"gate_probability": 0.8}),
     ],
 )
@@ -264,7 +265,7 @@ def test_options(told: Any, options: Any, write: Write, radars: Path, tmp_path: 
 
 def test_defaults_are_those_of_the_library() -> None:
     mine, theirs = (inspect.signature(one).parameters for one in (track_command.track, Tracker))
-    alike = ["motion", "coasting", "clutter_density", "max_speed"]
+    alike = ["motion", "coasting", "clutter_density", "profile", "max_speed"]
     for name in [*alike, "gate_probability", "clock_period"]:
         assert mine[name].default == theirs[name].default
     usual = PlanModel()

@@ -160,3 +160,25 @@ def test_noise_that_is_not_what_is_stated_is_told():
         tracker.finish()
         found = tracker.noise_factor[0]
         assert 0.6 / factor < found < 1.35 / factor
+
+
+def test_a_profile_follows_the_turns_of_its_kind():
+    # a drone that turns by 25 degrees a second for four seconds, every twenty
+    step = 0.05
+    course = np.cumsum(np.where(np.arange(0.0, 200.0, step) % 20 < 4, np.radians(25.0), 0.0)) * step
+    path = np.cumsum(12.0 * step * np.stack([np.sin(course), np.cos(course)], axis=1), axis=0)
+    random, true = np.random.default_rng(31), path[::20] + [300.0, 400.0]
+    radar = Radar(range_sigma=3.0, azimuth_sigma=0.008, scan_period=1.0)
+    rho, azimuth = polar(true)
+    plots = Plots(
+        np.arange(200.0),
+        rho + 3.0 * random.standard_normal(200),
+        azimuth + 0.008 * random.standard_normal(200),
+    )
+
+    def rms_error(profile):
+        table = track(plots, [radar], profile=profile)
+        return np.sqrt(np.mean(np.sum((table.position - true[table.plot]) ** 2, axis=1)))
+
+    assert rms_error("drone") < 0.8 * rms_error("aircraft")
+    assert rms_error("drone") < 4.0

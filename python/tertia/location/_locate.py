@@ -235,11 +235,13 @@ def locate(
     if redundancy is None:
         redundancy = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
     _require_kinds(measured, d, shared=differences)
+    unknown = _is_unknown(measured)
     start = _start(initial, d)
     _require_method(method, measured, d, start, max_range)
-    _require_deviations(measured)
+    if not unknown:
+        _require_deviations(measured)
     level = read_height(height, height_sigma, d)
-    if level is not None and _is_unknown(measured):
+    if level is not None and unknown:
         raise ValueError("height is given; then the standard deviations must be, too")
     flat = level is None and d > 2 and set(measured) == {"azimuth"}
     if flat:
@@ -251,7 +253,7 @@ def locate(
         at, first = KINDS.index(kind), int(kind == "range_difference")
         values[..., at, first:] = value
         stated[..., at, first:] = sigma
-    unknown, pools = _is_unknown(measured), flag(pooled, "pooled")
+    pools = flag(pooled, "pooled")
     free = own.free(tuple(measured))
     rows = (
         _matched(places, batch, 2),
@@ -277,7 +279,7 @@ def locate(
         threads(n_threads),
     )
     growth, factor, _, common = result[-1]
-    tells = bool(np.any(result[-2][1] > 0))
+    tells = bool((result[-2][1] > 0).any())
     grown = rows[3] * np.sqrt(np.where(grows & (not unknown), np.reshape(growth, (-1, 1)), 1.0))
     location = location_of(
         result[:-1],
@@ -335,12 +337,10 @@ def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:
 
 
 def _require_deviations(measured: _Measured) -> None:
-    """Fail where a standard deviation is missing that cannot be estimated."""
-    if _is_unknown(measured):
-        return
+    """Fail where a standard deviation is missing."""
     for kind, (value, sigma) in measured.items():
-        missing = ~np.isnan(value) & np.isnan(sigma)
-        if np.any(missing):
+        missing = np.isnan(sigma) & ~np.isnan(value)
+        if missing.any():
             station = int(np.argwhere(missing)[0, -1]) + int(kind == "range_difference")
             raise ValueError(
                 f"{kind}_sigma of station {station} is missing; it is estimated only where one "
@@ -350,7 +350,7 @@ def _require_deviations(measured: _Measured) -> None:
 
 def _is_unknown(measured: _Measured) -> bool:
     """Whether the common standard deviation of the only kind is to be estimated."""
-    return len(measured) == 1 and all(np.all(np.isnan(s)) for _, s in measured.values())
+    return len(measured) == 1 and all(np.isnan(s).all() for _, s in measured.values())
 
 
 def _require_method(

@@ -17,6 +17,7 @@ from tertia.tracker._models import (
     MotionName,
     PaperScore,
     PlanModel,
+    ProfileName,
     WindowModel,
 )
 from tertia.tracker._plots import NO_IDENTITY, Plots, PlotStatus
@@ -47,6 +48,7 @@ __all__ = [
     "PlotStatus",
     "Plots",
     "PositionSensor",
+    "ProfileName",
     "Radar",
     "SingerModel",
     "SmoothedTracks",

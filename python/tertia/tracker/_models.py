@@ -16,6 +16,7 @@ from tertia.tracker._earth import reach
 
 MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
 Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
+ProfileName: TypeAlias = Literal["aircraft", "vessel", "road", "drone"]
 AssociationName: TypeAlias = Literal["gnn", "mht", "paper"]
 Association: TypeAlias = "AssociationName | Mht | PaperScore"
 
@@ -200,13 +201,13 @@ class Mht:
         object.__setattr__(self, "cut", cut)
 
 
-def core_motion(motion: Motion) -> _core.Motion:
-    """Return a motion model as an argument of the core."""
+def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Motion:
+    """Return a motion model as an argument of the core; names stand for that of the profile."""
     names = get_args(MotionName)
     if isinstance(motion, str):
         if motion not in names:
             raise ValueError(f"motion is {motion!r}; it must be one of {', '.join(names)}")
-        motion = _MODELS[motion]
+        motion = _MODELS[motion] if motion != "imm" else profile_of(profile)[0]
     match motion:
         case ImmModel():
             return _core.Motion.imm(**asdict(motion))
@@ -222,6 +223,14 @@ def core_motion(motion: Motion) -> _core.Motion:
                 **windows, planned_turn=motion.planned_turn, is_curved=motion.degree == 2
             )
     raise TypeError(f"motion is {motion!r}; it must be a model, or one of {', '.join(names)}")
+
+
+def profile_of(profile: ProfileName) -> tuple[ImmModel, float]:
+    """Return how targets of a profile move, and the largest speed of one."""
+    if profile not in _PROFILES:
+        names = ", ".join(get_args(ProfileName))
+        raise ValueError(f"profile is {profile!r}; it must be one of {names}")
+    return _PROFILES[profile]
 
 
 def core_association(association: Association) -> _core.TrackAssociation:
@@ -266,8 +275,13 @@ def _require_positive(model: Any) -> None:
         object.__setattr__(model, name, float(number))
 
 
-_MODELS: dict[str, ImmModel | CvModel | SingerModel | WindowModel] = {
-    "imm": ImmModel(),
+_PROFILES: dict[str, tuple[ImmModel, float]] = {
+    "aircraft": (ImmModel(), 350.0),
+    "vessel": (ImmModel(0.03, 0.1, 0.0005, 0.02, 200.0, 50.0), 30.0),
+    "road": (ImmModel(0.5, 2.0, 0.03, 0.15, 12.0, 5.0), 70.0),
+    "drone": (ImmModel(0.3, 2.0, 0.05, 0.3, 20.0, 5.0), 40.0),
+}
+_MODELS: dict[str, CvModel | SingerModel | WindowModel] = {
     "cv": CvModel(),
     # 3 m/s2 that fades within a minute; the tracker has the times of the plots in place of dt
     "singer": SingerModel(1.0, 1 / 60, 3.0, exact=True),

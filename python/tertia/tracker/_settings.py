@@ -11,8 +11,10 @@ from tertia.tracker._models import (
     Association,
     Motion,
     PlanModel,
+    ProfileName,
     core_association,
     core_motion,
+    profile_of,
 )
 
 
@@ -24,7 +26,8 @@ def core_settings(
     confirmation: tuple[int, int] = (3, 4),
     coasting: int = 5,
     clutter_density: float | None = None,
-    max_speed: float = 350.0,
+    profile: ProfileName = "aircraft",
+    max_speed: float | None = None,
     gate_probability: float = GUARD,
     guard_acceleration: float | None = None,
     identity_error_probability: float = 1e-3,
@@ -48,7 +51,7 @@ def core_settings(
     if guard_acceleration is not None:
         guard_acceleration = real(guard_acceleration, "guard_acceleration")
     codes = listed(emergency_codes, "emergency_codes")
-    moves = core_motion(motion)
+    moves, fastest = core_motion(motion, profile), profile_of(profile)[1]
     if with_plans and not moves.takes_plans:
         raise ValueError(f"motion {motion!r} takes no plans; 'imm' and 'window' do")
     return _core.TrackerSettings(
@@ -60,7 +63,7 @@ def core_settings(
         confirmation=(plots, scans),
         coasting=integer(coasting, "coasting", 1),
         clutter_density=clutter_density,
-        max_speed=real(max_speed, "max_speed"),
+        max_speed=fastest if max_speed is None else real(max_speed, "max_speed"),
         gate_probability=real(gate_probability, "gate_probability"),
         guard_acceleration=guard_acceleration,
         identity_error_probability=real(identity_error_probability, "identity_error_probability"),

@@ -25,7 +25,7 @@ from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
-from tertia.tracker._models import Association, Motion, PlanModel
+from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar, is_registrable, scans
 from tertia.tracker._sensors import Sensor, core_sensor, radars_of, sensors_of
@@ -71,8 +71,11 @@ class Tracker:
         Number of scans without a plot after which a track ends.
     clutter_density : float, optional
         False plots per square metre and scan; by default estimated from the plots.
-    max_speed : float
-        Largest speed of a target, in metres per second.
+    profile : {"aircraft", "vessel", "road", "drone"}
+        What is tracked: how "imm" moves, and the largest speed.
+    max_speed : float, optional
+        Largest speed of a target, in metres per second; by default that of the profile: 350, 30, 70
+        or 40.
     gate_probability : float
         Probability that a target's plot is within its gate.
     guard_acceleration : float, optional
@@ -156,7 +159,8 @@ class Tracker:
         confirmation: tuple[int, int] = (3, 4),
         coasting: int = 5,
         clutter_density: float | None = None,
-        max_speed: float = 350.0,
+        profile: ProfileName = "aircraft",
+        max_speed: float | None = None,
         gate_probability: float = GUARD,
         guard_acceleration: float | None = None,
         identity_error_probability: float = 1e-3,
@@ -180,6 +184,7 @@ class Tracker:
             confirmation=confirmation,
             coasting=coasting,
             clutter_density=clutter_density,
+            profile=profile,
             max_speed=max_speed,
             gate_probability=gate_probability,
             guard_acceleration=guard_acceleration,

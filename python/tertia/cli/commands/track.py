@@ -30,7 +30,7 @@ from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_tabl
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
 from tertia.tables._track import Tracking, recording_of, tracks_of
-from tertia.tracker import AssociationName, MotionName, PlanModel, Tracker
+from tertia.tracker import AssociationName, MotionName, PlanModel, ProfileName, Tracker
 
 EXAMPLES = (
     "tertia track plots.csv --sensors sensors.toml --output tracks.csv --plot tracks.png",
@@ -84,7 +84,13 @@ def track(
         float | None,
         typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
     ] = None,
-    max_speed: Annotated[float, typer.Option(help="No target is faster, in m/s.")] = 350.0,
+    profile: Annotated[
+        ProfileName, typer.Option(help="What is tracked: how it moves, and its largest speed.")
+    ] = "aircraft",
+    max_speed: Annotated[
+        float | None,
+        typer.Option(help="No target is faster, in m/s; by default that of the profile."),
+    ] = None,
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
     ] = 0.998,
@@ -149,6 +155,7 @@ def track(
         "confirmation": pair(confirmation, "--confirmation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,
+        "profile": profile,
         "max_speed": max_speed,
         "gate_probability": gate_probability,
         "lag": lag,
