@@ -167,7 +167,7 @@ def test_a_profile_follows_the_turns_of_its_kind():
     step = 0.05
     course = np.cumsum(np.where(np.arange(0.0, 200.0, step) % 20 < 4, np.radians(25.0), 0.0)) * step
     path = np.cumsum(12.0 * step * np.stack([np.sin(course), np.cos(course)], axis=1), axis=0)
-    random, true = np.random.default_rng(31), path[::20] + [300.0, 400.0]
+    random, true = np.random.default_rng(31), path[::20] + np.array([300.0, 400.0])
     radar = Radar(range_sigma=3.0, azimuth_sigma=0.008, scan_period=1.0)
     rho, azimuth = polar(true)
     plots = Plots(
