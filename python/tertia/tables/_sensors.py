@@ -13,7 +13,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
-from tertia.sensors import Bias, Radar, Station
+from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tables._groups import known
 from tertia.tables._records import RecordError, doubt, is_mark, plain_name
 
@@ -47,6 +47,11 @@ _STATION = {
     "arrival_time_sigma": ("arrival_time_sigma_s", 1.0),
 }
 _POSITION_SIGMA = "position_sigma_m"
+_POSITION_SENSOR = {
+    "position_sigma": _POSITION_SIGMA,
+    "update_interval": "update_interval_s",
+    "detection_probability": "detection_probability",
+}
 # its systematic errors, and whether there are none
 _BIAS = {
     "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
@@ -86,7 +91,9 @@ class Sensors(Generic[S]):
     @property
     def dimension(self) -> int:
         """The number of coordinates."""
-        return len(self.items[0].position)
+        # sensors of positions are at no place
+        places = (getattr(one, "position", None) for one in self.items)
+        return next((len(place) for place in places if place is not None), 2)
 
     def error(self, reason: str) -> RecordError:
         """Return an error in the description of the sensors."""
@@ -178,6 +185,47 @@ def radars(
         positions[:, 2:] = [[one.number(GEODETIC[2]) or 0.0] for one in cells]
     items = [_radar(one, place) for one, place in zip(cells, positions, strict=True)]
     return Sensors(items, norths, np.full(len(items), np.nan), frame, file)
+
+
+def with_position_sensors(
+    found: Sensors[Any] | None,
+    rows: Sequence[Row],
+    *,
+    origin: Row | None = None,
+    file: str = "the table",
+) -> Sensors[Any]:
+    """Return radars, if there are any, and the sensors of positions that rows describe.
+
+    Without radars, latitudes and longitudes need the `origin`.
+    """
+    if found is None:
+        frame = None
+        if origin is not None:
+            centre = _Cells(origin, "the origin", file)
+            frame = SystemPlane(*(centre.required(column) for column in GEODETIC[:2]))
+        found = Sensors[Any]([], np.zeros(0), np.zeros(0), frame, file)
+    items = list(found.items)
+    for name, row in _named(rows, "position sensor", file).items():
+        cells, options = _Cells(row, name, file), {}
+        if name in found.names:
+            raise cells.error(f"there are two sensors {name}")
+        for key, column in _POSITION_SENSOR.items():
+            value = cells.number(column)
+            if value is not None:
+                options[key] = value
+        bias = _bias(cells)
+        try:
+            items.append(PositionSensor(name=name, bias=bias, **options))
+        except ValueError as error:
+            raise cells.error(f"{name}: {error}") from None
+    count = len(items) - len(found.items)
+    return Sensors(
+        items,
+        np.concatenate([found.norths, np.zeros(count)]),
+        np.full(len(items), np.nan),
+        found.frame,
+        file,
+    )
 
 
 def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
 from tertia.geo import SystemPlane
-from tertia.sensors import Bias, Radar
+from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
@@ -27,6 +27,7 @@ from tertia.tables._records import (
     Schema,
     Source,
     identity_texts,
+    number,
     read,
     source_of,
 )
@@ -43,6 +44,19 @@ PLOTS: Schema = {
     "sensor": SENSOR,
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
     "identity": Field("identity", IDENTITIES),
+}
+# plots, and reports of positions with their standard deviations
+REPORTS: Schema = {
+    **PLOTS,
+    "range": replace(PLOTS["range"], required=False),
+    "azimuth": replace(PLOTS["azimuth"], required=False),
+    "east": number("east_m"),
+    "north": number("north_m"),
+    "latitude": Field("number", {"latitude_deg": 1.0}, most=90.0),
+    "longitude": Field("number", {"longitude_deg": 1.0}, most=360.0),
+    "east_sigma": number("east_sigma_m", positive=True),
+    "north_sigma": number("north_sigma_m", positive=True),
+    "east_north": number("covariance_east_north_m2"),
 }
 # hijack, no radio, emergency
 _EMERGENCIES = (0o7500, 0o7600, 0o7700)
@@ -68,7 +82,7 @@ class Recording:
     """Plots, their radars, the kind of their times, and the column of their identities."""
 
     plots: Plots
-    sensors: Sensors[Radar]
+    sensors: Sensors[Any]
     clock: Clock
     identity: str
 
@@ -170,12 +184,12 @@ class Tracking:
 def track(
     table: Table,
     *,
-    sensors: Sequence[Radar] | Sensors[Radar],
+    sensors: Sequence[Radar | PositionSensor] | Sensors[Any],
     columns: Mapping[str, str] | None = None,
     plans: Sequence[FlightPlan] = (),
     **options: Any,
 ) -> Table:
-    """Track targets from the plots of radars, as the command `tertia track` does.
+    """Track targets from the plots of sensors, as the command `tertia track` does.
 
     Parameters
     ----------
@@ -183,9 +197,11 @@ def track(
         One row per plot, in any order: `time_s` (seconds, or dates with time), `range_m` or
         `range_nm`, and `azimuth_deg`; `sensor`, its name, if there are several; and, if known,
         `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
-        `identity`.
-    sensors : sequence of Radar
-        The radars. A radar without a name has its index as name.
+        `identity`. Reports of a `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and
+        `longitude_deg` where radars are on the earth, instead of range and azimuth; and, if known,
+        `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
+    sensors : sequence of Radar or PositionSensor
+        The sensors. A sensor without a name has its index as name.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     plans : sequence of FlightPlan
@@ -231,28 +247,57 @@ def track(
 
 def recording_of(
     source: Source,
-    sensors: Sequence[Radar] | Sensors[Radar],
+    sensors: Sequence[Radar | PositionSensor] | Sensors[Any],
     columns: Mapping[str, str] | None = None,
 ) -> Recording:
     """Return the plots of a table or of files."""
-    radars = sensors_of(sensors)
-    records = read(source, PLOTS, columns=columns, sensors=radars.names)
+    radars: Sensors[Any] = sensors_of(sensors)
+    schema = REPORTS if np.any(reporting(radars)) else PLOTS
+    records = read(source, schema, columns=columns, sensors=radars.names)
     clock = Clock.of(records.rows["time"], midnight=True)
     identity = records.column.get("identity", "identity")
     return Recording(plots_of(records.rows, clock, radars), radars, clock, identity)
 
 
-def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Radar]) -> Plots:
-    """Return plots from rows that were read by the schema of plots."""
+def reporting(sensors: Sensors[Any]) -> BoolArray:
+    """Return which sensors report positions."""
+    return np.array([isinstance(one, PositionSensor) for one in sensors.items], dtype=bool)
+
+
+def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
+    """Return plots from rows that were read by the schema of plots, or of plots and reports."""
     sensor = rows["sensor"].to_numpy()
+    reports = reporting(sensors)[sensor]
+    place, spread = _reported(rows, sensors, reports) if reports.any() else (None, None)
     return Plots(
         clock.seconds(rows["time"]),
-        rows["range"].to_numpy(),
-        np.radians(rows["azimuth"].to_numpy()) + sensors.norths[sensor],
+        np.where(reports, np.nan, rows["range"].to_numpy()),
+        np.where(reports, np.nan, np.radians(rows["azimuth"].to_numpy())) + sensors.norths[sensor],
         sensor=sensor,
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
+        position=place,
+        covariance=spread,
     )
+
+
+def _reported(
+    rows: pl.DataFrame, sensors: Sensors[Any], reports: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions, (N, 2), and covariances, (N, 2, 2), of reports; nan elsewhere."""
+    column = {name: rows[name].to_numpy() for name in REPORTS if name in rows.columns}
+    place = np.column_stack([column["east"], column["north"]])
+    if sensors.frame is not None:
+        height = np.nan_to_num(column["height"])
+        found = sensors.frame.to_local(column["latitude"], column["longitude"], height)[:, :2]
+        place = np.where(np.isnan(place), found, place)
+    cross = np.nan_to_num(column["east_north"])
+    spread = np.empty((len(place), 2, 2))
+    spread[:, 0, 0], spread[:, 1, 1] = column["east_sigma"] ** 2, column["north_sigma"] ** 2
+    spread[:, 0, 1] = spread[:, 1, 0] = cross
+    whole = reports & np.isfinite(spread).all(axis=(1, 2))
+    place[~reports], spread[~whole] = np.nan, np.nan
+    return place, spread
 
 
 def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options: Any) -> Tracking:

@@ -141,8 +141,9 @@ def track(
 ) -> dict[str, Any]:
     """Track targets from the plots of one or several radars, with flight plans if given.
 
-    One row per plot: time_s, range_m or range_nm, azimuth_deg; sensor, if there are several; and,
-    if known, height_m or flight_level, and icao_address, mode_3a or identity. Rows in any order.
+    One row per plot: time_s, range_m or range_nm, azimuth_deg, or for sensors of positions east_m
+    and north_m; sensor, if there are several; and, if known, height_m or flight_level, and
+    icao_address, mode_3a or identity. Rows in any order.
     """
     columns = column_names(column)
     place = pair(origin, "--origin", float)
@@ -190,7 +191,7 @@ def track(
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
     write.check_suffixes(output, plot_file, maps=[*maps.SUFFIXES, *write.ASTERIX])
     plots = read.plots(*given)
-    radars = _trusting(read.read_radars(sensors, plots, flat=flat), trusted)
+    radars = _trusting(read.read_sensors(sensors, plots, flat=flat), trusted)
     maps.check(output, radars)
     filed = read.read_plans(plans, place, radars, fixes=fixes, airways=airways)
     recording = recording_of(plots, radars, columns)
@@ -266,10 +267,14 @@ def _draw(tracking: Tracking, path: Path) -> None:
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
     figure = Figure(figsize=_FIGURE_SIZE, layout="constrained")
+    of = tracking.recording
+    # radars come first
+    radars = [one for one in of.sensors.items if isinstance(one, Radar)]
+    shown = (tracking.table.track_of_plot >= 0) & (of.plots.sensor < len(radars))
     plot.tracks(
         tracking.table,
-        tracking.recording.sensors.items,
-        plots=tracking.recording.plots[tracking.table.track_of_plot >= 0],
+        radars,
+        plots=of.plots[shown],
         plans=tracking.plans,
         ax=figure.subplots(),
     )

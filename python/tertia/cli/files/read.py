@@ -18,7 +18,14 @@ from tertia.cli.files.text import Dialect, decoded, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._records import Part, Source
-from tertia.tables._sensors import GEODETIC, LOCAL, Sensors, radars, stations
+from tertia.tables._sensors import (
+    GEODETIC,
+    LOCAL,
+    Sensors,
+    radars,
+    stations,
+    with_position_sensors,
+)
 
 if TYPE_CHECKING:
     from tertia.flightplan import FlightPlan
@@ -38,6 +45,7 @@ _PACKED = (".gz", ".zst")
 _BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
 # flight plans in messages of ICAO
 _MESSAGES = (".fpl", ".txt")
+_REPORTS = "position_sensor"
 _ORIGIN = "origin"
 _ROWS_AT_ONCE = 2**17
 
@@ -190,9 +198,26 @@ def _is_object(line: bytes) -> bool:
         return False
 
 
-def read_radars(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Radar]:
-    """Return the radars of a sensors file, completed from recordings; the earth may be flat."""
+def read_sensors(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Any]:
+    """Return the radars of a sensors file, as `read_radars`, and its sensors of positions."""
+    reports, origin = _described(path, _REPORTS) if path.suffix.lower() == ".toml" else ([], None)
+    if not reports:
+        return read_radars(path, source, flat=flat)
+    some = _described(path, "radar")[0]
+    found = read_radars(path, source, flat=flat, alone=False) if some else None
+    return with_position_sensors(found, reports, origin=origin, file=str(path))
+
+
+def read_radars(
+    path: Path, source: Source = (), *, flat: bool = False, alone: bool = True
+) -> Sensors[Radar]:
+    """Return the radars of a sensors file, completed from recordings; the earth may be flat.
+
+    They must be the only sensors that plots are from where they are `alone`.
+    """
     rows, origin = _described(path, "radar")
+    if alone and path.suffix.lower() == ".toml" and _described(path, _REPORTS)[0]:
+        fail(f"{path} has [[{_REPORTS}]] tables: they are for `tertia track`, without --stream")
     # the first recording counts
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
     sensors = radars(rows, origin=origin, file=str(path), found=found or None, flat=flat)
