@@ -468,7 +468,7 @@ def test_settings_are_options_of_the_command(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("motions = 3", "motions is no option of track; it has association"),
+        ("motions = 3", "motions is no option of track; it has "),
         ("track = 3", "track is no table of options"),
         ("motion = [", "cannot read"),
         ("settings = 'other.toml'", "settings is no option of track"),

@@ -56,7 +56,7 @@ BAD_SERIES = [
     ({"time": [0, 5, NAN, 15, 20, 25]}, ValueError, r"time\[2\] is nan"),
     ({"time": [0, 5, 10, 15, 20, INF]}, ValueError, r"time\[5\] is inf"),
     ({"time": 5.0}, ValueError, "time is a single number"),
-    ({"time": "x"}, TypeError, "time has dtype"),
+    ({"time": "x"}, ValueError, r"time\[0\] is .x.; it must be a number of seconds"),
     ({"time": [0, 5, 10, 35, 40, 45]}, ValueError, "25; it must be less than 1/alpha"),
     ({"period": 0}, ValueError, "period is 0"),
     ({"period": -360.0}, ValueError, "period is -360"),

@@ -158,7 +158,7 @@ def test_fused_series_of_many_sensors_and_of_nothing() -> None:
         ),
         ({"sensors": ["a"]}, ValueError, "sensors has 1 names; z has 3 sensors"),
         ({"time": np.arange(59)}, ValueError, r"time has shape \(59,\); it must be \(60,\)"),
-        ({"time": ["x"] * 60}, TypeError, "time has dtype"),
+        ({"time": ["x"] * 60}, ValueError, r"time\[0\] is .x.; it must be a number of seconds"),
         (
             {"measurement_variance": [1.0, 2.0]},
             ValueError,

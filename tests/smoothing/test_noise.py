@@ -242,3 +242,18 @@ def test_the_first_plots_of_several_sensors():
             # where noise lasts, positions are less certain; 1e-4 is the start that is assumed
             assert np.all(ratio[:, :2] > 1 - 3e-4)
             assert np.all((ratio > 0.5) & (ratio < 3.0))
+
+
+@pytest.mark.parametrize("variance", [100.0, 300.0, 400.0, 800.0])
+def test_jumps_of_kilometres_whatever_is_stated(variance):
+    # where rounding leaves too little of the first state, smoothing begins anew near what it found
+    random = rng(41)
+    time = np.sort(random.uniform(0.0, 900.0, 700))
+    time = np.sort(np.r_[time[(time < 500) | (time > 545)], time[::25]])
+    truth = np.stack([210.0 * time, 40.0 * time], axis=1)
+    y = truth + 20.0 * random.standard_normal(truth.shape)
+    wrong = random.uniform(size=len(time)) < 0.03
+    y[wrong] += random.uniform(-2e4, 2e4, (int(wrong.sum()), 2))
+    found = smooth(y, variance, time=time)
+    assert np.mean(found.outlier[wrong]) > 0.9
+    assert np.sqrt(np.mean((found.position - truth) ** 2)) < 10.0

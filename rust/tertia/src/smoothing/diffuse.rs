@@ -4,7 +4,6 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::lasting::Found;
 use crate::base::small::{Matrix as Square, dot};
 
 /// What rounding must leave of what the plots say of the first state.
@@ -17,7 +16,7 @@ pub(super) fn forget_start<const D: usize, const N: usize>(
     answers: &[Square<N>],
     l: &[f64; N],
     big: &Square<N>,
-    out: &mut Found,
+    (mean, covariance): (&mut [f64], &mut [f64]),
 ) {
     let states = 3 * D;
     let scale: [f64; N] = std::array::from_fn(|i| big[i][i].sqrt());
@@ -48,11 +47,33 @@ pub(super) fn forget_start<const D: usize, const N: usize>(
         }
         for r in 0..states {
             let at = k * states + r;
-            out.mean[at] += (0..states).map(|c| columns[c][r] * white[c]).sum::<f64>();
+            mean[at] += (0..states).map(|c| columns[c][r] * white[c]).sum::<f64>();
             for q in 0..states {
-                out.covariance[at * states + q] +=
+                covariance[at * states + q] +=
                     (0..states).map(|c| columns[c][r] * columns[c][q]).sum::<f64>();
             }
         }
+    }
+}
+
+/// What a plot leaves of an answer to the first state, `(I − K H) a`; `P H'`, `H` and variances of
+/// its numbers.
+pub(super) fn update<const D: usize, const N: usize>(
+    answer: &mut [f64; N],
+    (ph, h, s): (&[[f64; N]; D], &[[f64; N]; D], &[f64; D]),
+) {
+    for i in (0..D).filter(|&i| s[i] > 0.0) {
+        let along = dot(&h[i], answer) / s[i];
+        for r in 0..N {
+            answer[r] -= ph[i][r] * along;
+        }
+    }
+}
+
+/// What all later plots leave of it: `(I − P Λ) a`.
+pub(super) fn smooth<const N: usize>(answer: &mut [f64; N], p: &Square<N>, big: &Square<N>) {
+    let seen: [f64; N] = std::array::from_fn(|r| dot(&big[r], answer));
+    for r in 0..N {
+        answer[r] -= dot(&p[r], &seen);
     }
 }

@@ -8,7 +8,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::adjoint::{self, Adjoint};
-use super::diffuse::forget_start;
+use super::diffuse;
 use super::rows::invert;
 use super::track::{ENOUGH, Track};
 use crate::base::small::{Matrix as Square, dot};
@@ -24,6 +24,8 @@ const JUMP: [f64; 2] = [1e4, 10.0];
 const LEAST_SHARE: f64 = 1e-11;
 /// What rounding leaves of a variance, at least.
 const FLOOR: f64 = 1e-13;
+/// How often smoothing begins anew near what it found.
+const ATTEMPTS: usize = 3;
 
 /// Jerk and noise, of which the white part has the variance `1 − share` of what is stated, and the
 /// lasting part `share`.
@@ -150,19 +152,27 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         }
         // the plots say far more of the first state than the start does: one that is less vague
         // costs fewer digits
-        let (vague, states) = (self.start, 3 * D);
+        let vague = self.start;
+        let found = track.prior.is_empty()
+            && (0..ATTEMPTS).any(|_| {
+                self.begin_near(track, out, &vague.1);
+                self.pass(track, model, faults, out)
+            });
+        self.start = first;
+        found.then_some(())
+    }
+
+    /// Begins near a smoothed first state, of which some digits may be lost.
+    fn begin_near(&mut self, track: &Track<'_>, out: &Found, vague: &Square<N>) {
+        let states = 3 * D;
+        let mut trend = vec![0.0; states];
+        track.add_trend(0, &mut trend);
         for i in 0..states {
-            self.start.0[i] = out.mean[i];
-            let known = out.covariance[i * (states + 1)].max(FLOOR * vague.1[i][i]);
+            self.start.0[i] = out.mean[i] - trend[i];
+            let known = out.covariance[i * (states + 1)].max(FLOOR * vague[i][i]);
             self.start.1[i] = [0.0; N];
             self.start.1[i][i] = VAGUE * known;
         }
-        let mut trend = vec![0.0; states];
-        track.add_trend(0, &mut trend);
-        self.start.0.iter_mut().zip(&trend).for_each(|(x, trend)| *x -= trend);
-        let is_well = track.prior.is_empty() && self.pass(track, model, faults, out);
-        self.start = vague;
-        is_well.then_some(())
     }
 
     /// Whether no variance is lost to rounding.
@@ -188,7 +198,8 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
                 advance::<D, N>(column, t, 0.5 * t * t, decay(t, model));
             }
             self.answers.push(answer);
-            answer[..states].iter_mut().for_each(|column| step.answer(column));
+            let plot = (&step.ph, &step.h, &step.s);
+            answer[..states].iter_mut().for_each(|column| diffuse::update(column, plot));
             self.steps.push(std::mem::replace(&mut step, after));
         }
         let mut is_well = true;
@@ -209,14 +220,15 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
             track.add_trend(k, mean);
             let covariance = &mut out.covariance[k * states * states..];
             is_well &= step.smoothed_covariance(&big, states, covariance);
-            self.answers[k][..states].iter_mut().for_each(|a| step.smooth_answer(&big, a));
+            self.answers[k][..states].iter_mut().for_each(|a| diffuse::smooth(a, &step.p, &big));
             if k > 0 {
                 let t = track.times[k] - track.times[k - 1];
                 back::<D, N>(t, decay(t, model), &mut l, &mut big);
             }
         }
-        if track.prior.is_empty() {
-            forget_start::<D, N>(&self.answers, &l, &big, out);
+        if is_well && track.prior.is_empty() {
+            let found = (&mut out.mean[..], &mut out.covariance[..]);
+            diffuse::forget_start::<D, N>(&self.answers, &l, &big, found);
         }
         is_well
     }
@@ -399,24 +411,6 @@ impl<const D: usize, const N: usize> Step<D, N> {
             for c in 0..N {
                 big[r][c] += h[r] * h[c] * square - h[r] * moved[c] - moved[r] * h[c];
             }
-        }
-    }
-
-    /// What the plot leaves of an answer to the first state: `(I − K H) a`.
-    fn answer(&self, column: &mut [f64; N]) {
-        for i in (0..D).filter(|&i| self.s[i] > 0.0) {
-            let along = dot(&self.h[i], column) / self.s[i];
-            for r in 0..N {
-                column[r] -= self.ph[i][r] * along;
-            }
-        }
-    }
-
-    /// What all later plots leave of it: `(I − P Λ) a`.
-    fn smooth_answer(&self, big: &Square<N>, column: &mut [f64; N]) {
-        let seen: [f64; N] = std::array::from_fn(|r| dot(&big[r], column));
-        for r in 0..N {
-            column[r] -= dot(&self.p[r], &seen);
         }
     }
 
