@@ -151,22 +151,29 @@ impl<'a> Paths<'a> {
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
         let hop = |a: &Spot, b: &Spot| {
             let time = b.time - a.time;
+            // most are too late, or too far away for any errors
+            if !(time > 0.0 && time <= longest) {
+                return false;
+            }
+            let [east, north] = [0, 1].map(|i| b.position[i] - a.position[i]);
             let errors = SIGMAS * (a.variance + b.variance).sqrt();
-            let flown = f64::hypot(b.position[0] - a.position[0], b.position[1] - a.position[1]);
+            let most = FASTER * speed * time + errors;
+            if east.abs().max(north.abs()) > most {
+                return false;
+            }
             // half the angle of the sharpest turn
             let half = (0.5 * ACCELERATION * time / speed.max(1.0)).min(std::f64::consts::PI);
             let least = speed * time * (half.sin() / half) / FASTER;
-            time > 0.0
-                && time <= longest
-                && flown <= FASTER * speed * time + errors
-                && flown >= least - errors
+            (least - errors..=most).contains(&f64::hypot(east, north))
         };
         let straight = |b: &Spot| {
-            let (place, p) = old.position_at(b.time);
-            let time = b.time - begin.time;
-            let errors = SIGMAS * (p.xx + p.yy + b.variance).sqrt();
-            let away = f64::hypot(b.position[0] - place[0], b.position[1] - place[1]);
-            hop(begin, b) && away <= 0.5 * ACCELERATION * time * time + errors
+            hop(begin, b) && {
+                let (place, p) = old.position_at(b.time);
+                let time = b.time - begin.time;
+                let errors = SIGMAS * (p.xx + p.yy + b.variance).sqrt();
+                let away = f64::hypot(b.position[0] - place[0], b.position[1] - place[1]);
+                away <= 0.5 * ACCELERATION * time * time + errors
+            }
         };
         let mut reached = Vec::new();
         let mut now: Vec<Option<usize>> = vec![None];
