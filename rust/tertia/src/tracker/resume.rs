@@ -32,7 +32,8 @@ pub(super) fn resume(
         let Ok(at) = places.binary_search_by_key(&number, |(number, _)| *number) else { continue };
         let place = places[at].1;
         let new = &tracks[place];
-        let may = |old: &&Track| continues(new, old, &paths);
+        let end = Spot::first(new, settings);
+        let may = |old: &&Track| continues((new, &end), old, &paths);
         let same = |old: &Track| old.identity().is_some() && old.identity() == new.identity();
         let live = silent.iter().map(|&i| &tracks[i]).filter(may);
         let mut found: Vec<&Track> = live.chain(ended.tracks.iter().filter(may)).collect();
@@ -89,10 +90,9 @@ fn candidates(
 }
 
 /// Whether a new track may be the same target as an older one.
-fn continues(new: &Track, old: &Track, paths: &Paths<'_>) -> bool {
+fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> bool {
     let settings = paths.settings;
-    let (begin, end) = (Spot::last(old), Spot::first(new, settings));
-    let gap = end.time - begin.time;
+    let gap = end.time - old.seen;
     if gap <= 0.0 {
         return false;
     }
@@ -100,8 +100,9 @@ fn continues(new: &Track, old: &Track, paths: &Paths<'_>) -> bool {
         (Some(new), Some(old)) if new != old => return false,
         (None, _) | (_, None) => {
             return gap <= SCANS * old.period()
+                && is_near(old, end, gap)
                 && turned(new, old)
-                && paths.lead(old, &begin, &end);
+                && paths.lead(old, &Spot::last(old), end);
         }
         _ => (),
     }
@@ -113,6 +114,17 @@ fn continues(new: &Track, old: &Track, paths: &Paths<'_>) -> bool {
     let away = f64::hypot(end.position[0] - place[0], end.position[1] - place[1]);
     let errors = SIGMAS * (p.xx + p.yy + end.variance).sqrt();
     gap <= longest && away <= 2.0 * settings.max_speed * gap + errors
+}
+
+/// Whether an aircraft may be so far from an old track after a time: any way there is longer. Most
+/// tracks are not, and this costs the least.
+fn is_near(old: &Track, end: &Spot, gap: f64) -> bool {
+    let mean = &old.estimate.mean;
+    let fastest = FASTER * (mean[2].abs() + mean[3].abs());
+    let [east, north] = [0, 1].map(|i| (end.position[i] - mean[i]).abs());
+    let errors = end.variance + old.estimate.covariance[(0, 0)] + old.estimate.covariance[(1, 1)];
+    let behind = (old.time - old.seen).abs();
+    east.max(north) <= 2.0 * fastest * (gap + behind) + 4.0 * SIGMAS * errors.sqrt()
 }
 
 /// Whether an aircraft may have turned from the old velocity into the new one.
