@@ -105,6 +105,7 @@ def test_a_table_is_complete_wherever_it_goes():
         ({"confirmation": (4, 3)}, "confirmation"),
         ({"coasting": 0}, "coasting is 0"),
         ({"max_speed": -1.0}, "max_speed"),
+        ({"profile": ["drone"]}, r"profile is \['drone'\]; it must be one of"),
         ({"profile": "ship"}, "profile is 'ship'; it must be one of aircraft, vessel"),
         ({"gate_probability": 1.0}, "gate_probability is 1"),
         ({"clutter_density": 0.0}, "clutter_density"),

@@ -227,7 +227,7 @@ def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Moti
 
 def profile_of(profile: ProfileName) -> tuple[ImmModel, float]:
     """Return how targets of a profile move, and the largest speed of one."""
-    if profile not in _PROFILES:
+    if not isinstance(profile, str) or profile not in _PROFILES:
         names = ", ".join(get_args(ProfileName))
         raise ValueError(f"profile is {profile!r}; it must be one of {names}")
     return _PROFILES[profile]
