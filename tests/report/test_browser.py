@@ -81,6 +81,13 @@ def opened(request: pytest.FixtureRequest, browser: Any, page: Path) -> Iterator
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size | mobile)
     for log in ("browser", "performance"):
         browser.get_log(log)
+    visit(browser, page)
+    yield browser
+    check_quiet(browser, page)
+
+
+def visit(browser: Any, page: Path) -> None:
+    """Open a page, and wait until its figures are drawn."""
     browser.get(page.as_uri())
     until(
         lambda: browser.execute_script(
@@ -88,7 +95,10 @@ def opened(request: pytest.FixtureRequest, browser: Any, page: Path) -> Iterator
         ),
         "not all figures are drawn",
     )
-    yield browser
+
+
+def check_quiet(browser: Any, page: Path) -> None:
+    """Check that the page has written nothing to the console, and asked for itself alone."""
     assert browser.get_log("browser") == []
     messages = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
     asked = [
@@ -107,6 +117,29 @@ def click(browser: Any, element: Any) -> None:
 
 def slider(browser: Any) -> float:
     return float(browser.execute_script("return document.getElementById('time').value"))
+
+
+def test_a_page_of_bearings_alone(browser: Any, page: Path) -> None:
+    """It has its figures, without a map to be played, on a light page and a dark one.
+
+    This test comes first: it opens another page than those below, which share theirs.
+    """
+    alone = page.with_name("bearings.html")
+    files = ["--sensors", str(page.with_name("sensors.toml"))]
+    files += ["--bearings", str(page.with_name("bearings.csv")), "--by", "target"]
+    done = CliRunner().invoke(cli.app, ["report", *files, "--output", str(alone)])
+    assert done.exit_code == 0, done.stderr
+    for log in ("browser", "performance"):
+        browser.get_log(log)
+    visit(browser, alone)
+    assert len(browser.find_elements("css selector", ".plot")) == 4
+    assert browser.find_elements("id", "play") == []
+    click(browser, browser.find_element("id", "theme"))
+    assert browser.execute_script("return document.documentElement.dataset.theme") in {
+        "light",
+        "dark",
+    }
+    check_quiet(browser, alone)
 
 
 def test_nothing_is_cut_off(opened: Any) -> None:

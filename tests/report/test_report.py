@@ -13,6 +13,7 @@ from terminal import run
 
 from tertia import report
 from tertia.location import Station
+from tertia.report._bearings import hear
 from tertia.tracker import Plots, Radar
 
 pytest.importorskip("plotly")
@@ -180,7 +181,8 @@ def test_nothing_to_show() -> None:
         assert page.summary["findings"] == []
 
 
-def test_an_emitter_that_moves_has_no_position() -> None:
+def ship() -> tuple[list[Station], report.Emitter, np.ndarray[Any, Any]]:
+    """Return three finders, the bearings of a ship under way, and where it was."""
     random = np.random.default_rng(3)
     places = [[0.0, 0.0], [2e4, 0.0], [0.0, 2e4]]
     finders = [Station(place, azimuth_sigma=0.01) for place in places]
@@ -188,10 +190,56 @@ def test_an_emitter_that_moves_has_no_position() -> None:
     target = np.column_stack([8e3 + 100 * time, np.full(60, 8e3)])
     off = target[:, np.newaxis] - np.array(places)
     azimuth = np.arctan2(off[..., 0], off[..., 1]) + 0.01 * random.standard_normal((60, 3))
+    return finders, report.Emitter("ship", time, azimuth), target
+
+
+def test_an_emitter_that_moves_has_a_path_and_no_position() -> None:
+    """Its path is where the ship was, within the sigmas; an emitter alone needs no radar."""
+    finders, emitter, target = ship()
+    page = report.make(stations=finders, bearings=[emitter])
+    [row] = page.summary["emitters"]
+    assert row["moves"]
+    assert "east_m" not in row
+    assert page.summary["findings"] == [
+        f"ship moves along a path with a sigma of {row['path_sigma_m']:.3g} m."
+    ]
+    path = hear(emitter, finders).path
+    assert path is not None
+    off = path.position - target
+    nees = np.einsum("ni,nij,nj->n", off, np.linalg.inv(path.covariance[:, :2, :2]), off) / 2
+    assert 0.2 < np.mean(nees) < 2.5
+
+
+def test_bearings_alone(scene: Path, summary: dict[str, Any], tmp_path: Path) -> None:
+    """The emitters of the page with everything, no map of tracks, and nothing of radars."""
+    output = tmp_path / "bearings.html"
+    done = run(
+        *("report", "--sensors", scene / "sensors.toml", "--bearings", scene / "bearings.csv"),
+        *("--by", "target", "--output", output, "--json"),
+    )
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    assert found["emitters"] == summary["emitters"]
+    assert found["radars"] == []
+    assert found["tracks"] == 0
+    assert set(found) == set(summary)
+    html = output.read_text(encoding="utf-8")
+    assert '<section id="finders">' in html
+    assert not any(f'<section id="{name}">' in html for name in ("map", "radars", "tracks"))
+    assert "player" not in html.split("</script>")[-2]
+
+
+def test_what_a_page_needs(tmp_path: Path) -> None:
+    finders, emitter, _ = ship()
+    with pytest.raises(ValueError, match="plots or bearings must be given"):
+        report.make()
     radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, scan_period=4.0)
-    emitter = report.Emitter("ship", time, azimuth)
-    page = report.make(Plots([], [], []), [radar], stations=finders, bearings=[emitter])
-    assert page.summary["findings"] == ["ship moves."]
+    with pytest.raises(ValueError, match="sensors, plans and truth are for plots"):
+        report.make(sensors=[radar], stations=finders, bearings=[emitter])
+    done = run("report", "--sensors", PLOTS[2])
+    assert (done.code, done.err) == (2, "tertia: give files of plots, or --bearings\n")
+    done = run("report", *PLOTS[1:], "--bearings", "b.csv", "--truth", PLOTS[0])
+    assert "--plans and --truth are for plots" in done.err
 
 
 @pytest.mark.parametrize(

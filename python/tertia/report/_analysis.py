@@ -1,4 +1,4 @@
-"""The analysis shown on a page: tracks, radars, fusion, truth, plans, emitters."""
+"""The analysis shown on a page: tracks, radars, fusion, truth, plans."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from tertia.metrics._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.registration import Registration
 from tertia.registration._register import corrected, in_stretches, rounds
 from tertia.registration._states import Common, Run, common
-from tertia.report._bearings import Emitter, Heard, hear
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import Innovations, Updates, innovations, updates
 from tertia.report._reference import Referenced, versus_others
 from tertia.report._tracks import Combined, combine, confirmed_rows
-from tertia.sensors import Radar, Station
+from tertia.sensors import Radar
 from tertia.tracker import Motion, Plots, TrackTable
 
 Progress = Callable[[str, float], None]
@@ -64,8 +63,6 @@ class Analysis:
     update_interval: float
     limits: Mapping[str, float]
     followed: list[Followed]
-    heard: list[Heard]
-    stations: Sequence[Station]
 
     @property
     def edges(self) -> FloatArray:
@@ -77,11 +74,6 @@ class Analysis:
         """Times of the middle of the periods, (T,)."""
         return (self.edges[:-1] + self.edges[1:]) / 2
 
-    @property
-    def station_names(self) -> list[str]:
-        """Names of the stations, or their numbers from 1 on."""
-        return [str(station.name or k) for k, station in enumerate(self.stations, start=1)]
-
 
 def analyse(
     plots: Plots,
@@ -91,8 +83,6 @@ def analyse(
     motion: Motion,
     plans: Sequence[FlightPlan],
     truth: Truth | None,
-    stations: Sequence[Station],
-    emitters: Sequence[Emitter],
     max_distance: float,
     update_interval: float | None,
     limits: Mapping[str, float],
@@ -140,8 +130,6 @@ def analyse(
         judged, required = _judge_all(sets, truth, max_distance, update_interval, limits)
         if fused is not None and TOGETHER in judged:
             fused = _judge_fusion(fused, truth, judged[TOGETHER])
-    begin("direction finders")
-    heard = [hear(emitter, stations) for emitter in emitters]
     return Analysis(
         plots=plots,
         radars=radars,
@@ -161,8 +149,6 @@ def analyse(
         update_interval=required,
         limits=limits,
         followed=plan_rows,
-        heard=heard,
-        stations=stations,
     )
 
 

@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, samples
 from tertia.bearing import estimate_bearing
-from tertia.location import Location, Station, locate
+from tertia.location import Location, locate
+from tertia.sensors import Station
+from tertia.trajectory import Trajectory, reconstruct
 
 # standard deviations by which the halves of a record differ if the emitter moves
 _MOVED = 4.0
@@ -52,8 +54,9 @@ class Emitter:
 class Heard:
     """An emitter, its bearing from each station (radians, nan where unknown), and its position.
 
-    `moves` is true if the bearings of the two halves of the record differ; then no position is
-    estimated from the whole record. `instants` are the positions at single times, if any.
+    `moves` is true if the bearings of the two halves of the record differ; then there is a path
+    in place of a position from the whole record. `instants` are the positions at single times, if
+    any.
     """
 
     emitter: Emitter
@@ -63,6 +66,20 @@ class Heard:
     moves: bool
     position: Location | None
     instants: Location | None
+    path: Trajectory | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finders:
+    """Direction finders, and what they heard of each emitter."""
+
+    stations: Sequence[Station]
+    heard: list[Heard]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the stations, or their numbers from 1 on."""
+        return [str(station.name or k) for k, station in enumerate(self.stations, start=1)]
 
 
 def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
@@ -90,7 +107,14 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
             moves |= abs(np.sin((one - other) / 2)) * 2 > _MOVED * np.hypot(s, t)
     position = None if moves else _position(stations, bearing, sigma)
     return Heard(
-        emitter, bearing, sigma, outlier, bool(moves), position, _instants(stations, azimuth)
+        emitter=emitter,
+        bearing=bearing,
+        sigma=sigma,
+        outlier=outlier,
+        moves=bool(moves),
+        position=position,
+        instants=_instants(stations, azimuth),
+        path=_path(stations, emitter) if moves else None,
     )
 
 
@@ -116,9 +140,23 @@ def _position(
 
 
 def _instants(stations: Sequence[Station], azimuth: FloatArray) -> Location | None:
-    stated = [station.azimuth_sigma is not None for station in stations]
-    if not any(stated) or len(stations) < 2:
+    heard = _stated(stations)
+    if len(heard) < 2:
         return None
-    heard = [k for k, known in enumerate(stated) if known]
     found = locate([stations[k] for k in heard], azimuth=azimuth[:, heard])
     return found if np.any(found.success) else None
+
+
+def _path(stations: Sequence[Station], emitter: Emitter) -> Trajectory | None:
+    heard = _stated(stations)
+    azimuth = emitter.azimuth[:, heard]
+    # one bearing alone is no position
+    if np.sum(np.sum(~np.isnan(azimuth), axis=1) >= 2) < _FEWEST:
+        return None
+    order = np.argsort(emitter.time, kind="stable")
+    return reconstruct([stations[k] for k in heard], emitter.time[order], azimuth=azimuth[order])
+
+
+def _stated(stations: Sequence[Station]) -> list[int]:
+    """Return the stations that state a sigma."""
+    return [k for k, station in enumerate(stations) if station.azimuth_sigma is not None]

@@ -19,7 +19,6 @@ from tertia.report._analysis import (
     Analysis,
     means,
 )
-from tertia.report._bearings import Heard
 
 # of Okabe and Ito, in lightness between white and black: for light and dark pages, and for people
 # who see fewer colours
@@ -28,14 +27,14 @@ DASHES = ("solid", "dash", "dashdot", "longdash", "dot", "longdashdot", "solid",
 MARKS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
 GREY = "#8a8f98"
 # standard deviations to both sides: 95 %
-_SIDES = 1.959964
+SIDES = 1.959964
 # 95 % of chi-squared with two degrees of freedom
 _ELLIPSE = 5.991465
 _DIGITS = 5
 # tracks in the picture of plans that have a colour of their own
 _COLOURED = 8
 # points of an ellipse; of a line over time
-_CORNERS, _POINTS = 41, 2000
+_CORNERS, POINTS = 41, 2000
 
 Figure = dict[str, Any]
 
@@ -111,7 +110,7 @@ def _noise(analysis: Analysis, time: str) -> Panel:
         for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
             stated = getattr(radar, f"{kind}_sigma") * unit
             factor, sigma = (getattr(one, kind)[k] for one in (history.factor, history.sigma))
-            half = numbers(sigma * stated * _SIDES, 3)
+            half = numbers(sigma * stated * SIDES, 3)
             bars = {"type": "data", "array": half, "thickness": 1, "width": 2}
             more = {"error_y": bars, "line": {"dash": "solid"}, **_panel(name, i)}
             data.append(_marked(name, analysis.middle, factor * stated, k, **more))
@@ -181,7 +180,7 @@ def truth_panels(analysis: Analysis, time: str) -> list[Panel]:
     if TOGETHER not in analysis.judged:
         return []
     judged = analysis.judged[TOGETHER]
-    step = max(1, len(judged.instants) // _POINTS)
+    step = max(1, len(judged.instants) // POINTS)
     data = [
         line(name, judged.instants[::step], values[::step], k)
         for k, (name, values) in enumerate(zip(PARTS, judged.gospa.T, strict=True))
@@ -227,7 +226,7 @@ def _marked(name: str, x: FloatArray, y: FloatArray, k: int, **more: Any) -> dic
     return line(name, x, y, k, mode="lines+markers", marker=marker, **more)
 
 
-def _dots(name: str, places: FloatArray, marker: dict[str, Any]) -> dict[str, Any]:
+def dots(name: str, places: FloatArray, marker: dict[str, Any]) -> dict[str, Any]:
     """Return places on a map without a line."""
     return line(name, places[:, 0] / 1e3, places[:, 1] / 1e3, mode="markers", marker=marker)
 
@@ -251,7 +250,7 @@ def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
     leaving = [one for one in analysis.followed if np.isfinite(one.left)]
     coloured = leaving[:_COLOURED]
     on = [one for one in analysis.followed if one not in coloured]
-    step = max(1, sum(len(one.time) for one in on) // (10 * _POINTS))
+    step = max(1, sum(len(one.time) for one in on) // (10 * POINTS))
     data = []
     if on:
         rows = [np.column_stack([one.time, one.cross_track / 1e3])[::step] for one in on]
@@ -267,86 +266,6 @@ def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
     return [
         Panel("cross-track", "Distance from the plan", caption, {"data": data, "layout": layout})
     ]
-
-
-def finder_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return a map of bearings and positions for each emitter, and the bearings over time."""
-    panels = []
-    for number, heard in enumerate(analysis.heard):
-        panels += [
-            _finder_map(analysis, heard, number),
-            _finder_bearings(analysis, heard, number, time),
-        ]
-    return panels
-
-
-def _finder_map(analysis: Analysis, heard: Heard, number: int) -> Panel:
-    places = np.array([station.position[:2] for station in analysis.stations])
-    names = analysis.station_names
-    data: list[dict[str, Any]] = []
-    centre = places.mean(axis=0)
-    if heard.instants is not None:
-        at = heard.instants.position[np.asarray(heard.instants.success)][:, :2]
-        centre = np.median(at, axis=0)
-        step = max(1, len(at) // _POINTS)
-        marker = {"color": GREY, "size": 4, "opacity": 0.6}
-        data.append(_dots("single instants", at[::step], marker))
-    if heard.position is not None:
-        centre = heard.position.position[0]
-    for k, (place, azimuth, sigma) in enumerate(
-        zip(places, heard.bearing, heard.sigma, strict=True)
-    ):
-        if heard.moves or not np.isfinite(azimuth):
-            continue
-        reach = 1.25 * float(np.hypot(*(centre - place)))
-        for off, dash, width in ((0.0, "solid", 1.5), (-1, "dot", 1), (1, "dot", 1)):
-            angle = azimuth + off * _SIDES * sigma
-            end = place + reach * np.array([np.sin(angle), np.cos(angle)])
-            more = {"legendgroup": names[k], "showlegend": off == 0.0, "hoverinfo": "skip"}
-            east, north = np.array([place, end]).T / 1e3
-            look = {"dash": dash, "width": width}
-            data.append(line(names[k], east, north, k, line=look, **more))
-    marker = {"size": 11, "color": GREY}
-    data.append(triangles("direction finders", places, names, marker, "top center"))
-    if heard.position is not None:
-        place, spread = heard.position.position[0], heard.position.covariance[0]
-        ring = ellipse(place, spread) / 1e3
-        data.append(line("95 % ellipse", ring[:, 0], ring[:, 1], 7, line={"dash": "solid"}))
-        marker = {"symbol": "cross", "size": 9, "color": COLOURS[1]}
-        data.append(_dots("position", place[np.newaxis], marker))
-    layout = plane()
-    caption = (
-        "The bearings of the two halves of the record differ, so the emitter moves: only positions "
-        "at single instants are shown."
-        if heard.moves
-        else "Bearing of each finder with its 95 % band (dotted), and where they meet."
-    )
-    title = f"Position of {heard.emitter.name}"
-    return Panel(f"emitter-{number}", title, caption, {"data": data, "layout": layout})
-
-
-def _finder_bearings(analysis: Analysis, heard: Heard, number: int, time: str) -> Panel:
-    data = []
-    step = max(1, len(heard.emitter.time) // _POINTS)
-    for k, name in enumerate(analysis.station_names):
-        values = np.degrees(heard.emitter.azimuth[:, k])
-        centre = np.degrees(heard.bearing[k])
-        if not np.isfinite(centre):
-            continue
-        off = (values - centre + 180.0) % 360.0 - 180.0
-        for wrong, mark in ((False, MARKS[k % len(MARKS)]), (True, "x-open")):
-            own = (heard.outlier[:, k] == wrong) & np.isfinite(off)
-            look = {"color": COLOURS[k % len(COLOURS)], "symbol": mark, "size": 9 if wrong else 5}
-            more = {"legendgroup": name, "mode": "markers", "marker": look}
-            label, time_of = f"{name}, outliers" if wrong else name, heard.emitter.time[own]
-            data.append(line(label, time_of[::step], off[own][::step], k, **more))
-    layout = rows_of(1, time, ["off the estimate (°)"])
-    layout["yaxis"]["rangemode"] = "normal"
-    caption = (
-        "Bearings less the estimate of their direction finder; crosses are outliers, left out."
-    )
-    title = f"Bearings of {heard.emitter.name}"
-    return Panel(f"bearings-{number}", title, caption, {"data": data, "layout": layout})
 
 
 def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:

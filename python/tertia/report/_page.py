@@ -13,7 +13,9 @@ from plotly.offline import get_plotlyjs
 import tertia
 from tertia.report import _figures, _map
 from tertia.report._analysis import Analysis
+from tertia.report._bearings import Finders
 from tertia.report._figures import Panel
+from tertia.report._finders import finder_panels, finder_tables
 from tertia.report._tables import Table, tables, text
 
 _TEMPLATE = "page.html"
@@ -29,21 +31,21 @@ class Section:
     tables: list[Table] = field(default_factory=list)
 
 
-def page(analysis: Analysis, numbers: dict[str, Any], title: str, since: str | None) -> str:
+def page(
+    analysis: Analysis | None,
+    finders: Finders,
+    numbers: dict[str, Any],
+    title: str,
+    since: str | None,
+) -> str:
     """Return the page as HTML."""
     time = "time (s)" if since is None else f"time (s since {since})"
-    rows = tables(analysis)
-    sections = [
-        Section("radars", "Radars", _figures.radar_panels(analysis, time), rows["radars"]),
-        Section("fusion", "Fusion", _figures.fusion_panels(analysis, time), rows["fusion"]),
-        Section("truth", "Versus truth", _figures.truth_panels(analysis, time), rows["truth"]),
-        Section("audit", "Audit", [], rows["audit"]),
-        Section("plans", "Flight plans", _figures.plan_panels(analysis, time), rows["plans"]),
-        Section(
-            "finders", "Direction finders", _figures.finder_panels(analysis, time), rows["finders"]
-        ),
-        Section("tracks", "Tracks", [], rows["tracks"]),
-    ]
+    sections = [] if analysis is None else _radar_sections(analysis, time)
+    heard = Section(
+        "finders", "Direction finders", finder_panels(finders, time), finder_tables(finders)
+    )
+    # before the long table of tracks
+    sections.insert(max(len(sections) - 1, 0), heard)
     shown = [section for section in sections if section.panels or section.tables]
     environment = Environment(
         loader=PackageLoader("tertia.report", "."),
@@ -63,20 +65,33 @@ def page(analysis: Analysis, numbers: dict[str, Any], title: str, since: str | N
         # the library itself
         plotly=Markup(get_plotlyjs()),
         charts=_script(charts),
-        map=_script(_map.map_of(analysis)),
+        map=None if analysis is None else _script(_map.map_of(analysis)),
     )
+
+
+def _radar_sections(analysis: Analysis, time: str) -> list[Section]:
+    rows = tables(analysis)
+    return [
+        Section("radars", "Radars", _figures.radar_panels(analysis, time), rows["radars"]),
+        Section("fusion", "Fusion", _figures.fusion_panels(analysis, time), rows["fusion"]),
+        Section("truth", "Versus truth", _figures.truth_panels(analysis, time), rows["truth"]),
+        Section("audit", "Audit", [], rows["audit"]),
+        Section("plans", "Flight plans", _figures.plan_panels(analysis, time), rows["plans"]),
+        Section("tracks", "Tracks", [], rows["tracks"]),
+    ]
 
 
 def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the key figures at the top of the page, with their names."""
-    return [
-        (text(float(numbers["duration_s"])) + " s", "duration"),
-        (f"{numbers['plots']:,}", "plots"),
-        (str(len(numbers["radars"])), "radars"),
-        (str(numbers["tracks"]), "tracks"),
-        (str(numbers["plans"]), "flight plans"),
-        (str(len(numbers["emitters"])), "emitters"),
-    ]
+    cards = [(text(float(numbers["duration_s"])) + " s", "duration")]
+    if numbers["radars"]:
+        cards += [
+            (f"{numbers['plots']:,}", "plots"),
+            (str(len(numbers["radars"])), "radars"),
+            (str(numbers["tracks"]), "tracks"),
+            (str(numbers["plans"]), "flight plans"),
+        ]
+    return [*cards, (str(len(numbers["emitters"])), "emitters")]
 
 
 def _script(value: Any) -> Markup:

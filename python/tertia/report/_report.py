@@ -12,9 +12,9 @@ from tertia import tracker
 from tertia._arrays import positive_number
 from tertia.flightplan import FlightPlan
 from tertia.metrics import Truth
-from tertia.report._analysis import analyse
-from tertia.report._bearings import Emitter
-from tertia.report._tables import summary
+from tertia.report._analysis import Analysis, analyse
+from tertia.report._bearings import Emitter, Finders, hear
+from tertia.report._summary import summary
 from tertia.sensors import Radar, Station
 from tertia.tracker import Motion, Plots, TrackTable
 
@@ -37,8 +37,13 @@ class Report:
 
     def __repr__(self) -> str:
         """Return the size of the page, not the page."""
-        radars, tracks = len(self.summary["radars"]), self.summary["tracks"]
-        return f"Report({tracks} tracks, {radars} radars, {len(self.html) / 1e6:.1f} MB)"
+        counts = (
+            (self.summary["tracks"], "tracks"),
+            (len(self.summary["radars"]), "radars"),
+            (len(self.summary["emitters"]), "emitters"),
+        )
+        what = ", ".join(f"{count} {name}" for count, name in counts if count)
+        return f"Report({what}, {len(self.html) / 1e6:.1f} MB)"
 
     def save(self, path: str | Path) -> None:
         """Write the page to a file.
@@ -57,8 +62,8 @@ class Report:
 
 
 def make(
-    plots: Plots,
-    sensors: Sequence[Radar],
+    plots: Plots | None = None,
+    sensors: Sequence[Radar] = (),
     *,
     motion: Motion = "imm",
     plans: Sequence[FlightPlan] = (),
@@ -79,12 +84,12 @@ def make(
     instants; noise and biases of the radars, as estimated by `tertia.registration`; updates and
     outliers over time; conformance to flight plans; all tracks versus truth, if it is given, and
     otherwise those of each radar versus what all others saw (`tracker.smooth_tracks`); and
-    positions of emitters from bearings.
+    positions of emitters from bearings, or their paths if they move.
 
     Parameters
     ----------
-    plots : Plots
-        The plots, in any order.
+    plots : Plots, optional
+        The plots, in any order. Without, the page is one of bearings alone.
     sensors : sequence of K Radar
         The radars.
     motion : {"imm", "cv", "singer", "window"} or a model
@@ -123,8 +128,8 @@ def make(
     ImportError
         The extra `report` is not installed.
     ValueError, TypeError
-        Stations in space, bearings that do not match them, a parameter outside its domain or of the
-        wrong type, or an error of the tracker.
+        Neither plots nor bearings, stations in space, bearings that do not match them, a parameter
+        outside its domain or of the wrong type, or an error of the tracker.
 
     Notes
     -----
@@ -159,6 +164,11 @@ def make(
     if len(bearings) and not len(stations):
         raise ValueError("bearings need stations")
 
+    if plots is None and not len(bearings):
+        raise ValueError("plots or bearings must be given")
+    if plots is None and (len(sensors) or len(plans) or truth is not None):
+        raise ValueError("sensors, plans and truth are for plots, and there are no plots")
+
     def run(own: Plots, sites: Sequence[Radar]) -> TrackTable:
         # errors are estimated here, from the whole recording
         return tracker.track(
@@ -168,21 +178,27 @@ def make(
     def quiet(what: str, share: float) -> None:
         pass
 
-    analysis = analyse(
-        plots,
-        sensors,
-        run,
-        motion=motion,
-        plans=plans,
-        truth=truth,
-        stations=stations,
-        emitters=bearings,
-        max_distance=positive_number(max_distance, "max_distance"),
-        update_interval=None
-        if update_interval is None
-        else positive_number(update_interval, "update_interval"),
-        limits={} if limits is None else limits,
-        progress=progress or quiet,
-    )
-    numbers = summary(analysis)
-    return Report(page(analysis, numbers, title, since), numbers)
+    tell = progress or quiet
+    analysis: Analysis | None = None
+    if plots is not None:
+        analysis = analyse(
+            plots,
+            sensors,
+            run,
+            motion=motion,
+            plans=plans,
+            truth=truth,
+            max_distance=positive_number(max_distance, "max_distance"),
+            update_interval=None
+            if update_interval is None
+            else positive_number(update_interval, "update_interval"),
+            limits={} if limits is None else limits,
+            progress=tell,
+        )
+    heard = []
+    for number, emitter in enumerate(bearings):
+        tell("direction finders", number / len(bearings))
+        heard.append(hear(emitter, stations))
+    finders = Finders(stations, heard)
+    numbers = summary(analysis, finders)
+    return Report(page(analysis, finders, numbers, title, since), numbers)

@@ -12,7 +12,6 @@ from tertia.metrics._evaluation import figures
 from tertia.metrics._indicator import share_text
 from tertia.plot import rounded
 from tertia.report._analysis import (
-    FOUND,
     INTERSECTION,
     OPTIMAL,
     OPTIMAL_FOUND,
@@ -20,17 +19,14 @@ from tertia.report._analysis import (
     Analysis,
     within,
 )
-from tertia.report._requirements import CAPTION, COLUMNS, requirement_cells, requirement_rows
-from tertia.tracker import PlotStatus
+from tertia.report._requirements import CAPTION, COLUMNS, requirement_cells
 
 Row = dict[str, Any]
 # rows of a table in a page at most
 ROWS = 500
-# standard errors beyond which a finding is shown, and relative size of noise and bias that matters
-_SURE, _OFF, _BIASED = 3.0, 0.15, 0.5
-_DEGREES = 180.0 / np.pi
+DEGREES = 180.0 / np.pi
 # kinds of measurements, their units in names of columns, and these in texts
-_KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
+KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +61,8 @@ def _parts(value: float | None) -> float | None:
     return None if value is None else 1e4 * value
 
 
-def _known(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """Return a number, None where it is not known."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -78,15 +75,15 @@ def radar_rows(analysis: Analysis) -> list[Row]:
         count, seen = analysis.updates[k], analysis.innovations[k]
         expected = int(count.expected.sum())
         row: Row = {"radar": name, "plots": int(count.plots.sum())}
-        for kind, unit, scale in (("range", "m", 1.0), ("azimuth", "deg", _DEGREES)):
+        for kind, unit, scale in (("range", "m", 1.0), ("azimuth", "deg", DEGREES)):
             stated = getattr(radar, f"{kind}_sigma") * scale
             level, level_error = (getattr(one, kind)[k] * stated for one in (factor, error))
             sigma = np.asarray(getattr(bias, f"{kind}_sigma"))[k] * scale
             value = np.asarray(getattr(bias, kind))[k] * scale
             row |= {
                 f"{kind}_sigma_stated_{unit}": stated,
-                f"{kind}_sigma_{unit}": _known(level),
-                f"{kind}_sigma_error_{unit}": _known(level_error),
+                f"{kind}_sigma_{unit}": finite_or_none(level),
+                f"{kind}_sigma_error_{unit}": finite_or_none(level_error),
             }
             row |= _bias(kind, f"_{unit}", value, sigma, observable[kind][k])
         for kind, unit in (("range_gain", ""), ("time", "_s")):
@@ -145,7 +142,7 @@ def fusion_rows(analysis: Analysis) -> list[Row]:
             row |= {
                 "rmse_m": float(np.sqrt(np.mean(square))) if np.any(there) else None,
                 "nees_per_axis": float(np.mean(nees[there]) / 2) if np.any(there) else None,
-                "within_95": _known(within(nees)),
+                "within_95": finite_or_none(within(nees)),
             }
         rows.append(row)
     return rows
@@ -188,7 +185,7 @@ def audit_rows(analysis: Analysis) -> list[Row]:
                     ("high", share.high),
                 )
             },
-            "radius_95_m": _known(one.radius[0.95].value),
+            "radius_95_m": finite_or_none(one.radius[0.95].value),
             "verdict": one.verdict,
         }
         for name, one in analysis.audits.items()
@@ -208,42 +205,11 @@ def plan_rows(analysis: Analysis) -> list[Row]:
             if np.any(one.conforms)
             else None,
             "largest_cross_track_m": float(np.max(np.abs(one.cross_track))),
-            "left_s": _known(one.left),
-            "back_s": _known(one.back),
+            "left_s": finite_or_none(one.left),
+            "back_s": finite_or_none(one.back),
         }
         for one in analysis.followed
     ]
-
-
-def emitter_rows(analysis: Analysis) -> list[Row]:
-    """Return position and bearings of each emitter."""
-    rows = []
-    for heard in analysis.heard:
-        row: Row = {
-            "emitter": heard.emitter.name,
-            "moves": heard.moves,
-            "bearings": [
-                {
-                    "station": name,
-                    "bearing_deg": _known(heard.bearing[k] * _DEGREES),
-                    "sigma_deg": _known(heard.sigma[k] * _DEGREES),
-                    "count": int(np.sum(~np.isnan(heard.emitter.azimuth[:, k]))),
-                    "outliers": int(heard.outlier[:, k].sum()),
-                }
-                for k, name in enumerate(analysis.station_names)
-            ],
-        }
-        if heard.position is not None:
-            place, sigma = heard.position.position[0], heard.position.sigma[0]
-            row |= {
-                "east_m": float(place[0]),
-                "east_sigma_m": float(sigma[0]),
-                "north_m": float(place[1]),
-                "north_sigma_m": float(sigma[1]),
-                "pvalue": _known(float(np.ravel(heard.position.pvalue)[0])),
-            }
-        rows.append(row)
-    return rows
 
 
 def track_rows(analysis: Analysis) -> list[Row]:
@@ -285,12 +251,12 @@ def tables(analysis: Analysis) -> dict[str, list[Table]]:
         else [],
         "audit": [_audit_table(analysis)] if analysis.audits else [],
         "plans": [_plan_table(analysis)] if analysis.followed else [],
-        "finders": [_emitter_table(analysis), _bearing_table(analysis)] if analysis.heard else [],
         "tracks": [_track_table(analysis)],
     }
 
 
-def _table(name: str, caption: str, columns: dict[str, str], rows: list[Row]) -> Table:
+def table(name: str, caption: str, columns: dict[str, str], rows: list[Row]) -> Table:
+    """Return a table of the columns by their titles, without the rows beyond `ROWS`."""
     cells = [[text(row.get(key)) for key in columns] for row in rows[:ROWS]]
     return Table(name, caption, list(columns.values()), cells, max(0, len(rows) - ROWS))
 
@@ -298,7 +264,7 @@ def _table(name: str, caption: str, columns: dict[str, str], rows: list[Row]) ->
 def _radar_table(analysis: Analysis) -> Table:
     rows = radar_rows(analysis)
     for row in rows:
-        for kind, unit, _ in _KINDS:
+        for kind, unit, _ in KINDS:
             level, bias = f"{kind}_sigma", f"{kind}_bias"
             row[kind] = plus_minus(row[f"{level}_{unit}"], row[f"{level}_error_{unit}"])
             row[bias] = plus_minus(row[f"{bias}_{unit}"], row[f"{bias}_sigma_{unit}"])
@@ -329,7 +295,7 @@ def _radar_table(analysis: Analysis) -> Table:
         "from targets that several radars see (– where the plots do not determine them). "
         "Normalised squared innovations are 1 per axis where noise and motion are as stated."
     )
-    return _table("radar-table", caption, columns, rows)
+    return table("radar-table", caption, columns, rows)
 
 
 def reference_rows(analysis: Analysis) -> list[Row]:
@@ -361,7 +327,7 @@ def _reference_tables(analysis: Analysis) -> list[Table]:
         "plots before and after (noise as found, biases removed). Distances are per axis and "
         "include the error of this reference; both errors are in the NEES."
     )
-    return [_table("reference-table", caption, columns, reference_rows(analysis))]
+    return [table("reference-table", caption, columns, reference_rows(analysis))]
 
 
 def _fusion_table(analysis: Analysis) -> Table:
@@ -379,17 +345,17 @@ def _fusion_table(analysis: Analysis) -> Table:
         "independent; in turns they are correlated, since all trackers assume the same motion. "
         "Covariance intersection holds for any correlation, and is conservative."
     )
-    return _table("fusion-table", caption, columns, fusion_rows(analysis))
+    return table("fusion-table", caption, columns, fusion_rows(analysis))
 
 
 def _requirement_table(analysis: Analysis) -> Table:
-    return _table("requirement-table", CAPTION, COLUMNS, requirement_cells(analysis))
+    return table("requirement-table", CAPTION, COLUMNS, requirement_cells(analysis))
 
 
 def _evaluation_table(analysis: Analysis) -> Table:
     columns = {"figure": "figure", "unit": "unit"} | {name: name for name in analysis.judged}
     caption = f"Tracks versus truth; updates are required every {analysis.update_interval:.3g} s."
-    return _table("evaluation-table", caption, columns, evaluation_rows(analysis))
+    return table("evaluation-table", caption, columns, evaluation_rows(analysis))
 
 
 def _audit_table(analysis: Analysis) -> Table:
@@ -419,7 +385,7 @@ def _audit_table(analysis: Analysis) -> Table:
         "Errors versus stated covariances, with intervals of 95 % that allow for time-correlated "
         "errors: the updates are worth fewer independent ones. The factors are those of sigmas."
     )
-    return _table("audit-table", caption, columns, rows)
+    return table("audit-table", caption, columns, rows)
 
 
 def _plan_table(analysis: Analysis) -> Table:
@@ -438,52 +404,7 @@ def _plan_table(analysis: Analysis) -> Table:
         "Conformance: a plan counts as left where at least five successive plots do not conform to "
         "it, for at least three scans of the slowest radar."
     )
-    return _table("plan-table", caption, columns, plan_rows(analysis))
-
-
-def _emitter_table(analysis: Analysis) -> Table:
-    rows = [
-        {
-            "emitter": row["emitter"],
-            "moves": "yes" if row["moves"] else "no",
-            "east": plus_minus(row.get("east_m"), row.get("east_sigma_m")),
-            "north": plus_minus(row.get("north_m"), row.get("north_sigma_m")),
-            "pvalue": row.get("pvalue"),
-        }
-        for row in emitter_rows(analysis)
-    ]
-    columns = {
-        "emitter": "emitter",
-        "moves": "moves",
-        "east": "east (m)",
-        "north": "north (m)",
-        "pvalue": "p-value",
-    }
-    caption = (
-        "Positions from the bearings of all direction finders, each with the sigma estimated from "
-        "its record. A small p-value means that a bearing or a sigma is wrong."
-    )
-    return _table("emitter-table", caption, columns, rows)
-
-
-def _bearing_table(analysis: Analysis) -> Table:
-    rows = [
-        one
-        | {
-            "emitter": row["emitter"],
-            "bearing": plus_minus(one["bearing_deg"], one["sigma_deg"]),
-        }
-        for row in emitter_rows(analysis)
-        for one in row["bearings"]
-    ]
-    columns = {
-        "emitter": "emitter",
-        "station": "finder",
-        "bearing": "bearing (°)",
-        "count": "measured",
-        "outliers": "outliers",
-    }
-    return _table("bearing-table", "Bearings by the default, robust method.", columns, rows)
+    return table("plan-table", caption, columns, plan_rows(analysis))
 
 
 def _track_table(analysis: Analysis) -> Table:
@@ -499,101 +420,4 @@ def _track_table(analysis: Analysis) -> Table:
         "turning": "share in turns",
         "sigma_m": "stated sigma (m)",
     }
-    return _table("track-table", "Tracks of all radars together.", columns, track_rows(analysis))
-
-
-def summary(analysis: Analysis) -> Row:
-    """Return all results as numbers, lists and texts for JSON; unknown values are None."""
-    time = analysis.plots.time[np.isfinite(analysis.plots.time)]
-    statuses, counts = np.unique(analysis.joint.track_of_plot, return_counts=True)
-    return {
-        "plots": len(analysis.plots),
-        "duration_s": float(np.ptp(time)) if len(time) else 0.0,
-        "plots_refused": {
-            PlotStatus(status).message: count
-            for status, count in zip(statuses.tolist(), counts.tolist(), strict=True)
-            if status < 0
-        },
-        "tracks": len(track_rows(analysis)),
-        "plans": len(analysis.plans),
-        "findings": findings(analysis),
-        "radars": radar_rows(analysis),
-        "references": reference_rows(analysis),
-        "fusion": fusion_rows(analysis),
-        "evaluation": evaluation_rows(analysis),
-        "requirements": requirement_rows(analysis),
-        "audit": audit_rows(analysis),
-        "conformance": plan_rows(analysis),
-        "emitters": emitter_rows(analysis),
-    }
-
-
-def findings(analysis: Analysis) -> list[str]:
-    """Return the findings, as sentences."""
-    found = []
-    for row in radar_rows(analysis):
-        found += _noise_findings(row) + _bias_findings(row)
-    left = [one for one in analysis.followed if np.isfinite(one.left)]
-    if left:
-        listed = ", ".join(f"{one.name} at {one.left:.0f} s" for one in left[:8])
-        more = f", and {len(left) - 8} more" if len(left) > 8 else ""
-        found.append(f"Left their plans: {listed}{more}.")
-    if TOGETHER in analysis.judged:
-        nees = analysis.judged[TOGETHER].nees
-        rmse = analysis.judged[TOGETHER].indicators.rmse.value
-        words = f"All radars together: RMSE {text(rmse)} m"
-        if nees is not None and np.any(np.isfinite(nees)):
-            words += (
-                f", NEES per axis {text(float(np.nanmean(nees)) / 2)}, "
-                f"{within(nees) * 100:.0f} % within the 95 % ellipse"
-            )
-        if TOGETHER in analysis.audits:
-            words += f"; sigmas are {analysis.audits[TOGETHER].verdict}"
-        found += [f"{words}.", *_better(analysis)]
-    for row in emitter_rows(analysis):
-        if row["moves"]:
-            found.append(f"{row['emitter']} moves.")
-        elif "east_m" in row:
-            east = plus_minus(row["east_m"], row["east_sigma_m"])
-            north = plus_minus(row["north_m"], row["north_sigma_m"])
-            found.append(f"{row['emitter']} is at east {east} m, north {north} m.")
-    return found
-
-
-def _better(analysis: Analysis) -> list[str]:
-    """Return how the estimated noise changes the tracks, if the change is significant."""
-    stated, found = (analysis.judged[name].indicators for name in (TOGETHER, FOUND))
-    if (
-        stated.false_tracks <= found.false_tracks
-        and found.rmse.value > (1.0 - _OFF) * stated.rmse.value
-    ):
-        return []
-    return [
-        f"With noise and biases as found: RMSE {text(found.rmse.value)} m, {found.false_tracks} "
-        f"false tracks instead of {stated.false_tracks}."
-    ]
-
-
-def _noise_findings(row: Row) -> list[str]:
-    found = []
-    for kind, unit, sign in _KINDS:
-        sigma, error = row[f"{kind}_sigma_{unit}"], row[f"{kind}_sigma_error_{unit}"]
-        stated = row[f"{kind}_sigma_stated_{unit}"]
-        if sigma is None or error is None:
-            continue
-        if abs(sigma - stated) > max(_SURE * error, _OFF * stated):
-            found.append(
-                f"{row['radar']}: {kind} sigma {plus_minus(sigma, error)}{sign}, "
-                f"{sigma / stated:.2g} times the stated {text(stated)}{sign}."
-            )
-    return found
-
-
-def _bias_findings(row: Row) -> list[str]:
-    found = []
-    for kind, unit, sign in _KINDS:
-        bias, error = row[f"{kind}_bias_{unit}"], row[f"{kind}_bias_sigma_{unit}"]
-        stated = row[f"{kind}_sigma_stated_{unit}"]
-        if bias is not None and abs(bias) > max(_SURE * error, _BIASED * stated):
-            found.append(f"{row['radar']}: {kind} bias {plus_minus(bias, error)}{sign}.")
-    return found
+    return table("track-table", "Tracks of all radars together.", columns, track_rows(analysis))

@@ -31,11 +31,8 @@ from tertia.cli.terminal.options import (
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
 from tertia.report import Emitter, Report
-from tertia.sensors import Station
 from tertia.tables._evaluate import truth_of
 from tertia.tables._measurements import read_targets
-from tertia.tables._records import Source
-from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import recording_of
 from tertia.tracker import MotionName
@@ -82,50 +79,93 @@ def report(
         "report.html"
     ),
 ) -> dict[str, Any]:
-    """Show a recording on one page: tracks, radars, fusion, plans, errors.
+    """Show a recording on one page: tracks, radars, fusion, plans, errors, emitters.
 
     Plots, radars and plans are read as by tertia track, the truth as by tertia evaluate, and
     bearings as by tertia locate, from the stations of the sensors file; --by applies to bearings.
-    The page needs no network.
+    Without plots, the page shows the bearings alone. The page needs no network.
     """
     write.check_suffix(output, _SUFFIXES)
-    if not files:
-        fail("give files of plots", WRONG_USAGE)
-    place = pair(origin, "--origin", float)
-    plots = read.plots(*files)
-    radars = read.read_radars(sensors, plots, flat=flat)
-    filed = read.read_plans(plans, place, radars)
-    recording = recording_of(plots, radars, column_names(column))
-    clock = recording.clock
-    if clock_period is not None and clock.dated:
-        raise ValueError("clock_period is for seconds; these plots have dates")
-    stations = None if bearings is None else read.read_stations(sensors).flat()
-    emitters = []
-    if stations is not None and bearings is not None:
-        emitters = _emitters(read.tables(bearings), stations, by or [])
-    if place is None and radars.frame is not None:
-        place = radars.frame.latitude, radars.frame.longitude
+    if not files and bearings is None:
+        fail("give files of plots, or --bearings", WRONG_USAGE)
+    if not files and (plans is not None or truth is not None):
+        fail("--plans and --truth are for plots: give files of plots", WRONG_USAGE)
+    heard = _heard(bearings, sensors, by or [])
+    given: dict[str, Any] = {"since": heard.pop("since")}
+    if files:
+        names = column_names(column)
+        place = pair(origin, "--origin", float)
+        given = _seen(files, sensors, plans=plans, truth=truth, place=place, flat=flat, names=names)
+        if clock_period is not None and given["since"] is not None:
+            raise ValueError("clock_period is for seconds; these plots have dates")
+        given |= {"motion": motion, "clock_period": clock_period, "limits": read_limits(limits)}
+        given |= {"max_distance": max_distance, "update_interval": update_interval}
+    shown = files or ([] if bearings is None else [bearings])
     with _bar() as tell:
         page = pages.make(
-            recording.plots,
-            radars.items,
-            motion=motion,
-            plans=filed,
-            truth=None if truth is None else truth_of(read.truth(truth), clock, place),
-            stations=[] if stations is None else stations.items,
-            bearings=emitters,
-            max_distance=max_distance,
-            update_interval=update_interval,
-            limits=read_limits(limits),
-            title=f"Report on {', '.join(path.name for path in files)}",
-            since=_since(clock),
+            **given,
+            **heard,
+            title=f"Report on {', '.join(path.name for path in shown)}",
             progress=tell,
-            clock_period=clock_period,
         )
     _say(page)
     write.write_text(page.html, output)
     typer.echo(f"wrote {len(page.html.encode()) / 1e6:.1f} MB to {output}")
     return page.summary
+
+
+def _seen(
+    files: list[Path],
+    sensors: Path,
+    *,
+    plans: Path | None,
+    truth: Path | None,
+    place: tuple[float, float] | None,
+    flat: bool,
+    names: dict[str, str],
+) -> dict[str, Any]:
+    """Read plots, radars, plans and truth."""
+    plots = read.plots(*files)
+    radars = read.read_radars(sensors, plots, flat=flat)
+    filed = read.read_plans(plans, place, radars)
+    recording = recording_of(plots, radars, names)
+    clock = recording.clock
+    if place is None and radars.frame is not None:
+        place = radars.frame.latitude, radars.frame.longitude
+    return {
+        "plots": recording.plots,
+        "sensors": radars.items,
+        "plans": filed,
+        "truth": None if truth is None else truth_of(read.truth(truth), clock, place),
+        "since": _since(clock),
+    }
+
+
+def _heard(bearings: Path | None, sensors: Path, by: list[str]) -> dict[str, Any]:
+    """Read bearings and stations."""
+    if bearings is None:
+        return {"since": None}
+    stations = read.read_stations(sensors).flat()
+    targets = [
+        one
+        for one in read_targets(read.tables(bearings), stations, by=by)
+        if "azimuth" in one.values
+    ]
+    if not targets:
+        fail(f"{bearings} has no azimuths")
+    emitters = [
+        Emitter(
+            ", ".join(str(cell) for cell in target.keys.row(0)) if by else "the emitter",
+            target.times,
+            target.values["azimuth"],
+        )
+        for target in targets
+    ]
+    return {
+        "stations": stations.items,
+        "bearings": emitters,
+        "since": _since(Clock.of(targets[0].moments)),
+    }
 
 
 @contextmanager
@@ -144,21 +184,6 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
         yield lambda what, share: bar.update(task, description=what, completed=share)
 
 
-def _emitters(source: Source, stations: Sensors[Station], by: list[str]) -> list[Emitter]:
-    heard = [
-        Emitter(
-            ", ".join(str(cell) for cell in target.keys.row(0)) if by else "the emitter",
-            target.times,
-            target.values["azimuth"],
-        )
-        for target in read_targets(source, stations, by=by)
-        if "azimuth" in target.values
-    ]
-    if not heard:
-        fail(f"{source[0].file} has no azimuths")
-    return heard
-
-
 def _since(clock: Clock) -> str | None:
     """Return the midnight from which dates are counted."""
     if not clock.dated:
@@ -169,10 +194,13 @@ def _since(clock: Clock) -> str | None:
 
 def _say(page: Report) -> None:
     found = page.summary
-    rows = [{title: row[key] for key, title in _SHOWN.items()} for row in found["radars"]]
-    print_table(pl.DataFrame(rows), text=["sensor"], limited="sensors are shown")
-    if found["fusion"]:
-        print_table(pl.DataFrame(found["fusion"]), text=["tracks"])
-    typer.echo(f"{found['tracks']} tracks of {found['plots']} plots in {found['duration_s']:.6g} s")
+    if found["radars"]:
+        rows = [{title: row[key] for key, title in _SHOWN.items()} for row in found["radars"]]
+        print_table(pl.DataFrame(rows), text=["sensor"], limited="sensors are shown")
+        if found["fusion"]:
+            print_table(pl.DataFrame(found["fusion"]), text=["tracks"])
+        typer.echo(
+            f"{found['tracks']} tracks of {found['plots']} plots in {found['duration_s']:.6g} s"
+        )
     for finding in found["findings"]:
         typer.echo(f"  {finding}")
