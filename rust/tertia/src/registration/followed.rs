@@ -2,8 +2,12 @@
 //! its covariance.
 
 use super::sighting::{ERRORS, Sighting};
+use crate::base::small::Factor;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
+
+/// Halves of what the noise adds to a covariance that are tried.
+const HALVINGS: usize = 8;
 
 /// By each error of one radar, in units of the prior: position and velocity, or the errors of another.
 type Part = [[f64; 4]; ERRORS];
@@ -18,6 +22,10 @@ pub(super) struct Followed {
     pub velocity: [f64; 2],
     /// The radars that have seen it, when last, and what their errors do to it.
     pub parts: Vec<(usize, f64, Part)>,
+    /// What the noise of plots that stands for unknown errors adds to its covariance.
+    excess: [[f64; 4]; 4],
+    /// Variance of the noise over that which stands for errors too, at least.
+    share: f64,
 }
 
 /// Covariance of the errors of radars, `K` by `K` blocks; zero for errors that there are not.
@@ -47,7 +55,8 @@ impl Followed {
     pub fn new(time: f64) -> Self {
         let never = f64::NEG_INFINITY;
         let (position, velocity, parts) = ([0.0; 2], [0.0; 2], Vec::new());
-        Self { row_time: time, time: never, position, velocity, parts }
+        let (excess, share) = ([[0.0; 4]; 4], 1.0);
+        Self { row_time: time, time: never, position, velocity, parts, excess, share }
     }
 
     /// When a radar has seen it.
@@ -71,15 +80,25 @@ impl Followed {
                 *north += ahead * *north_rate;
             }
         }
+        for _ in 0..2 {
+            for i in 0..2 {
+                let rate = self.excess[2 + i];
+                for (place, rate) in self.excess[i].iter_mut().zip(rate) {
+                    *place += ahead * rate;
+                }
+            }
+            self.excess = turned(&self.excess);
+        }
         self.row_time = time;
     }
 
     /// A plot has updated the track, whose covariance (row by row) and velocity are these now. The
-    /// radar may have such errors; `sigma` is the noise with which the gain was made.
+    /// radar may have such errors; `sigma` is the noise with which the gain was made, and `own` that
+    /// of the plot.
     pub fn correct(
         &mut self,
         seen: &Sighting,
-        sigma: [f64; 2],
+        [sigma, own]: [[f64; 2]; 2],
         covariance: &[f64; 16],
         velocity: [f64; 2],
         unknowns: &[Option<(usize, f64)>; ERRORS],
@@ -91,6 +110,11 @@ impl Followed {
             let [a, b] = [covariance[4 * i], covariance[4 * i + 1]];
             [a * east + b * both, a * both + b * north]
         });
+        for (own, sigma) in own.into_iter().zip(sigma) {
+            self.share = self.share.min((own / sigma).powi(2));
+        }
+        let wider = [0, 1].map(|axis| sigma[axis] * sigma[axis] - own[axis] * own[axis]);
+        self.exceed(&gain, |i, j| wider[0] * u[i] * u[j] + wider[1] * v[i] * v[j]);
         let [along, across] = seen.design(velocity.into());
         let own = std::array::from_fn(|j| {
             let sigma = unknowns[j].map_or(0.0, |(_, sigma)| sigma);
@@ -117,7 +141,49 @@ impl Followed {
         }
     }
 
-    /// What the errors add to its covariance, row by row. Cost O(R²) for R radars that see it.
+    /// A plot whose noise is taken to be larger than it is updates the track with `gain`.
+    fn exceed(&mut self, gain: &[[f64; 2]; 4], wider: impl Fn(usize, usize) -> f64) {
+        for _ in 0..2 {
+            let [east, north, ..] = self.excess;
+            for (row, gain) in self.excess.iter_mut().zip(gain) {
+                for (j, value) in row.iter_mut().enumerate() {
+                    *value -= gain[0] * east[j] + gain[1] * north[j];
+                }
+            }
+            self.excess = turned(&self.excess);
+        }
+        for (i, row) in self.excess.iter_mut().enumerate() {
+            for (j, value) in row.iter_mut().enumerate() {
+                for a in 0..2 {
+                    for b in 0..2 {
+                        *value += gain[i][a] * wider(a, b) * gain[j][b];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Leaves of the covariance of a row (row by row) at least the share that the noise itself has: a
+    /// filter of several models has no one gain, so that more may seem to be in excess.
+    pub fn limit(&mut self, covariance: &[f64; 16]) {
+        let most = 1.0 - self.share;
+        if most <= 0.0 {
+            return;
+        }
+        for _ in 0..HALVINGS {
+            let left: [[f64; 4]; 4] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| most * covariance[4 * i + j] - self.excess[i][j])
+            });
+            if Factor::try_new(&left, 0.0).is_some() {
+                return;
+            }
+            self.excess = self.excess.map(|row| row.map(|value| 0.5 * value));
+        }
+        self.excess = [[0.0; 4]; 4];
+    }
+
+    /// What the errors add to its covariance, row by row: what they do to the track, without the noise
+    /// that stood for them in the filter. Cost O(R²) for R radars that see it.
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
         for (k, _, part) in &self.parts {
@@ -125,10 +191,12 @@ impl Followed {
             for (other, _, second) in &self.parts {
                 product = plus(product, &errors.blocks[k * errors.radars + other], second);
             }
-            let turned = std::array::from_fn(|i| std::array::from_fn(|j| part[j][i]));
-            sum = plus(sum, &turned, &product);
+            sum = plus(sum, &turned(part), &product);
         }
-        std::array::from_fn(|n| 0.5 * (sum[n / 4][n % 4] + sum[n % 4][n / 4]))
+        std::array::from_fn(|n| {
+            let (i, j) = (n / 4, n % 4);
+            0.5 * (sum[i][j] + sum[j][i]) - 0.5 * (self.excess[i][j] + self.excess[j][i])
+        })
     }
 
     fn part(&mut self, radar: usize) -> &mut (usize, f64, Part) {
@@ -139,6 +207,10 @@ impl Followed {
         });
         &mut self.parts[at]
     }
+}
+
+fn turned(matrix: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
 
 /// `sum + a b`

@@ -172,18 +172,22 @@ impl Registrar {
     /// tracked: the noise found, and what is not known of the errors.
     pub fn noise(&self) -> Vec<[f64; 2]> {
         let sigmas = self.sigmas();
-        let one = |(k, radar): (usize, &Radar)| {
-            let [offset, gain, azimuth, clock] = sigmas[k];
+        let one = |(k, [offset, gain, azimuth, clock]): (usize, Errors)| {
             let late = 0.5 * (SPEED * clock).powi(2);
-            let range = radar.range_sigma * self.factor[k][0];
-            let angle = radar.azimuth_sigma * self.factor[k][1];
+            let [range, angle] = self.own_noise(k);
             let unknown = offset.hypot(FAR * gain).powi(2) + late;
             [
                 (range * range + unknown).sqrt(),
                 (angle * angle + azimuth * azimuth + late / (FAR * FAR)).sqrt(),
             ]
         };
-        self.radars.iter().enumerate().map(one).collect()
+        sigmas.into_iter().enumerate().map(one).collect()
+    }
+
+    /// The noise found of a radar.
+    fn own_noise(&self, k: usize) -> [f64; 2] {
+        let (radar, [range, azimuth]) = (&self.radars[k], self.factor[k]);
+        [radar.range_sigma * range, radar.azimuth_sigma * azimuth]
     }
 
     fn unknowns(&self) -> Unknowns {
@@ -220,9 +224,11 @@ impl Registrar {
         added
     }
 
-    /// Learns from blocks that end by a time; returns the noise that was applied before.
-    fn begin(&mut self, updates: &[Update], time: f64) -> Vec<[f64; 2]> {
-        let applied = self.noise();
+    /// Learns from blocks that end by a time; returns the noise that was applied before, with and
+    /// without what was not known of the errors.
+    fn begin(&mut self, updates: &[Update], time: f64) -> Vec<[[f64; 2]; 2]> {
+        let own = (0..self.radars.len()).map(|k| self.own_noise(k));
+        let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
         let blocks = self.closed(updates, time, scans(&self.radars));
         self.wander(time);
         self.step(&blocks, time);
@@ -280,8 +286,7 @@ impl Registrar {
         }
         let k = seen.radar;
         let s = Matrix2::from_row_slice(&update.innovation_covariance);
-        let (radar, [range, azimuth]) = (&self.radars[k], self.factor[k]);
-        let noise = seen.noise([radar.range_sigma * range, radar.azimuth_sigma * azimuth]);
+        let noise = seen.noise(self.own_noise(k));
         for (axis, noise) in noise.into_iter().enumerate() {
             let direction = seen.axes[axis];
             let variance = direction.dot(&(s * direction));
@@ -416,7 +421,12 @@ impl Registrar {
     }
 
     /// Follows a row of a track: its gains carry the errors of the radars on.
-    fn carry(&mut self, update: &Update, applied: &[[f64; 2]], unknowns: &Unknowns) -> &Followed {
+    fn carry(
+        &mut self,
+        update: &Update,
+        applied: &[[[f64; 2]; 2]],
+        unknowns: &Unknowns,
+    ) -> &Followed {
         let report = &update.plot.report;
         let radar = &self.radars[report.radar];
         let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
@@ -429,12 +439,13 @@ impl Registrar {
         if let Some(seen) = seen {
             let (velocity, own) = (update.velocity, &unknowns[report.radar]);
             // the noise that the gain of the track was made with
-            let sigma = seen.noise(applied[report.radar]);
+            let sigma = applied[report.radar].map(|noise| seen.noise(noise));
             track.correct(&seen, sigma, &update.covariance, velocity, own);
             if update.confirmed {
                 track.see(report.time, report.radar, update.position, velocity);
             }
         }
+        track.limit(&update.covariance);
         track
     }
 }

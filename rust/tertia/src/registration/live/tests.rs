@@ -41,7 +41,7 @@ fn what_the_errors_add_to_a_track() {
     let plot = TargetPlot { report, target: 1, turn_probability: 0.0 };
     let (confirmed, position) = (true, [0.0; 2]);
     let (innovation, innovation_covariance) = ([f64::NAN; 2], [f64::NAN; 4]);
-    let stated = [[registrar.radars[0].range_sigma, registrar.radars[0].azimuth_sigma]];
+    let stated = [[registrar.own_noise(0); 2]];
     let update = Update {
         plot,
         confirmed,
