@@ -305,7 +305,7 @@ class Tracker:
         first = self._core.plots
         self._core.set_noise(registrar.noise)
         table = self._scan(registrar.correct(plots), end, rows)
-        registrar.learn(plots, first, table, self._core.time)
+        self._core.shift(*registrar.learn(plots, first, table, self._core.time))
         return table
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:

@@ -67,6 +67,23 @@ impl PlotTracker {
         self.0.tracker_mut().set_noise(&noise.pairs("noise")?).map_err(value_error)
     }
 
+    /// Moves tracks, in order of their numbers, by positions and velocities (M, 4) at these times.
+    fn shift(
+        &mut self,
+        track: PyReadonlyArray1<'_, i64>,
+        time: Input<'_>,
+        by: Input<'_>,
+    ) -> PyResult<()> {
+        let (track, by) = (track.as_slice()?, by.points::<4>("by", 1)?);
+        let moved: Vec<_> = track
+            .iter()
+            .zip(time.numbers("time")?.iter().zip(by))
+            .map(|(&number, (&time, by))| (number as u64, time, by))
+            .collect();
+        self.0.tracker_mut().shift(&moved);
+        Ok(())
+    }
+
     /// Begins anew, as if the last plots had not been given.
     fn restart(&mut self, plots: usize) {
         self.0.tracker_mut().restart(plots);

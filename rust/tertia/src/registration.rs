@@ -34,7 +34,7 @@ pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
 pub use lines::{Line, PolarPlot, lines};
-pub use live::{Registrar, Update};
+pub use live::{Learnt, Registrar, Update};
 pub use noise::{Level, Noise, noise, stretch_of};
 pub use recording::{Registered, TargetPlot, register};
 pub use row::{Row, Table};

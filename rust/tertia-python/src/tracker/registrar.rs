@@ -1,14 +1,14 @@
 //! The errors of radars, learned from tables of tracks.
 
 use super::{Columns, TrackColumns};
-use crate::arrays::{Array, Input, array};
+use crate::arrays::{Array, Input, Integers, array};
 use crate::registration::same_length;
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tertia::registration::{self as core, ERRORS, Report, TargetPlot, Update};
+use tertia::registration::{self as core, ERRORS, Learnt, Report, TargetPlot, Update};
 use tertia::tracker::{Plot, Plots};
 
 /// The errors of radars, scan by scan.
@@ -40,7 +40,8 @@ impl Registrar {
     }
 
     /// Learns from a table of tracks and the plots that it is of, of which the first has this number,
-    /// until a time; adds what is not known of the errors to the covariances.
+    /// until a time; adds what is not known of the errors to the covariances, and moves the rows by what
+    /// was learnt. Returns the same of the tracks: numbers, times, positions and velocities.
     fn learn<'py>(
         &mut self,
         py: Python<'py>,
@@ -49,7 +50,7 @@ impl Registrar {
         table: &TrackColumns,
         track_of_plot: PyReadonlyArray1<'py, i64>,
         time: f64,
-    ) -> PyResult<()> {
+    ) -> PyResult<(Integers<'py>, Array<'py>, Array<'py>)> {
         let plots = plots.read(&plots.time, self.0.errors().len())?;
         let updates = updates(py, table, &plots, first)?;
         // plots that no confirmed track has
@@ -65,14 +66,28 @@ impl Registrar {
         }
         let loose = loose.iter().enumerate().filter(|(_, loose)| **loose);
         let loose: Vec<Report> = loose.map(|(i, _)| report(&plots.get(i))).collect();
-        let added = py.detach(|| self.0.learn(&updates, &loose, time));
+        let Learnt { rows, tracks } = py.detach(|| self.0.learn(&updates, &loose, time));
         table.upper(py, "covariance", |values| {
-            for (upper, added) in values.chunks_exact_mut(10).zip(&added) {
+            for (upper, (_, added)) in values.chunks_exact_mut(10).zip(&rows) {
                 for (place, &at) in UPPER.iter().enumerate().filter(|(n, _)| n / 4 <= n % 4) {
                     upper[at] += added[place];
                 }
             }
-        })
+        })?;
+        for (name, first) in [("position", 0), ("velocity", 2)] {
+            table.upper(py, name, |values| {
+                for (pair, (moved, _)) in values.chunks_exact_mut(2).zip(&rows) {
+                    pair[0] += moved[first];
+                    pair[1] += moved[first + 1];
+                }
+            })?;
+        }
+        let count = tracks.len();
+        Ok((
+            array(py, &[count], tracks.iter().map(|(number, ..)| *number))?,
+            array(py, &[count], tracks.iter().map(|(_, time, _)| *time))?,
+            array(py, &[count, 4], tracks.iter().flat_map(|(.., by)| *by))?,
+        ))
     }
 
     /// Errors and their standard deviations, (K, 4), and the noise for the tracker, (K, 2).

@@ -1,7 +1,7 @@
 //! A track as a registrar follows it: where it is, which radars see it, and what their errors add to
 //! its covariance.
 
-use super::sighting::{ERRORS, Sighting};
+use super::sighting::{ERRORS, Errors, Sighting};
 use crate::base::small::Factor;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -57,6 +57,39 @@ impl Followed {
         let (position, velocity, parts) = ([0.0; 2], [0.0; 2], Vec::new());
         let (excess, share) = ([[0.0; 4]; 4], 1.0);
         Self { row_time: time, time: never, position, velocity, parts, excess, share }
+    }
+
+    /// Its first row: a track that is confirmed comes from plots of this radar or others that are much
+    /// the same.
+    pub fn begin(
+        &mut self,
+        seen: &Sighting,
+        [sigma, own]: [[f64; 2]; 2],
+        covariance: &[f64; 16],
+        is_confirmed: bool,
+    ) {
+        let [u, v] = seen.axes;
+        let wider = [0, 1].map(|axis| 1.0 - (own[axis] / sigma[axis]).powi(2));
+        self.share = 1.0 - wider[0].max(wider[1]);
+        let root = wider.map(|share| share.max(0.0).sqrt());
+        let weight: [[f64; 2]; 2] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| root[0] * u[i] * u[j] + root[1] * v[i] * v[j])
+        });
+        // the velocity of a first plot is any
+        let known = if is_confirmed { 4 } else { 2 };
+        for i in 0..known {
+            for j in 0..known {
+                let (a, b) = (i / 2, j / 2);
+                self.excess[i][j] = (0..4)
+                    .map(|n| {
+                        let (k, l) = (n / 2, n % 2);
+                        weight[i % 2][k]
+                            * covariance[4 * (2 * a + k) + 2 * b + l]
+                            * weight[l][j % 2]
+                    })
+                    .sum();
+            }
+        }
     }
 
     /// When a radar has seen it.
@@ -197,6 +230,20 @@ impl Followed {
             let (i, j) = (n / 4, n % 4);
             0.5 * (sum[i][j] + sum[j][i]) - 0.5 * (self.excess[i][j] + self.excess[j][i])
         })
+    }
+
+    /// By how much it moves when the errors of the radars are found to be larger by this, in units of
+    /// the prior.
+    pub fn moved(&self, by: &[Errors]) -> [f64; 4] {
+        let mut sum = [0.0; 4];
+        for (k, _, part) in &self.parts {
+            for (row, by) in part.iter().zip(by[*k]) {
+                for (sum, own) in sum.iter_mut().zip(row) {
+                    *sum -= own * by;
+                }
+            }
+        }
+        sum
     }
 
     fn part(&mut self, radar: usize) -> &mut (usize, f64, Part) {

@@ -60,6 +60,15 @@ pub struct Update {
     pub innovation_covariance: [f64; 4],
 }
 
+/// What tracks are to be changed by after a scan.
+#[derive(Clone, Debug)]
+pub struct Learnt {
+    /// Position and velocity of each row by so much, and its covariance, row by row.
+    pub rows: Vec<([f64; 4], [f64; 16])>,
+    /// The same of each track, at the time of its last row.
+    pub tracks: Vec<(i64, f64, [f64; 4])>,
+}
+
 /// What one scan said of the errors, and what was known before it.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
 struct Scan {
@@ -195,22 +204,33 @@ impl Registrar {
     }
 
     /// Learns from the rows of tracks and from plots that no confirmed track has, until a time.
-    /// Returns what the errors add to the covariance of each row.
-    pub fn learn(&mut self, updates: &[Update], loose: &[Report], time: f64) -> Vec<[f64; 16]> {
-        let applied = self.begin(updates, time);
+    pub fn learn(&mut self, updates: &[Update], loose: &[Report], time: f64) -> Learnt {
+        let (applied, moved) = self.begin(updates, time);
         let (unknowns, errors) = (self.unknowns(), self.blocks());
-        let added = updates
+        let rows = updates
             .iter()
-            .map(|update| self.carry(update, &applied, &unknowns).added(&errors))
+            .map(|update| {
+                let track = self.carry(update, &applied, &unknowns);
+                (track.moved(&moved), track.added(&errors))
+            })
             .collect();
+        let mut tracks = Vec::new();
+        for (number, track) in &mut self.tracks {
+            let by = track.moved(&moved);
+            tracks.push((*number, track.row_time, by));
+            for i in 0..2 {
+                track.position[i] += by[i];
+                track.velocity[i] += by[2 + i];
+            }
+        }
         self.end(loose, time);
-        added
+        Learnt { rows, tracks }
     }
 
     /// The same without loose plots; returns what the errors add to the covariance of each target, in
     /// the order of these.
     pub(crate) fn learn_last(&mut self, updates: &[Update], time: f64) -> Vec<(i64, [f64; 16])> {
-        let applied = self.begin(updates, time);
+        let (applied, _) = self.begin(updates, time);
         let (unknowns, errors) = (self.unknowns(), self.blocks());
         for update in updates {
             self.carry(update, &applied, &unknowns);
@@ -225,14 +245,22 @@ impl Registrar {
     }
 
     /// Learns from blocks that end by a time; returns the noise that was applied before, with and
-    /// without what was not known of the errors.
-    fn begin(&mut self, updates: &[Update], time: f64) -> Vec<[[f64; 2]; 2]> {
+    /// without what was not known of the errors, and by how much the errors are found to be larger.
+    fn begin(&mut self, updates: &[Update], time: f64) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
         let own = (0..self.radars.len()).map(|k| self.own_noise(k));
         let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
         let blocks = self.closed(updates, time, scans(&self.radars));
+        let (before, changes) = (self.mean.clone(), self.changes.len());
         self.wander(time);
         self.step(&blocks, time);
-        applied
+        let mut moved = vec![[0.0; ERRORS]; self.radars.len()];
+        // errors that are new are not those of the plots before
+        if self.changes.len() == changes {
+            for_each(&self.unknowns(), |k, j, column, _| {
+                moved[k][j] = self.mean[column] - before[column];
+            });
+        }
+        (applied, moved)
     }
 
     /// Forgets old tracks and plots, and looks for radars whose errors are new.
@@ -433,6 +461,7 @@ impl Registrar {
         if let Some(seen) = &seen {
             self.watch(update, seen);
         }
+        let first = !self.tracks.contains_key(&update.plot.target);
         let begin = || Followed::new(report.time);
         let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
         track.advance(report.time);
@@ -440,6 +469,9 @@ impl Registrar {
             let (velocity, own) = (update.velocity, &unknowns[report.radar]);
             // the noise that the gain of the track was made with
             let sigma = applied[report.radar].map(|noise| seen.noise(noise));
+            if first {
+                track.begin(&seen, sigma, &update.covariance, update.confirmed);
+            }
             track.correct(&seen, sigma, &update.covariance, velocity, own);
             if update.confirmed {
                 track.see(report.time, report.radar, update.position, velocity);

@@ -200,6 +200,16 @@ impl Tracker {
         Ok(())
     }
 
+    /// Moves tracks, in order of their numbers, by position and velocity as they are at a time.
+    pub fn shift(&mut self, moved: &[(u64, f64, [f64; 4])]) {
+        for track in &mut self.tracks {
+            if let Ok(at) = moved.binary_search_by_key(&track.number, |(number, ..)| *number) {
+                let (_, time, by) = moved[at];
+                track.shift(time, by);
+            }
+        }
+    }
+
     /// Begins anew, as if the last plots had not been given: without tracks, but with numbers of tracks
     /// that were not used before.
     pub fn restart(&mut self, plots: usize) {

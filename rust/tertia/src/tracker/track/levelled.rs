@@ -134,6 +134,16 @@ impl Track {
     }
 
     /// Moves the track as its height changes.
+    /// Moves by position and velocity as they are at a time; so do the states that it may have instead.
+    pub fn shift(&mut self, time: f64, [x, y, vx, vy]: [f64; 4]) {
+        let ahead = self.time - time;
+        self.filter.shift(&nalgebra::SVector::from([x + ahead * vx, y + ahead * vy, vx, vy]));
+        self.estimate = self.filter.estimate();
+        for other in self.tree.iter_mut().flat_map(|tree| &mut tree.others) {
+            other.track.shift(time, [x, y, vx, vy]);
+        }
+    }
+
     fn move_with(&mut self, height: f64) {
         if let Some(lean) = &self.lean {
             self.filter.shift(&lean.step(height));
