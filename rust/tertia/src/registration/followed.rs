@@ -65,9 +65,12 @@ impl Followed {
         &mut self,
         seen: &Sighting,
         [sigma, own]: [[f64; 2]; 2],
-        covariance: &[f64; 16],
-        is_confirmed: bool,
+        (covariance, is_confirmed): (&[f64; 16], bool),
+        velocity: [f64; 2],
+        unknowns: &[Option<(usize, f64)>; ERRORS],
     ) {
+        let all = [[1.0, 0.0], [0.0, 1.0], [0.0; 2], [0.0; 2]];
+        self.update(seen.radar, &all, &displaced(seen, velocity, unknowns));
         let [u, v] = seen.axes;
         let wider = [0, 1].map(|axis| 1.0 - (own[axis] / sigma[axis]).powi(2));
         self.share = 1.0 - wider[0].max(wider[1]);
@@ -139,20 +142,23 @@ impl Followed {
         let ([u, v], weights) = (seen.axes, sigma.map(|sigma| 1.0 / (sigma * sigma)));
         let weight = |i: usize, j: usize| weights[0] * u[i] * u[j] + weights[1] * v[i] * v[j];
         let (east, both, north) = (weight(0, 0), weight(0, 1), weight(1, 1));
-        let gain = std::array::from_fn(|i| {
+        let mut gain: [[f64; 2]; 4] = std::array::from_fn(|i| {
             let [a, b] = [covariance[4 * i], covariance[4 * i + 1]];
             [a * east + b * both, a * both + b * north]
         });
+        // that of a filter of several models is of no one gain; a track goes to a plot at most
+        let middle = 0.5 * (gain[0][0] + gain[1][1]);
+        let determinant = gain[0][0] * gain[1][1] - gain[0][1] * gain[1][0];
+        let most = middle + (middle * middle - determinant).max(0.0).sqrt();
+        if most > 1.0 {
+            gain = gain.map(|row| row.map(|value| value / most));
+        }
         for (own, sigma) in own.into_iter().zip(sigma) {
             self.share = self.share.min((own / sigma).powi(2));
         }
         let wider = [0, 1].map(|axis| sigma[axis] * sigma[axis] - own[axis] * own[axis]);
         self.exceed(&gain, |i, j| wider[0] * u[i] * u[j] + wider[1] * v[i] * v[j]);
-        let [along, across] = seen.design(velocity.into());
-        let own = std::array::from_fn(|j| {
-            let sigma = unknowns[j].map_or(0.0, |(_, sigma)| sigma);
-            [0, 1].map(|side| sigma * (u[side] * along[j] + v[side] * across[j]))
-        });
+        let own = displaced(seen, velocity, unknowns);
         self.update(seen.radar, &gain, &own);
     }
 
@@ -196,13 +202,10 @@ impl Followed {
         }
     }
 
-    /// Leaves of the covariance of a row (row by row) at least the share that the noise itself has: a
+    /// Leaves of the covariance of a row (row by row) at least half the share that the noise itself has: a
     /// filter of several models has no one gain, so that more may seem to be in excess.
     pub fn limit(&mut self, covariance: &[f64; 16]) {
-        let most = 1.0 - self.share;
-        if most <= 0.0 {
-            return;
-        }
+        let most = 1.0 - 0.5 * self.share;
         for _ in 0..HALVINGS {
             let left: [[f64; 4]; 4] = std::array::from_fn(|i| {
                 std::array::from_fn(|j| most * covariance[4 * i + j] - self.excess[i][j])
@@ -260,6 +263,20 @@ fn turned(matrix: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
 
+/// By how much a unit of each error moves a plot.
+fn displaced(
+    seen: &Sighting,
+    velocity: [f64; 2],
+    unknowns: &[Option<(usize, f64)>; ERRORS],
+) -> [[f64; 2]; ERRORS] {
+    let [u, v] = seen.axes;
+    let [along, across] = seen.design(velocity.into());
+    std::array::from_fn(|j| {
+        let sigma = unknowns[j].map_or(0.0, |(_, sigma)| sigma);
+        [0, 1].map(|side| sigma * (u[side] * along[j] + v[side] * across[j]))
+    })
+}
+
 /// `sum + a b`
 #[inline]
 fn plus(mut sum: Part, a: &Part, b: &Part) -> Part {
@@ -272,3 +289,6 @@ fn plus(mut sum: Part, a: &Part, b: &Part) -> Part {
     }
     sum
 }
+
+#[cfg(test)]
+mod tests;

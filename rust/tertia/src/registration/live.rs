@@ -470,9 +470,11 @@ impl Registrar {
             // the noise that the gain of the track was made with
             let sigma = applied[report.radar].map(|noise| seen.noise(noise));
             if first {
-                track.begin(&seen, sigma, &update.covariance, update.confirmed);
+                let stated = (&update.covariance, update.confirmed);
+                track.begin(&seen, sigma, stated, velocity, own);
+            } else {
+                track.correct(&seen, sigma, &update.covariance, velocity, own);
             }
-            track.correct(&seen, sigma, &update.covariance, velocity, own);
             if update.confirmed {
                 track.see(report.time, report.radar, update.position, velocity);
             }

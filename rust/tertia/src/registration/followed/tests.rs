@@ -1,0 +1,106 @@
+use super::*;
+use crate::registration::sighting::tests::{PRIOR, radar};
+use crate::registration::sighting::{Report, Sighting};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2};
+
+const OWN: [f64; 2] = [60.0, 80.0];
+const WIDE: [f64; 2] = [130.0, 110.0];
+
+/// Covariances of a filter with too much noise, by its own account and in truth, and what the track
+/// says that it has too much.
+fn filtered(steps: usize) -> (Matrix4<f64>, Matrix4<f64>, Followed) {
+    let (radar, period, push) = (radar([0.0; 3], 50.0, 0.08), 4.0, 0.5);
+    let report = |azimuth| Report { radar: 0, time: 0.0, range: 5e4, azimuth, height: f64::NAN };
+    let mut f = Matrix4::identity();
+    (f[(0, 2)], f[(1, 3)]) = (period, period);
+    let (h, unknowns) = (Matrix4x2::identity(), std::array::from_fn(|j| Some((j, PRIOR[j]))));
+    let mut track = Followed::new(0.0);
+    let (mut p, mut truth) =
+        (Matrix4::from_diagonal(&[0.0, 0.0, 3e4, 3e4].into()), Matrix4::zeros());
+    for n in 0..steps {
+        let seen = Sighting::new(&report(0.4 + 0.02 * n as f64), 0.0, &radar, [1.0; 2]).unwrap();
+        let axes = Matrix2::from_columns(&seen.axes);
+        let noise = |[u, v]: [f64; 2]| {
+            axes * Matrix2::from_diagonal(&[u * u, v * v].into()) * axes.transpose()
+        };
+        if n == 0 {
+            truth = p + h * noise(OWN) * h.transpose();
+            p += h * noise(WIDE) * h.transpose();
+        } else {
+            let mut q = Matrix4::zeros();
+            for (i, a) in [0.5 * period * period, period].into_iter().enumerate() {
+                for (j, b) in [0.5 * period * period, period].into_iter().enumerate() {
+                    for axis in 0..2 {
+                        q[(2 * i + axis, 2 * j + axis)] = push * push * a * b;
+                    }
+                }
+            }
+            (p, truth) = (f * p * f.transpose() + q, f * truth * f.transpose() + q);
+            let s = h.transpose() * p * h + noise(WIDE);
+            let gain = p * h * s.try_inverse().unwrap();
+            let left = Matrix4::identity() - gain * h.transpose();
+            p = left * p;
+            truth = left * truth * left.transpose() + gain * noise(OWN) * gain.transpose();
+        }
+        let covariance = std::array::from_fn(|i| p[(i / 4, i % 4)]);
+        track.advance(period * n as f64);
+        if n == 0 {
+            track.begin(&seen, [WIDE, OWN], (&covariance, false), [0.0; 2], &unknowns);
+        } else {
+            track.correct(&seen, [WIDE, OWN], &covariance, [0.0; 2], &unknowns);
+        }
+        track.limit(&covariance);
+    }
+    (p, truth, track)
+}
+
+#[test]
+fn noise_that_stands_for_errors_is_taken_out_of_the_covariance() {
+    for steps in [1, 2, 3, 30] {
+        let (p, truth, track) = filtered(steps);
+        for i in 0..4 {
+            for j in 0..4 {
+                let scale = (truth[(i, i)] * truth[(j, j)]).sqrt();
+                let off = p[(i, j)] - track.excess[i][j] - truth[(i, j)];
+                assert!(off.abs() < 1e-9 * scale, "{steps} {i} {j} {off}");
+            }
+        }
+        assert!((p[(0, 0)] - truth[(0, 0)]) > 0.2 * p[(0, 0)]);
+    }
+}
+
+#[test]
+fn a_covariance_keeps_the_share_of_the_noise() {
+    let (_, _, mut track) = filtered(10);
+    // as a mixture of models may have it
+    let small = std::array::from_fn(|i| if i % 5 == 0 { 1e3 } else { 0.0 });
+    track.limit(&small);
+    let left = Matrix4::from_fn(|i, j| small[4 * i + j] - track.excess[i][j]);
+    let least = left.symmetric_eigenvalues().min();
+    assert!(least >= 0.5e3 * (60.0_f64 / 130.0).powi(2) - 1e-6, "{least}");
+}
+
+#[test]
+fn a_track_moves_with_the_errors() {
+    let mut track = Followed::new(0.0);
+    let own = [[100.0, 0.0], [0.0, 50.0], [0.0; 2], [0.0; 2]];
+    track.update(1, &[[0.5, 0.0], [0.0, 0.5], [0.1, 0.0], [0.0, 0.1]], &own);
+    let by = [[9.0; ERRORS], [2.0, -1.0, 7.0, 7.0]];
+    // an offset that is larger was in the place
+    assert_eq!(track.moved(&by), [-100.0, 25.0, -20.0, 5.0]);
+}
+
+#[test]
+fn no_gain_goes_beyond_the_plot() {
+    let radar = radar([0.0; 3], 50.0, 0.08);
+    let report = Report { radar: 0, time: 0.0, range: 5e4, azimuth: 0.0, height: f64::NAN };
+    let seen = Sighting::new(&report, 0.0, &radar, [1.0; 2]).unwrap();
+    let covariance = std::array::from_fn(|i| if i % 5 == 0 { 1e6 } else { 0.0 });
+    let unknowns = std::array::from_fn(|j| Some((j, PRIOR[j])));
+    let mut track = Followed::new(0.0);
+    for _ in 0..20 {
+        track.correct(&seen, [OWN, OWN], &covariance, [0.0; 2], &unknowns);
+        let offset = track.parts[0].2[0];
+        assert!((0.0..=PRIOR[0] * (1.0 + 1e-9)).contains(&offset[1]), "{offset:?}");
+    }
+}
