@@ -94,7 +94,7 @@ def test_first_tracks_are_as_good_as_they_say():
             error = table.position[seen] - place[table.plot[seen]]
             near = np.hypot(*error.T) < 2000.0
             squares.append(nees(error[near], table.covariance[seen][near][:, :2, :2]) / 2)
-    # .52 while the noise that stands for errors was counted besides them; errors are common to all
+    # .77 while the noise that stands for errors was counted besides them
     assert 0.8 < np.nanmean(np.concatenate(squares)) < 1.25
 
 
