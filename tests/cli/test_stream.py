@@ -306,7 +306,10 @@ def test_streams_that_cannot_be_used(
         (("records.csv", "--stream", "--json"), "a stream has no --json; --rows jsonl"),
         (("-",), "give files of plots, or --stream to read standard input"),
         ((), "give files of plots, or --stream to read standard input"),
-        (("records.csv", "--latency", "1"), "--latency, --rows and --control are for --stream"),
+        (
+            ("records.csv", "--latency", "1"),
+            "--latency, --rows, --send and --control are for --stream",
+        ),
     ],
 )
 def test_wrong_options(arguments: Any, message: str, sites: Path) -> None:

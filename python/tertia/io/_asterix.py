@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -91,15 +92,15 @@ class AsterixRecording:
         return f"AsterixRecording({listed})"
 
 
-def read_asterix(path: str | Path) -> AsterixRecording:
+def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     """Read an ASTERIX recording.
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path, or sequence of bytes
         A file of consecutive data blocks, or a network recording of UDP packets that contain them
         (pcap, pcapng), or such blocks in frames (IOSS final format, RFF). What it begins with
-        decides which.
+        decides which. Or the payloads of UDP packets, as they arrive.
 
     Returns
     -------
@@ -142,6 +143,8 @@ def read_asterix(path: str | Path) -> AsterixRecording:
         from tertia.io._asterix_reader import Reader  # noqa: PLC0415  # only here Polars is needed
     except ImportError as error:
         raise ImportError("ASTERIX needs Polars: pip install 'tertia[asterix]'") from error
+    if not isinstance(path, (str, Path)):
+        return _of_packets(Reader(Path("the data")), enumerate(path, start=1))
     path = Path(path)
     contents = path.read_bytes()
     if not contents:
@@ -149,8 +152,8 @@ def read_asterix(path: str | Path) -> AsterixRecording:
     reader = Reader(path)
     framed = frames(contents)
     if contents[:4] in MAGIC:
-        _read_packets(reader, contents)
-    elif framed is not None:
+        return _of_packets(reader, _payloads(reader, contents))
+    if framed is not None:
         for number, payload in framed:
             reader.take_frame(payload, number)
     else:
@@ -218,12 +221,17 @@ def write_asterix(
     Path(path).write_bytes(asterix_tracks(tracks, source))
 
 
-def _read_packets(reader: Reader, contents: bytes) -> None:
+def _payloads(reader: Reader, contents: bytes) -> Iterable[tuple[int, bytes]]:
     try:
         import_module("dpkt")
     except ImportError as error:
         raise ImportError("packets need dpkt: pip install 'tertia[asterix]'") from error
-    for number, payload in udp_payloads(reader.path, contents):
+    return udp_payloads(reader.path, contents)
+
+
+def _of_packets(reader: Reader, payloads: Iterable[tuple[int, bytes]]) -> AsterixRecording:
+    for number, payload in payloads:
         reader.take_packet(payload, number)
     if not reader.blocks:
         raise ValueError(f"{reader.path} has no packet with ASTERIX in it")
+    return AsterixRecording(**reader.recording())

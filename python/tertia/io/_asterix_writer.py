@@ -42,7 +42,12 @@ class _Item:
 
 
 def asterix_tracks(tracks: pl.DataFrame, source: tuple[int, int]) -> bytes:
-    """Return the data blocks of `write_asterix`."""
+    """Return what `write_asterix` writes."""
+    return b"".join(asterix_blocks(tracks, source))
+
+
+def asterix_blocks(tracks: pl.DataFrame, source: tuple[int, int]) -> list[bytes]:
+    """Return the data blocks of tracks, each of which fits in a packet."""
     table = _Table(tracks)
     items = {
         1: table.constant(bytes(source)),
@@ -236,11 +241,11 @@ def _field_specification(items: dict[int, _Item], count: int) -> _Item:
     return _Item(octets, np.ones(count, bool))
 
 
-def _blocks(records: bytes, lengths: npt.NDArray[np.int64]) -> bytes:
+def _blocks(records: bytes, lengths: npt.NDArray[np.int64]) -> list[bytes]:
     ends = np.concatenate([[0], np.cumsum(lengths)])[::_RECORDS].tolist()
     if ends[-1] != len(records):
         ends.append(len(records))
-    parts = []
-    for begin, end in pairwise(ends):
-        parts += [bytes([TRACKS]), (end - begin + 3).to_bytes(2, "big"), records[begin:end]]
-    return b"".join(parts)
+    return [
+        bytes([TRACKS]) + (end - begin + 3).to_bytes(2, "big") + records[begin:end]
+        for begin, end in pairwise(ends)
+    ]

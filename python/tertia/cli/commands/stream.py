@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import polars as pl
@@ -16,10 +16,11 @@ import typer
 
 from tertia._arrays import IntArray
 from tertia.cli.commands.control import Control, request_of
+from tertia.cli.commands.datagrams import Datagrams, TrackSender, receiver
 from tertia.cli.files.read import TIME_FORMAT, has_lines
 from tertia.cli.files.text import separator_of, with_point
 from tertia.cli.files.write import as_lines
-from tertia.cli.terminal.pipe import Lines, Quiet
+from tertia.cli.terminal.pipe import Lines, Packets, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
@@ -43,13 +44,8 @@ _REMEMBERED = 100_000
 _WRITTEN = 1000
 
 
-def source(files: Sequence[Path], latency: float | None) -> Path:
-    """Return the source of a stream, or fail."""
-    if sys.stdout is sys.stderr:
-        # where --json has put what else is printed
-        fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
-    if latency is not None and not 0 <= latency < np.inf:
-        fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
+def source(files: Sequence[Path]) -> Path:
+    """Return the source of a stream of lines, or fail."""
     if len(files) > 1:
         fail("a stream is one file, or standard input", WRONG_USAGE)
     path = files[0] if files else STDIN
@@ -59,7 +55,7 @@ def source(files: Sequence[Path], latency: float | None) -> Path:
 
 
 def run(
-    path: Path,
+    source: Path | str,
     sensors: Sensors[Radar],
     tracker: Tracker,
     plans: Sequence[FlightPlan],
@@ -68,17 +64,54 @@ def run(
     control: Control | None,
     latency: float | None,
     rows: Rows | None,
+    send: str | None,
 ) -> None:
-    """Track plots from a file or from standard input; with control, its lines are obeyed."""
-    name = "standard input" if path == STDIN else str(path)
-    source = _Plots(name, columns, sensors)
-    stream = _Stream(tracker, plans, source, control=control, latency=latency, rows=rows)
-    out = typer.get_binary_stream("stdout")
-    if path == STDIN:
-        stream.run(sys.stdin.fileno(), out)
-        return
-    with reading(path), path.open("rb") as file:
-        stream.run(file.fileno(), out)
+    """Track plots from a file, from standard input, or as they arrive at a UDP address (a text).
+
+    With control, its lines are obeyed.
+    """
+    if sys.stdout is sys.stderr:
+        # where --json has put what else is printed
+        fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
+    if latency is not None and not 0 <= latency < np.inf:
+        fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
+    out = _RowWriter(rows) if send is None else TrackSender(send)
+    names = {STDIN: "standard input"}
+    plots = (
+        Datagrams(f"UDP {source}", columns, sensors)
+        if isinstance(source, str)
+        else _Plots(names.get(source, str(source)), columns, sensors)
+    )
+    stream = _Stream(tracker, plans, plots, control=control, latency=latency, out=out)
+    if isinstance(source, str):
+        with receiver(source) as receiving:
+            note(f"receiving at {source}; Ctrl-C ends")
+            stream.run(Packets(receiving, stream.pause))
+    elif source == STDIN:
+        stream.run(Lines(sys.stdin.fileno(), stream.pause))
+    else:
+        with reading(source), source.open("rb") as file:
+            stream.run(Lines(file.fileno(), stream.pause))
+
+
+class _RowWriter:
+    """Writes rows to standard output, in lines of CSV or JSON; by default as the plots are."""
+
+    def __init__(self, rows: Rows | None) -> None:
+        self._rows = rows
+        self._out = typer.get_binary_stream("stdout")
+        self._headed = False
+
+    def write(self, rows: pl.DataFrame, kind: Rows | None) -> None:
+        """Write rows; a table of none has its header, once."""
+        if self._headed and not rows.height:
+            return
+        if (self._rows or kind) == "jsonl":
+            self._out.write(as_lines(rows))
+        else:
+            self._out.write(rows.write_csv(include_header=not self._headed).encode())
+        self._headed = True
+        self._out.flush()
 
 
 class _Plots:
@@ -300,14 +333,14 @@ class _Stream:
         self,
         tracker: Tracker,
         plans: Sequence[FlightPlan],
-        plots: _Plots,
+        plots: _Plots | Datagrams,
         *,
         control: Control | None,
         latency: float | None,
-        rows: Rows | None,
+        out: _RowWriter | TrackSender,
     ) -> None:
         periods = [radar.scan_period for radar in plots.sensors.items]
-        self._tracker, self._plots, self._rows = tracker, plots, rows
+        self._tracker, self._plots, self._out = tracker, plots, out
         self._plans, self._control = plans, control
         self._latency = _USUAL_LATENCY * min(periods) if latency is None else latency
         self._lag = tracker.lag
@@ -317,26 +350,30 @@ class _Stream:
         self._ready: list[TrackTable] = []
         self._numbers = _Numbers(_REMEMBERED if tracker.lag else 0)
         self._statuses: Counter[int] = Counter()
-        self._headed = False
 
-    def run(self, descriptor: int, out: BinaryIO) -> None:
+    @property
+    def pause(self) -> float:
+        """Seconds after which a pause ends what is collected."""
+        return max(self._latency, 1e-3)
+
+    def run(self, arriving: Lines | Packets) -> None:
         """Read until the input ends, the output is closed, or the user interrupts."""
         code = 0
         try:
             try:
-                for lines in Lines(descriptor, max(self._latency, 1e-3)):
+                for lines in arriving:
                     if not isinstance(lines, Quiet):
-                        self._read(lines, out)
+                        self._read(lines)
                         continue
                     if lines is Quiet.LONG:
-                        self._flush(out)
-                    self._write(out)
+                        self._flush()
+                    self._write()
             except KeyboardInterrupt:
                 code = INTERRUPTED
-            self._flush(out)
+            self._flush()
             if self._lag:
                 self._show(self._tracker.finish())
-            self._write(out)
+            self._write()
         except BrokenPipeError:
             # nothing more can be written there when the program ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -348,24 +385,24 @@ class _Stream:
         if code:
             raise typer.Exit(code)
 
-    def _read(self, lines: Sequence[bytes], out: BinaryIO) -> None:
+    def _read(self, lines: Sequence[bytes]) -> None:
         """Take plots, and obey control lines between those before and after."""
         if self._control is None:
-            self._take(self._plots.of(lines), out)
+            self._take(self._plots.of(lines))
             return
         begin = 0
         for at, line in enumerate(lines):
             request = request_of(line)
             if request is None:
                 continue
-            self._take(self._plots.of(lines[begin:at]), out)
+            self._take(self._plots.of(lines[begin:at]))
             self._plots.line += 1
-            self._flush(out)
+            self._flush()
             note(self._control.answer(request))
             begin = at + 1
-        self._take(self._plots.of(lines[begin:]), out)
+        self._take(self._plots.of(lines[begin:]))
 
-    def _take(self, rows: pl.DataFrame, out: BinaryIO) -> None:
+    def _take(self, rows: pl.DataFrame) -> None:
         """Collect plots, and track those that are complete."""
         clock, period = self._plots.clock, self._tracker.clock_period
         if clock is None:
@@ -380,7 +417,7 @@ class _Stream:
             # what is older than a scan and the lag is not of this stretch either: a clock has leapt
             if not -self._oldest <= since < self._latency and (self._gathered or at > begin):
                 self._gathered += [rows[begin:at]] if at > begin else []
-                self._flush(out)
+                self._flush()
                 begin = at
             late = self._lag > 0.0 and -self._oldest <= since < 0.0
             if not self._gathered and at == begin and not late:
@@ -388,7 +425,7 @@ class _Stream:
         if begin < rows.height:
             self._gathered.append(rows[begin:])
 
-    def _flush(self, out: BinaryIO) -> None:
+    def _flush(self) -> None:
         """Track the collected plots, and write their rows."""
         gathered, self._gathered = self._gathered, []
         clock = self._plots.clock
@@ -400,25 +437,20 @@ class _Stream:
         self._numbers.add(rows["row"].to_numpy())
         self._show(table)
         if sum(map(len, self._ready)) >= _WRITTEN:
-            self._write(out)
+            self._write()
 
     def _show(self, table: TrackTable) -> None:
         """Add rows to those that are ready, with the numbers of plots in the stream."""
         self._ready.append(replace(table, plot=self._numbers.of(table.plot)))
 
-    def _write(self, out: BinaryIO) -> None:
+    def _write(self) -> None:
         """Write the rows that are ready."""
         ready, self._ready = self._ready, []
-        if not ready or (self._headed and not any(map(len, ready))):
+        if not ready:
             return
         table, plots = TrackTable.join(ready), self._plots
         clock = plots.clock or Clock(pl.Float64())
         rows = track_rows(table, clock, plots.identity, plots.sensors, self._plans)
         if self._lag:
             rows = rows.with_columns(pl.Series("final", table.final))
-        if (self._rows or plots.kind) == "jsonl":
-            out.write(as_lines(rows))
-        else:
-            out.write(rows.write_csv(include_header=not self._headed).encode())
-        self._headed = True
-        out.flush()
+        self._out.write(rows, plots.kind)

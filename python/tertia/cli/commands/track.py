@@ -134,6 +134,21 @@ def track(
             help="Seconds for which a stream gathers plots; by default a quarter of a scan."
         ),
     ] = None,
+    udp: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[GROUP:]PORT",
+            help="Track plots in ASTERIX that arrive by UDP, until Ctrl-C, as with --stream.",
+        ),
+    ] = None,
+    send: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT",
+            help="Send the tracks of a stream by UDP in ASTERIX, category 62; by default they go "
+            "to standard output.",
+        ),
+    ] = None,
     rows: Annotated[
         streams.Rows | None,
         typer.Option(help="What a stream writes; by default what it reads."),
@@ -165,13 +180,18 @@ def track(
         "n_threads": n_threads,
     }
     given = files or []
-    if stream:
+    if stream or udp is not None:
         if output is not None or plot_file is not None:
             fail("a stream goes to standard output; it has no --output or --plot")
-        source = streams.source(given, latency)
+        if udp is not None and (given or control):
+            fail("--udp takes no file and no --control", WRONG_USAGE)
+        source = streams.source(given) if udp is None else udp
         radars = _trusting(read.read_radars(sensors, flat=flat), trusted)
         filed = read.read_plans(plans, place, radars, fixes=fixes, airways=airways)
         frame = read.plan_frame(place, radars)
+        if udp is not None:
+            # times of ASTERIX are times of day
+            options["clock_period"] = clock_period or 86_400.0
         tracker = Tracker(radars.items, plans=filed, **options)
         commands = Control(tracker, filed, frame) if control else None
         streams.run(
@@ -183,10 +203,11 @@ def track(
             control=commands,
             latency=latency,
             rows=rows,
+            send=send,
         )
         return {}
-    if latency is not None or rows is not None or control:
-        fail("--latency, --rows and --control are for --stream", WRONG_USAGE)
+    if latency is not None or rows is not None or send is not None or control:
+        fail("--latency, --rows, --send and --control are for --stream", WRONG_USAGE)
     if not given or streams.STDIN in given:
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
     write.check_suffixes(output, plot_file, maps=[*maps.SUFFIXES, *write.ASTERIX])

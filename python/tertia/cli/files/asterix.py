@@ -11,7 +11,8 @@ from tertia.tables._sensors import GEODETIC
 
 # recordings of radars, not tables
 SUFFIXES = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
-_IDENTITIES = ("icao_address", "mode_3a")
+# of these a plot has one or both
+IDENTITIES = ("icao_address", "mode_3a")
 _ESTIMATED = ("east_m", "north_m", "east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 
 
@@ -34,18 +35,23 @@ def _doubt_rest(path: Path, found: AsterixRecording) -> None:
         )
 
 
+def measured(found: AsterixRecording) -> pl.DataFrame:
+    """Return the plots of targets that a radar has measured."""
+    left_out = pl.col("simulated") | pl.col("field_monitor") | (pl.col("detection") == "none")
+    return found.plots.filter(~left_out.fill_null(False))
+
+
 def plots(path: Path) -> Part:
     """Return the measured plots of a recording, and its information about radars."""
     found = _read(path)
-    left_out = pl.col("simulated") | pl.col("field_monitor") | (pl.col("detection") == "none")
-    measured = found.plots.filter(~left_out.fill_null(False))
-    if measured.is_empty():
+    seen = measured(found)
+    if seen.is_empty():
         fail(f"{path} has no plots (category 48) of targets, but {_contents(found)}")
     _doubt_rest(path, found)
     for count, noun, why in (
         (found.repeated, "plot", "the same as one before"),
         (
-            found.plots.height - measured.height,
+            found.plots.height - seen.height,
             "plot",
             "simulated, of a field monitor, or without a detection",
         ),
@@ -54,12 +60,12 @@ def plots(path: Path) -> Part:
         if count:
             doubt(f"{path}: {counted(count, noun)} left out: {why}")
     # an identity that nobody has is none
-    empty = [name for name in _IDENTITIES if measured[name].null_count() == measured.height]
+    empty = [name for name in IDENTITIES if seen[name].null_count() == seen.height]
     said = {
         row["sensor"]: {name: value for name, value in row.items() if value is not None}
         for row in found.sensors.drop("plot_count").iter_rows(named=True)
     }
-    return Part(measured.drop(empty), str(path), path.stem, sensors=said)
+    return Part(seen.drop(empty), str(path), path.stem, sensors=said)
 
 
 def tracks(path: Path) -> Part:
@@ -71,7 +77,7 @@ def tracks(path: Path) -> Part:
     _doubt_rest(path, recording)
     columns = [
         one
-        for one in ("time_s", "target", *_ESTIMATED, *GEODETIC, *_IDENTITIES)
+        for one in ("time_s", "target", *_ESTIMATED, *GEODETIC, *IDENTITIES)
         if found[one].null_count() < found.height
     ]
     if "east_sigma_m" not in columns:

@@ -1,12 +1,16 @@
-"""Lines from a pipe, as they are written."""
+"""Lines from a pipe and packets from a socket, as they arrive."""
 
 import enum
 import os
 import queue
+import socket
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 
 _BYTES, _WAITING = 1 << 16, 16
+_PATIENCE_S = 60.0
+# packets that may wait, and that are taken at once
+_PACKETS, _TOGETHER = 100_000, 2000
 
 
 class Quiet(enum.Enum):
@@ -16,27 +20,50 @@ class Quiet(enum.Enum):
     LONG = enum.auto()
 
 
-class Lines:
-    """The lines that can be read from a file descriptor, and marks where there are none.
+class _Arriving:
+    """Parts that a thread reads, to detect pauses; it waits until they are taken."""
 
-    A thread reads, to detect pauses; it waits until the lines are taken.
-    """
-
-    def __init__(self, descriptor: int, pause: float) -> None:
+    def __init__(self, read: Callable[[], bytes], pause: float, waiting: int) -> None:
         self._pause = pause
-        self._read: queue.Queue[bytes | OSError] = queue.Queue(_WAITING)
+        self._read: queue.Queue[bytes | OSError] = queue.Queue(waiting)
         # not through sys.stdin: its lock would be held when the program ends
-        threading.Thread(target=self._take, args=(descriptor,), daemon=True).start()
+        threading.Thread(target=self._take, args=(read,), daemon=True).start()
 
-    def _take(self, descriptor: int) -> None:
+    def _take(self, read: Callable[[], bytes]) -> None:
         part = b"\n"
         while part:
             try:
-                part = os.read(descriptor, _BYTES)
+                part = read()
             except OSError as error:
                 self._read.put(error)
                 return
             self._read.put(part)
+
+    def _next(self) -> Generator[Quiet, None, bytes]:
+        if self._read.empty():
+            yield Quiet.NOW
+        part = self._wait(self._pause)
+        if part is None:
+            yield Quiet.LONG
+        while part is None:
+            # Ctrl-C ends a wait that has a limit, and after Polars' handler no other
+            part = self._wait(_PATIENCE_S)
+        if isinstance(part, OSError):
+            raise part
+        return part
+
+    def _wait(self, seconds: float) -> bytes | OSError | None:
+        try:
+            return self._read.get(timeout=seconds)
+        except queue.Empty:
+            return None
+
+
+class Lines(_Arriving):
+    """The lines that can be read from a file descriptor, and marks where there are none."""
+
+    def __init__(self, descriptor: int, pause: float) -> None:
+        super().__init__(lambda: os.read(descriptor, _BYTES), pause, _WAITING)
 
     def __iter__(self) -> Iterator[list[bytes] | Quiet]:
         """Yield lines that arrived together, and a mark before waiting for more."""
@@ -47,14 +74,18 @@ class Lines:
         if rest:
             yield [rest]
 
-    def _next(self) -> Generator[Quiet, None, bytes]:
-        if self._read.empty():
-            yield Quiet.NOW
-        try:
-            part = self._read.get(timeout=self._pause)
-        except queue.Empty:
-            yield Quiet.LONG
-            part = self._read.get()
-        if isinstance(part, OSError):
-            raise part
-        return part
+
+class Packets(_Arriving):
+    """The packets that arrive at a socket, and marks where there are none."""
+
+    def __init__(self, receiving: socket.socket, pause: float) -> None:
+        # an empty packet is no end
+        super().__init__(lambda: receiving.recv(_BYTES) or b"\0", pause, _PACKETS)
+
+    def __iter__(self) -> Iterator[list[bytes] | Quiet]:
+        """Yield packets that arrived together, and a mark before waiting for more."""
+        while True:
+            packets = [(yield from self._next())]
+            while not self._read.empty() and len(packets) < _TOGETHER:
+                packets.append((yield from self._next()))
+            yield packets

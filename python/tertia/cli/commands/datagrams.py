@@ -1,0 +1,147 @@
+"""`tertia track --udp`: plots in ASTERIX as they arrive, and system tracks that are sent on."""
+
+from __future__ import annotations
+
+import socket
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+
+import polars as pl
+
+from tertia.cli.files.asterix import IDENTITIES, measured
+from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
+from tertia.io import read_asterix
+from tertia.sensors import Radar
+from tertia.tables._records import Part, Reader
+from tertia.tables._sensors import Sensors
+from tertia.tables._times import Clock
+from tertia.tables._track import PLOTS
+
+# what the kernel holds while plots are tracked
+_BUFFER = 1 << 23
+_PORTS = 1 << 16
+
+
+class Datagrams:
+    """Converts the payloads of UDP packets to plots, as `stream` does with lines.
+
+    `row` counts the plots of category 48, `bad` the packets that have none.
+    """
+
+    kind = None
+    line = 0
+
+    def __init__(self, name: str, columns: Mapping[str, str], sensors: Sensors[Radar]) -> None:
+        self.name, self.sensors = name, sensors
+        self.clock: Clock | None = None
+        self.row = self.bad = 0
+        self._columns = columns
+        self._unknown: Counter[str] = Counter()
+        # the kind that the first plots have
+        self._identity: str | None = None
+
+    @property
+    def identity(self) -> str:
+        """The name of the column of identities."""
+        return self._identity or "identity"
+
+    def of(self, packets: Sequence[bytes]) -> pl.DataFrame:
+        """Return the plots of packets by the schema, `row` counted from the first of all."""
+        try:
+            found = read_asterix(packets)
+        except ValueError as error:
+            self._leave_out(len(packets), str(error))
+            return self._read(pl.DataFrame(schema={"time_s": pl.Float64, "range_nm": pl.Float64}))
+        if found.other_packets:
+            self._leave_out(found.other_packets, "a packet has no ASTERIX")
+        if found.damaged:
+            self._leave_out(found.damaged, found.first_damage)
+        plots = measured(found)
+        if self._identity is None:
+            self._identity = next((one for one in IDENTITIES if not _is_empty(plots, one)), None)
+        known = pl.col("sensor").is_in(self.sensors.names)
+        self._doubt(plots.filter(~known)["sensor"])
+        rows = self._read(plots.filter(known, pl.col("time_s").is_not_null()))
+        self.row += rows.height
+        return rows
+
+    def _read(self, plots: pl.DataFrame) -> pl.DataFrame:
+        if "sensor" in plots.columns:
+            plots = plots.drop(one for one in IDENTITIES if one != self._identity)
+        reader = Reader(Part(plots, self.name), PLOTS, self._columns, self.sensors.names)
+        rows = reader.rows()
+        if self.clock is None and plots.height:
+            self.clock = Clock.of(rows["time"])
+        return rows.with_columns(pl.col("row") + self.row)
+
+    def _doubt(self, sensors: pl.Series) -> None:
+        """Count the plots of radars that are not in the file, and print the first."""
+        if sensors.len() and not self._unknown:
+            note(f"tertia: {self.name}: radar {sensors[0]} is not in the file of sensors")
+        self._unknown.update(sensors.to_list())
+
+    def _leave_out(self, count: int, reason: str) -> None:
+        if not self.bad:
+            note(f"tertia: {self.name}: {reason}; such packets are left out")
+        self.bad += count
+
+    def end(self) -> None:
+        """Print how many plots there were, and what was left out."""
+        note(f"{counted(self.row, 'plot')} arrived")
+        if self.bad:
+            note(f"{counted(self.bad, 'packet')} left out")
+        if self._unknown:
+            radars = counted(len(self._unknown), "other radar")
+            note(f"{counted(self._unknown.total(), 'plot')} of {radars} left out")
+
+
+def _is_empty(plots: pl.DataFrame, name: str) -> bool:
+    return plots[name].null_count() == plots.height
+
+
+class TrackSender:
+    """Sends rows of tracks by UDP, in category 62."""
+
+    def __init__(self, address: str) -> None:
+        self._to = _address(address, "--send")
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def write(self, rows: pl.DataFrame, kind: object) -> None:  # that of lines
+        """Send rows, in packets of whole data blocks."""
+        from tertia.io._asterix_writer import asterix_blocks  # noqa: PLC0415  # this format alone
+
+        for block in asterix_blocks(rows, (0, 0)) if rows.height else []:
+            self._socket.sendto(block, self._to)
+
+
+def receiver(address: str) -> socket.socket:
+    """Return a socket that receives packets at a port, of a multicast group if one is given."""
+    host, port = _address(address if ":" in address else f"0.0.0.0:{port_of(address)}", "--udp")
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        made.bind((host, port))
+        if socket.inet_aton(host)[0] >> 4 == 0b1110:
+            group = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")
+            made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+    except OSError as error:
+        with closing(made):
+            fail(f"cannot receive at {address}: {error.strerror or error}")
+    return made
+
+
+def _address(text: str, option: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    try:
+        return socket.gethostbyname(host), port_of(port)
+    except OSError as error:
+        fail(f"{option} {text}: {error.strerror or error}", WRONG_USAGE)
+
+
+def port_of(text: str) -> int:
+    """Return the number of a port, or fail."""
+    if not text.isdecimal() or not 0 < int(text) < _PORTS:
+        fail(f"{text!r} is no port: give a number from 1 to {_PORTS - 1}", WRONG_USAGE)
+    return int(text)
