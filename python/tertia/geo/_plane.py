@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from tertia import _core
 from tertia._arrays import FloatArray, finite, scalar_or_array
 from tertia.geo._arrays import (
     batch,
-    columns,
-    ecef_of,
-    geodetic,
-    origin,
-    places_of,
     positions,
-    set_origin,
 )
+from tertia.geo._frame import Frame
 from tertia.geo._local import LocalFrame
 from tertia.sensors import Radar
 
 
 @dataclass(frozen=True, slots=True, init=False)
-class SystemPlane:
+class SystemPlane(Frame):
     """The stereographic plane of system tracks: where tracks of several radars are.
 
     The oblique stereographic projection of a sphere with the radius of the meridian, as it is
@@ -70,79 +64,7 @@ class SystemPlane:
     longitude: float
     height: float
 
-    def __init__(self, latitude: float, longitude: float, height: float = 0.0) -> None:
-        set_origin(self, latitude, longitude, height)
-
-    def to_local(
-        self,
-        latitude: npt.ArrayLike,
-        longitude: npt.ArrayLike,
-        height: npt.ArrayLike = 0.0,
-    ) -> FloatArray:
-        """Return places in the plane.
-
-        Parameters
-        ----------
-        latitude, longitude : array_like of shape (...)
-            Degrees; nan where there is no place.
-        height : array_like of shape (...)
-            Metres above the ellipsoid.
-
-        Returns
-        -------
-        ndarray of shape (..., 3)
-            East and north of the plane, and the height, in metres; nan where there is no place.
-
-        Raises
-        ------
-        ValueError
-            A latitude beyond the poles, an infinite number, or shapes that do not fit.
-
-        Examples
-        --------
-        >>> from tertia.geo import SystemPlane
-        >>> SystemPlane(50.0, 14.0).to_local(51.0, 16.0, 10e3).round(3)
-        array([140394.214, 113132.46 ,  10000.   ])
-        """
-        return self.from_ecef(ecef_of(geodetic(latitude, longitude, height)))
-
-    def to_geodetic(
-        self, position: npt.ArrayLike
-    ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
-        """Return latitude, longitude and height of positions in the plane.
-
-        Parameters
-        ----------
-        position : array_like of shape (..., 3)
-            East and north of the plane, and the height above the ellipsoid, in metres; nan where
-            there is none.
-
-        Returns
-        -------
-        tuple of three float or ndarray of shape (...)
-            Degrees, degrees from -180 to 180, and metres above the ellipsoid.
-
-        Raises
-        ------
-        ValueError
-            Positions without a height, or an infinite number.
-
-        Examples
-        --------
-        >>> from tertia.geo import SystemPlane
-        >>> found = SystemPlane(50.0, 14.0).to_geodetic([140394.213511, 113132.460435, 10e3])
-        >>> [round(value, 6) for value in found]
-        [51.0, 16.0, 10000.0]
-        """
-        return columns(places_of(self.to_ecef(position)))
-
-    def from_ecef(self, ecef: npt.ArrayLike) -> FloatArray:
-        """Return geocentric positions, (..., 3), in the plane; see `LocalFrame.from_ecef`."""
-        return batch(self._frame.from_ecef, positions(ecef, "ecef"))
-
-    def to_ecef(self, position: npt.ArrayLike) -> FloatArray:
-        """Return positions in the plane, (..., 3), as geocentric ones."""
-        return batch(self._frame.to_ecef, positions(position, "position"))
+    _is_plane: ClassVar = True
 
     def scale_and_convergence(
         self, position: npt.ArrayLike
@@ -241,7 +163,3 @@ class SystemPlane:
         if place.shape not in {(2,), (3,)}:
             raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
         return LocalFrame(*self.to_geodetic(np.append(place, 0.0)[:3]))  # type: ignore[arg-type]
-
-    @property
-    def _frame(self) -> _core.Frame:
-        return _core.Frame(origin(self), is_plane=True)

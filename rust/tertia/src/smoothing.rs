@@ -9,6 +9,7 @@ mod faults;
 mod information;
 mod jerk;
 mod lasting;
+mod motion;
 mod noise;
 mod polynomial;
 mod record;

@@ -11,6 +11,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::information::{Direction, Information, Logarithms};
+use super::motion;
 use super::rows::{invert, solve};
 use super::smoother::Summary;
 use super::track::{ENOUGH, Track};
@@ -261,38 +262,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
         if t == 0.0 {
             return;
         }
-        let half = 0.5 * t * t;
-        advance::<D, N>(&mut self.x, t, half);
-        for row in &mut self.p {
-            advance::<D, N>(row, t, half);
-        }
-        for i in 0..D {
-            for c in 0..N {
-                let (v, a) = (self.p[D + i][c], self.p[2 * D + i][c]);
-                self.p[i][c] += t * v + half * a;
-                self.p[D + i][c] += t * a;
-            }
-        }
-        // an asymmetry of rounding grows: after 300 steps it cost the likelihood seven digits
-        for r in 0..N {
-            for c in 0..r {
-                self.p[r][c] = self.p[c][r];
-            }
-        }
-        let q = jerk * t;
-        let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
-        let (vv, va) = (q * t * t / 3.0, q * t / 2.0);
-        for i in 0..D {
-            self.p[i][i] += pp;
-            self.p[i][D + i] += pv;
-            self.p[D + i][i] += pv;
-            self.p[i][2 * D + i] += pa;
-            self.p[2 * D + i][i] += pa;
-            self.p[D + i][D + i] += vv;
-            self.p[D + i][2 * D + i] += va;
-            self.p[2 * D + i][D + i] += va;
-            self.p[2 * D + i][2 * D + i] += q;
-        }
+        motion::advance::<D, N>(&mut self.x, &mut self.p, t, jerk);
     }
 
     /// Takes in the plot of an instant, number by number: they are whitened. Returns the sum of
@@ -393,16 +363,6 @@ impl<const D: usize, const N: usize> Step<D, N> {
                 }
             }
         }
-    }
-}
-
-/// `F x`, where x is any row of positions, velocities and accelerations.
-#[inline(always)]
-fn advance<const D: usize, const N: usize>(row: &mut [f64; N], t: f64, half: f64) {
-    for i in 0..D {
-        let (v, a) = (row[D + i], row[2 * D + i]);
-        row[i] += t * v + half * a;
-        row[D + i] += t * a;
     }
 }
 

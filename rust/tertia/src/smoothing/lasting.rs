@@ -9,6 +9,7 @@
 
 use super::adjoint::{self, Adjoint};
 use super::diffuse;
+use super::motion;
 use super::rows::invert;
 use super::track::{ENOUGH, Track};
 use crate::base::small::{Matrix as Square, dot};
@@ -195,7 +196,9 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
                 (after.ph, after.h, after.s, after.innovation);
             let t = track.times[k] - track.times[k.saturating_sub(1)];
             for column in &mut answer[..states] {
-                advance::<D, N>(column, t, 0.5 * t * t, decay(t, model));
+                motion::advance_row::<D, N>(column, t, 0.5 * t * t);
+                let phi = decay(t, model);
+                column[3 * D..].iter_mut().for_each(|noise| *noise *= phi);
             }
             self.answers.push(answer);
             let plot = (&step.ph, &step.h, &step.s);
@@ -317,38 +320,18 @@ impl<const D: usize, const N: usize> Step<D, N> {
 
     #[inline(always)]
     fn predict(&mut self, t: f64, phi: f64, jerk: f64) {
-        let half = 0.5 * t * t;
-        advance::<D, N>(&mut self.x, t, half, phi);
-        for row in &mut self.p {
-            advance::<D, N>(row, t, half, phi);
-        }
-        for i in 0..D {
-            for c in 0..N {
-                let (v, a) = (self.p[D + i][c], self.p[2 * D + i][c]);
-                self.p[i][c] += t * v + half * a;
-                self.p[D + i][c] += t * a;
-                self.p[3 * D + i][c] *= phi;
+        for i in 3 * D..N {
+            self.x[i] *= phi;
+            for row in &mut self.p {
+                row[i] *= phi;
             }
         }
-        for r in 0..N {
-            for c in 0..r {
-                self.p[r][c] = self.p[c][r];
-            }
+        for row in &mut self.p[3 * D..] {
+            row.iter_mut().for_each(|p| *p *= phi);
         }
-        let q = jerk * t;
-        let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
-        let (vv, va) = (q * t * t / 3.0, q * t / 2.0);
-        for i in 0..D {
-            self.p[i][i] += pp;
-            self.p[i][D + i] += pv;
-            self.p[D + i][i] += pv;
-            self.p[i][2 * D + i] += pa;
-            self.p[2 * D + i][i] += pa;
-            self.p[D + i][D + i] += vv;
-            self.p[D + i][2 * D + i] += va;
-            self.p[2 * D + i][D + i] += va;
-            self.p[2 * D + i][2 * D + i] += q;
-            self.p[3 * D + i][3 * D + i] += 1.0 - phi * phi;
+        motion::advance::<D, N>(&mut self.x, &mut self.p, t, jerk);
+        for i in 3 * D..N {
+            self.p[i][i] += 1.0 - phi * phi;
         }
     }
 
@@ -428,17 +411,6 @@ impl<const D: usize, const N: usize> Step<D, N> {
             is_well &= out[i * (components + 1)] > LEAST_SHARE * self.p[i][i];
         }
         is_well
-    }
-}
-
-/// `F x`, where x is any row of positions, velocities, accelerations and lasting noise.
-#[inline(always)]
-fn advance<const D: usize, const N: usize>(row: &mut [f64; N], t: f64, half: f64, phi: f64) {
-    for i in 0..D {
-        let (v, a) = (row[D + i], row[2 * D + i]);
-        row[i] += t * v + half * a;
-        row[D + i] += t * a;
-        row[3 * D + i] *= phi;
     }
 }
 
