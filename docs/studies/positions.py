@@ -9,7 +9,7 @@ import numpy as np
 from studies.pages import markdown, repetitions
 from tertia._arrays import FloatArray, IntArray
 from tertia.metrics import nees
-from tertia.sensors import Bias, PositionSensor, Radar
+from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tracker import CvModel, Motion, Plots, track
 
 SCENES = repetitions(20)
@@ -32,10 +32,14 @@ RADAR = Radar(
 )
 MULTILATERATION = PositionSensor(update_interval=1.0, detection_probability=0.9)
 ADSB = PositionSensor(update_interval=2.0, detection_probability=0.95)
-SENSORS: dict[str, Radar | PositionSensor] = {
+# a camera looks round once a second
+CAMERA = Station((10e3, -20e3), azimuth_sigma=0.02, degrees=True)
+FRAME, SEEN, FALSE = 1.0, 0.9, 3
+SENSORS: dict[str, Radar | PositionSensor | Station] = {
     "radar": RADAR,
     "multilateration": MULTILATERATION,
     "ADS-B": ADSB,
+    "camera": CAMERA,
 }
 REPORTING = {1: MULTILATERATION, 2: ADSB}
 # least and largest standard deviation of a report in m, one for each
@@ -80,7 +84,7 @@ def _times(
 
 
 def scene(seed: int) -> Scene:
-    """Simulate a radar with false plots, multilateration and ADS-B."""
+    """Simulate a radar and a camera with false plots, multilateration and ADS-B."""
     random = np.random.default_rng([41, seed])
     empty = Scene(flights(random), Plots([]), np.empty(0, np.int64))
     time, target = _times(RADAR.scan_period, RADAR.detection_probability, random)
@@ -111,16 +115,35 @@ def scene(seed: int) -> Scene:
         targets.append(target)
         positions.append(empty.truth(target, time)[:, :2] + noise[..., 0])
         covariances.append(covariance)
+    time, target, seen = _seen_by_camera(empty, random)
+    times, targets = [*times, time], [*targets, target]
     nothing = np.full(sum(map(len, times[1:])), np.nan)
+    azimuth = np.append(azimuth, nothing)
+    azimuth[len(azimuth) - len(seen) :] = seen
+    nowhere = np.full((len(seen), 2), np.nan)
     plots = Plots(
         np.concatenate(times),
         np.append(distance, nothing),
-        np.append(azimuth, nothing),
-        sensor=np.repeat([0, 1, 2], list(map(len, times))),
-        position=np.concatenate(positions),
-        covariance=np.concatenate(covariances),
+        azimuth,
+        sensor=np.repeat(np.arange(len(SENSORS)), list(map(len, times))),
+        position=np.concatenate([*positions, nowhere]),
+        covariance=np.concatenate([*covariances, np.full((len(seen), 2, 2), np.nan)]),
     )
     return Scene(empty.states, plots, np.concatenate(targets))
+
+
+def _seen_by_camera(
+    one: Scene, random: np.random.Generator
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return times, targets and azimuths of a camera."""
+    frames = np.arange(0.5 * FRAME, DURATION, FRAME)
+    time = np.repeat(frames, FLIGHTS + FALSE)
+    target = np.tile(np.append(np.arange(FLIGHTS), np.full(FALSE, -1)), len(frames))
+    east, north = (one.truth(target, time)[:, :2] - CAMERA.position).T
+    azimuth = np.arctan2(east, north) + random.normal(0.0, CAMERA.azimuth_sigma or 0.0, len(time))
+    azimuth = np.where(target < 0, random.uniform(-np.pi, np.pi, len(time)), azimuth)
+    seen = (target < 0) | (random.random(len(time)) < SEEN)
+    return time[seen], target[seen], azimuth[seen]
 
 
 def without(one: Scene, sensor: int) -> Scene:
@@ -151,6 +174,8 @@ def central(one: Scene) -> tuple[FloatArray, FloatArray]:
     for own in range(FLIGHTS):
         rows = np.flatnonzero(one.target == own)
         rows = rows[np.argsort(one.plots.time[rows])]
+        # an azimuth is no beginning
+        rows = rows[np.argmax(np.isfinite(z[rows, 0])) :]
         times = one.plots.time[rows]
         speed = (0.5 * FASTEST) ** 2
         mean, covariance = np.append(z[rows[0]], [0.0, 0.0]), np.diag([0.0, 0.0, speed, speed])
@@ -160,9 +185,13 @@ def central(one: Scene) -> tuple[FloatArray, FloatArray]:
             f = np.eye(4) + t * np.eye(4, k=2)
             q = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * SIGMA**2 * PACE
             mean, covariance = f @ mean, f @ covariance @ f.T + np.kron(q, np.eye(2))
-            gain = covariance[:, :2] @ np.linalg.inv(covariance[:2, :2] + r[row])
-            mean = mean + gain @ (z[row] - mean[:2])
-            covariance = covariance - gain @ covariance[:2]
+            if one.plots.sensor[row] == len(SENSORS) - 1:
+                h, y, noise = _seen(mean, float(one.plots.azimuth[row]))
+            else:
+                h, y, noise = np.eye(2, 4), z[row] - mean[:2], r[row]
+            gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + noise)
+            mean = mean + gain @ y
+            covariance = covariance - gain @ h @ covariance
             states.append(mean)
             matrices.append(covariance)
         late = times > SETTLED
@@ -170,6 +199,14 @@ def central(one: Scene) -> tuple[FloatArray, FloatArray]:
         errors.append(error)
         squares.append(np.asarray(nees(error, np.array(matrices)[late])))
     return np.concatenate(errors), np.concatenate(squares)
+
+
+def _seen(state: FloatArray, azimuth: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return derivative, innovation and noise of an azimuth of the camera."""
+    east, north = state[:2] - CAMERA.position
+    y = np.angle(np.exp(1j * (azimuth - np.arctan2(east, north))))
+    h = np.array([[north, -east, 0.0, 0.0]]) / (east**2 + north**2)
+    return h, np.array([y]), np.array([[(CAMERA.azimuth_sigma or 0.0) ** 2]])
 
 
 def _rmse(errors: list[FloatArray]) -> float:

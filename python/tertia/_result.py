@@ -15,6 +15,8 @@ _VECTORS = {
     "position": ("", "m"),
     "velocity": ("velocity_", "m_s"),
     "acceleration": ("acceleration_", "m_s2"),
+    # of no state, so it comes last
+    "sensor_position": ("sensor_", "m"),
 }
 _UNITS = {
     "time": "s",

@@ -305,11 +305,9 @@ def stack_stations(
     return places, _all_axes(known, places.shape[-1]), sigmas
 
 
-def own_biases(sensors: Sequence[Radar | PositionSensor]) -> Bias:
+def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
     """Return the systematic errors of sensors, (K,), as known; of radars else within the limits."""
-    given = [
-        Bias() if isinstance(s, PositionSensor) and s.bias is None else s.bias for s in sensors
-    ]
+    given = [Bias() if s.bias is None and not isinstance(s, Radar) else s.bias for s in sensors]
     columns: dict[str, Any] = {kind: [_error(bias, kind) for bias in given] for kind in ERRORS}
     return Bias(**columns)
 

@@ -25,7 +25,8 @@ NO_IDENTITY = -1
 class Plots(Result):
     """Plots of one or several sensors, in any order.
 
-    Those of a `Radar` are polar, those of a `PositionSensor` positions with their covariances.
+    Those of a `Radar` are polar, those of a `PositionSensor` positions with their covariances, and
+    those of a `Station` azimuths.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class Plots(Result):
         Seconds.
     range : ndarray of shape (N,)
         Metres from the sensor: slant, but horizontal where radars are in a plane and no height is
-        known of any target; nan for positions.
+        known of any target; nan for positions and for azimuths alone.
     azimuth : ndarray of shape (N,)
         Radians, clockwise from north.
     sensor : ndarray of int, shape (N,)
@@ -51,6 +52,8 @@ class Plots(Result):
         East and north in metres, of sensors that report positions; nan for plots of radars.
     covariance : ndarray of shape (N, 2, 2) or None
         Of the positions; nan where it is that of the sensor.
+    sensor_position : ndarray of shape (N, 2) or None
+        East and north of a `Station` that moves, in metres; nan where the station says it.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class Plots(Result):
     identity: IntArray
     position: FloatArray | None
     covariance: FloatArray | None
+    sensor_position: FloatArray | None
 
     def __init__(
         self,
@@ -82,6 +86,7 @@ class Plots(Result):
         identity: npt.ArrayLike = NO_IDENTITY,
         position: npt.ArrayLike | None = None,
         covariance: npt.ArrayLike | None = None,
+        sensor_position: npt.ArrayLike | None = None,
         degrees: bool = False,
     ) -> None:
         instants = samples(time, "time")
@@ -110,6 +115,8 @@ class Plots(Result):
         count = len(instants)
         object.__setattr__(self, "position", _rows(position, "position", (count, 2)))
         object.__setattr__(self, "covariance", _rows(covariance, "covariance", (count, 2, 2)))
+        place = _rows(sensor_position, "sensor_position", (count, 2))
+        object.__setattr__(self, "sensor_position", place)
 
     def __len__(self) -> int:
         """Return the number of plots."""
@@ -195,6 +202,7 @@ class PlotStatus(enum.IntEnum):
     CLOCK_ERROR = -5
     DUPLICATE = -6
     NO_QUALITY = -7
+    UNASSOCIATED = -8
 
     @property
     def message(self) -> str:
@@ -213,6 +221,9 @@ _MESSAGES = {
     PlotStatus.CLOCK_ERROR: "the plot comes alone and long after the others, as with a wrong clock",
     PlotStatus.DUPLICATE: "the plot repeats the one before it",
     PlotStatus.NO_QUALITY: "the position has no covariance, or one that is none",
+    PlotStatus.UNASSOCIATED: (
+        "the azimuth is of no confirmed track, or of several in nearly the same direction"
+    ),
 }
 
 

@@ -9,22 +9,31 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import instance
-from tertia.sensors import PositionSensor, Radar
+from tertia.sensors import PositionSensor, Radar, Station
+from tertia.tracker._azimuths import check_station
 from tertia.tracker._earth import plane_of
-from tertia.tracker._models import core_radar
+from tertia.tracker._models import Motion, WindowModel, core_radar
 
-Sensor: TypeAlias = Radar | PositionSensor
+Sensor: TypeAlias = Radar | PositionSensor | Station
+# of a station, which does not say how often it sees a target
+_DETECTION_PROBABILITY = 0.9
 
 
 def sensors_of(values: Any) -> tuple[Sensor, ...]:
     """Return the sensors of a tracker, checked; at least one, on the same earth."""
     if not isinstance(values, Sequence):
-        raise TypeError(f"sensors is {values!r}; it must be a sequence of Radar or PositionSensor")
+        names = "Radar, PositionSensor or Station"
+        raise TypeError(f"sensors is {values!r}; it must be a sequence of {names}")
     for i, value in enumerate(values):
-        instance(value, f"sensors[{i}]", Radar, PositionSensor)
+        instance(value, f"sensors[{i}]", Radar, PositionSensor, Station)
     if not values:
         raise ValueError("sensors is empty; there must be at least one")
-    plane_of([one for one in values if isinstance(one, Radar)])
+    plane = plane_of([one for one in values if isinstance(one, Radar)])
+    stations = {i: one for i, one in enumerate(values) if isinstance(one, Station)}
+    if len(stations) == len(values):
+        raise ValueError("sensors has a Station alone; azimuths without ranges begin no tracks")
+    for i, station in stations.items():
+        check_station(station, f"sensors[{i}]", plane)
     return tuple(values)
 
 
@@ -32,12 +41,32 @@ def radars_of(sensors: Sequence[Sensor]) -> list[Radar]:
     """Return the sensors, which must all be radars, as registration needs them."""
     found = [one for one in sensors if isinstance(one, Radar)]
     if len(found) < len(sensors):
-        raise ValueError("registration is for radars alone; sensors has a PositionSensor")
+        raise ValueError("registration is for radars alone; sensors has others")
     return found
 
 
-def core_sensor(sensor: Sensor) -> tuple[_core.Radar, _core.Geometry]:
-    """Return a sensor, and what its plots say of positions."""
+def core_sensors(
+    sensors: Sequence[Sensor], motion: Motion
+) -> tuple[list[_core.Radar], list[_core.Geometry]]:
+    """Return the sensors, and what their plots say of positions."""
+    windowed = motion == "window" or isinstance(motion, WindowModel)
+    if windowed and any(isinstance(one, Station) for one in sensors):
+        raise ValueError(f"motion {motion!r} takes no azimuths alone, and sensors has a Station")
+    scans = [one.scan_period for one in sensors if isinstance(one, Radar)]
+    intervals = [one.update_interval for one in sensors if isinstance(one, PositionSensor)]
+    each = [_core_sensor(sensor, min(scans + intervals)) for sensor in sensors]
+    return [radar for radar, _ in each], [geometry for _, geometry in each]
+
+
+def _core_sensor(sensor: Sensor, period: float) -> tuple[_core.Radar, _core.Geometry]:
+    """Return a sensor, and what its plots say of positions; a station has no scan of its own."""
+    if isinstance(sensor, Station):
+        sigma = sensor.azimuth_sigma
+        assert sigma is not None  # it was checked
+        stand_in = PositionSensor(
+            position_sigma=1.0, update_interval=period, detection_probability=_DETECTION_PROBABILITY
+        )
+        return _as_radar(stand_in), _core.Geometry.azimuth(sigma)
     if isinstance(sensor, PositionSensor):
         sigma = np.nan if sensor.position_sigma is None else sensor.position_sigma
         return _as_radar(sensor), _core.Geometry.position(sigma)

@@ -25,10 +25,11 @@ from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, Radar
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar, is_registrable, scans
-from tertia.tracker._sensors import Sensor, core_sensor, radars_of, sensors_of
+from tertia.tracker._sensors import Sensor, core_sensors, radars_of, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
@@ -44,8 +45,9 @@ class Tracker:
 
     Parameters
     ----------
-    sensors : sequence of Radar or PositionSensor
-        The sensors; plots refer to them by their index. With a `frame`, as
+    sensors : sequence of Radar, PositionSensor or Station
+        The sensors; plots refer to them by their index. A station measures azimuths alone, which
+        update confirmed tracks and begin none. With a `frame`, as
         `tertia.geo.SystemPlane.radar` sets it, tracks are in that plane, and heights are above the
         ellipsoid; all radars must have the same one, or none.
     motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
@@ -192,11 +194,11 @@ class Tracker:
             emergency_codes=emergency_codes,
             with_plans=bool(self._plans),
         )
-        each = [core_sensor(sensor) for sensor in self.sensors]
+        radars, geometry = core_sensors(self.sensors, motion)
         self._core = _core.PlotTracker(
             settings,
-            [radar for radar, _ in each],
-            [geometry for _, geometry in each],
+            radars,
+            geometry,
             [plan._route for plan in plans],
             self.lag,
         )
@@ -273,6 +275,7 @@ class Tracker:
 
     def _scan(self, plots: Plots, end: float | None, rows: str) -> TrackTable:
         """Return rows of tracks from plots without errors."""
+        plots = placed(plots, self.sensors)
         return TrackTable._of(*self._core.track(plots, plots.time, end, rows, self.n_threads))
 
     def _registered(

@@ -6,12 +6,13 @@
 //! different times, each once in its scan.
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
-//! association, motion <- settings <- plan, curve <- window <- filter <- resolution; plan <- correlation;
-//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, clutter, doubles, ended <- resume <- share <- scan
+//! association, motion <- settings <- plan, curve <- window <- filter <- resolution, sight; plan <- correlation;
+//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, clutter, doubles, ended, azimuths <- resume <- share <- scan
 //! <- live <- control, health <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod association;
+mod azimuths;
 mod bank;
 mod beams;
 mod claim;
@@ -46,6 +47,7 @@ mod row;
 mod scan;
 mod settings;
 mod share;
+mod sight;
 mod smooth;
 mod table;
 mod track;

@@ -27,6 +27,12 @@ impl Geometry {
         Self(tracker::Geometry::Position(sigma))
     }
 
+    /// Azimuths alone, of this standard deviation.
+    #[staticmethod]
+    fn azimuth(sigma: f64) -> Self {
+        Self(tracker::Geometry::Azimuth(sigma))
+    }
+
     /// A site of latitude and longitude in radians and height, a system plane, and the largest range.
     #[staticmethod]
     fn earth(site: [f64; 3], plane: &Frame, max_range: f64) -> PyResult<Self> {

@@ -73,6 +73,9 @@ pub(super) fn reach(
 ) -> Option<([f64; 2], [f64; 2])> {
     let station = &settings.radars[radar];
     let geometry = settings.geometry(radar);
+    if geometry.is_azimuth() {
+        return None;
+    }
     let (time, slack) = match track.expected_by(radar) {
         Some(expected) if !geometry.is_position() => {
             // near the radar the beam comes earlier or later

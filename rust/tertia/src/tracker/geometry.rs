@@ -25,6 +25,8 @@ pub enum Geometry {
     /// Positions, with this standard deviation where they come without a covariance; not a number
     /// where there is none.
     Position(f64),
+    /// Azimuths alone, with this standard deviation, from the place that each comes with.
+    Azimuth(f64),
 }
 
 /// A plot in the plane.
@@ -47,6 +49,16 @@ impl Geometry {
     #[inline]
     pub(super) fn is_position(&self) -> bool {
         matches!(self, Self::Position(_))
+    }
+
+    /// Whether it measures azimuths alone.
+    pub(super) fn is_azimuth(&self) -> bool {
+        matches!(self, Self::Azimuth(_))
+    }
+
+    /// Standard deviation of azimuths alone.
+    pub(super) fn azimuth_sigma(&self) -> Option<f64> {
+        if let Self::Azimuth(sigma) = self { Some(*sigma) } else { None }
     }
 
     /// Height of the sensor.

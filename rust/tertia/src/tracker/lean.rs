@@ -49,6 +49,20 @@ impl Lean {
         }
     }
 
+    /// Derivative of what depends so on the state.
+    pub fn along(&self, row: &[f64; 4]) -> f64 {
+        self.0.iter().zip(row).map(|(v, h)| v * h).sum()
+    }
+
+    /// After a residual of variance 1 that depends so on the state: V − K h V, with K = P h' of the
+    /// corrected covariance P.
+    pub fn see(&mut self, after: &Estimate<4>, row: &[f64; 4]) {
+        let (gain, own) = (after.along(row).0, self.along(row));
+        for i in 0..4 {
+            self.0[i] -= gain[i] * own;
+        }
+    }
+
     /// The estimate with the variance of the height.
     pub fn widened(&self, estimate: &Estimate<4>, variance: f64) -> Estimate<4> {
         let v = SVector::from(self.0);

@@ -1,12 +1,13 @@
 //! The tracker: all tracks, and the plots that update them.
 
+use super::azimuths::Azimuths;
 use super::cluster::Clusters;
 use super::clutter::Clutter;
 use super::doubles::Doubles;
 use super::ended::Ended;
 use super::level::Level;
 use super::plans::Plans;
-use super::plot::{Measured, PlotStatus, Plots, keep_followed};
+use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
@@ -56,6 +57,7 @@ pub struct Tracker {
     stray: f64,
     /// Plots that wait for others that compete with them.
     waiting: Vec<Measured>,
+    azimuths: Azimuths,
 }
 
 /// What plots have made of a tracker.
@@ -72,6 +74,7 @@ pub(super) struct Kept {
     next_number: u64,
     stray: f64,
     waiting: Vec<Measured>,
+    azimuths: Azimuths,
 }
 
 impl Tracker {
@@ -85,7 +88,7 @@ impl Tracker {
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
         let doubles = vec![Doubles::default(); settings.radars.len()];
-        let clusters = Clusters::default();
+        let (clusters, azimuths) = (Clusters::default(), Azimuths::new(&settings));
         Ok(Self {
             settings,
             tracks,
@@ -99,6 +102,7 @@ impl Tracker {
             plots: 0,
             stray,
             waiting,
+            azimuths,
         })
     }
 
@@ -116,22 +120,24 @@ impl Tracker {
             next_number: self.next_number,
             stray: self.stray,
             waiting: self.waiting.clone(),
+            azimuths: self.azimuths.clone(),
         }
     }
 
     /// Goes back to such a copy.
     pub(super) fn restore(&mut self, kept: Kept) {
         let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
-        let Kept { time, next_number, stray, .. } = kept;
+        let Kept { time, next_number, stray, azimuths, .. } = kept;
         (self.tracks, self.ended, self.waiting) = (tracks, ended, waiting);
         (self.clutter, self.level, self.doubles) = (clutter, level, doubles);
         (self.clusters, self.settings.plans) = (clusters, plans);
         (self.time, self.next_number, self.stray) = (time, next_number, stray);
+        self.azimuths = azimuths;
     }
 
     /// Whether there are neither tracks nor plots that wait.
     pub(super) fn is_empty(&self) -> bool {
-        self.tracks.is_empty() && self.waiting.is_empty()
+        self.tracks.is_empty() && self.waits().is_none()
     }
 
     /// First plots of the confirmed tracks.
@@ -219,6 +225,7 @@ impl Tracker {
             *clutter = Clutter::new(self.settings.clutter_density);
         }
         self.waiting.clear();
+        self.azimuths.clear();
         self.level = Level::default();
         (self.time, self.stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         self.plots = self.plots.saturating_sub(plots);
@@ -277,7 +284,7 @@ impl Tracker {
         &mut self,
         scan: &mut Scan,
         part: &Part<'_, P, impl Fn(usize) -> usize + Sync>,
-        report: impl FnMut(usize, PlotStatus),
+        mut report: impl FnMut(usize, PlotStatus),
         rows: &mut R,
         n_threads: Option<NonZero<usize>>,
     ) {
@@ -294,7 +301,12 @@ impl Tracker {
             Measured::new(index(i), &plot, (radar, geometry), stretch, level)
         };
         let mut waiting = std::mem::take(&mut self.waiting);
-        extend(&mut waiting, now, threads, convert);
+        if self.azimuths.any() {
+            let others = self.azimuths.take(plots, now, index, &self.settings);
+            extend(&mut waiting, &others, threads, convert);
+        } else {
+            extend(&mut waiting, now, threads, convert);
+        }
         let oldest = hold - WAITING * self.period();
         let mut sky = Sky {
             settings: &self.settings,
@@ -307,14 +319,19 @@ impl Tracker {
             rows,
             threads,
         };
-        scan.process(&mut sky, &mut waiting, [oldest, hold], report);
+        scan.process(&mut sky, &mut waiting, [oldest, hold], &mut report);
         self.waiting = waiting;
+        if self.azimuths.any() {
+            let tracks = (&mut self.tracks[..], &self.settings);
+            self.azimuths.process(hold, tracks, rows, report);
+        }
         self.finish(hold.min(end), rows, threads);
     }
 
     /// The first plot that waits.
     pub(super) fn waits(&self) -> Option<f64> {
-        self.waiting.first().map(|plot| plot.time)
+        let plot = self.waiting.first().map(|plot| plot.time);
+        plot.into_iter().chain(self.azimuths.waits()).min_by(f64::total_cmp)
     }
 
     /// The shortest scan, s.
@@ -372,13 +389,12 @@ impl Tracker {
             let plot = plots.get(i);
             let radar = &self.settings.radars[plot.radar];
             let late = plot.time < self.time - radar.scan_period;
-            let fault = plot
-                .fault(radar, self.settings.geometry(plot.radar))
-                .or(late.then_some(PlotStatus::Late));
+            let geometry = self.settings.geometry(plot.radar);
+            let fault = plot.fault(radar, geometry).or(late.then_some(PlotStatus::Late));
             if fault.is_none() {
                 order.push((plot.time, i));
             }
-            statuses.push(fault.unwrap_or(PlotStatus::Invalid));
+            statuses.push(fault.unwrap_or(Plot::unused(geometry)));
         }
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         order.dedup_by(|(time, next), (before, kept)| {

@@ -13,7 +13,7 @@ const FARTHEST: f64 = 1e9;
 /// Codes of tracks without a final number are above all others.
 const FIRST_PROVISIONAL: i64 = 1 << 40;
 
-/// A position that a sensor reports.
+/// A position that a sensor reports, or from which it measures an azimuth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// East and north, m.
@@ -74,12 +74,27 @@ impl Plot {
         if let Geometry::Position(sigma) = geometry {
             return self.report_fault(*sigma);
         }
+        if geometry.is_azimuth() {
+            return self.azimuth_fault();
+        }
         match () {
             () if !self.is_valid() => Some(PlotStatus::Invalid),
             () if self.range > geometry.max_range(radar) => Some(PlotStatus::OutOfRange),
             () if geometry.is_above(radar, self.range, self.height) => Some(PlotStatus::AtSensor),
             () => None,
         }
+    }
+
+    fn azimuth_fault(&self) -> Option<PlotStatus> {
+        let near = |x: f64| x.abs() <= FARTHEST;
+        let place = self.report.is_some_and(|report| report.position.into_iter().all(near));
+        let holds = place && self.azimuth.is_finite() && self.time.abs() <= LATEST;
+        (!holds).then_some(PlotStatus::Invalid)
+    }
+
+    /// What becomes of it unless something else is said.
+    pub(super) fn unused(geometry: &Geometry) -> PlotStatus {
+        if geometry.is_azimuth() { PlotStatus::Unassociated } else { PlotStatus::Invalid }
     }
 
     fn report_fault(&self, sigma: f64) -> Option<PlotStatus> {
@@ -165,6 +180,8 @@ pub enum PlotStatus {
     Provisional(usize),
     /// A position whose accuracy is not known.
     NoQuality,
+    /// An azimuth of no track, or of tracks that it does not tell apart.
+    Unassociated,
 }
 
 impl PlotStatus {
@@ -180,6 +197,7 @@ impl PlotStatus {
             Self::Duplicate => -6,
             Self::Provisional(first) => FIRST_PROVISIONAL + first as i64,
             Self::NoQuality => -7,
+            Self::Unassociated => -8,
         }
     }
 }

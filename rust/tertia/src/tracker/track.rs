@@ -24,6 +24,7 @@ mod levelled;
 mod life;
 mod merged;
 mod missed;
+mod sighted;
 mod states;
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,89 @@
+"""Stations that measure azimuths without ranges: which the tracker takes, and where they were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tertia.sensors import Station
+
+if TYPE_CHECKING:
+    from tertia.geo import SystemPlane
+    from tertia.tracker._plots import Plots
+
+_OTHERS = ("range_sigma", "elevation_sigma", "arrival_time_sigma")
+
+
+def check_station(station: Station, name: str, plane: SystemPlane | None) -> None:
+    """Fail unless the tracker can use all that a station says of its azimuths."""
+    if station.azimuth_sigma is None:
+        raise ValueError(f"{name}.azimuth_sigma is None; the tracker needs that of a Station")
+    for key in _OTHERS:
+        if getattr(station, key) is not None:
+            raise ValueError(
+                f"{name}.{key} is {getattr(station, key):g}; the tracker takes azimuths alone of a "
+                "Station: what has a range is of a Radar, or a position of a PositionSensor"
+            )
+    if station.position.ndim > 1:
+        raise ValueError(
+            f"{name}.position has shape {station.position.shape}; where a Station moves, give its "
+            "place at each plot in Plots(sensor_position=)"
+        )
+    if station.position_sigma > 0.0:
+        raise ValueError(f"{name}.position_sigma is {station.position_sigma:g}; it must be 0 here")
+    if plane is not None:
+        raise ValueError(f"{name} is a Station, and the radars have a frame; it must be None")
+    bias = station.bias
+    if bias is None:
+        return
+    if bias.deviation_order > 0:
+        raise ValueError(f"{name}.bias has deviation_order {bias.deviation_order}; it must be 0")
+    for key in ("azimuth_sigma", "time_sigma"):
+        if getattr(bias, key) != 0.0:
+            raise ValueError(
+                f"{name}.bias.{key} is {getattr(bias, key)}; the tracker estimates no errors of a "
+                "Station: it must be 0"
+            )
+
+
+def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
+    """Return plots of which those of stations have the places from which they were measured."""
+    station = np.array([isinstance(one, Station) for one in sensors])
+    if plots.sensor_position is None and not station.any():
+        return plots
+    known = (plots.sensor >= 0) & (plots.sensor < len(sensors))
+    own = np.where(known, plots.sensor, 0)
+    seen = known & station[own]
+    ranged = np.flatnonzero(seen & ~np.isnan(plots.range))
+    if len(ranged):
+        at = ranged[0]
+        raise ValueError(
+            f"plots.range[{at}] is {plots.range[at]:g}, and sensors[{own[at]}] is a Station; it "
+            "must be nan"
+        )
+    nowhere = [np.nan, np.nan]
+    places = [one.position[:2] if isinstance(one, Station) else nowhere for one in sensors]
+    place = np.array(places, dtype=np.float64)[own]
+    if plots.sensor_position is not None:
+        moved = np.asarray(np.isfinite(plots.sensor_position).all(axis=1))
+        place = np.where(moved[:, np.newaxis], plots.sensor_position, place)
+        wrong = np.flatnonzero(moved & known & ~seen)
+        if len(wrong):
+            at = wrong[0]
+            raise ValueError(
+                f"plots.sensor_position[{at}] is that of sensors[{own[at]}], which is no Station; "
+                "give plots of other sensors that move as positions, of a PositionSensor"
+            )
+    given = np.full((len(plots), 2), np.nan) if plots.position is None else plots.position
+    return plots._replaced(
+        position=np.where(seen[:, np.newaxis], place, given),
+        azimuth=plots.azimuth + np.array([_north(one) for one in sensors])[own],
+    )
+
+
+def _north(sensor: Any) -> float:
+    """Return the azimuth of a station's north in the plane."""
+    axes = sensor.axes if isinstance(sensor, Station) else None
+    return 0.0 if axes is None else float(np.arctan2(axes[1, 0], axes[1, 1]))

@@ -1,0 +1,81 @@
+//! A track and azimuths without ranges.
+
+use super::{MODEL_ACCELERATION, Track};
+use crate::base::plane::Plane;
+use crate::tracker::settings::Settings;
+use crate::tracker::sight::{Equation, Sight, When};
+
+/// Largest error of a position as a share of its distance, at which an azimuth is linear in it.
+const NEAR: f64 = 0.3;
+
+/// Where a sensor expects to see a target.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::tracker) struct Direction {
+    pub azimuth: f64,
+    pub variance: f64,
+    /// By how much an acceleration may have changed it.
+    pub margin: f64,
+}
+
+impl Track {
+    /// Where a sensor at this place sees the target at this time; none too near to it.
+    pub fn direction(&self, place: [f64; 2], time: f64) -> Option<Direction> {
+        let t = time - self.time;
+        let m = &self.estimate.mean;
+        let [x, y] = [m[0] + t * m[2] - place[0], m[1] + t * m[3] - place[1]];
+        let squared = x * x + y * y;
+        let Plane { xx, yy, .. } = self.estimate.position_covariance();
+        if xx + yy > NEAR * NEAR * squared {
+            return None;
+        }
+        let (x, y) = (x / squared, y / squared);
+        let row = [y, -x, t * y, -t * x];
+        let variance = self.estimate.along(&row).1 + self.leaning(&row);
+        let margin = 0.5 * MODEL_ACCELERATION * t * t / squared.sqrt();
+        Some(Direction { azimuth: x.atan2(y), variance, margin })
+    }
+
+    /// Predicts to a time, at which no radar has seen it.
+    pub fn predict_between(&mut self, time: f64, settings: &Settings) {
+        self.predict(time, self.pace(settings), settings);
+    }
+
+    /// Square of the residual over its variance, and that variance in squares of sigma.
+    pub fn sighted(&self, sight: &Sight) -> (f64, f64) {
+        let Equation { residual, row } = self.equation(sight);
+        let s = 1.0 + self.estimate.along(&row).1 + self.leaning(&row);
+        (residual * residual / s, s)
+    }
+
+    /// Corrects by an azimuth; its time counts neither as seen nor as missed.
+    pub fn see(&mut self, sight: &Sight, settings: &Settings) {
+        self.predict_between(sight.time, settings);
+        let Equation { row, .. } = self.equation(sight);
+        let when = When { t: sight.time - self.time, pace: self.pace(settings) };
+        let motion = self.motion(settings);
+        self.filter.see(motion, sight, when);
+        self.estimate = self.filter.estimate();
+        if let Some(lean) = &mut self.lean {
+            lean.see(&self.estimate, &row);
+        }
+        let none = f64::NAN;
+        self.innovation = ([none; 2], Plane { xx: none, xy: none, yy: none });
+        self.merged = false;
+    }
+
+    fn equation(&self, sight: &Sight) -> Equation {
+        sight.equation(self.estimate.mean.data.0[0], sight.time - self.time)
+    }
+
+    /// Variance of what depends so on the state, by the height.
+    fn leaning(&self, row: &[f64; 4]) -> f64 {
+        let Some((lean, vertical)) = self.lean.as_ref().zip(self.vertical) else { return 0.0 };
+        lean.along(row).powi(2) * vertical.at(self.time).height_variance()
+    }
+
+    /// Seconds between plots for the noise of the models, those of its slowest sensor.
+    fn pace(&self, settings: &Settings) -> f64 {
+        let each = self.beams.all().iter().map(|expected| settings.pace(expected.radar));
+        each.fold(0.0, f64::max)
+    }
+}
