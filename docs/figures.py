@@ -21,6 +21,7 @@ from studies import (
     association,
     audit,
     bearing,
+    boats,
     contamination,
     flightplan,
     fusion,
@@ -171,7 +172,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "between": smooth_tracks.between,
         "recording": smooth_tracks.recording,
     },
-    "position-sensors.md": {"mixed": positions.mixed},
+    "position-sensors.md": {"mixed": positions.mixed, "boats": boats.table},
     "tracker.md": {
         "columns": tracker.columns,
         "conforming": tracker.conforming,

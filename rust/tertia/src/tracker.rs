@@ -7,7 +7,7 @@
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
 //! association, motion <- settings <- plan, curve <- window <- filter <- resolution, sight; plan <- correlation;
-//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, clutter, doubles, ended, azimuths <- resume <- share <- scan
+//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, extent, clutter, doubles, ended, azimuths <- resume <- share <- scan
 //! <- live <- control, health <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -25,6 +25,7 @@ mod curve;
 mod doubles;
 mod ended;
 mod estimate;
+mod extent;
 mod filter;
 mod follower;
 mod geometry;

@@ -1,5 +1,7 @@
 //! The density of plots that belong to no track.
 
+use super::extent::Extent;
+use super::settings::Settings;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -21,14 +23,25 @@ pub(super) struct Clutter {
     /// Until when they are counted, s.
     until: f64,
     farthest: f64,
+    /// Of a sensor of positions.
+    extent: Option<Extent>,
 }
 
 impl Clutter {
-    /// A density that is not a number is estimated.
-    pub fn new(density: f64) -> Self {
+    /// That of a sensor before any plot; a density that is not a number is estimated.
+    pub fn of(settings: &Settings, sensor: usize) -> Self {
+        let extent = settings
+            .geometry(sensor)
+            .is_position()
+            .then(|| Extent::new(settings.max_speed, settings.radars[sensor].scan_period));
+        Self { extent, ..Self::new(settings.clutter_density) }
+    }
+
+    fn new(density: f64) -> Self {
         let known = (!density.is_nan()).then_some(density);
         let until = f64::NEG_INFINITY;
-        Self { known, plots: 0.0, scans: 0.0, until, farthest: NEAREST_LIMIT }
+        let farthest = NEAREST_LIMIT;
+        Self { known, plots: 0.0, scans: 0.0, until, farthest, extent: None }
     }
 
     /// Such plots per square metre and scan, new targets included.
@@ -43,12 +56,18 @@ impl Clutter {
     }
 
     fn area(&self, radar: &Radar) -> f64 {
+        if let Some(extent) = &self.extent {
+            return extent.area();
+        }
         let radius = radar.max_range.min(self.farthest);
         PI * radius * radius
     }
 
-    pub fn saw(&mut self, distance: f64) {
-        self.farthest = self.farthest.max(distance);
+    pub fn saw(&mut self, radar: &Radar, position: [f64; 2]) {
+        match &mut self.extent {
+            Some(extent) => extent.saw(position),
+            None => self.farthest = self.farthest.max(radar.about(position)),
+        }
     }
 
     /// Counts plots that belong to no track, from `begin` to `end`, and the scan before where nothing
@@ -59,6 +78,9 @@ impl Clutter {
         let kept = (-scans / MEMORY).exp();
         self.plots = kept * self.plots + plots as f64;
         self.scans = kept * self.scans + scans;
+        if let Some(extent) = &mut self.extent {
+            extent.fade(kept);
+        }
     }
 
     /// Removes a plot of this time that was counted but belongs to a target.

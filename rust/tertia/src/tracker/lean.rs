@@ -58,8 +58,8 @@ impl Lean {
     /// corrected covariance P.
     pub fn see(&mut self, after: &Estimate<4>, row: &[f64; 4]) {
         let (gain, own) = (after.along(row).0, self.along(row));
-        for i in 0..4 {
-            self.0[i] -= gain[i] * own;
+        for (v, k) in self.0.iter_mut().zip(gain) {
+            *v -= k * own;
         }
     }
 

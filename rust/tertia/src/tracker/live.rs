@@ -84,7 +84,8 @@ impl Tracker {
     /// Settings outside their domain.
     pub fn try_new(settings: Settings) -> Result<Self> {
         settings.check()?;
-        let clutter = vec![Clutter::new(settings.clutter_density); settings.radars.len()];
+        let sensors = 0..settings.radars.len();
+        let clutter = sensors.map(|sensor| Clutter::of(&settings, sensor)).collect();
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
         let doubles = vec![Doubles::default(); settings.radars.len()];
@@ -221,8 +222,8 @@ impl Tracker {
     pub fn restart(&mut self, plots: usize) {
         self.tracks.clear();
         self.settings.plans.free(|_| true);
-        for clutter in &mut self.clutter {
-            *clutter = Clutter::new(self.settings.clutter_density);
+        for (sensor, clutter) in self.clutter.iter_mut().enumerate() {
+            *clutter = Clutter::of(&self.settings, sensor);
         }
         self.waiting.clear();
         self.azimuths.clear();

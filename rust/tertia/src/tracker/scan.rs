@@ -139,7 +139,7 @@ impl Scan {
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
         for plot in plots {
-            sky.clutter[plot.radar].saw(radars[plot.radar].about(plot.position));
+            sky.clutter[plot.radar].saw(&radars[plot.radar], plot.position);
         }
         let cell = radars.iter().map(|radar| {
             let far = radar.azimuth_sigma * radar.max_range.min(1e5);

@@ -79,10 +79,10 @@ impl<const N: usize> Estimate<N> {
         let (cross, variance) = self.along(&equation.row);
         let (y, s) = (equation.residual, variance + equation.noise(moved));
         // x + P h' y / s, P − P h' h P / s
-        for i in 0..N {
-            self.mean[i] += cross[i] * y / s;
-            for j in 0..N {
-                self.covariance[(i, j)] -= cross[i] * cross[j] / s;
+        for (i, own) in cross.iter().enumerate() {
+            self.mean[i] += own * y / s;
+            for (j, other) in cross.iter().enumerate() {
+                self.covariance[(i, j)] -= own * other / s;
             }
         }
         exp(-0.5 * y * y / s) / (TAU * s).sqrt()
