@@ -25,7 +25,7 @@ _CALLSIGN = re.compile(r"([A-Z0-9]{1,7})(?:/A([0-7]{4}))?", re.ASCII)
 _TYPE = re.compile(r"\d{0,2}([A-Z][A-Z0-9]{1,3})/[A-Z]", re.ASCII)
 _PLACE_AND_TIME = re.compile(r"([A-Z0-9]{4})(\d\d)(\d\d)", re.ASCII)
 _ELAPSED = re.compile(r"([A-Z0-9]{4})(\d\d)(\d\d)((?: [A-Z0-9]{4}){0,2})", re.ASCII)
-_KEY = re.compile(r"(?:^| )([A-Z]{3,4})/", re.ASCII)
+_KEY = re.compile(r"(?:^| )([A-Z]{3,4}|STAYINFO\d)/", re.ASCII)
 _SUPPLEMENT = re.compile(r"-\s*[A-Z]/.*$", re.DOTALL)
 _FIELDS = ("3", "7", "8", "9", "10", "13", "15", "16")
 # rates of climb for aircraft of unknown type, m/s: a slow airliner
@@ -149,7 +149,9 @@ def read_fpl(
     Of field 7 the callsign and the code are used; of field 9 the type; 13, 15 and 16; of field 18
     `DOF`, `CODE`, `DEP`, `DEST`, `TYP`. A Mach number is that of the standard atmosphere at the
     filed level. The first and the last token of a route may be unknown: they are procedures of
-    departure and arrival. A stay adds its time to the leg that follows.
+    departure and arrival. A stay adds its time to the leg that follows. One airway after another is
+    left at the first fix that both have; an airway may be joined and left at a place between two
+    of its fixes, within 5 NM, by coordinates or by radial and distance.
 
     Source: ICAO Doc 4444, appendix 3.
 

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ _WORDS = {"VFR", "IFR", "GAT", "OAT", "DCT", "T"}
 # speed of sound: sqrt(1.4 · 287.05287 T) in the standard atmosphere
 _GAS, _SEA, _LAPSE, _TROPOPAUSE = 1.4 * 287.05287, 288.15, 0.0065, 11_000.0
 _EARTH = 6_371_000.0
+# a place that is no fix of an airway is on it within this distance, m: radials are whole degrees
+_ON_AIRWAY = 5 * NAUTICAL_MILE
 
 # name, latitude, longitude, declination in degrees
 _FIXES = ("name", "latitude_deg", "longitude_deg")
@@ -94,19 +97,45 @@ class Tables:
         return _from(_nearest(self.fixes[found[1]], near), radial, distance * NAUTICAL_MILE, token)
 
     def along(self, airway: str, start: Place, end: str) -> list[Place]:
-        """Return the points of an airway after a place up to a fix."""
-        names = self.airways[airway]
-        if start.name not in names or end not in names:
+        """Return the points of an airway after a place up to another one."""
+        names, goal = self.airways[airway], self.place(end, start)
+        first, last = self._on(airway, start), self._on(airway, goal)
+        if goal is None or first is None or last is None:
             raise ValueError(f"airway {airway!r} does not join {start.name!r} and {end!r}")
-        first, last = names.index(start.name), names.index(end)
-        step = 1 if last >= first else -1
+        between = (
+            range(math.floor(first) + 1, math.floor(last) + 1)
+            if last >= first
+            else range(math.ceil(first) - 1, math.ceil(last) - 1, -1)
+        )
         places: list[Place] = []
-        for name in names[first + step : None if last + step < 0 else last + step : step]:
+        for name in (names[at] for at in between):
             place = self.place(name, places[-1] if places else start)
             if place is None:
                 raise ValueError(f"airway {airway!r} has {name!r}, which is no fix")
             places.append(place)
-        return places
+        return places if end in names else [*places, goal]
+
+    def crossing(self, airway: str, other: str, here: Place) -> str:
+        """Return the fix of both airways that comes first after a place."""
+        common = [name for name in self.airways[airway] if name in self.airways[other]]
+        first = self._on(airway, here)
+        if first is None or not common:
+            raise ValueError(f"airway {airway!r} does not join {here.name!r} and {other!r}")
+        return min(common, key=lambda name: abs(self.airways[airway].index(name) - first))
+
+    def _on(self, airway: str, place: Place | None) -> float | None:
+        """Return the number of the fix of an airway that a place is, or a half more between two."""
+        names = self.airways[airway]
+        if place is None or place.name in names:
+            return None if place is None else names.index(place.name)
+        known = [self.place(name, place) for name in names]
+        found = [
+            (_EARTH * _from_line(place, a, b), at + 0.5)
+            for at, (a, b) in enumerate(pairwise(known))
+            if a is not None and b is not None
+        ]
+        distance, at = min(found, default=(math.inf, 0.0))
+        return at if distance < _ON_AIRWAY and place.name not in self.fixes else None
 
 
 def cruise_of(token: str) -> tuple[float, float]:
@@ -147,7 +176,10 @@ class Route:
             return
         name, cruise = _changed(token)
         if self._tables.is_airway(name) and cruise is None:
-            self.end(token)
+            if self._airway is not None:
+                # one airway after another: they cross
+                there = self._tables.crossing(self._airway, name, self.points[-1].place)
+                self._go(self._places(there))
             self._airway = name
             return
         places = self._places(name)
@@ -155,15 +187,19 @@ class Route:
             if cruise is not None or not is_outer or not _NAME.fullmatch(token):
                 raise ValueError(f"{token!r} is neither a fix nor an airway nor a place")
             self.unknown.append(token)
-        self.points += [Point(place, *self.cruise) for place in places]
+        self._go(places)
         if cruise is not None:
             self.cruise = self.points[-1].speed, self.points[-1].level = cruise
 
-    def end(self, token: str = "") -> None:
+    def end(self) -> None:
         """Fail if an airway was not left at a fix."""
         if self._airway is not None:
-            before = f"before {token!r}" if token else "at the end of the route"
-            raise ValueError(f"airway {self._airway!r} is {before}; it must lead to a fix")
+            raise ValueError(
+                f"airway {self._airway!r} is at the end of the route; it must lead to a fix"
+            )
+
+    def _go(self, places: Sequence[Place]) -> None:
+        self.points += [Point(place, *self.cruise) for place in places]
 
     def _places(self, name: str) -> list[Place]:
         here, airway = self.points[-1].place, self._airway
@@ -219,6 +255,15 @@ def _from(fix: Place, radial: float, distance: float, name: str) -> Place:
     frame = LocalFrame(fix.latitude, fix.longitude)
     latitude, longitude, _ = frame.polar_to_geodetic(chord, azimuth, 0.0)
     return Place(name, float(latitude), float(longitude))
+
+
+def _from_line(place: Place, start: Place, end: Place) -> float:
+    """Return the angle between a place and the arc from one place to another, about."""
+    p, a, b = (np.array(one.direction) for one in (place, start, end))
+    along = b - a
+    share = float(np.clip((p - a) @ along / max(along @ along, 1e-30), 0.0, 1.0))
+    foot = a + share * along
+    return float(np.linalg.norm(p - foot / np.linalg.norm(foot)))
 
 
 def _nearest(places: Sequence[Place], near: Place | None) -> Place:

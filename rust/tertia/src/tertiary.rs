@@ -13,6 +13,7 @@ mod groups;
 mod pairs;
 mod row;
 mod rule;
+mod shadow;
 mod target;
 mod tracklet;
 

@@ -5,6 +5,7 @@ use super::groups::{Group, grouped};
 use super::pairs::{Known, Manual, Pairs, Sample, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule, correction};
+use super::shadow::Shadow;
 use super::target::{Target, Tracklet};
 use super::tracklet::{Behind, behind};
 use crate::base::distribution::chi_square_upper;
@@ -69,6 +70,8 @@ struct Member {
     last: Row,
     before: [Option<Row>; 2],
     pending: Vec<Tracklet>,
+    /// The filter that may have made it.
+    shadow: Shadow,
     target: Option<u64>,
 }
 
@@ -286,7 +289,6 @@ impl Centre {
         for (group, number) in groups.iter().zip(numbers) {
             let best = best(group, samples);
             let start = (self.members[places[best]].last, samples[best].clone());
-            let period = self.period(group, samples);
             let mut tracklets = Vec::new();
             for &i in &group.members {
                 tracklets.append(&mut self.members[places[i]].pending);
@@ -299,7 +301,7 @@ impl Centre {
             if let Some(target) = self.targets.get_mut(number) {
                 target.cycles += 1;
                 target.unseen = if seen { 0 } else { target.unseen + 1 };
-                learnt.extend(target.follow(&tracklets, &start, &radars, known, period));
+                learnt.extend(target.follow(&tracklets, &start, &radars, known));
             }
         }
         if !self.settings.registers {
@@ -456,9 +458,10 @@ impl Centre {
 
 impl Member {
     fn new(id: u64, row: Row, radar: &Radar) -> Self {
+        let shadow = Shadow::new(&row, radar);
         let mut member =
-            Self { id, last: row, before: [None; 2], pending: Vec::new(), target: None };
-        member.look_behind(radar);
+            Self { id, last: row, before: [None; 2], pending: Vec::new(), shadow, target: None };
+        member.look_behind(None, radar);
         member
     }
 
@@ -471,11 +474,13 @@ impl Member {
     fn add(&mut self, row: Row, radar: &Radar) {
         self.before = [Some(self.last), self.before[0]];
         self.last = row;
-        self.look_behind(radar);
+        let plot = self.shadow.follow(&row, radar);
+        self.look_behind(plot, radar);
     }
 
-    fn look_behind(&mut self, radar: &Radar) {
-        let (place, own) = match behind(&self.last, &self.before, radar) {
+    /// Keeps what is behind the last row: this plot, or what can be known without its filter.
+    fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
+        let (place, own) = match behind(plot, &self.last, &self.before, radar) {
             Behind::Plot(place) => (place, None),
             Behind::State(place, covariance) => (place, Some(covariance)),
             Behind::Nothing => return,

@@ -50,6 +50,11 @@ impl Row {
         Estimate { mean, covariance }
     }
 
+    /// Height above a sensor; that of the sensor where it is not known.
+    pub fn above(&self, radar: &Radar) -> f64 {
+        if self.height.is_finite() { self.height - radar.position[2] } else { 0.0 }
+    }
+
     /// Probability of a turn, in the mean of traffic where it is not known.
     pub fn turning(&self) -> f64 {
         if self.turn_probability.is_finite() {

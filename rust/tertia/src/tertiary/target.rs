@@ -26,11 +26,10 @@ impl Tracklet {
     /// Of a position by a row.
     pub fn new(row: &Row, [x, y]: [f64; 2], own: Option<Plane>, radar: &Radar) -> Self {
         let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
-        let up = if row.height.is_finite() { row.height - radar.position[2] } else { 0.0 };
         let report = Report {
             radar: row.sensor,
             time: row.time,
-            range: dx.hypot(dy).hypot(up),
+            range: dx.hypot(dy).hypot(row.above(radar)),
             azimuth: dx.atan2(dy),
             height: row.height,
         };
@@ -69,7 +68,6 @@ impl Target {
         start: &(Row, Sample),
         radars: &[Radar],
         known: &Known,
-        period: f64,
     ) -> Vec<Update> {
         let model = ImmModel::default();
         let (row, sample) = start;
@@ -94,7 +92,7 @@ impl Target {
             let (sine, cosine) = report.azimuth.sin_cos();
             let mut z = [radar.position[0] + ground * sine, radar.position[1] + ground * cosine];
             let mut noise = tracklet.own.unwrap_or_else(|| radar.noise_at(z, up));
-            follower.predict(&model, report.time, period);
+            follower.predict(&model, report.time, radar.scan_period);
             let estimate = follower.estimate();
             // a late one comes along with the velocity
             let late = follower.time - report.time;

@@ -50,13 +50,21 @@ pub(super) enum Behind {
     Nothing,
 }
 
-/// What is behind the last row of a track, by the rows before it, the last one first.
-pub(super) fn behind(row: &Row, before: &[Option<Row>; 2], radar: &Radar) -> Behind {
+/// What is behind the last row of a track, by the rows before it, the last one first, where the plot is
+/// not known by the filter that made the row. So high above its sensor that a small error of the range
+/// is a large one on the ground, it says nothing.
+pub(super) fn behind(
+    plot: Option<[f64; 2]>,
+    row: &Row,
+    before: &[Option<Row>; 2],
+    radar: &Radar,
+) -> Behind {
     let [x, y, ..] = row.state;
-    let up = if row.height.is_finite() { row.height - radar.position[2] } else { 0.0 };
-    if (x - radar.position[0]).hypot(y - radar.position[1]) < up.abs() {
-        // so high above the sensor a small error of the range is a large one on the ground
+    if (x - radar.position[0]).hypot(y - radar.position[1]) < row.above(radar).abs() {
         return Behind::Nothing;
+    }
+    if let Some(plot) = plot {
+        return Behind::Plot(plot);
     }
     let Estimate { covariance: p, .. } = row.estimate(radar);
     let covariance = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] };
@@ -67,7 +75,7 @@ pub(super) fn behind(row: &Row, before: &[Option<Row>; 2], radar: &Radar) -> Beh
     }
     let rate = before[1].map_or(0.0, |first| last.turning() * turn_rate(&first, &last));
     let predicted = carried(&last, t, rate);
-    let noise = radar.noise_at([x, y], up);
+    let noise = radar.noise_at([x, y], row.above(radar));
     reconstructed(predicted, [x, y], covariance, noise).map_or(Behind::Nothing, Behind::Plot)
 }
 

@@ -1,0 +1,123 @@
+//! The filter of a sensor's own tracker, run beside its track.
+
+use super::row::Row;
+use crate::sensors::Radar;
+use crate::tracker::{Estimate, Follower, ImmModel};
+use serde::{Deserialize, Serialize};
+
+/// Share of the newest row in the running mean of squares, and the mean from which on the sensor's filter
+/// is another one.
+const MEMORY: f64 = 0.3;
+const UNLIKE: f64 = 0.03;
+
+/// A filter of straight flight and turns, as Tertia's trackers have it by default. What it predicts is
+/// what the sensor's tracker predicted, if that is such a filter; velocities tell whether it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Shadow {
+    follower: Follower,
+    /// Running mean of the normalised squares of differences of the velocities.
+    unlike: f64,
+}
+
+impl Shadow {
+    /// From the first row of a track.
+    pub fn new(row: &Row, radar: &Radar) -> Self {
+        let model = ImmModel::default();
+        let follower = Follower::new(&model, row.estimate(radar), row.turning(), row.time);
+        Self { follower, unlike: 0.0 }
+    }
+
+    /// The plot that moved the track to its next row; none where another filter did.
+    pub fn follow(&mut self, row: &Row, radar: &Radar) -> Option<[f64; 2]> {
+        self.follower.predict(&ImmModel::default(), row.time, radar.scan_period);
+        let predicted = self.follower.estimate().mean;
+        let noise = radar.noise_at([predicted[0], predicted[1]], row.above(radar));
+        let [x, y, vx, vy] = row.state;
+        let Some(plot) = self.follower.plot_behind([x, y], noise) else {
+            *self = Self { unlike: 1.0, ..Self::new(row, radar) };
+            return None;
+        };
+        self.follower.correct(plot, noise);
+        let Estimate { mean, covariance } = self.follower.estimate();
+        let squared = (mean[2] - vx).powi(2) + (mean[3] - vy).powi(2);
+        let square = squared / (covariance[(2, 2)] + covariance[(3, 3)]);
+        self.unlike += MEMORY * (square - self.unlike);
+        (self.unlike < UNLIKE).then_some(plot)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracker::Estimate;
+    use nalgebra::{SMatrix, SVector};
+
+    const RADAR: Radar = Radar {
+        position: [0.0; 3],
+        range_sigma: 50.0,
+        azimuth_sigma: 1.5e-3,
+        scan_period: 4.0,
+        max_range: f64::INFINITY,
+        detection_probability: 0.9,
+        resolution: None,
+    };
+
+    /// Plots of a target that turns after 80 s, with errors of about a sigma, and the rows of a tracker
+    /// whose straight flight and turns are equally likely to begin with.
+    fn flown(model: &ImmModel) -> Vec<([f64; 2], Row)> {
+        let (mut x, mut y, mut course) = (30e3, 40e3, 0.4_f64);
+        let start = SVector::from([x, y, 78.0, 184.0]);
+        let covariance = SMatrix::from_diagonal(&SVector::from([1e4, 1e4, 400.0, 400.0]));
+        let estimate = Estimate { mean: start, covariance };
+        let mut follower = Follower::new(model, estimate, 0.5, 0.0);
+        let mut found = Vec::new();
+        for scan in 1..60_u32 {
+            let time = 4.0 * f64::from(scan);
+            course += if (20..40).contains(&scan) { 0.12 } else { 0.0 };
+            x += 800.0 * course.sin();
+            y += 800.0 * course.cos();
+            let phase = 2.4 * f64::from(scan);
+            let plot = [x + 70.0 * phase.sin(), y + 70.0 * (1.7 * phase).cos()];
+            follower.predict(model, time, RADAR.scan_period);
+            let predicted = follower.estimate().mean;
+            follower.correct(plot, RADAR.noise_at([predicted[0], predicted[1]], 0.0));
+            let Estimate { mean, covariance } = follower.estimate();
+            let row = Row {
+                sensor: 0,
+                track: 1,
+                time,
+                state: mean.into(),
+                covariance: std::array::from_fn(|i| covariance[(i / 4, i % 4)]),
+                height: f64::NAN,
+                identity: -1,
+                turn_probability: follower.turn_probability(),
+            };
+            found.push((plot, row));
+        }
+        found
+    }
+
+    #[test]
+    fn plots_behind_rows_of_the_same_filter() {
+        let rows = flown(&ImmModel::default());
+        let mut shadow = Shadow::new(&rows[5].1, &RADAR);
+        let mut errors = Vec::new();
+        for (plot, row) in &rows[6..] {
+            let [x, y] = shadow.follow(row, &RADAR).expect("its filter is the same");
+            errors.push((x - plot[0]).hypot(y - plot[1]));
+        }
+        // it does not know how the mixture began, and forgets that
+        assert!(errors.iter().all(|&error| error < 20.0), "{errors:?}");
+        assert!(errors[30..].iter().all(|&error| error < 0.1), "{errors:?}");
+    }
+
+    #[test]
+    fn another_filter_is_noticed() {
+        // as good as never a turn, and rough: a filter of nearly constant velocity
+        let model = ImmModel { straight_sigma: 3.0, straight_time: 1e9, ..ImmModel::default() };
+        let rows = flown(&model);
+        let mut shadow = Shadow::new(&rows[5].1, &RADAR);
+        let found: Vec<_> = rows[6..].iter().map(|(_, row)| shadow.follow(row, &RADAR)).collect();
+        assert!(found[5..].iter().all(Option::is_none), "{found:?}");
+    }
+}
