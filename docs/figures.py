@@ -72,6 +72,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "views": geo.views,
         "export": geo.export,
         "tracking": geo.tracking,
+        "cruise": geo.cruise,
     },
     "weights.md": {
         "readings": weights.readings,

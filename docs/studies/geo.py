@@ -16,7 +16,7 @@ from tertia.metrics import nees
 from tertia.registration import register
 from tertia.sensors import Bias, Radar
 from tertia.tables._sensors import Sensors, radars
-from tertia.tracker import Plots, track
+from tertia.tracker import CvModel, Plots, Tracker, track
 
 SEED = 41
 EARTH = pyproj.Geod(ellps="WGS84")
@@ -244,3 +244,62 @@ def tracking() -> str:
         )
     head = ["plane", "RMSE", "claimed", "NEES per axis", "inside 95 %"]
     return markdown([*head, "largest range bias found", "over its sigma"], rows)
+
+
+# accelerations of the straight model in m/s²: from that of "cv" to what fits flights without any
+ACCELERATIONS = 0.1, 0.01, 0.001
+
+
+def cruise() -> str:
+    """Return whether covariances hold where radars are perfect, known to be so or not."""
+    numbers = {"range_sigma": 50.0, "azimuth_sigma": 0.08, "scan_period": 4.0, "degrees": True}
+    places, plane = sites(), SystemPlane(*sites()[0, :2])
+    radars = [plane.radar(*place, **numbers) for place in places]
+    middle = np.mean([radar.position[:2] for radar in radars], axis=0)
+    found: dict[tuple[bool, float], list[tuple[float, FloatArray, FloatArray]]] = {}
+    for seed in range(SCENES):
+        # other scenes than those above
+        random = np.random.default_rng([SEED, 7, seed])
+        traffic = simulate.dense_traffic(
+            30, area=(200e3, 200e3), turning_share=0.0, duration=600.0, rng=random
+        )
+        traffic = replace(traffic, position=traffic.position + middle)
+        record = simulate.radar_plots(traffic, radars, rng=random)
+        for trusted in (True, False):
+            used = [replace(one, bias=Bias()) for one in radars] if trusted else radars
+            for acceleration in ACCELERATIONS:
+                tracker = Tracker(used, motion=CvModel(acceleration))
+                table = tracker.update(record.plots)
+                table = table[(table.plot >= 0) & (table.time > SETTLED)]
+                truth, _ = traffic.at(record.target[table.plot], table.time)
+                error = table.position - truth
+                known = np.isfinite(error).all(axis=1)
+                square = np.asarray(nees(error[known], table.covariance[known][:, :2, :2]))
+                rmse = float(np.sqrt(np.mean(np.sum(error[known] ** 2, axis=1))))
+                bias = _deviations(tracker.bias) if not trusted else np.zeros(0)
+                found.setdefault((trusted, acceleration), []).append((rmse, square, bias))
+    rows = []
+    for (trusted, acceleration), each in found.items():
+        squares = np.concatenate([square for _, square, _ in each])
+        biases = np.array([np.abs(bias) for *_, bias in each])
+        within = f"{np.sum(np.max(biases, axis=1) < 2.5)} of {SCENES}" if not trusted else "–"
+        rows.append(
+            [
+                "no errors" if trusted else "found while tracking",
+                f"{acceleration:g} m/s²",
+                f"{np.mean([rmse for rmse, *_ in each]):.1f} m",
+                f"{np.mean(squares) / 2:.2f}",
+                f"{np.mean(squares < INSIDE):.1%}",
+                f"{np.max(biases):.1f}" if not trusted else "–",
+                within,
+            ]
+        )
+    head = ["errors of the radars", "model of motion", "RMSE", "NEES per axis", "inside 95 %"]
+    return markdown([*head, "largest bias over its sigma", "scenes with all below 2.5"], rows)
+
+
+def _deviations(bias: Bias) -> FloatArray:
+    """Return errors of radars over their standard deviations."""
+    kinds = ("range", "range_gain", "azimuth", "time")
+    each = [np.asarray(getattr(bias, kind) / getattr(bias, f"{kind}_sigma")) for kind in kinds]
+    return np.concatenate(each)

@@ -26,10 +26,11 @@ impl Extent {
 
     pub fn saw(&mut self, position: [f64; 2]) {
         self.weight += 1.0;
-        for i in 0..2 {
-            let before = position[i] - self.mean[i];
-            self.mean[i] += before / self.weight;
-            self.square[i] += before * (position[i] - self.mean[i]);
+        let axes = self.mean.iter_mut().zip(&mut self.square);
+        for (place, (mean, square)) in position.into_iter().zip(axes) {
+            let before = place - *mean;
+            *mean += before / self.weight;
+            *square += before * (place - *mean);
         }
     }
 
