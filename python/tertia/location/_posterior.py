@@ -19,6 +19,11 @@ _SIGMA = np.radians(5.0)
 # so much of a density near the limit of range means that the limit made it
 _EDGE = 0.05
 _AZIMUTH = KINDS.index("azimuth")
+# a sigma so many times what bearings scatter by where they meet is that of random bearings; of true
+# sigmas up to 25° it was at most 1.5 times as large
+_RANDOM = 2.0
+# as long as so many instants have bearings that meet
+_MEETING = 0.5
 
 
 def locate_posterior(
@@ -44,6 +49,8 @@ def locate_posterior(
         places, axes, values, sigmas, limit, pooled, n_threads
     )
     statuses, bearings, factor, edge = columns
+    if pooled:
+        _require_bearings((places, axes, values, sigmas), factor, n_threads)
     _warn_of_limit(edge)
     outlier = np.zeros(residual.shape, dtype=bool)
     measured = ~np.isnan(values[..., _AZIMUTH, :])
@@ -77,6 +84,39 @@ def locate_posterior(
             weights=weights,
         ),
     )
+
+
+def _require_bearings(
+    rows: tuple[FloatArray, FloatArray | None, FloatArray, FloatArray],
+    factor: FloatArray,
+    n_threads: int | None,
+) -> None:
+    """Fail where a record is explained by random bearings, though they meet."""
+    free = [True] * rows[2].shape[-1] * len(KINDS)
+    *_, columns, found = _core.locate(
+        *rows,
+        None,
+        None,
+        None,
+        ("least-squares", 1),
+        (True, 0.0),
+        free,
+        True,
+        n_threads,
+    )
+    statuses, degrees = np.ravel(columns[0]), np.ravel(columns[1])
+    telling, known = degrees > 0, np.isfinite(factor)
+    scatter = np.sqrt(found[1][_AZIMUTH])
+    if not telling.any() or not known.any() or np.mean(statuses[telling] == 0) < _MEETING:
+        return
+    pooled = float(np.median(factor[known]))
+    if pooled > _RANDOM * scatter > 0:
+        raise ValueError(
+            "max_range is too large for method='posterior' with pooled=True: within it the record "
+            f"is explained by random bearings, with a sigma {pooled / scatter:.1f} times what they "
+            "scatter by where they meet; give the distance at which targets are heard at most, or "
+            "azimuth_sigma"
+        )
 
 
 def _warn_of_limit(edge: FloatArray) -> None:

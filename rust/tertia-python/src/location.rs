@@ -54,6 +54,34 @@ fn optional<'a>(
     Ok(Some(rows))
 }
 
+/// What was measured at the instants of a batch, but for its standard deviations.
+struct Batch<'a> {
+    stations: &'a Rows<'a>,
+    axes: Option<&'a Rows<'a>>,
+    values: &'a Rows<'a>,
+    surveys: Option<&'a Rows<'a>>,
+    height: Option<&'a Rows<'a>>,
+    initial: Option<&'a Rows<'a>>,
+}
+
+impl<'a> Batch<'a> {
+    fn instant(&self, sigmas: &'a Rows<'_>, i: usize) -> Instant<'a> {
+        Instant {
+            stations: self.stations.shared(i),
+            axes: self.axes.map(|axes| axes.shared(i)),
+            values: self.values.shared(i),
+            sigmas: sigmas.shared(i),
+            position_sigmas: self.surveys.map(|surveys| surveys.shared(i)),
+            height: self.height.map(|rows| (rows.shared(i)[0], rows.shared(i)[1])),
+            initial: self.initial.map(|initial| initial.shared(i)),
+        }
+    }
+
+    fn instants(&self, sigmas: &'a Rows<'_>) -> Vec<Instant<'a>> {
+        (0..self.values.count()).map(|i| self.instant(sigmas, i)).collect()
+    }
+}
+
 /// Problems, degrees of freedom, chi-square, p-values, dilutions, estimated standard deviations,
 /// emissions and their standard deviations.
 pub fn fix_columns<'py>(
@@ -109,9 +137,16 @@ pub fn locate<'py>(
     stations.require_shared(k * d, count)?;
     let surveys = optional(position_sigmas.as_ref(), "position_sigmas", (1, k), count)?;
     let height = optional(height.as_ref(), "height", (1, 2), count)?;
-    let height = |i: usize| height.as_ref().map(|rows| (rows.shared(i)[0], rows.shared(i)[1]));
     let initial = optional(initial.as_ref(), "initial", (1, d), count)?;
     let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
+    let batch = Batch {
+        stations: &stations,
+        axes: axes.as_ref(),
+        values: &rows,
+        surveys: surveys.as_ref(),
+        height: height.as_ref(),
+        initial: initial.as_ref(),
+    };
     let mut position = Output::new(py, rows.batch(), &[d])?;
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
@@ -122,17 +157,7 @@ pub fn locate<'py>(
     }
     if pooled || count > 1 && free.contains(&true) {
         contradiction = {
-            let instants: Vec<_> = (0..count)
-                .map(|i| Instant {
-                    stations: stations.shared(i),
-                    axes: axes.as_ref().map(|axes| axes.shared(i)),
-                    values: rows.shared(i),
-                    sigmas: sigmas.shared(i),
-                    position_sigmas: surveys.as_ref().map(|surveys| surveys.shared(i)),
-                    height: height(i),
-                    initial: initial.as_ref().map(|initial| initial.shared(i)),
-                })
-                .collect();
+            let instants = batch.instants(&sigmas);
             release(py, LOCATE_NS * rows.size(), || match d {
                 2 => {
                     locator.contradiction::<2>(&instants, &free, pooled, &mut Workspace::default())
@@ -147,6 +172,13 @@ pub fn locate<'py>(
         }
         locator = locator.with_common(contradiction.common);
     }
+    if count > 1 && name == "robust" {
+        let instants = batch.instants(&sigmas);
+        locator = release(py, LOCATE_NS * rows.size(), || match d {
+            2 => locator.of_batch::<2>(&instants, &mut Workspace::default()),
+            _ => locator.of_batch::<3>(&instants, &mut Workspace::default()),
+        });
+    }
     let size = location::BLOCK;
     let outputs = position
         .values()?
@@ -160,18 +192,8 @@ pub fn locate<'py>(
         let new = || (Workspace::<2>::default(), Workspace::<3>::default());
         for_each_row(outputs.enumerate(), cost, n_threads, new, |(plane, space), (block, out)| {
             let ((((position, covariance), residual), outlier), fixes) = out;
-            let instants: Vec<_> = (block * size..)
-                .take(fixes.len())
-                .map(|i| Instant {
-                    stations: stations.shared(i),
-                    axes: axes.as_ref().map(|axes| axes.shared(i)),
-                    values: rows.shared(i),
-                    sigmas: sigmas.shared(i),
-                    position_sigmas: surveys.as_ref().map(|surveys| surveys.shared(i)),
-                    height: height(i),
-                    initial: initial.as_ref().map(|initial| initial.shared(i)),
-                })
-                .collect();
+            let instants: Vec<_> =
+                (block * size..).take(fixes.len()).map(|i| batch.instant(&sigmas, i)).collect();
             let mut out: Vec<_> = position
                 .chunks_mut(d)
                 .zip(covariance.chunks_mut(d * d))

@@ -40,6 +40,7 @@ mod contour;
 mod contradiction;
 mod descent;
 mod doubt;
+mod faulty;
 mod fix;
 mod growth;
 mod lane;

@@ -75,10 +75,10 @@ pub(super) fn emission<const D: usize>(
 
 /// The cost up to which a minimum of so many measurements needs no other starts: noise, and a fault
 /// in twelve of them. If another minimum explained as many, most of both would be the same ones.
-pub(super) fn trusted_cost(count: usize, unknowns: usize) -> f64 {
+pub(super) fn trusted_cost(count: usize, unknowns: usize, fault: f64) -> f64 {
     let noise = 0.5 * (count - unknowns) as f64 + 2.0 * (0.5 * count as f64).sqrt();
     let spare = if count < unknowns + ROBUST { 0 } else { count / FAULTS_ONE_IN };
-    noise + COST_OF_FAULT * spare as f64
+    noise + COST_OF_FAULT.min(fault) * spare as f64
 }
 
 /// The axis of the larger element of a symmetric matrix in the plane.

@@ -250,7 +250,7 @@ mod tests {
         for lane in 0..LANES {
             block.set(lane, &instant(lane), &start);
         }
-        let loss = Loss::of_arrivals(true);
+        let loss = Loss::of_arrivals(true, 1.0);
         block.descend(loss, (8, 0.5), 1e-9);
         for lane in 0..LANES {
             let measurements = instant(lane);

@@ -72,10 +72,16 @@ impl Loss {
         }
     }
 
-    /// Of arrivals, some of which are wrong: late if they came by detours.
-    pub fn of_arrivals(multipath: bool) -> Self {
-        let early = if multipath { LATE / RARELY_EARLY } else { EITHER };
-        Self::Mixture { late: if multipath { LATE } else { EITHER }, early }
+    /// Of arrivals, some of which are wrong: late if they came by detours. `odds` are those of a
+    /// fault, in units of those of one in a hundred.
+    pub fn of_arrivals(multipath: bool, odds: f64) -> Self {
+        let [late, early] = if multipath { [LATE, LATE / RARELY_EARLY] } else { [EITHER, EITHER] };
+        Self::Mixture { late: odds * late, early: odds * early }
+    }
+
+    /// Whether arrivals are wrong more often than where nothing tells.
+    pub fn expects_many(self) -> bool {
+        matches!(self, Self::Mixture { late, .. } if late > LATE)
     }
 
     /// That of a kind: only arrivals are late rather than early.

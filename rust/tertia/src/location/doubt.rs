@@ -14,7 +14,7 @@ use crate::sensors::Row;
 pub(super) const EVIDENCE: f64 = 8.28;
 /// The average over all sizes of a fault is too little for the one that hides best, of four to
 /// five sigmas. So many times the spread make normalised errors of at most 1.3 of five sigmas.
-const SAFETY: f64 = 6.0;
+pub(super) const SAFETY: f64 = 6.0;
 /// Share of a measurement in its own prediction from which on nothing else checks it.
 const UNCHECKED: f64 = 1.0 - 1e-6;
 

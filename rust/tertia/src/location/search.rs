@@ -6,10 +6,11 @@ use super::candidates::Candidates;
 use super::descent::{
     self, End, HUBER, HUBER_STEPS, Loss, NEAR, Normal, TOLERANCE, TUKEY, TUKEY_TOLERANCE,
 };
+use super::doubt::SAFETY;
 use super::fix::Status;
 use super::lenth::{self, Weight};
 use super::starts;
-use crate::base::small::{Factor, Vector, norm, quadratic, undetermined};
+use crate::base::small::{Factor, Matrix, Vector, norm, quadratic, undetermined};
 use crate::sensors::Measurement;
 
 const STEPS: usize = 100;
@@ -57,6 +58,9 @@ pub(super) struct Minimum<const N: usize> {
     pub normal: Normal<N>,
     pub end: End,
     pub scale: f64,
+    /// Where outliers are frequent: what other minima add to the covariance, that are too unlikely to
+    /// be ambiguous.
+    pub others: Matrix<N>,
 }
 
 /// One instant on its way through the solver; the state has D coordinates and, of arrivals, their
@@ -147,7 +151,9 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let count = self.problem.measurements.len();
         let cost = minimum.normal.cost;
         if N > D {
-            let hardly = self.loss == Loss::Square || cost < arrivals::trusted_cost(count, N);
+            let hardly = self.loss == Loss::Square || {
+                cost < arrivals::trusted_cost(count, N, self.loss.evidence(1.0))
+            };
             return hardly && self.start.is_some_and(|start| self.is_on_its_side(minimum, &start));
         }
         cost < 0.5 * count as f64 + FAULT || cost + AMBIGUOUS < FAULT * self.agreeing(minimum)
@@ -192,7 +198,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             run(Loss::Huber(HUBER), HUBER_STEPS, HUBER_TOLERANCE);
             run(self.loss, TUKEY_STEPS, TUKEY_TOLERANCE)
         };
-        Minimum { state, normal, end, scale }
+        Minimum { state, normal, end, scale, others: [[0.0; N]; N] }
     }
 
     /// Goes down from a start.
@@ -200,7 +206,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let mut state = start;
         if self.loss == Loss::Square {
             let (end, normal) = self.problem.descend(&mut state, self.loss, 1.0, STEPS, TOLERANCE);
-            return Minimum { state, normal, end, scale: 1.0 };
+            return Minimum { state, normal, end, scale: 1.0, others: [[0.0; N]; N] };
         }
         let mut scale = 1.0;
         for _ in 0..if self.unknown { HUBER_STEPS } else { 1 } {
@@ -223,7 +229,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
         let (end, normal) =
             self.problem.descend(&mut state, self.loss, scale, TUKEY_STEPS, TUKEY_TOLERANCE);
-        Minimum { state, normal, end, scale }
+        Minimum { state, normal, end, scale, others: [[0.0; N]; N] }
     }
 
     /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
@@ -235,7 +241,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let mut state = start;
         let (end, normal) =
             self.problem.descend(&mut state, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
-        Minimum { state, normal, end, scale: 1.0 }
+        Minimum { state, normal, end, scale: 1.0, others: [[0.0; N]; N] }
     }
 
     fn is_better(&self, p: &Vector<N>, q: &Vector<N>, scratch: &mut Vec<f64>) -> bool {
@@ -278,7 +284,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let own = points.iter().zip(costs.iter()).filter(|(point, _)| best.is_same(point));
         let nearest = own.map(|(_, &cost)| cost).fold(f64::INFINITY, f64::min);
         let mut rival: Option<Minimum<N>> = None;
-        for _ in 0..RIVALS {
+        let mut found = [None; RIVALS];
+        for slot in &mut found {
             for minimum in [Some(best), rival].into_iter().flatten() {
                 for (point, cost) in points.iter().zip(costs.iter_mut()) {
                     if minimum.is_below(point, *cost) {
@@ -299,6 +306,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             if other.normal.cost < best.normal.cost || best.end != End::Converged {
                 (best, other) = (other, best);
             }
+            *slot = Some((other.state, other.normal.cost)).filter(|_| other.end == End::Converged);
             let closer = |r: &Minimum<N>| r.normal.cost > other.normal.cost;
             if other.end == End::Converged && rival.as_ref().is_none_or(closer) {
                 rival = Some(other);
@@ -307,6 +315,10 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         match rival {
             Some(rival) if rival.normal.cost < best.normal.cost + AMBIGUOUS => {
                 Err(Status::Ambiguous)
+            }
+            _ if self.loss.expects_many() => {
+                best.allow_for(found.iter().flatten());
+                Ok(best)
             }
             _ => Ok(best),
         }
@@ -380,7 +392,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
         let end = if estimate.converged { End::Converged } else { End::Moving };
         let scale = if self.unknown { 1.0 / estimate.kappa.sqrt() } else { 1.0 };
-        Ok(Minimum { state, normal, end, scale })
+        Ok(Minimum { state, normal, end, scale, others: [[0.0; N]; N] })
     }
 }
 
@@ -388,7 +400,20 @@ impl<const N: usize> Minimum<N> {
     pub fn of(arrival: Arrival<N>) -> Self {
         let Arrival { state, matrix, cost } = arrival;
         let normal = Normal::at_minimum(matrix, cost);
-        Self { state, normal, end: End::Converged, scale: 1.0 }
+        Self { state, normal, end: End::Converged, scale: 1.0, others: [[0.0; N]; N] }
+    }
+
+    /// Averages over other minima and their costs, as over faults in doubt.
+    fn allow_for<'a>(&mut self, minima: impl Iterator<Item = &'a (Vector<N>, f64)>) {
+        for (state, cost) in minima {
+            let spread = SAFETY * (self.normal.cost - cost).exp();
+            for i in 0..N {
+                for j in 0..N {
+                    let product = (state[i] - self.state[i]) * (state[j] - self.state[j]);
+                    self.others[i][j] += spread * product;
+                }
+            }
+        }
     }
 
     /// Whether a point is within the error of this one.

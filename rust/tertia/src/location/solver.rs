@@ -43,6 +43,8 @@ pub struct Locator {
     profiles: bool,
     /// Whether outliers of arrivals are late rather than early.
     multipath: bool,
+    /// Odds that an arrival is one, in units of those of one in a hundred.
+    odds: f64,
     /// That of range differences.
     correlation: f64,
     /// Shares of the variances of the kinds that all stations have in common.
@@ -57,6 +59,7 @@ impl Locator {
             grows: false,
             profiles: false,
             multipath: true,
+            odds: 1.0,
             correlation: 0.5,
             common: [0.0; KINDS],
         }
@@ -77,6 +80,12 @@ impl Locator {
     /// The same; outliers of arrivals are late rather than early, or either.
     pub fn with_multipath(self, multipath: bool) -> Self {
         Self { multipath, ..self }
+    }
+
+    /// The same, where the odds that an arrival is an outlier are so many times those of one in a
+    /// hundred.
+    pub fn with_odds(self, odds: f64) -> Self {
+        Self { odds, ..self }
     }
 
     /// The same, with range differences whose errors have this correlation, at least 0 and below
@@ -139,7 +148,7 @@ impl Locator {
     pub(super) fn loss(&self, redundancy: usize, of_arrivals: bool) -> Loss {
         match self.method {
             Method::Robust(least) if redundancy < least.max(1) => Loss::Square,
-            Method::Robust(_) if of_arrivals => Loss::of_arrivals(self.multipath),
+            Method::Robust(_) if of_arrivals => Loss::of_arrivals(self.multipath, self.odds),
             Method::Robust(_) => Loss::Tukey(TUKEY),
             _ => Loss::Square,
         }

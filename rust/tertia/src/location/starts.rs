@@ -91,7 +91,7 @@ mod tests {
         };
         let points: Vec<_> = (0..21).map(point).collect();
         let mut found = Vec::new();
-        for loss in [Loss::Square, Loss::Tukey(TUKEY), Loss::of_arrivals(true)] {
+        for loss in [Loss::Square, Loss::Tukey(TUKEY), Loss::of_arrivals(true, 1.0)] {
             costs(&measurements, &points, loss, &mut found);
             let problem = Problem::<3, 3> { measurements: &measurements, extent: 1e3 };
             for (point, cost) in points.iter().zip(&found) {

@@ -68,6 +68,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
                 (row, loss.at(u).0, loss.evidence(u))
             });
             add(&mut covariance, &doubt(rows, &inverse));
+            add(&mut covariance, &minimum.others);
         }
         Summary { covariance, sigma: minimum.scale * sigma, dop, kept }
     }
