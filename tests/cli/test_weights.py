@@ -61,6 +61,20 @@ def test_what_is_printed() -> None:
     assert "measurements per sensor would keep that below 0.05" in done.out
 
 
+def test_systematic_errors_are_part_of_the_sigmas(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    rows = [f"{name},{x}" for name in "abc" for x in rng.normal(5.0, 1.0, 400)]
+    path = tmp_path / "in.csv"
+    path.write_text("sensor,x\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    found = {}
+    for bias in (0, 2):
+        done = run(path, "--value", "x", "--bias-sigma", bias, "--json")
+        found[bias] = [row["x_sigma"] for row in json.loads(done.out)["sensors"]]
+        assert ("not included" in done.err + done.out) == (bias == 0)
+    np.testing.assert_allclose(found[2][:3], np.hypot(found[0][:3], 2.0), rtol=1e-9)
+    assert found[2][3] == pytest.approx(2.0 / 3**0.5, rel=0.01)
+
+
 def test_incomplete_rows_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "in.csv"
     path.write_text("who,x\na,1\na,\n,3\na,2\nb,4\nb,nan\nb,6\n", encoding="utf-8")
@@ -85,6 +99,7 @@ def test_incomplete_rows_are_left_out(tmp_path: Path) -> None:
             "the column sensor is given for two purposes",
         ),
         ("sensor,x\na,1\n", ("--value", "x", "--loss", 0), 2, "loss is 0"),
+        ("sensor,x\na,1\n", ("--value", "x", "--bias-sigma", -1), 2, "bias_sigma is -1"),
         ("sensor,x\n" + "a,1\nb,1\n" * 9, ("--value", "x"), 1, "sensor a: x is always the same"),
     ],
 )

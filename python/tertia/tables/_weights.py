@@ -11,7 +11,7 @@ import polars as pl
 
 from tertia import _core
 from tertia import weights as weighting
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, real
 from tertia.fusion import FusedEstimate, fuse
 from tertia.fusion._estimates import allowing_for
 from tertia.tables._frames import Table, result
@@ -49,6 +49,7 @@ def weights(
     values: str | Sequence[str],
     differences: bool = False,
     loss: float = 0.05,
+    bias_sigma: float = 0.0,
 ) -> Table:
     """Estimate the weights of sensors that measured the same quantity, as `tertia weights`.
 
@@ -65,6 +66,10 @@ def weights(
         changes slowly.
     loss : float
         Relative loss of precision for which the required number of measurements is computed.
+    bias_sigma : float
+        Standard deviation of the systematic error of each sensor and component, which the scatter
+        of its measurements does not show, in their unit. It is part of the sigmas and weights, not
+        of the loss.
 
     Returns
     -------
@@ -80,7 +85,7 @@ def weights(
         A column that is not there or holds no numbers, a sensor without a name, fewer than two
         sensors, or a sensor whose measurements have no scatter.
     ValueError
-        A loss outside its domain.
+        A loss or a bias_sigma outside its domain.
     numpy.linalg.LinAlgError
         A covariance that is singular.
     TypeError
@@ -95,7 +100,12 @@ def weights(
     [('A', 4), ('B', 4), ('fused', 8)]
     """
     found = weights_of(
-        source_of(table), columns=columns, values=values, differences=differences, loss=loss
+        source_of(table),
+        columns=columns,
+        values=values,
+        differences=differences,
+        loss=loss,
+        bias_sigma=bias_sigma,
     )
     return result(table, found.rows)  # type: ignore[no-any-return]
 
@@ -107,10 +117,14 @@ def weights_of(
     values: str | Sequence[str],
     differences: bool = False,
     loss: float = 0.05,
+    bias_sigma: float = 0.0,
 ) -> Weighed:
     """Return the weights and the loss from estimating them; see `weights`."""
     if not _LOSSES[0] <= loss <= _LOSSES[1]:
         raise ValueError(f"loss is {loss:g}; it must be between {_LOSSES[0]:g} and {_LOSSES[1]:g}")
+    bias = real(bias_sigma, "bias_sigma")
+    if not 0.0 <= bias < np.inf:
+        raise ValueError(f"bias_sigma is {bias}; it must be a number that is not negative")
     components = as_names(values)
     samples = _samples(source, columns, components)
     counts = [len(sample) for sample in samples.values()]
@@ -124,10 +138,11 @@ def weights_of(
     )
     convention: weighting.Convention = "differences" if differences else "sample-mean"
     laws = _core.wishart_law([float(count) for count in counts], convention, len(counts))
-    fused = allowing_for(fuse(means, covariances), means, covariances, laws)
+    complete = covariances + bias**2 * np.eye(len(components))
+    fused = allowing_for(fuse(means, complete), means, complete, laws)
     values_of = np.vstack([means, fused.mean])
     own = [
-        _core.student_factor(degrees) * np.sqrt(np.diagonal(one))
+        np.hypot(_core.student_factor(degrees) * np.sqrt(np.diagonal(one)), bias)
         for one, (degrees, _) in zip(covariances, laws, strict=True)
     ]
     sigmas = np.array([*own, fused.sigma])

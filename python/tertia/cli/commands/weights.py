@@ -38,6 +38,9 @@ def weights(
     loss: Annotated[
         float, typer.Option(help="Relative loss for which the measurements are counted.")
     ] = 0.05,
+    bias_sigma: Annotated[
+        float, typer.Option(help="Systematic error of each sensor, in the unit of the values.")
+    ] = 0.0,
     output: Output = None,
 ) -> dict[str, Any]:
     """Estimate the weights of sensors that measured the same quantity, from their scatter.
@@ -54,6 +57,7 @@ def weights(
             values=values,
             differences=differences,
             loss=loss,
+            bias_sigma=bias_sigma,
         )
     if output is None:
         rows = pl.DataFrame([_rounded(row, values) for row in found.rows.to_dicts()])
@@ -68,6 +72,8 @@ def weights(
         f"  twice the figure after ± holds 95 %, however few the measurements; the probability of "
         f"means that differ more is {found.fused.pvalue:.3g}"
     )
+    if not bias_sigma:
+        typer.echo("  systematic errors are not included: see --bias-sigma")
     typer.echo(
         f"  estimating the weights costs {cost:.2%} of the mean squared error; {found.required} "
         f"measurements per sensor would keep that below {loss:.3g}"
