@@ -1,13 +1,16 @@
 """The centre: which tracks are of one target, their numbers, what hands decide, saved states."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from tertia import simulate
 from tertia.sensors import Bias, Radar
 from tertia.tertiary import FusionCentre, SensorTracks, fuse_tracks
+from tertia.tracker import Plots, track
 
 ACCURACY = {"range_sigma": 50.0, "azimuth_sigma": 1e-3}
 RADARS = [
@@ -239,3 +242,27 @@ def test_wrong_messages():
         centre.update(SensorTracks([0.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]]), time=1.0)
     with pytest.raises(TypeError, match="tracks"):
         centre.update(None, time=2.0)
+
+
+def test_fused_tracks_are_as_good_as_a_tracker_of_all_plots_in_turns():
+    radars = [replace(radar, azimuth_sigma=1.5e-3) for radar in RADARS]
+    traffic = simulate.dense_traffic(60, area=(1e5, 1e5), turning_share=1.0, rng=3)
+    plots = simulate.radar_plots(traffic, radars, rng=4).plots
+    several = []
+    for k, radar in enumerate(radars):
+        own = plots[plots.sensor == k]
+        own = Plots(own.time, own.range, own.azimuth, height=own.height, identity=own.identity)
+        several.append(SensorTracks.of(track(own, [radar]), sensor=k))
+    found = fuse_tracks(SensorTracks.concatenate(several), radars)
+    found = found[found.time > 60.0]
+    error = found.position - traffic.at(found.identity, found.time)[0]
+    central = track(plots, radars)
+    central = central[(central.time > 60.0) & (central.plot >= 0) & central.confirmed]
+    other = central.position - traffic.at(plots.identity[central.plot], central.time)[0]
+    rms = [np.sqrt(np.nanmedian(np.sum(e**2, axis=1))) for e in (error, other)]
+    # pictures are some seconds older than the last plot of each target
+    assert rms[0] < 1.25 * rms[1]
+    inverse = np.linalg.inv(found.covariance[:, :2, :2])
+    square = np.einsum("ni,nij,nj->n", error, inverse, error) / 2
+    near = np.linalg.norm(error, axis=1) < 2000.0
+    assert 0.7 < np.mean(square[near]) < 1.2
