@@ -128,7 +128,7 @@ fn corrected(models: &[Expected; 2], z: &Vector2<f64>) -> Option<(Vector2<f64>, 
     });
     let [(first, a, pull), (second, b, other)] = parts;
     let total = first + second;
-    if !(total > LEAST_DENSITY) {
+    if total.is_nan() || total <= LEAST_DENSITY {
         return None;
     }
     let share = second / total;
