@@ -11,6 +11,8 @@ from tertia import _core, simulate
 from tertia.metrics import nees
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
+from tertia.tracker._registrar import _AMPLE, _thinned
+from tertia.tracker._tracker import tracked
 
 RADARS = [
     Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0 + k)
@@ -241,3 +243,20 @@ def test_noise_that_grows_suddenly_is_noticed():
     assert np.all((later[:, 1] > 2.0) & (later[:, 1] < 3.2))
     assert np.all(later[:, 0] < 1.35)
     assert tracker._registrar.changes == []
+
+
+def test_large_errors_are_found_with_many_targets():
+    # more than are compared: some are chosen by their identities, the same for all radars
+    traffic = simulate.dense_traffic(400, area=(120e3, 120e3), duration=36.0, rng=1)
+    seen = simulate.radar_plots(traffic, RADARS, rng=2).plots
+    off = np.where(seen.sensor == 1, np.radians(1.0), 0.0)
+    seen = replace(seen, azimuth=seen.azimuth + off)
+    assert len(_thinned(seen, 2)) < 0.8 * len(seen)
+    assert len(np.unique(_thinned(seen, 2).identity)) == _AMPLE
+    azimuth = np.degrees(tracked(seen, RADARS)[1].azimuth)
+    assert azimuth[1] - azimuth[0] == pytest.approx(1.0, abs=0.06)  # four sigma
+    # nothing is left out where there are few targets, or few identities
+    some = seen[seen.identity < np.sort(np.unique(seen.identity))[_AMPLE]]
+    assert len(_thinned(some, 2)) == len(some)
+    nameless = replace(seen, identity=np.full(len(seen), -1))
+    assert len(_thinned(nameless, 2)) == len(nameless)

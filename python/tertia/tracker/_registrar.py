@@ -20,6 +20,8 @@ from tertia.tracker._table import TrackTable
 
 # scans of the slowest radar in which errors far larger than expected are sought
 _SCANS = 7.0
+# targets of a radar that are enough for this
+_AMPLE = 250
 
 Alone = Callable[[Plots, Radar], TrackTable]
 
@@ -137,6 +139,7 @@ class Registrar:
 
     def _vote(self, plots: Plots, alone: Alone) -> bool:
         """Start from the errors that these plots show, if they are large."""
+        plots = _thinned(plots, len(self.sensors))
         tables = [alone(plots[plots.sensor == k], one) for k, one in enumerate(self.sensors)]
         found, paired = start(tables, self.sensors)
         limits = columns_of(own_biases(self.sensors), "_sigma")
@@ -184,6 +187,27 @@ def _with_heights(plots: Plots, first: int, tracks: TrackTable) -> Plots:
     rows = rows[unknown[place[rows]]]
     height[place[rows]] = tracks.height[rows]
     return plots._replaced(height=height)
+
+
+def _thinned(plots: Plots, sensors: int) -> Plots:
+    """Return the plots of so many targets of each sensor as are enough to find large errors.
+
+    They are chosen by their identities, the same ones for all sensors; no plots are left out where
+    most plots of a sensor have none.
+    """
+    has_identity, chosen = plots.identity >= 0, []
+    for k in range(sensors):
+        own = plots.sensor == k
+        known = plots.identity[own & has_identity]
+        if 2 * len(known) < np.count_nonzero(own):
+            return plots
+        codes = np.unique(known)
+        # in no order that airlines or regions know
+        mixed = codes.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        chosen.append((codes, codes[np.argsort(mixed)][:_AMPLE]))
+    if all(len(codes) <= _AMPLE for codes, _ in chosen):
+        return plots
+    return plots[np.isin(plots.identity, np.concatenate([some for _, some in chosen]))]
 
 
 def _joined(parts: Sequence[Plots]) -> Plots:

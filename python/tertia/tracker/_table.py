@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -194,19 +194,15 @@ class TrackTable(_Columns, Result):
         return cls(**kept, track_of_plot=np.concatenate([table.track_of_plot for table in tables]))
 
 
-def joined(
-    tables: Sequence[TrackTable], index: IntArray, first: int, *, confirmed: bool
-) -> TrackTable:
-    """Return the tables of successive parts of plots as one.
+def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTable:
+    """Return the tables of successive parts of plots as one; they are empty then.
 
-    `index` is where the plots of the parts are in the whole, whose first plot has the number
-    `first`. With `confirmed`, rows of tracks that are never confirmed are left out.
+    `order` is where the plots of the parts are in the whole, whose first plot has the number
+    `first`.
     """
-    whole = TrackTable.join(tables)
-    place, tracks = whole.plot - first, np.empty(len(index), dtype=np.int64)
-    tracks[index] = whole.track_of_plot
-    plot = np.where(place >= 0, first + index[np.maximum(place, 0)], whole.plot)
-    whole = replace(whole, plot=plot, track_of_plot=tracks)
-    if not confirmed:
-        return whole
-    return whole[np.isin(whole.track, np.unique(whole.track[whole.confirmed]))]
+    whole, tracks, done = _core.TrackColumns(), np.empty(len(order), dtype=np.int64), 0
+    for table in tables:
+        whole.append(table._columns, order, first)
+        tracks[order[done : done + len(table.track_of_plot)]] = table.track_of_plot
+        done += len(table.track_of_plot)
+    return TrackTable._of(whole, tracks)

@@ -286,20 +286,23 @@ class Tracker:
             registrar.search_recording(plots, _alone)
         rows, first = "all" if recording else "confirmed", self._core.plots
         parts = scans(plots.time, registrar.period)
-        tables = []
-        for n, index in enumerate(parts):
-            part, until = plots if len(parts) == 1 else plots[index], None
-            if n == len(parts) - 1:
-                until = end
+
+        def scan(n: int, index: IntArray) -> TrackTable:
+            part = plots if len(parts) == 1 else plots[index]
+            until = end if n == len(parts) - 1 else None
             table = self._learned(registrar, part, until, rows)
             if not recording and registrar.search(part, self._core.time, _alone):
                 self._core.restart(sum(map(len, registrar.kept)))
                 for again in registrar.kept:
                     table = self._learned(registrar, again, None, rows)
-            tables.append(table)
+            return table
+
         if len(parts) == 1 and not recording:
-            return tables[0]
-        return joined(tables, np.concatenate(parts), first, confirmed=recording)
+            return scan(0, parts[0])
+        table = joined(map(scan, range(len(parts)), parts), np.concatenate(parts), first)
+        if recording:
+            table._columns.keep_confirmed(self.n_threads)
+        return table
 
     def _learned(
         self, registrar: Registrar, plots: Plots, end: float | None, rows: str

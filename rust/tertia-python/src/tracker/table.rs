@@ -1,7 +1,7 @@
 //! Tables of tracks as arrays.
 
-use crate::arrays::Output;
-use numpy::{PyArray, PyArrayMethods};
+use crate::arrays::{Output, Threads};
+use numpy::{PyArray, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
@@ -35,6 +35,49 @@ pub struct TrackColumns(Mutex<Vec<Kept>>);
 
 #[pymethods]
 impl TrackColumns {
+    /// A table without rows.
+    #[new]
+    fn empty() -> Self {
+        Self::new(Table::new(true))
+    }
+
+    /// Adds the rows of the next part of plots, whose table is empty then. `order` is where the plots
+    /// of all parts, one after the other, are among all, of which the first has the number `first`.
+    fn append(
+        &self,
+        py: Python<'_>,
+        part: &Self,
+        order: PyReadonlyArray1<'_, i64>,
+        first: i64,
+    ) -> PyResult<()> {
+        let order = order.as_slice()?;
+        for (index, column) in COLUMNS.iter().enumerate() {
+            let (mut whole, mut part) = (self.take(py, index)?, part.take(py, index)?);
+            if let (Data::Integers(plots), "plot") = (&mut part, column.name) {
+                for plot in plots {
+                    let place = usize::try_from(*plot - first).ok();
+                    if let Some(place) = place.and_then(|place| order.get(place)) {
+                        *plot = first + place;
+                    }
+                }
+            }
+            whole.append(&mut part);
+            self.put(py, index, whole);
+        }
+        Ok(())
+    }
+
+    /// Leaves out the rows of tracks that are never confirmed.
+    fn keep_confirmed(&self, py: Python<'_>, n_threads: Threads) -> PyResult<()> {
+        let columns = (0..COLUMNS.len()).map(|index| self.take(py, index));
+        let mut table = Table::of(columns.collect::<PyResult<_>>()?);
+        table.keep_confirmed(n_threads);
+        for (index, data) in table.into_columns().into_iter().enumerate() {
+            self.put(py, index, data);
+        }
+        Ok(())
+    }
+
     /// The array of a column, by its index in `track_columns`; always the same one.
     fn column(&self, py: Python<'_>, index: usize) -> PyResult<Py<PyAny>> {
         let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
@@ -110,6 +153,30 @@ impl TrackColumns {
         self.values(py, name, own, |_| {
             Err(PyValueError::new_err(format!("{name} is an array already")))
         })
+    }
+
+    /// The values of a column, of which this table keeps none.
+    fn take(&self, py: Python<'_>, index: usize) -> PyResult<Data> {
+        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        let taken = std::mem::replace(&mut columns[index], Kept::Data(Data::Flags(Vec::new())));
+        let array = match taken {
+            Kept::Array(array) => array.into_bound(py),
+            Kept::Data(data) => return Ok(data),
+        };
+        Ok(match COLUMNS[index].values {
+            Values::Numbers(_) => Data::Numbers(array.call_method0("ravel")?.extract()?),
+            Values::Integers(_) => Data::Integers(array.extract()?),
+            Values::Flags(_) => Data::Flags(array.extract()?),
+            Values::Symmetric(_) => {
+                let name = COLUMNS[index].name;
+                return Err(PyValueError::new_err(format!("{name} is an array already")));
+            }
+        })
+    }
+
+    fn put(&self, py: Python<'_>, index: usize, data: Data) {
+        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        columns[index] = Kept::Data(data);
     }
 
     pub fn new(table: Table) -> Self {

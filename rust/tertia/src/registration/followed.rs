@@ -48,6 +48,11 @@ impl Blocks {
         };
         Self { radars, blocks: (0..radars * radars).map(block).collect() }
     }
+
+    /// Of the errors of a radar and those of another.
+    fn of(&self, k: usize, other: usize) -> &Part {
+        &self.blocks[k * self.radars + other]
+    }
 }
 
 impl Followed {
@@ -222,16 +227,18 @@ impl Followed {
     /// that stood for them in the filter. Cost O(R²) for R radars that see it.
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
-        for (k, _, part) in &self.parts {
-            let mut product = [[0.0; 4]; ERRORS];
-            for (other, _, second) in &self.parts {
-                product = plus(product, &errors.blocks[k * errors.radars + other], second);
+        for (n, (k, _, part)) in self.parts.iter().enumerate() {
+            // half of the diagonal block, and the whole of those above it
+            let mut product = plus([[0.0; 4]; ERRORS], errors.of(*k, *k), part);
+            product.as_flattened_mut().iter_mut().for_each(|value| *value *= 0.5);
+            for (other, _, second) in &self.parts[n + 1..] {
+                product = plus(product, errors.of(*k, *other), second);
             }
             sum = plus(sum, &turned(part), &product);
         }
         std::array::from_fn(|n| {
             let (i, j) = (n / 4, n % 4);
-            0.5 * (sum[i][j] + sum[j][i]) - 0.5 * (self.excess[i][j] + self.excess[j][i])
+            sum[i][j] + sum[j][i] - 0.5 * (self.excess[i][j] + self.excess[j][i])
         })
     }
 

@@ -8,7 +8,7 @@ use super::block::{Known, Unknowns};
 use super::followed::{Blocks, Followed};
 use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
 use super::sighting::{ERRORS, Errors, Report, Sighting};
-use super::vote::vote;
+use super::vote::{suspects, vote};
 use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
@@ -332,7 +332,8 @@ impl Registrar {
     /// Moves the errors of a radar where most of its tracks miss their plots in the same way.
     fn vote(&mut self, time: f64) {
         let unknowns = self.unknowns();
-        for (k, own) in unknowns.iter().enumerate() {
+        let suspects = suspects(self.tracks.values(), &self.radars, time);
+        for (k, own) in unknowns.iter().enumerate().filter(|(k, _)| suspects[*k]) {
             let found = vote(self.tracks.values(), &self.loose, (k, &self.radars[k]), time);
             let (Some(moved), [Some(range), _, Some(azimuth), _]) = (found, *own) else {
                 continue;

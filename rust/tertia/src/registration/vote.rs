@@ -2,8 +2,8 @@
 //! plots are missing.
 //!
 //! A track that the radar saw before votes for the distance to each plot near it that no track has.
-//! Where most of them agree, the radar has moved, and not the targets. Cost O(V²) for V votes,
-//! of 200 tracks at most.
+//! Where most of them agree, the radar has moved, and not the targets. Cost O(tracks) where no radar
+//! misses many of its tracks; else O(V²) for V votes, of 200 tracks at most.
 
 use super::followed::Followed;
 use super::sighting::Report;
@@ -29,6 +29,34 @@ const WIDE: f64 = 0.035;
 /// Standard deviations of a plot within which votes agree.
 const AGREED: f64 = 3.9;
 
+/// Whether each radar misses so many of the tracks that it covers that these are to vote.
+pub(super) fn suspects<'a>(
+    tracks: impl Iterator<Item = &'a Followed>,
+    radars: &[Radar],
+    time: f64,
+) -> Vec<bool> {
+    let limits: Vec<[f64; 2]> = radars.iter().map(|radar| limits(radar, time)).collect();
+    let earliest = limits.iter().map(|[covered, _]| *covered).fold(f64::INFINITY, f64::min);
+    let mut counts = vec![[0; 2]; radars.len()];
+    for track in tracks.filter(|track| track.time >= earliest) {
+        for &(k, last, _) in &track.parts {
+            let [covered, since] = limits[k];
+            counts[k][0] += usize::from(last >= covered);
+            counts[k][1] += usize::from(last >= since);
+        }
+    }
+    counts.into_iter().map(|[covered, seen]| is_suspect(covered, seen)).collect()
+}
+
+/// Times since which a radar has seen the tracks that it covers, and those that it does not miss.
+fn limits(radar: &Radar, time: f64) -> [f64; 2] {
+    [COVERED, WINDOW].map(|scans| time - scans * radar.scan_period)
+}
+
+fn is_suspect(covered: usize, seen: usize) -> bool {
+    covered >= TRACKS && seen as f64 <= SEEN * covered as f64
+}
+
 /// By how much the range (m) and the azimuth (rad) of radar `k` have changed at this time, if they
 /// have. `loose` are the plots that no confirmed track has, without the errors known.
 pub(super) fn vote<'a>(
@@ -37,12 +65,11 @@ pub(super) fn vote<'a>(
     (k, radar): (usize, &Radar),
     time: f64,
 ) -> Option<[f64; 2]> {
-    let (since, covered) = (time - WINDOW * radar.scan_period, time - COVERED * radar.scan_period);
+    let [covered, since] = limits(radar, time);
     let covered: Vec<&Followed> = tracks.filter(|track| track.seen_by(k) >= covered).collect();
     let missing: Vec<&&Followed> =
         covered.iter().filter(|track| track.seen_by(k) < since).collect();
-    let seen = covered.len() - missing.len();
-    if covered.len() < TRACKS || seen as f64 > SEEN * covered.len() as f64 {
+    if !is_suspect(covered.len(), covered.len() - missing.len()) {
         return None;
     }
     let own: Vec<&Report> = loose

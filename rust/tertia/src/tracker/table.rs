@@ -21,6 +21,21 @@ pub enum Data {
     Flags(Vec<bool>),
 }
 
+impl Data {
+    /// Adds the values of other rows of the same column.
+    ///
+    /// # Panics
+    /// If they are of another type.
+    pub fn append(&mut self, other: &mut Self) {
+        match (self, other) {
+            (Self::Numbers(own), Self::Numbers(other)) => own.append(other),
+            (Self::Integers(own), Self::Integers(other)) => own.append(other),
+            (Self::Flags(own), Self::Flags(other)) => own.append(other),
+            _ => panic!("a column keeps its type"),
+        }
+    }
+}
+
 /// The rows of a scan or of a recording.
 #[derive(Clone, Debug)]
 pub struct Table {
@@ -55,6 +70,11 @@ impl Table {
         };
         let columns = COLUMNS.iter().map(|column| empty(&column.values)).collect();
         Self { columns, last: Vec::new(), tentative }
+    }
+
+    /// Of all columns, as [`Table::into_columns`] returns them.
+    pub fn of(columns: Vec<Data>) -> Self {
+        Self { columns, last: Vec::new(), tentative: true }
     }
 
     /// Moves the last rows into the columns.
