@@ -135,8 +135,8 @@ def radians(
     if degrees:
         array = np.radians(array)
     most = _UNIFORM_SIGMA if is_sigma else 4 * np.pi
-    bad = np.isfinite(array) & (np.abs(array) > most)
-    if bad.any():
+    bad = np.abs(array) > most
+    if bad.any() and (bad := bad & np.isfinite(array)).any():
         index = tuple(np.argwhere(bad)[0])
         given = np.degrees(array[index]) if degrees else array[index]
         if degrees:

@@ -54,25 +54,27 @@ class Given:
     def free(self, kinds: Sequence[Kind]) -> BoolArray:
         """Return which measurements may have errors that nobody stated, (kinds, K)."""
         unknown = np.isnan(self.sigma)
-        every = {str(kind): unknown[at] for at, kind in enumerate(STATION_KINDS)}
-        # what several stations measure is only trusted if all of them are
-        shared = np.broadcast_to(np.any(unknown), unknown.shape[-1:])
-        no = np.zeros(unknown.shape[-1], dtype=bool)
-        return np.array([every.get(kind, shared) if kind in kinds else no for kind in KINDS])
+        free = np.zeros((len(KINDS), unknown.shape[-1]), dtype=bool)
+        for kind in kinds:
+            alone = kind in STATION_KINDS
+            # what several stations measure is only trusted if all of them are
+            own = unknown[STATION_KINDS.index(kind)] if alone else unknown.any()
+            free[KINDS.index(kind)] = own
+        return free
 
     def found(self, stated: Mapping[Kind, FloatArray], growth: Sequence[float]) -> Bias:
         """Return the biases with the sigmas that the contradictions demand, (K,)."""
-        columns: dict[str, Any] = {}
+        demanded = np.zeros(self.sigma.shape)
         for at, kind in enumerate(STATION_KINDS):
-            demanded = np.zeros(self.sigma.shape[-1])
             if kind in stated and growth[at] > 1.0:
                 sigma = stated[kind]
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", RuntimeWarning)  # stations without a sigma
                     typical = np.nanmedian(sigma.reshape(-1, sigma.shape[-1]), axis=0)
-                demanded = np.nan_to_num(typical) * np.sqrt(growth[at] - 1.0)
-            columns[kind] = self.value[at]
-            columns[f"{kind}_sigma"] = np.where(np.isnan(self.sigma[at]), demanded, self.sigma[at])
+                demanded[at] = np.nan_to_num(typical) * np.sqrt(growth[at] - 1.0)
+        sigmas = np.where(np.isnan(self.sigma), demanded, self.sigma)
+        columns: dict[str, Any] = dict(zip(STATION_KINDS, self.value, strict=True))
+        columns |= {f"{kind}_sigma": sigmas[at] for at, kind in enumerate(STATION_KINDS)}
         return Bias._of(columns)
 
 
@@ -105,6 +107,6 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:
     """Return what a sigma says of systematic errors; `tells`: something could contradict."""
-    if not np.any(free):
+    if not free.any():
         return "given"
     return "estimated" if tells else "not included"

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import (
+    BoolArray,
     FloatArray,
     finite,
     flag,
@@ -281,7 +282,6 @@ def locate(
     )
     growth, factor, _, common = result[-1]
     tells = bool((result[-2][1] > 0).any())
-    grown = rows[3] * np.sqrt(np.where(grows & (not unknown), np.reshape(growth, (-1, 1)), 1.0))
     location = location_of(
         result[:-1],
         tuple(measured),
@@ -289,11 +289,12 @@ def locate(
         arrivals=arrivals,
         systematic=said(free, tells=tells),
         bias=own.found(
-            {kind: sigma for kind, (_, sigma) in measured.items()}, np.add(growth, common).tolist()
+            {kind: sigma for kind, (_, sigma) in measured.items()},
+            [each + shared for each, shared in zip(growth, common, strict=True)],
         ),
         scene=Scene(
             *rows[:3],
-            grown,
+            rows[3] if unknown else _grown(rows[3], grows, growth),
             outlier=result[3].astype(np.float64),
             unit=1.0 if arrivals is None else arrivals.speed,
             surveys=rows[4],
@@ -340,8 +341,8 @@ def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:
 def _require_deviations(measured: _Measured) -> None:
     """Fail where a standard deviation is missing."""
     for kind, (value, sigma) in measured.items():
-        missing = np.isnan(sigma) & ~np.isnan(value)
-        if missing.any():
+        missing = np.isnan(sigma)
+        if missing.any() and (missing := missing & ~np.isnan(value)).any():
             station = int(np.argwhere(missing)[0, -1]) + int(kind == "range_difference")
             raise ValueError(
                 f"{kind}_sigma of station {station} is missing; it is estimated only where one "
@@ -393,6 +394,8 @@ def _batch(
         shapes["initial"] = start.shape[:-1]
     if level is not None:
         shapes["height"] = level.shape[:-1]
+    if not any(shapes.values()):
+        return ()
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:
@@ -402,6 +405,14 @@ def _batch(
 
 def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
     return np.broadcast_shapes(*(sigma.shape[:-1] for _, sigma in measured.values()))
+
+
+def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> FloatArray:
+    """Return the standard deviations with what the contradictions add."""
+    if all(each == 1.0 for each in growth):
+        return sigmas
+    grown: FloatArray = sigmas * np.sqrt(np.where(grows, np.reshape(growth, (-1, 1)), 1.0))
+    return grown
 
 
 def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray:

@@ -15,13 +15,12 @@ def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -
     """Return measurements, (..., K) or (..., K - 1), within their domain."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     require_length(array, kind, k)
-    with np.errstate(invalid="ignore"):
-        if kind == "range":
-            wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
-        elif kind == "elevation":
-            wrong, domain = np.abs(array) > np.pi, "between -pi and pi (radians)"
-        else:
-            wrong, domain = np.isinf(array), "a finite number"
+    if kind == "range":
+        wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
+    elif kind == "elevation":
+        wrong, domain = np.abs(array) > np.pi, "between -pi and pi (radians)"
+    else:
+        wrong, domain = np.isinf(array), "a finite number"
     require_each(array, ~wrong, kind, f"{domain}, or nan")
     return array
 

@@ -191,8 +191,8 @@ class Bias:
         none = np.zeros(len(next(iter(columns.values()))))
         alike: dict[str, Any] = dict.fromkeys(_ALIKE)
         alike |= {"deviation_order": 0, "deviation_sigma": 0.0, "deviation": np.zeros(0)}
-        for name in Bias.__slots__:
-            object.__setattr__(bias, name, columns.get(name, alike.get(name, none)))
+        for name, value in {**dict.fromkeys(Bias.__slots__, none), **alike, **columns}.items():
+            object.__setattr__(bias, name, value)
         return bias
 
     def at(self, azimuth: npt.ArrayLike | None = None) -> tuple[Any, Any]:

@@ -291,13 +291,15 @@ def stack_stations(
     known = sequence_of(stations, Station, "stations")
     positions = [station.position for station in known]
     try:
-        places = np.stack(np.broadcast_arrays(*positions), axis=-2)
+        fixed = all(position.ndim == 1 for position in positions)
+        each = positions if fixed else np.broadcast_arrays(*positions)
+        places = np.array(each) if fixed else np.stack(each, axis=-2)
     except ValueError:
         shapes = ", ".join(str(position.shape) for position in positions)
         raise ValueError(f"the positions of the stations have shapes {shapes}") from None
     sigmas = {
         str(kind): np.array(
-            [np.nan if (s := getattr(one, f"{kind}_sigma")) is None else s for one in known],
+            [getattr(one, f"{kind}_sigma") for one in known],
             dtype=np.float64,
         )
         for kind in (*STATION_KINDS, "arrival_time")
@@ -323,7 +325,7 @@ def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | N
     if not isinstance(stations, Sequence) or not isinstance(next(iter(stations), None), Station):
         return None
     sigmas = np.array([one.position_sigma for one in sequence_of(stations, Station, "stations")])
-    return sigmas if np.any(sigmas) else None
+    return sigmas if sigmas.any() else None
 
 
 def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
