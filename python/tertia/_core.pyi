@@ -380,7 +380,7 @@ class TrackerSettings:
         flown_probability: float,
         wind: list[float],
         wind_sigma: float,
-        confirmation: tuple[int, int],
+        confirmation: tuple[int, int] | float,
         coasting: int,
         clutter_density: float | None,
         max_speed: float,

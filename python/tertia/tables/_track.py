@@ -215,8 +215,8 @@ def track(
     table of the same kind
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
         `track`, `sensor`, `plot` (its index), position and velocity with their covariance,
-        `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`, `height_m`,
-        `vertical_rate_m_s`, the identity, `plan`, `conforms`, `merged` and `confirmed`; null where
+        `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`,
+        `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, `plan`, `conforms`, `merged` and `confirmed`; null where
         nothing is known.
 
     Raises
@@ -342,6 +342,7 @@ def track_rows(
             "speed_m_s": speed,
             "turn_probability": table.turn_probability,
             "association_probability": table.association_probability,
+            "existence_probability": table.existence_probability,
             "height_m": known(table.height),
             "vertical_rate_m_s": known(table.vertical_rate),
             identity: identity_texts(table.identity, identity),

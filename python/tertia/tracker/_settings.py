@@ -23,7 +23,7 @@ def core_settings(
     motion: Motion = "imm",
     plan_model: PlanModel | None = None,
     association: Association = "gnn",
-    confirmation: tuple[int, int] = (3, 4),
+    confirmation: tuple[int, int] | float = (3, 4),
     coasting: int = 5,
     clutter_density: float | None = None,
     profile: ProfileName = "aircraft",
@@ -41,9 +41,6 @@ def core_settings(
     model = PlanModel() if plan_model is None else plan_model
     if not isinstance(model, PlanModel):
         raise TypeError(f"plan_model is {plan_model!r}; it must be a PlanModel")
-    if not isinstance(confirmation, Sequence) or len(confirmation) != 2:
-        raise TypeError(f"confirmation is {confirmation!r}; it must be a pair: plots, scans")
-    plots, scans = (integer(count, "confirmation", 2) for count in confirmation)
     if clutter_density is not None:
         clutter_density = float(
             positive(real(clutter_density, "clutter_density"), "clutter_density")
@@ -60,7 +57,7 @@ def core_settings(
         flown_probability=model.flown_probability,
         wind=list(model.wind),
         wind_sigma=model.wind_sigma,
-        confirmation=(plots, scans),
+        confirmation=_confirmation(confirmation),
         coasting=integer(coasting, "coasting", 1),
         clutter_density=clutter_density,
         max_speed=fastest if max_speed is None else real(max_speed, "max_speed"),
@@ -69,3 +66,15 @@ def core_settings(
         identity_error_probability=real(identity_error_probability, "identity_error_probability"),
         emergency_codes=[integer(code, "emergency_codes", 0) for code in codes],
     )
+
+
+def _confirmation(rule: tuple[int, int] | float) -> tuple[int, int] | float:
+    """Return plots and scans, or the probability of a target, that confirm a track."""
+    if isinstance(rule, float):
+        return real(rule, "confirmation")
+    if not isinstance(rule, Sequence) or len(rule) != 2:
+        raise TypeError(
+            f"confirmation is {rule!r}; it must be a pair: plots, scans; or a probability"
+        )
+    plots, scans = (integer(count, "confirmation", 2) for count in rule)
+    return plots, scans

@@ -95,6 +95,8 @@ class TrackTable(_Columns, Result):
         Probability that the target turns.
     association_probability : ndarray of shape (N,)
         Probability that the plots of the track are its own; 1 where no other choice is likely.
+    existence_probability : ndarray of shape (N,)
+        Probability that the track is of a target, not of false plots.
     height, vertical_rate : ndarray of shape (N,)
         Metres, and metres per second upward; nan where no height was reported.
     identity : ndarray of int, shape (N,)
@@ -129,6 +131,7 @@ class TrackTable(_Columns, Result):
     innovation_covariance: FloatArray
     turn_probability: FloatArray
     association_probability: FloatArray
+    existence_probability: FloatArray
     height: FloatArray
     vertical_rate: FloatArray
     identity: IntArray

@@ -85,6 +85,22 @@ impl TrackAssociation {
     }
 }
 
+/// What confirms a track: plots and scans, or a probability.
+#[derive(FromPyObject)]
+pub enum Confirmation {
+    Plots((usize, usize)),
+    Existence(f64),
+}
+
+impl From<Confirmation> for tracker::Confirmation {
+    fn from(rule: Confirmation) -> Self {
+        match rule {
+            Confirmation::Plots((plots, scans)) => Self::Plots(plots, scans),
+            Confirmation::Existence(probability) => Self::Existence(probability),
+        }
+    }
+}
+
 /// Settings of a tracker, checked; radars and flight plans come with the tracker.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct TrackerSettings(tracker::Settings);
@@ -105,7 +121,7 @@ impl TrackerSettings {
         flown_probability: f64,
         wind: [f64; 2],
         wind_sigma: f64,
-        confirmation: (usize, usize),
+        confirmation: Confirmation,
         coasting: usize,
         clutter_density: Option<f64>,
         max_speed: f64,
@@ -120,7 +136,7 @@ impl TrackerSettings {
             flown_probability,
             wind,
             wind_sigma,
-            confirmation,
+            confirmation: confirmation.into(),
             coasting,
             clutter_density: clutter_density.unwrap_or(f64::NAN),
             max_speed,

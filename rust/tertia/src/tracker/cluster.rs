@@ -236,6 +236,9 @@ impl Clusters {
             if let Some(tree) = &mut track.tree {
                 tree.others.retain(|leaf| held(leaf.branch.id));
                 tree.probability = cluster.probability(member, state);
+                for leaf in &mut tree.others {
+                    leaf.probability = cluster.probability(member, leaf.branch.id);
+                }
                 if tree.others.is_empty() {
                     track.tree = None;
                 }

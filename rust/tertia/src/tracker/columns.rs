@@ -53,7 +53,7 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 20] = [
+pub const COLUMNS: [Column; 21] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
     Column::new(
         "track",
@@ -124,6 +124,13 @@ pub const COLUMNS: [Column; 20] = [
         &[],
         Numbers(|row, out| out[0] = row.association_probability),
         "probability that the plots of the track are its own; 1 where no other choice is likely",
+    ),
+    Column::new(
+        "existence_probability",
+        "",
+        &[],
+        Numbers(|row, out| out[0] = row.existence_probability),
+        "probability that the track is of a target, not of false plots",
     ),
     Column::new(
         "height",

@@ -428,12 +428,12 @@ impl Tracker {
         let parts = tracks.chunks_mut(part).zip(&mut missed).collect();
         run(threads, parts, |(tracks, rows): (&mut [Track], &mut Vec<Row>)| {
             for track in tracks {
+                track.miss_alternatives(end, settings);
                 track.miss(end, settings, |track, radar| {
                     if track.is_confirmed() {
                         rows.push(Row::of(track, radar, None));
                     }
                 });
-                track.miss_alternatives(end, settings);
             }
         });
         missed.iter().flatten().for_each(|row| rows.push(row));

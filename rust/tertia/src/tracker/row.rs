@@ -30,6 +30,8 @@ pub struct Row {
     pub turn_probability: f64,
     /// Probability of the choice of plots, among those that are kept.
     pub association_probability: f64,
+    /// Probability that the track is of a target.
+    pub existence_probability: f64,
     /// Height, m; nan where none was reported.
     pub height: f64,
     /// Vertical rate, up, m/s; nan as the height.
@@ -69,6 +71,7 @@ impl Row {
             innovation_covariance,
             turn_probability: track.filter.turn_probability(),
             association_probability: track.association_probability(),
+            existence_probability: track.existence_probability(),
             height,
             vertical_rate,
             identity: track.identity().unwrap_or(-1),
@@ -92,7 +95,8 @@ impl Row {
         let numbers = |row: &Self| {
             let Plane { xx, xy, yy } = row.innovation_covariance;
             let [a, b] = row.innovation;
-            [row.time, a, b, xx, xy, yy, row.turn_probability, row.height, row.vertical_rate]
+            let (turns, exists) = (row.turn_probability, row.existence_probability);
+            [row.time, a, b, xx, xy, yy, turns, exists, row.height, row.vertical_rate]
         };
         let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         let (mine, others) = (&self.estimate, &other.estimate);

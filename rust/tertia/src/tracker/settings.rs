@@ -7,6 +7,7 @@ use super::motion::Motion;
 use super::plans::Plans;
 use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require, require_positive};
+use crate::base::exponential::exp;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +17,37 @@ const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
 const ADDRESSES: f64 = 1e-6;
 /// Share of a scan by which a plot may be late.
 pub(super) const MAX_DELAY: f64 = 0.25;
+
+/// What confirms a track, and what ends it before and after.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Confirmation {
+    /// So many plots, in so many scans.
+    Plots(usize, usize),
+    /// Three plots, and this probability that there is a target.
+    Existence(f64),
+}
+
+impl Confirmation {
+    /// Plots that it takes.
+    pub(super) fn plots(self) -> usize {
+        match self {
+            Self::Plots(plots, _) => plots,
+            Self::Existence(_) => 3,
+        }
+    }
+
+    fn check(self) -> Result<()> {
+        match self {
+            Self::Plots(m, n) => {
+                let requirement = "2 plots or more, in at least as many scans";
+                require("confirmation", m as f64, m >= 2 && m <= n, requirement)
+            }
+            Self::Existence(p) => {
+                require("confirmation", p, p > 0.0 && p < 1.0, "between 0 and 1")
+            }
+        }
+    }
+}
 
 /// Settings of a tracker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,8 +67,8 @@ pub struct Settings {
     /// Acceleration that a target may have unnoticed, m/s², where scans take 4 s and where they take
     /// 10 s.
     pub guard_acceleration: [f64; 2],
-    /// Plots that confirm a track, and scans in which they must come.
-    pub confirmation: (usize, usize),
+    /// What confirms a track.
+    pub confirmation: Confirmation,
     /// Scans without a plot after which a track ends.
     pub coasting: usize,
     /// No target is faster, m/s.
@@ -69,7 +101,7 @@ impl Settings {
             association: Association::default(),
             guard: gate::threshold(GUARD, 2).expect("a probability"),
             guard_acceleration: motion.guard_acceleration(),
-            confirmation: (3, 4),
+            confirmation: Confirmation::Plots(3, 4),
             coasting: 5,
             max_speed: 350.0,
             clutter_density: f64::NAN,
@@ -100,6 +132,12 @@ impl Settings {
     pub(super) fn odds(&self, radar: usize, others: f64) -> f64 {
         let p = self.radars[radar].detection_probability;
         (p / ((1.0 - p) * others * std::f64::consts::TAU)).ln()
+    }
+
+    /// Probability that a target makes no plot of this radar in its gate.
+    #[inline]
+    pub(super) fn missed(&self, radar: usize) -> f64 {
+        1.0 - self.radars[radar].detection_probability * (1.0 - exp(-0.5 * self.guard))
     }
 
     /// Whether identities are addresses, which no two targets share, rather than codes.
@@ -136,9 +174,7 @@ impl Settings {
         for a in self.guard_acceleration {
             require("guard_acceleration", a, a >= 0.0 && a.is_finite(), "0 or a positive number")?;
         }
-        let (m, n) = self.confirmation;
-        let holds = m >= 2 && m <= n;
-        require("confirmation", m as f64, holds, "2 plots or more, in at least as many scans")?;
+        self.confirmation.check()?;
         require("coasting", self.coasting as f64, self.coasting > 0, "1 scan or more")?;
         let p = self.flown_probability;
         let holds = (0.0..1.0).contains(&p);

@@ -223,23 +223,24 @@ impl Share {
         View { plots, settings, doubled, clutter, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
+        let mut own = 0;
         for (row, claim) in group.iter().enumerate() {
+            // pairs are by row
+            let pairs = &self.pairs[own..];
+            let end = pairs.iter().take_while(|pair| pair.row as usize <= row).count();
+            own += end;
             let Some(plot) = self.choice[row].filter(|_| !self.settled[row]) else { continue };
             let measured = &plots[plot as usize];
             let track = &mut *tracks[claim.track as usize];
-            if !confirmed {
-                // the score is that against a miss, the evidence that against a false plot
-                let radar = &settings.radars[measured.radar];
-                let columns = &self.columns;
-                let own = |pair: &&Pair| {
-                    pair.row as usize == row && columns[pair.column as usize] == plot
-                };
-                let gain = self.pairs.iter().find(own).map_or(0.0, |pair| pair.gain);
+            let radar = &settings.radars[measured.radar];
+            if track.is_due(measured, radar) {
+                let taken = |pair: &&Pair| self.columns[pair.column as usize] == plot;
+                let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
-                let others = (1.0 + doubled[plot as usize] / density).ln();
-                if track.is_due(measured, radar) {
-                    track.credit(gain + (1.0 - radar.detection_probability).ln() - others);
-                }
+                let others =
+                    if confirmed { 0.0 } else { (1.0 + doubled[plot as usize] / density).ln() };
+                let gain = track.evidence_of(measured, gain, density, settings);
+                track.credit(gain, others, measured.radar, settings);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
@@ -260,7 +261,8 @@ impl Share {
             let claim = &group[row];
             let track = &mut *tracks[claim.track as usize];
             let radar = plots[claim.root as usize].radar;
-            let odds = settings.odds(radar, clutter[radar].density(&settings.radars[radar]));
+            let density = clutter[radar].density(&settings.radars[radar]);
+            let odds = settings.odds(radar, density);
             let free =
                 |&&plot: &&u32| !deferred[plot as usize] && !self.choice.contains(&Some(plot));
             let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
@@ -269,9 +271,13 @@ impl Share {
                 Some((score, plot, probability))
             });
             let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-            let Some((_, plot, probability)) = best.filter(|best| best.0 > 0.0) else { continue };
+            let Some((gain, plot, probability)) = best.filter(|best| best.0 > 0.0) else {
+                continue;
+            };
             self.choice[row] = Some(plot);
             let measured = &plots[plot as usize];
+            let gain = track.evidence_of(measured, gain, density, settings);
+            track.credit(gain, 0.0, radar, settings);
             track.take_guarded(measured, probability, settings);
             let place = group[0].rank + claim.rank + group.len() as u32;
             self.give(place, plot, track, measured, true, None);

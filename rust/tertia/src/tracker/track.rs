@@ -4,6 +4,7 @@ use super::association::{Association, paper_score};
 use super::beams::{Beams, Expected};
 use super::correlation::Correlation;
 use super::estimate::Estimate;
+use super::existence::Existence;
 use super::filter::Filter;
 use super::height::Vertical;
 use super::identity::Identity;
@@ -11,7 +12,7 @@ use super::lean::Lean;
 use super::motion::Motion;
 use super::plan::Guide;
 use super::plot::Measured;
-use super::settings::{MAX_DELAY, Settings};
+use super::settings::{Confirmation, MAX_DELAY, Settings};
 use super::tree::Tree;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
@@ -54,6 +55,8 @@ pub(super) enum Stage {
         hits: usize,
         misses: usize,
         evidence: f64,
+        /// Odds of a target below which it is given up.
+        least: f64,
     },
     Confirmed,
 }
@@ -65,6 +68,7 @@ pub(super) struct Track {
     pub stage: Stage,
     /// Until then no radar has missed it.
     due: f64,
+    pub existence: Existence,
     /// Of the estimate.
     pub time: f64,
     /// Of the last plot.
@@ -109,13 +113,16 @@ impl Track {
             [0.0, 0.0, 0.0, v],
         ]);
         let estimate = Estimate { mean: SVector::from([x, y, 0.0, 0.0]), covariance };
+        let existence = Existence::of_first(false_plots);
         let mut track = Self {
             number,
             stage: Stage::Tentative {
                 hits: 0,
                 misses: 0,
                 evidence: -(SCANS_PER_FALSE_TRACK * false_plots.max(1.0)).ln(),
+                least: existence.hopeless(),
             },
+            existence,
             time: plot.time,
             seen: plot.time,
             first: *plot,
@@ -171,6 +178,7 @@ impl Track {
         if time > self.time {
             let motion = self.motion(settings);
             self.filter.predict(settings, motion, time - self.time, period);
+            self.existence.wait(time - self.time, period);
             if let Some(lean) = &mut self.lean {
                 lean.predict(time - self.time);
             }
@@ -202,6 +210,18 @@ impl Track {
         }
         let (density, nearest) = self.density(here.position, here.covariance());
         (nearest <= settings.guard).then(|| odds + (density * self.also(plot, settings)).ln())
+    }
+
+    /// What a plot adds to the evidence, by the `gain` with which it was taken, where there are so many
+    /// `others` per square metre: the score of the paper is no likelihood.
+    #[inline]
+    pub fn evidence_of(&self, plot: &Measured, gain: f64, others: f64, settings: &Settings) -> f64 {
+        if !matches!(settings.association, Association::Paper(_)) {
+            return gain;
+        }
+        let here = self.brought_here(plot, settings);
+        let (density, _) = self.density(here.position, here.covariance());
+        settings.odds(plot.radar, others) + (density * self.also(plot, settings)).ln()
     }
 
     /// As `score`, in the guard gate: either the target has accelerated since it was last seen, with the
@@ -252,10 +272,13 @@ impl Track {
         (density, nearest)
     }
 
-    /// Adds the score of a plot to the evidence.
-    pub fn credit(&mut self, gain: f64) {
+    /// Adds the score of a plot of this radar to the evidence: that against a missed detection, less
+    /// how much likelier false plots are by second plots of targets.
+    pub fn credit(&mut self, gain: f64, others: f64, radar: usize, settings: &Settings) {
+        self.existence.see(gain - others, radar, settings);
         if let Stage::Tentative { evidence, .. } = &mut self.stage {
-            *evidence += gain;
+            // that against a false plot
+            *evidence += gain + (1.0 - settings.radars[radar].detection_probability).ln() - others;
         }
     }
 
@@ -424,8 +447,12 @@ impl Track {
         self.set_due(settings);
         if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
-            let scored = !matches!(settings.association, Association::Paper(_));
-            if *hits >= settings.confirmation.0 && (*evidence >= 0.0 || !scored) {
+            let is_likely = match settings.confirmation {
+                _ if matches!(settings.association, Association::Paper(_)) => true,
+                Confirmation::Plots(..) => *evidence >= 0.0,
+                Confirmation::Existence(least) => self.existence.probability() >= least,
+            };
+            if *hits >= settings.confirmation.plots() && is_likely {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }
@@ -449,18 +476,6 @@ impl Track {
     fn set_due(&mut self, settings: &Settings) {
         let due = |e: &Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period;
         self.due = self.beams.all().iter().map(due).fold(f64::INFINITY, f64::min);
-    }
-
-    /// Whether the track goes on: plots enough at the beginning, and not too long without one.
-    pub fn is_alive(&self, settings: &Settings) -> bool {
-        let (m, n) = settings.confirmation;
-        match self.stage {
-            Stage::Tentative { misses, .. } if misses > n - m => false,
-            _ => {
-                let limit = (settings.coasting as f64 + 0.5) * self.period;
-                self.time - self.seen <= limit
-            }
-        }
     }
 
     /// Variance of a position after an unnoticed acceleration since the last plot, and the margin for

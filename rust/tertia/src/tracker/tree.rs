@@ -23,6 +23,7 @@ pub(super) struct Branch {
 pub(super) struct Leaf<T> {
     pub branch: Branch,
     pub track: T,
+    pub probability: f64,
 }
 
 /// All states of a track: the one that is shown is the track that has the tree.

@@ -103,3 +103,19 @@ fn without_the_late_plot_the_state_is_another() {
     let state = last(&[PLOTS[0], PLOTS[2]]);
     assert_state(&state, [1_622.281_820_28, 201.403_685_96], covariance);
 }
+
+#[test]
+fn a_tracker_that_has_had_plots_cannot_have_them_again() {
+    let settings = Settings::new(vec![radar(), radar()], Motion::Cv(0.1));
+    let mut tracker = Tracker::try_new(settings).unwrap();
+    let (mut rows, mut statuses) = (Vec::new(), Vec::new());
+    let plots = PLOTS.map(plot);
+    tracker.track(&plots[..], Some(9.0), &mut statuses, &mut rows, None).unwrap();
+    let refused = LagTracker::try_new(tracker.clone(), 10.0).unwrap_err();
+    assert!(refused.to_string().contains("has had no plots"), "{refused}");
+    // without a lag nothing is processed again
+    let mut tracker = LagTracker::try_new(tracker, 0.0).unwrap();
+    let later = plot((12.0, 2400.0, 0));
+    tracker.track(&[later][..], Some(13.0), &mut statuses, &mut rows, None).unwrap();
+    assert_eq!(tracker.tracker().plots(), 4);
+}

@@ -121,7 +121,7 @@ impl Share {
             let id = track.tree.as_ref().map_or(0, |tree| tree.own.id);
             let mut scored = vec![Scored { id, gains }];
             let time = track.time;
-            for Leaf { branch, track: leaf } in track.alternatives_mut() {
+            for Leaf { branch, track: leaf, .. } in track.alternatives_mut() {
                 leaf.predict(time, settings.pace(radar), settings);
                 let mut gains = Vec::new();
                 for &plot in plots_of(claim, claimed).filter(|&&i| !deferred[i as usize]) {
@@ -339,8 +339,12 @@ impl Share {
         {
             let probability = cluster.probability(member, 0);
             let mut states = states.into_iter();
-            let Some(Leaf { branch: own, track: shown }) = states.next() else { continue };
-            let others: Vec<Leaf<Track>> = states.collect();
+            let Some(Leaf { branch: own, track: shown, .. }) = states.next() else { continue };
+            let likely = |leaf: Leaf<Track>| {
+                let probability = cluster.probability(member, leaf.branch.id);
+                Leaf { probability, ..leaf }
+            };
+            let others: Vec<Leaf<Track>> = states.map(likely).collect();
             varies[member] = !others.is_empty();
             let claim = &group[row];
             let track = &mut *tracks[claim.track as usize];

@@ -1,11 +1,41 @@
 //! Which plots are never a track's, and tracks that go on with the past of another.
 
 use super::super::plot::Measured;
-use super::super::settings::Settings;
-use super::Track;
+use super::super::settings::{Confirmation, Settings};
+use super::{Stage, Track};
 use crate::flightplan::Status;
+use crate::tracker::tree::Leaf;
+
+/// Odds of a target below which a track ends that was confirmed by its existence, and scans without a
+/// plot after which it may: those missed in a row may have one cause.
+const LEAST_ODDS: f64 = 0.01 / 0.99;
+const SCANS_BEFORE: f64 = 2.5;
 
 impl Track {
+    /// Whether the track goes on: plots enough at the beginning, and not too long without one.
+    pub fn is_alive(&self, settings: &Settings) -> bool {
+        let silence = self.time - self.seen;
+        let gone = match (settings.confirmation, self.stage) {
+            (Confirmation::Plots(m, n), Stage::Tentative { misses, .. }) => misses > n - m,
+            (Confirmation::Plots(..), Stage::Confirmed) => false,
+            (Confirmation::Existence(_), Stage::Tentative { least, .. }) => {
+                self.existence.is_below(least)
+            }
+            (Confirmation::Existence(_), Stage::Confirmed) => {
+                silence > SCANS_BEFORE * self.period && self.existence.is_below(LEAST_ODDS)
+            }
+        };
+        !gone && silence <= (settings.coasting as f64 + 0.5) * self.period
+    }
+
+    /// Probability that it is of a target, over all states that it may have.
+    pub fn existence_probability(&self) -> f64 {
+        let own = self.existence.probability();
+        let Some(tree) = self.tree.as_deref() else { return own };
+        let other = |leaf: &Leaf<Self>| leaf.probability * leaf.track.existence.probability();
+        tree.probability * own + tree.others.iter().map(other).sum::<f64>()
+    }
+
     /// Whether the plot has another address than the target, which has answered with its own more than
     /// once.
     #[inline]

@@ -26,6 +26,7 @@ impl Track {
                 self.beams.all_mut()[i].time += station.scan_period;
                 self.predict(time, settings.pace(radar), settings);
                 if station.covers(self.estimate.position()) {
+                    self.existence.miss(radar, settings);
                     if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
                         *misses += 1;
                         *evidence += (1.0 - station.detection_probability).ln();

@@ -16,7 +16,9 @@ pub(super) struct Grown {
 impl Doubt {
     /// Corrects each state by each of the plots that it has in a survivor.
     pub(super) fn grow(&self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) -> Grown {
-        let View { plots, settings, .. } = view;
+        let View { plots, settings, clutter, .. } = view;
+        let radar = plots[group[0].root as usize].radar;
+        let odds = settings.odds(radar, clutter[radar].density(&settings.radars[radar]));
         let mut of = vec![Vec::with_capacity(self.rows.len()); self.survivors.len()];
         let mut all = Vec::with_capacity(self.rows.len());
         // without their trees, tracks are copied fast
@@ -53,18 +55,28 @@ impl Doubt {
                 let index = taken.plot().map(|plot| plots[plot as usize].index);
                 choices.push_back(Choice { time: state.time, plot: index });
                 match (taken, other) {
-                    (Taken::Plot(plot), _) => state.correct(&plots[plot as usize], settings),
+                    (Taken::Plot(plot), _) => {
+                        let plot = &plots[plot as usize];
+                        let gain = state.score(plot, odds, settings).unwrap_or(0.0);
+                        state.existence.see(gain, radar, settings);
+                        state.correct(plot, settings);
+                    }
                     (Taken::Guarded(plot, probability), _) => {
-                        state.take_guarded(&plots[plot as usize], probability, settings);
+                        let plot = &plots[plot as usize];
+                        let score = state.guarded_score(plot, odds, settings);
+                        let gain = score.map_or(0.0, |score| score.0);
+                        state.existence.see(gain, radar, settings);
+                        state.take_guarded(plot, probability, settings);
                     }
                     (Taken::Shared(plot, at), Some(other)) => {
+                        // it says little about which of the two is there
                         let (other, _) = state_of(at, other);
                         state.correct_shared(other, &plots[plot as usize], settings);
                     }
                     _ => {}
                 }
                 let branch = Branch { id: new as u32, choices };
-                states.push(Leaf { branch, track: state });
+                states.push(Leaf { branch, track: state, probability: 0.0 });
             }
             all.push(states);
         }

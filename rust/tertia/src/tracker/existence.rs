@@ -1,0 +1,130 @@
+//! How likely it is that a track is of a target (integrated probabilistic data association; Mušicki,
+//! Evans, Stanković 1994).
+
+use super::settings::Settings;
+use crate::base::exponential::exp;
+use serde::{Deserialize, Serialize};
+
+/// New targets that are expected in a scan of a radar.
+const NEW_TARGETS: f64 = 1.0;
+/// Probability that a target is still there after a scan.
+const STAYS: f64 = 0.998;
+/// Odds are cut to this: a target that has just left has no more.
+const LARGEST_ODDS: f64 = 1e12;
+/// A chain of plots is given up when its odds are less than this share of those of its first plot.
+const HOPELESS: f64 = 0.05;
+
+/// The odds that there is a target, against a chain of false plots.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Existence {
+    odds: f64,
+}
+
+impl Existence {
+    /// Of the first plot, where there are so many false ones in a scan.
+    pub fn of_first(false_plots: f64) -> Self {
+        Self { odds: NEW_TARGETS / false_plots.max(1.0) }
+    }
+
+    /// Odds below which a chain that began so is given up.
+    pub fn hopeless(self) -> f64 {
+        HOPELESS * self.odds
+    }
+
+    pub fn is_below(self, odds: f64) -> bool {
+        self.odds < odds
+    }
+
+    /// The target may have left since, where scans take so long.
+    #[inline]
+    pub fn wait(&mut self, seconds: f64, period: f64) {
+        let leaves = ((1.0 - STAYS) * seconds / period).min(1.0);
+        self.odds *= (1.0 - leaves) / (1.0 + leaves * self.odds);
+    }
+
+    /// A radar has seen it: `gain` is the log-likelihood ratio of the plot against a missed detection.
+    #[inline]
+    pub fn see(&mut self, gain: f64, radar: usize, settings: &Settings) {
+        let misses = 1.0 - settings.radars[radar].detection_probability;
+        let ratio = settings.missed(radar) + misses * exp(gain);
+        self.odds = (self.odds * ratio).min(LARGEST_ODDS);
+    }
+
+    /// A radar has not seen it.
+    #[inline]
+    pub fn miss(&mut self, radar: usize, settings: &Settings) {
+        self.odds *= settings.missed(radar);
+    }
+
+    #[inline]
+    pub fn probability(self) -> f64 {
+        self.odds / (1.0 + self.odds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+    use crate::sensors::Radar;
+    use crate::tracker::Motion;
+
+    /// A plot whose density is e^`ratio` times that of false plots, as a gain against a miss.
+    fn gain(ratio: f64) -> f64 {
+        ratio + (0.9_f64 / 0.1).ln()
+    }
+
+    fn settings() -> Settings {
+        let radar = Radar {
+            position: [0.0; 3],
+            range_sigma: 50.0,
+            azimuth_sigma: 1e-3,
+            scan_period: 4.0,
+            max_range: 1e5,
+            detection_probability: 0.9,
+            resolution: None,
+        };
+        Settings::new(vec![radar], Motion::Cv(1.0))
+    }
+
+    #[test]
+    fn plots_and_missed_scans_of_a_worked_example() {
+        let settings = settings();
+        let mut existence = Existence::of_first(50.0);
+        assert_within(1e-15, existence.probability(), 1.0 / 51.0);
+        let expected = [
+            (Some(6.5), 0.922780866211),
+            (None, 0.542491801002),
+            (Some(7.2), 0.999297899316),
+            (Some(4.0), 0.999945007034),
+        ];
+        for (seen, probability) in expected {
+            existence.wait(4.0, 4.0);
+            match seen {
+                Some(ratio) => existence.see(gain(ratio), 0, &settings),
+                None => existence.miss(0, &settings),
+            }
+            assert!((existence.probability() - probability).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_target_that_was_certain_is_lost_with_the_fifth_missed_scan() {
+        let settings = settings();
+        let mut existence = Existence::of_first(1.0);
+        for _ in 0..400 {
+            existence.see(30.0, 0, &settings);
+        }
+        assert!(existence.probability() <= 1.0);
+        let mut scans = 0;
+        while existence.probability() > 0.01 {
+            existence.wait(4.0, 4.0);
+            existence.miss(0, &settings);
+            scans += 1;
+        }
+        assert_eq!(scans, 5);
+        // and after a very long time there is none
+        existence.wait(1e9, 4.0);
+        assert_within(1e-300, existence.probability(), 0.0);
+    }
+}
