@@ -160,6 +160,6 @@ def calibration() -> str:
             cells += [f"{len(own)}", f"{mean:.3f}", f"{share:.3f}"]
         rows.append([f"{low:g} to {high:g}", *cells])
     head = ["stated"]
-    for clutter in ("5", "200"):
-        head += [f"rows, {clutter} false plots", "mean", "of targets"]
+    for count in ("5", "200"):
+        head += [f"rows, {count} false plots", "mean", "of targets"]
     return markdown(head, rows)

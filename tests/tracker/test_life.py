@@ -1,5 +1,7 @@
 """Track life: duplicates, addresses, gaps, and whether the noise is what is stated."""
 
+import pickle
+
 import numpy as np
 import pytest
 from tracker.flights import RADAR, line, noisy, polar
@@ -182,3 +184,75 @@ def test_a_profile_follows_the_turns_of_its_kind():
 
     assert rms_error("drone") < 0.8 * rms_error("aircraft")
     assert rms_error("drone") < 4.0
+
+
+def with_false_plots(seed, count, detection, clutter=50, scans=60):
+    """Flights that leave after forty scans and false plots, and the target of each; -1: none."""
+    rng = np.random.default_rng(seed)
+    radar = Radar(
+        range_sigma=50.0, azimuth_sigma=0.08, scan_period=4.0, max_range=100e3,
+        detection_probability=detection, degrees=True,
+    )  # fmt: skip
+    angle = rng.uniform(0.0, 2 * np.pi, (2, count))
+    start = 60e3 * np.stack([np.sin(angle[0]), np.cos(angle[0])], axis=-1)
+    velocity = 180.0 * np.stack([np.sin(angle[1]), np.cos(angle[1])], axis=-1)
+    rows = []
+    for scan in range(scans):
+        seen = np.flatnonzero(rng.uniform(size=count) < detection * (scan < 40))
+        place = start[seen] + 4.0 * scan * velocity[seen]
+        false = 100e3 * np.sqrt(rng.uniform(size=clutter)), rng.uniform(0, 2 * np.pi, clutter)
+        noise = rng.standard_normal((2, len(seen)))
+        distance = np.hypot(*place.T) + 50.0 * noise[0]
+        azimuth = np.arctan2(*place.T) + np.radians(0.08) * noise[1]
+        target = np.concatenate([seen, np.full(clutter, -1)])
+        plots = [np.concatenate([distance, false[0]]), np.concatenate([azimuth, false[1]])]
+        rows.append(np.column_stack([np.full(len(target), 4.0 * scan), *plots, target]))
+    time, distance, azimuth, target = np.concatenate(rows).T
+    return radar, Plots(time, distance, azimuth), target.astype(int)
+
+
+def test_existence_is_certain_while_a_target_is_seen_and_falls_when_it_has_left():
+    radar, plots, target = with_false_plots(1, 10, 0.9)
+    table = track(plots, [radar])
+    existence = table.existence_probability
+    assert np.all((existence >= 0.0) & (existence <= 1.0))
+    for number in range(10):
+        own = (table.plot >= 0) & (target[table.plot] == number)
+        rows = table[table.track == np.bincount(table.track[own]).argmax()]
+        during = (rows.time > 40.0) & (rows.time < 150.0) & (rows.plot >= 0)
+        assert np.min(rows.existence_probability[during]) > 0.9
+        # five missed scans in the end
+        assert rows.existence_probability[-1] < 0.02
+        assert np.all(np.diff(rows.existence_probability[-4:]) < 0.0)
+
+
+# .60 and .87 of the scans in the table of the page
+@pytest.mark.parametrize(("detection", "share"), [(0.5, 0.75), (0.7, 0.95)])
+def test_existence_confirms_targets_that_are_often_missed_sooner(detection, share):
+    waits = []
+    for rule in ((3, 4), 0.999):
+        wait = []
+        for seed in range(3):
+            radar, plots, target = with_false_plots(seed, 20, detection, scans=40)
+            table = track(plots, [radar], confirmation=rule)
+            shown = table.confirmed & (table.plot >= 0)
+            owner, time = target[table.plot[shown]], table.time[shown]
+            assert len(np.unique(table.track[shown])) < 25
+            wait += [
+                np.min(time[owner == number], initial=160.0) - plots.time[target == number][0]
+                for number in range(20)
+            ]
+        waits.append(np.mean(wait) / 4.0 + 1.0)
+    assert waits[1] < share * waits[0]
+
+
+def test_existence_survives_saving():
+    radar, plots, _ = with_false_plots(2, 5, 0.9, scans=20)
+    for rule in ((3, 4), 0.999):
+        tracker = Tracker([radar], confirmation=rule)
+        tracker.update(plots[plots.time < 40.0])
+        loaded = pickle.loads(pickle.dumps(tracker))
+        rest = plots[plots.time >= 40.0]
+        one, other = tracker.update(rest), loaded.update(rest)
+        np.testing.assert_array_equal(one.existence_probability, other.existence_probability)
+        assert len(one) > 20

@@ -216,7 +216,8 @@ def track(
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
         `track`, `sensor`, `plot` (its index), position and velocity with their covariance,
         `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`,
-        `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, `plan`, `conforms`, `merged` and `confirmed`; null where
+        `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, `plan`,
+        `conforms`, `merged` and `confirmed`; null where
         nothing is known.
 
     Raises

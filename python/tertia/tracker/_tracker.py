@@ -66,9 +66,11 @@ class Tracker:
         plots are not certain, several hypotheses are kept until later plots decide, and the best is
         shown; for targets close to one another. "paper": by the score of the source, for
         comparison.
-    confirmation : (int, int)
+    confirmation : (int, int) or float
         Number of plots that confirm a track, and number of scans in which they must occur. In
         clutter more are required, so that at most one false track is confirmed in a thousand scans.
+        A float: the probability of a target (`existence_probability`) that confirms a track of
+        three plots; sooner where detections are missed.
     coasting : int
         Number of scans without a plot after which a track ends.
     clutter_density : float, optional
@@ -158,7 +160,7 @@ class Tracker:
         plans: Sequence[FlightPlan] = (),
         plan_model: PlanModel | None = None,
         association: Association = "gnn",
-        confirmation: tuple[int, int] = (3, 4),
+        confirmation: tuple[int, int] | float = (3, 4),
         coasting: int = 5,
         clutter_density: float | None = None,
         profile: ProfileName = "aircraft",

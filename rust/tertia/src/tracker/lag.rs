@@ -107,13 +107,11 @@ impl LagTracker {
     /// A tracker of plots up to so many seconds late.
     ///
     /// # Errors
-    /// A lag that is negative or not finite, or a tracker that has had plots, where there is a lag:
-    /// what it knows does not come from plots that could be processed again.
+    /// A lag that is negative or not finite, or a lag and a tracker that has had plots.
     pub fn try_new(tracker: Tracker, lag: f64) -> Result<Self, Error> {
         require("lag", lag, lag >= 0.0 && lag.is_finite(), "0 or a positive number of seconds")?;
-        let plots = tracker.plots() as f64;
-        let is_new = lag == 0.0 || tracker.time() == f64::NEG_INFINITY;
-        require("tracker", plots, is_new, "one that has had no plots, where there is a lag")?;
+        let (plots, is_new) = (tracker.plots() as f64, tracker.time() == f64::NEG_INFINITY);
+        require("tracker", plots, is_new || lag == 0.0, "one that has had no plots")?;
         let kept = VecDeque::from([(BEFORE_ALL, tracker.keep())]);
         let before = f64::NEG_INFINITY;
         let health = vec![Health::default(); tracker.radars()];
