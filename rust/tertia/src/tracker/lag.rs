@@ -110,10 +110,10 @@ impl LagTracker {
     /// A lag that is negative or not finite, or a lag and a tracker that has had plots.
     pub fn try_new(tracker: Tracker, lag: f64) -> Result<Self, Error> {
         require("lag", lag, lag >= 0.0 && lag.is_finite(), "0 or a positive number of seconds")?;
-        let (plots, is_new) = (tracker.plots() as f64, tracker.time() == f64::NEG_INFINITY);
-        require("tracker", plots, is_new || lag == 0.0, "one that has had no plots")?;
-        let kept = VecDeque::from([(BEFORE_ALL, tracker.keep())]);
         let before = f64::NEG_INFINITY;
+        let (plots, may) = (tracker.plots() as f64, lag == 0.0 || tracker.time() == before);
+        require("tracker", plots, may, "one that has had no plots, where there is a lag")?;
+        let kept = VecDeque::from([(BEFORE_ALL, tracker.keep())]);
         let health = vec![Health::default(); tracker.radars()];
         Ok(Self {
             tracker,
@@ -230,8 +230,7 @@ impl LagTracker {
         self.tracker.check(plots, end)?;
         let first = self.tracker.plots();
         let mut claims = self.file(plots, end);
-        let final_steps = self.step_of(self.now - self.lag);
-        self.run((&mut claims, first), final_steps, rows, n_threads);
+        self.run((&mut claims, first), self.step_of(self.now - self.lag), rows, n_threads);
         self.tell(&claims, statuses);
         Ok(())
     }

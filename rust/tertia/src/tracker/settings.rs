@@ -42,9 +42,7 @@ impl Confirmation {
                 let requirement = "2 plots or more, in at least as many scans";
                 require("confirmation", m as f64, m >= 2 && m <= n, requirement)
             }
-            Self::Existence(p) => {
-                require("confirmation", p, p > 0.0 && p < 1.0, "between 0 and 1")
-            }
+            Self::Existence(p) => require("confirmation", p, p > 0.0 && p < 1.0, "between 0 and 1"),
         }
     }
 }
