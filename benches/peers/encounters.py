@@ -21,7 +21,10 @@ from stonesoup.hypothesiser.distance import DistanceHypothesiser
 from stonesoup.hypothesiser.probability import PDAHypothesiser
 from stonesoup.measures import Mahalanobis
 from stonesoup.models.measurement.nonlinear import CartesianToBearingRange
-from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
+from stonesoup.models.transition.linear import (
+    CombinedLinearGaussianTransitionModel,
+    ConstantVelocity,
+)
 from stonesoup.predictor.kalman import KalmanPredictor
 from stonesoup.types.array import StateVectors
 from stonesoup.types.detection import Detection
@@ -141,7 +144,9 @@ def main():
         texts = []
         for name, outcomes in found.items():
             gospa = np.array([one.gospa for one in outcomes])
-            swaps, lost = (100 * np.mean([getattr(o, k) for o in outcomes]) for k in ("swapped", "lost"))
+            swaps, lost = (
+                100 * np.mean([getattr(o, k) for o in outcomes]) for k in ("swapped", "lost")
+            )
             texts.append(
                 f"{gospa.mean():.1f} ± {gospa.std() / np.sqrt(runs):.1f} / {swaps:.0f} / {lost:.0f}"
                 f" / {1e6 * cost[name]:.0f}"

@@ -120,7 +120,7 @@ def test_a_table_is_complete_wherever_it_goes():
         ({"sensors": RADAR}, "it must be a sequence of Radar"),
         ({"plans": FlightPlan([[0, 0], [1, 1]], 100.0)}, "it must be a sequence of FlightPlan"),
         ({"confirmation": 3}, "it must be a pair"),
-        ({"confirmation": 1.0}, "confirmation is 1, but must be between 0 and 1"),
+        ({"confirmation": 1.0}, "confirmation is 1; it must be between 0 and 1"),
         ({"confirmation": "3,4"}, "it must be a pair"),
         ({"plans": [FlightPlan([[0, 0], [1, 1]], 100.0)], "motion": "cv"}, "takes no plans"),
     ],
