@@ -72,10 +72,8 @@ mod tests {
         assert_within(1e-12, extent.area(), PI * 2500.0);
         disc(&mut extent, 0.0, 500.0);
         assert_within(0.1, extent.area(), PI * 250_000.0);
-        disc(&mut extent, 1e5, 100.0);
-        // the first disc has faded to 1.5 %, but was far away
-        disc(&mut extent, 1e5, 100.0);
-        disc(&mut extent, 1e5, 100.0);
+        // the first disc fades to 1.5 % with each of these, but was far away
+        (0..5).for_each(|_| disc(&mut extent, 1e5, 100.0));
         assert_within(0.1, extent.area(), PI * 1e4);
     }
 }
