@@ -28,7 +28,7 @@ impl Registrar {
 
     /// Times, ranges and azimuths of plots without the errors known, (N,) each.
     fn correct<'py>(&self, py: Python<'py>, plots: Columns<'py>) -> PyResult<[Array<'py>; 3]> {
-        let errors = self.0.errors();
+        let errors = self.0.taken_out();
         let plots = plots.read(&plots.time, errors.len())?;
         let corrected: Vec<Report> = (0..plots.len())
             .map(|i| plots.get(i))

@@ -5,9 +5,10 @@
 //! but the blocks.
 
 use super::block::{Known, Unknowns};
+use super::exchange::{Learnt, Update};
 use super::followed::{Blocks, Followed};
 use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
-use super::sighting::{ERRORS, Errors, Report, Sighting};
+use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
 use super::vote::{suspects, vote};
 use super::watch::Watch;
 use crate::base::state::{restored, saved};
@@ -16,6 +17,9 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// Scans by which the clock that is taken out of the plots of a radar changes at once: more would put
+/// plots before those that were tracked.
+const CLOCK_STEP: f64 = 0.25;
 /// Standard deviations of the prior by which errors wander within ten minutes.
 const WANDER: f64 = 0.2;
 const WANDER_TIME: f64 = 600.0;
@@ -41,34 +45,6 @@ const TURNING: f64 = 0.3;
 /// Scans of the slowest radar after which a track is forgotten.
 const FORGOTTEN: f64 = 10.0;
 
-/// A row of a track.
-#[derive(Clone, Debug)]
-pub struct Update {
-    /// The plot, as the radar reports it; its range is nan where there was none.
-    pub plot: TargetPlot,
-    /// Whether the track is confirmed.
-    pub confirmed: bool,
-    /// Position and velocity of the track.
-    pub position: [f64; 2],
-    /// Metres per second.
-    pub velocity: [f64; 2],
-    /// Their covariance, row by row.
-    pub covariance: [f64; 16],
-    /// Plot less prediction, and its covariance, row by row; nan where it is not known.
-    pub innovation: [f64; 2],
-    /// Row by row.
-    pub innovation_covariance: [f64; 4],
-}
-
-/// What tracks are to be changed by after a scan.
-#[derive(Clone, Debug)]
-pub struct Learnt {
-    /// Position and velocity of each row by so much, and its covariance, row by row.
-    pub rows: Vec<([f64; 4], [f64; 16])>,
-    /// The same of each track, at the time of its last row.
-    pub tracks: Vec<(i64, f64, [f64; 4])>,
-}
-
 /// What one scan said of the errors, and what was known before it.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
 struct Scan {
@@ -90,6 +66,8 @@ pub struct Registrar {
     /// What is known since, in units of the prior.
     mean: DVector<f64>,
     covariance: DMatrix<f64>,
+    /// Clocks as they are taken out of plots, s.
+    clocks: Vec<f64>,
     factor: Vec<[f64; 2]>,
     squares: Vec<[f64; 2]>,
     redundancy: Vec<[f64; 2]>,
@@ -112,6 +90,7 @@ impl Registrar {
         assert!(start.len() == radars.len() && sigma.len() == radars.len());
         let (k, order) = (radars.len(), sigma.iter().flatten().filter(|one| **one > 0.0).count());
         Self {
+            clocks: start.iter().map(|errors| errors[CLOCK]).collect(),
             radars,
             sigma,
             start,
@@ -136,6 +115,15 @@ impl Registrar {
         for_each(&self.unknowns(), |k, j, column, sigma| {
             errors[k][j] += self.mean[column] * sigma;
         });
+        errors
+    }
+
+    /// The errors as they are taken out of plots: a clock by steps of a quarter of a scan at most.
+    pub fn taken_out(&self) -> Vec<Errors> {
+        let mut errors = self.errors();
+        for (own, clock) in errors.iter_mut().zip(&self.clocks) {
+            own[CLOCK] = *clock;
+        }
         errors
     }
 
@@ -271,6 +259,11 @@ impl Registrar {
         self.loose.retain(|plot| time - plot.time <= longest);
         self.loose.extend(loose.iter().map(|plot| plot.corrected(&errors[plot.radar])));
         self.vote(time);
+        let errors = self.errors();
+        for ((clock, radar), known) in self.clocks.iter_mut().zip(&self.radars).zip(errors) {
+            let most = CLOCK_STEP * radar.scan_period;
+            *clock += (known[CLOCK] - *clock).clamp(-most, most);
+        }
     }
 
     /// The blocks that end by a time.

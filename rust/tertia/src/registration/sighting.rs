@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// Systematic errors of a radar: offset of the range, gain of the range, azimuth, clock.
 pub const ERRORS: usize = 4;
+/// Which of them is the clock.
+pub(super) const CLOCK: usize = 3;
 
 /// Ground range over slant range below which the target is overhead.
 const OVERHEAD: f64 = 1e-3;

@@ -1,0 +1,191 @@
+"""Errors of radars that are found, against the smallest that are possible (Cramer, Rao)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from studies.pages import markdown, repetitions
+from studies.registration import ERRORS, FLIGHTS, RADARS, SET_UPS, columns, places
+from tertia import simulate
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.registration import register
+from tertia.sensors import RADAR_LIMITS, Bias, Radar
+from tertia.tracker import Plots, Tracker
+
+SEED, DURATION = 47, 600.0
+SCENES = repetitions(40)
+# accelerations of a flight between its plots, straight on and in turns that are known, m/s2
+STRAIGHT, TURN = 0.05, 3.0
+# errors that wander, in their limits per root of a second, by steps of so many seconds
+WANDER, STEP = 0.2 / np.sqrt(600.0), 30.0
+DRAWS = ("normal", "uniform", "wandering")
+LIMITS = columns(RADAR_LIMITS, "_sigma")
+PLOTS = ("time", "range", "azimuth", "sensor", "height", "identity")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Plots of radars with errors, (steps, K, 4), and what is true of them."""
+
+    plots: Plots
+    target: IntArray
+    used: BoolArray
+    traffic: simulate.Traffic
+    stated: list[Radar]
+    real: list[Radar]
+    errors: FloatArray
+
+
+def scene(name: simulate.SetUpName, draw: str, seed: int) -> Scene:
+    """Return plots with errors that are drawn in this way."""
+    random = np.random.default_rng([SEED, SET_UPS.index(name), DRAWS.index(draw), seed])
+    setting = simulate.set_up(name)
+    stated = [
+        replace(setting.radar, position=place, scan_period=period)
+        for place, period in places(setting, random)
+    ]
+    factor = random.uniform(0.7, 1.8, (RADARS, 2))
+    real = [
+        replace(
+            one, range_sigma=one.range_sigma * range_, azimuth_sigma=one.azimuth_sigma * azimuth
+        )
+        for one, (range_, azimuth) in zip(stated, factor, strict=True)
+    ]
+    first = random.standard_normal((RADARS, len(ERRORS)))
+    if draw == "uniform":
+        first = random.uniform(-1.0, 1.0, first.shape)
+    steps = int(DURATION / STEP)
+    wander = WANDER * np.sqrt(STEP) * random.standard_normal((steps, *first.shape))
+    wander[0] = 0.0
+    errors = LIMITS * (first + (draw == "wandering") * np.cumsum(wander, axis=0))
+    traffic = simulate.flights(
+        simulate.routes(name, FLIGHTS, rng=random), wind=setting.wind, rng=random
+    )
+    record = simulate.radar_plots(
+        traffic,
+        real,
+        clutter=2,
+        outlier_probability=0.02,
+        height_missing_probability=0.02,
+        rng=random,
+    )
+    record = record[record.plots.time < DURATION]
+    given = {column: getattr(record.plots, column) for column in PLOTS}
+    own = errors[(given["time"] / STEP).astype(int).clip(0, steps - 1), given["sensor"]]
+    own = np.where(record.target[:, np.newaxis] >= 0, own, 0.0)
+    given["range"] = given["range"] * (1.0 + own[:, 1]) + own[:, 0]
+    given["azimuth"] = given["azimuth"] + own[:, 2]
+    moved = given["time"] + own[:, 3]
+    used = (record.target >= 0) & ~record.outlier
+    order = np.argsort(moved, kind="stable")
+    shown = Plots(**{**given, "time": moved})[order]
+    return Scene(shown, record.target[order], used[order], traffic, stated, real, errors)
+
+
+@cache
+def bound(name: simulate.SetUpName, draw: str, seed: int) -> FloatArray:
+    """Return the smallest covariance of constant errors, in their limits, (4 K, 4 K).
+
+    Whole flights whose turns are known, without outliers, and with the true noise.
+    """
+    case, information = scene(name, draw, seed), np.eye(RADARS * len(ERRORS))
+    for flight in np.unique(case.target[case.used]):
+        rows = np.flatnonzero(case.used & (case.target == flight))
+        if len(rows) > 3:
+            information += _of_flight(case, rows, int(flight))
+    return np.asarray(np.linalg.inv(information))
+
+
+def _of_flight(case: Scene, rows: IntArray, flight: int) -> FloatArray:
+    """Return what the plots of a flight tell of the errors."""
+    time, sensor = case.plots.time[rows], case.plots.sensor[rows]
+    position, velocity, height = case.traffic._state(np.full(len(rows), flight), time)
+    off = position - np.array([one.position[:2] for one in case.real])[sensor]
+    ground = np.hypot(*off.T)
+    slant = np.hypot(ground, np.nan_to_num(height))
+    along = off / ground[:, np.newaxis]
+    axes = np.stack([along, np.stack([along[:, 1], -along[:, 0]], axis=-1)], axis=1)
+    noise = np.array([[one.range_sigma, one.azimuth_sigma] for one in case.real])[sensor]
+    sigma = noise * np.stack([slant / ground, ground], axis=-1)
+    # by each error, along and across
+    late = -np.einsum("nai,ni->na", axes, velocity)
+    zero = np.zeros(len(rows))
+    rows_of = [
+        np.stack([slant / ground, slant**2 / ground, zero, late[:, 0]], axis=-1),
+        np.stack([zero, zero, ground, late[:, 1]], axis=-1),
+    ]
+    own = np.stack(rows_of, axis=1) * LIMITS
+    design = np.zeros((len(rows), 2, RADARS, len(ERRORS)))
+    design[np.arange(len(rows)), :, sensor] = own
+    # where random accelerations between plots take the target
+    gap = np.diff(time)
+    sample = ((time[:-1] - case.traffic.start[flight]) / case.traffic.step).astype(int)
+    turns = case.traffic.turning[flight, sample.clip(0, case.traffic.count[flight] - 1)]
+    after = time[:, np.newaxis] - time[np.newaxis, 1:]
+    push = np.where(after >= 0.0, gap**2 / 2 + gap * after, 0.0) * np.where(turns, TURN, STRAIGHT)
+    motion = np.kron(push @ push.T, np.eye(2))
+    turned = np.zeros((2 * len(rows), 2 * len(rows)))
+    for i, (axis, own_sigma) in enumerate(zip(axes, sigma, strict=True)):
+        turned[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = axis / own_sigma[:, np.newaxis]
+    middle = time - np.mean(time)
+    free = turned @ np.kron(np.stack([np.ones_like(middle), middle], axis=-1), np.eye(2))
+    known = design.reshape(2 * len(rows), -1) / sigma.reshape(-1, 1)
+    both = np.hstack([free, known])
+    spread = turned @ motion @ turned.T + np.eye(2 * len(rows))
+    products = both.T @ np.linalg.solve(spread, both)
+    seen, mixed = products[:4, :4], products[:4, 4:]
+    return np.asarray(products[4:, 4:] - mixed.T @ np.linalg.solve(seen, mixed))
+
+
+def online(case: Scene) -> Bias:
+    """Return the errors that a tracker knows at the end."""
+    tracker = Tracker(case.stated, registration=True)
+    ends = np.arange(4.0, DURATION + 4.0, 4.0)
+    edges = np.concatenate([[0], np.searchsorted(case.plots.time, ends)])
+    for a, b, end in zip(edges, edges[1:], ends, strict=False):
+        tracker.update(case.plots[a:b], time=end)
+    return tracker.bias
+
+
+@cache
+def run(name: simulate.SetUpName, draw: str, way: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return errors, what is claimed, and the bound, in limits, (scenes, K, 4) each."""
+    off, claimed, least = [], [], []
+    for seed in range(SCENES):
+        case = scene(name, draw, seed)
+        found = register(case.plots, case.stated).bias if way == "batch" else online(case)
+        off.append((columns(found) - case.errors[-1]) / LIMITS)
+        claimed.append(columns(found, "_sigma") / LIMITS)
+        if draw == "wandering":
+            smallest = np.full(2 * (RADARS * len(ERRORS),), np.nan)
+        else:
+            smallest = bound(name, draw, seed)
+        least.append(np.sqrt(np.diagonal(smallest)).reshape(RADARS, -1))
+    return np.array(off), np.array(claimed), np.array(least)
+
+
+def _cases() -> Iterator[tuple[simulate.SetUpName, str, str]]:
+    for way, draws in (("batch", DRAWS[:2]), ("online", DRAWS)):
+        for name in SET_UPS:
+            for draw in draws:
+                yield name, draw, way
+
+
+def table() -> str:
+    """Return errors over their bound, and how often they are within two standard deviations."""
+    rows = []
+    for name, draw, way in _cases():
+        off, claimed, least = run(name, draw, way)
+        ratio = np.sqrt(np.mean(off**2, axis=(0, 1)) / np.mean(least**2, axis=(0, 1)))
+        inside = np.abs(off) < 2 * claimed
+        cells: Sequence[str] = ["-" if np.isnan(one) else f"{one:.2f}" for one in ratio[:3]]
+        each = [f"{one:.0%}" for one in np.mean(inside, axis=(0, 1))]
+        rows.append([way, name, draw, *cells, *each, f"{np.mean(inside):.1%}"])
+    head = ["", "set-up", "errors", "range", "gain", "azimuth"]
+    return markdown(
+        [*head, *(f"within 2σ: {one}" for one in ("range", "gain", "azimuth", "time")), "all"], rows
+    )
