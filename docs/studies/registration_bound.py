@@ -17,7 +17,7 @@ from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker
 
 SEED, DURATION = 47, 600.0
-SCENES = repetitions(40)
+SCENES = repetitions(40, 1)
 # accelerations of a flight between its plots, straight on and in turns that are known, m/s2
 STRAIGHT, TURN = 0.05, 3.0
 # errors that wander, in their limits per root of a second, by steps of so many seconds

@@ -12,7 +12,7 @@ from tertia._arrays import IntArray
 from tertia.sensors import Bias, Radar
 from tertia.tracker import Plots, Tracker, TrackTable, track
 
-SEED, AIRCRAFT, SEEDS, SCENES = 53, 20, repetitions(3), repetitions(100)
+SEED, AIRCRAFT, SEEDS, SCENES = 53, 20, repetitions(3, 1), repetitions(100)
 NOISE = {"range_sigma": 50.0, "azimuth_sigma": 0.0014, "max_range": 150e3}
 PLACES = ((-5e4, 0.0), (5e4, 0.0), (0.0, 6e4))
 AZIMUTHS, RANGES = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0), (0.0, 300.0, 500.0)

@@ -28,6 +28,9 @@ const FAR: f64 = 2500.0;
 const WIDE: f64 = 0.035;
 /// Standard deviations of a plot within which votes agree.
 const AGREED: f64 = 3.9;
+/// Standard deviations of a plot that a change has at least: gates hold smaller ones, and plots are
+/// missed for other reasons.
+const LEAST: f64 = 2.0;
 
 /// Whether each radar misses so many of the tracks that it covers that these are to vote.
 pub(super) fn suspects<'a>(
@@ -99,7 +102,9 @@ pub(super) fn vote<'a>(
         let mut all: Vec<f64> = best.iter().map(|(_, vote)| vote[axis]).collect();
         median(&mut all)
     };
-    (best.len() >= enough).then(|| [middle(0), middle(1)])
+    let moved = [middle(0), middle(1)];
+    let beyond = (0..2).any(|axis| moved[axis].abs() > LEAST * sigma[axis]);
+    (best.len() >= enough && beyond).then_some(moved)
 }
 
 /// Range and azimuth of a plot less those of the track at its time.
@@ -160,5 +165,12 @@ mod tests {
         let radar = radar([0.0; 3], 50.0, 0.08);
         assert_eq!(vote(tracks.iter(), &loose, (0, &radar), 41.0), None);
         assert_eq!(vote(tracks.iter(), &[], (0, &radar), 41.0), None);
+        // plots that are where they should be were missed for another reason
+        let (_, mut loose) = scene(0);
+        for plot in &mut loose {
+            plot.range -= 60.0;
+            plot.azimuth -= 0.45_f64.to_radians();
+        }
+        assert_eq!(vote(tracks.iter(), &loose, (0, &radar), 41.0), None);
     }
 }
