@@ -13,7 +13,7 @@ from tertia.sensors import Bias, Radar
 from tertia.tracker import Plots, Tracker, TrackTable, track
 
 SEED, AIRCRAFT, SEEDS, SCENES = 53, 20, repetitions(3, 1), repetitions(100)
-NOISE = {"range_sigma": 50.0, "azimuth_sigma": 0.0014, "max_range": 150e3}
+RANGE_SIGMA, AZIMUTH_SIGMA, FARTHEST = 50.0, 0.0014, 150e3
 PLACES = ((-5e4, 0.0), (5e4, 0.0), (0.0, 6e4))
 AZIMUTHS, RANGES = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0), (0.0, 300.0, 500.0)
 # with replies, false plots a scan
@@ -35,7 +35,16 @@ CHANGES: tuple[tuple[str, dict[str, float]], ...] = (
 
 def radars(count: int) -> list[Radar]:
     """Return radars of 4, 5, 6 s."""
-    return [Radar(place, scan_period=4.0 + k, **NOISE) for k, place in enumerate(PLACES[:count])]
+    return [
+        Radar(
+            place,
+            range_sigma=RANGE_SIGMA,
+            azimuth_sigma=AZIMUTH_SIGMA,
+            scan_period=4.0 + k,
+            max_range=FARTHEST,
+        )
+        for k, place in enumerate(PLACES[:count])
+    ]
 
 
 def recording(
@@ -150,7 +159,10 @@ def changes() -> str:
         late, wrong, tracks = [], 0, []
         scenes = SCENES // 10 if change else SCENES
         for seed in range(max(scenes, 2)):
-            bias = Bias(**{kind: [0.0, value, 0.0] for kind, value in change.items()})
+            azimuth, distance, clock = (
+                [0.0, change.get(kind, 0.0), 0.0] for kind in ("azimuth", "range", "time")
+            )
+            bias = Bias(azimuth=azimuth, range=distance, time=clock)
             record = recording(1000 + seed, bias, 3, clutter=2.0, start=CHANGE, duration=LONG)
             tracker, tables = followed(record.plots, 3)
             registrar = tracker._registrar
