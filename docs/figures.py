@@ -47,6 +47,7 @@ from studies import (
     tertiary,
     tracker,
     trajectory,
+    unhealthy,
     weights,
 )
 from studies.pages import save, write
@@ -200,6 +201,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "priors": tracker.priors,
         "wind": tracker.wind,
         "extrapolation": tracker.extrapolation,
+        "unhealthy": unhealthy.unhealthy,
+        "late": unhealthy.late,
     },
     "arrivals.md": {
         "nets": arrivals.nets,

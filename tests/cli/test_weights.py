@@ -101,6 +101,7 @@ def test_incomplete_rows_are_left_out(tmp_path: Path) -> None:
         ("sensor,x\na,1\n", ("--value", "x", "--loss", 0), 2, "loss is 0"),
         ("sensor,x\na,1\n", ("--value", "x", "--bias-sigma", -1), 2, "bias_sigma is -1"),
         ("sensor,x\n" + "a,1\nb,1\n" * 9, ("--value", "x"), 1, "sensor a: x is always the same"),
+        ("sensor,x\na,1e308\na,-1e308\nb,1\nb,2\n", ("--value", "x"), 1, "above 1e+70"),
     ],
 )
 def test_mistakes(

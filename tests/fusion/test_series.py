@@ -91,6 +91,18 @@ def test_parity_with_an_exact_model(method):
     check_parity(*both(2, 4, method, given=True, model=model), method)
 
 
+@pytest.mark.parametrize("dt", [1e-4, 1e-6, 1e-10])
+@pytest.mark.parametrize("k", [2, 3])
+def test_steps_that_are_short_are_one_average(k, dt):
+    z = 5.0 + 0.1 * np.random.default_rng(1).standard_normal((k, 300))
+    model = SingerModel(dt, 0.05, 0.003)
+    matrix = fuse_series(z, 0.01, model, method="matrix")
+    central = fuse_series(z, 0.01, model, method="central")
+    # the radars have the same noise, and nothing moves meanwhile
+    np.testing.assert_allclose(matrix.mean[-1, 0], central.mean[-1, 0], atol=1e-4)
+    np.testing.assert_allclose(matrix.sigma[-1, 0], central.sigma[-1, 0], rtol=1e-2)
+
+
 @pytest.mark.parametrize(
     "options",
     [

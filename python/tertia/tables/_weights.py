@@ -185,7 +185,7 @@ def _samples(
     for name, sample in samples.items():
         if len(sample) < 2:
             raise RecordError(f"sensor {name} has 1 measurement; its weight needs two at least")
-        same = np.ptp(sample, axis=0) == 0
+        same = np.all(sample == sample[:1], axis=0)
         if np.any(same):
             column = components[int(np.flatnonzero(same)[0])]
             raise RecordError(

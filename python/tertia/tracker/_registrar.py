@@ -93,15 +93,16 @@ class Registrar:
         return self._core.changes()
 
     def learn(
-        self, plots: Plots, first: int, tracks: TrackTable, time: float
+        self, plots: Plots, first: int, tracks: TrackTable, noise: FloatArray, time: float
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Learn from the rows that these plots made, of which the first has this number.
 
-        Adds what is not known of the errors to the covariances of the rows, and moves them by what
-        was learnt. Returns tracks, and by how much they move at which times.
+        `noise`, (K, 2), is that with which they were made. Adds what is not known of the errors to
+        the covariances of the rows, and moves them by what was learnt. Returns tracks, and by how
+        much they move at which times.
         """
         flat = in_plane(_with_heights(plots, first, tracks), self.sensors)
-        return self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, time)
+        return self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, noise, time)
 
     def search(self, plots: Plots, time: float, alone: Alone) -> bool:
         """Seek large errors in the first scans; return whether there are, and so to start anew.

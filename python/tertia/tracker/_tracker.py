@@ -220,7 +220,11 @@ class Tracker:
 
     @property
     def noise_factor(self) -> FloatArray:
-        """Noise of each sensor over what it states, (K,), nan before a hundred plots; not used."""
+        """Noise of each sensor over what it states, (K,); nan before it is known.
+
+        Where it is surely more than 1, tracks use it: those of radars in range and azimuth each.
+        Errors that last from scan to scan count as more.
+        """
         return self._core.noise_factor()
 
     def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
@@ -313,7 +317,8 @@ class Tracker:
         first = self._core.plots
         self._core.set_noise(registrar.noise)
         table = self._scan(registrar.correct(plots), end, rows)
-        self._core.shift(*registrar.learn(plots, first, table, self._core.time))
+        noise, time = self._core.noise(), self._core.time
+        self._core.shift(*registrar.learn(plots, first, table, noise, time))
         return table
 
     def _continuous(self, time: FloatArray, period: float) -> FloatArray:

@@ -8,7 +8,12 @@ use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::borrow::Cow;
 use std::num::NonZero;
+use std::panic::resume_unwind;
+use std::sync::Mutex;
+use std::thread;
+use std::time::Duration;
 use tertia::batch::{RowError, for_each_row};
+use tertia::interrupt::Flag;
 use tertia::missing::Present;
 
 pyo3::import_exception!(numpy.linalg, LinAlgError);
@@ -174,7 +179,7 @@ impl Rows<'_> {
     ) -> PyResult<()> {
         let items = self.iter().enumerate().zip(outputs);
         let work = |state: &mut S, (row, out)| work(state, row, out);
-        release(py, nanoseconds, || for_each_row(items, nanoseconds, n_threads, state, work))
+        release(py, nanoseconds, || for_each_row(items, nanoseconds, n_threads, state, work))?
             .map_err(|failure| self.error(failure))
     }
 
@@ -252,9 +257,55 @@ pub fn repeated<T: Clone>(value: T, count: usize) -> PyResult<Vec<T>> {
 /// Releasing the interpreter's lock and taking it again costs a tenth of this.
 const WORTH_RELEASING_NS: f64 = 2000.0;
 
+/// Work that takes this long looks for signals, such as Ctrl-C: by another thread, so that this one can.
+const WORTH_STOPPING_NS: f64 = 1e8;
+const LOOKS: Duration = Duration::from_millis(50);
+/// Of the stack of the other thread, as of most main ones.
+const STACK: usize = 8 << 20;
+
 /// Does work that takes about so long, with the interpreter's lock released where that is worth it.
-pub fn release<T: Send>(py: Python<'_>, nanoseconds: f64, work: impl FnOnce() -> T + Send) -> T {
-    if nanoseconds < WORTH_RELEASING_NS { work() } else { py.detach(work) }
+///
+/// # Errors
+/// What a signal handler raised: the work was stopped.
+pub fn release<T: Send>(
+    py: Python<'_>,
+    nanoseconds: f64,
+    work: impl FnOnce() -> T + Send,
+) -> PyResult<T> {
+    match nanoseconds {
+        ..WORTH_RELEASING_NS => Ok(work()),
+        ..WORTH_STOPPING_NS => Ok(py.detach(work)),
+        _ => py.detach(|| stoppable(work)),
+    }
+}
+
+/// Does work on another thread, and looks for signals meanwhile.
+fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    let (flag, work, caller) = (Flag::default(), Mutex::new(Some(work)), thread::current());
+    let run = || {
+        let work = work.lock().ok().and_then(|mut work| work.take()).expect("it is done once");
+        let done = flag.watch(work);
+        caller.unpark();
+        done
+    };
+    thread::scope(|scope| {
+        let builder = thread::Builder::new().stack_size(STACK);
+        // if the system refuses a thread, this one does it
+        let Ok(worker) = builder.spawn_scoped(scope, run) else { return Ok(run()) };
+        let mut signal = None;
+        while !worker.is_finished() {
+            thread::park_timeout(LOOKS);
+            if let (None, Err(raised)) = (&signal, Python::attach(|py| py.check_signals())) {
+                signal = Some(raised);
+                flag.set();
+            }
+        }
+        match (worker.join(), signal) {
+            (_, Some(raised)) => Err(raised),
+            (Ok(done), None) => Ok(done),
+            (Err(panic), None) => resume_unwind(panic),
+        }
+    })
 }
 
 /// A fresh array of this shape around `values`.

@@ -82,7 +82,7 @@ pub fn paper_score<'py>(
             *value = score::paper(d2, q, dimension)?;
         }
         score::paper(0.0, q, dimension)
-    });
+    })?;
     done.map_err(value_error)?;
     Ok(out)
 }
@@ -107,7 +107,7 @@ pub fn likelihood_score<'py>(
         for ((value, &d2), &volume) in values.iter_mut().zip(&*rows.values).zip(&*volumes.values) {
             *value = surroundings.likelihood(score::log_density(d2, volume, dimension));
         }
-    });
+    })?;
     Ok(out)
 }
 
@@ -196,7 +196,7 @@ pub fn associate<'py>(
         2 => tertia::association::associate::<2>(&scene.scan(), threshold, scoring, global),
         3 => tertia::association::associate::<3>(&scene.scan(), threshold, scoring, global),
         m => wrong_dimension(m),
-    });
+    })?;
     let Association { plot_of_track, score, nis } = found.map_err(value_error)?;
     let mut track_of_plot = repeated(NONE, scene.plots.count())?;
     for (track, plot) in plot_of_track.iter().enumerate() {
@@ -229,7 +229,7 @@ pub fn gate_pairs<'py>(
         2 => gate::pairs::<2>(&scene.scan(), threshold),
         3 => gate::pairs::<3>(&scene.scan(), threshold),
         m => wrong_dimension(m),
-    });
+    })?;
     let found = found.map_err(value_error)?;
     let shape = [found.len()];
     let [track, plot] =
@@ -269,7 +269,7 @@ pub fn assign_pairs<'py>(
             assigner.nearest(&pairs, rows, columns)
         };
         result.iter().map(|column| column.map_or(NONE, i64::from)).collect::<Vec<_>>()
-    });
+    })?;
     array(py, &[result.len()], result)
 }
 

@@ -29,7 +29,7 @@ pub fn asterix_definitions() -> Vec<Definition> {
 /// Category, begin and end of consecutive data blocks, and where they stop.
 #[pyfunction]
 pub fn asterix_blocks<'py>(py: Python<'py>, contents: &[u8]) -> PyResult<Blocks<'py>> {
-    let found = release(py, contents.len() as f64, || asterix::blocks(contents));
+    let found = release(py, contents.len() as f64, || asterix::blocks(contents))?;
     let category = array(py, &[found.category.len()], found.category.into_iter().map(i64::from))?;
     Ok((category, places(py, found.begin)?, places(py, found.end)?, found.stop))
 }
@@ -47,7 +47,7 @@ pub fn asterix_records<'py>(
     let ranges = begin.iter().zip(end).map(|(&begin, &end)| (begin as usize, end as usize));
     let definition = &asterix::definitions()[definition];
     let cost = OCTET_NS * contents.len() as f64;
-    let found = release(py, cost, || asterix::decode(definition, contents, ranges));
+    let found = release(py, cost, || asterix::decode(definition, contents, ranges))?;
     let columns = found.columns.into_iter().map(|one| array(py, &[one.len()], one));
     let columns = columns.collect::<PyResult<_>>()?;
     let damage = found.damage.iter().map(|&Damage { block, at, reason }| (block, at, reason));

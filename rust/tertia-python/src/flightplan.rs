@@ -120,7 +120,7 @@ impl Route {
                 direction.copy_from_slice(&u);
                 *height = route.height(if are_times { route.distance(value) } else { value });
             }
-        });
+        })?;
         Ok([position, direction, height])
     }
 
@@ -131,7 +131,7 @@ impl Route {
         let points = positions.pairs("position")?;
         let cost = LEG_NS * (points.len() * route.legs()) as f64;
         let found: Vec<Projection> =
-            release(py, cost, || points.iter().map(|&p| route.project(p)).collect());
+            release(py, cost, || points.iter().map(|&p| route.project(p)).collect())?;
         let batch = rows.batch();
         let [along, across] = columns(py, batch, &found, [|f| f.along_track, |f| f.cross_track])?;
         let course = array(py, rows.shape, found.iter().flat_map(|f| f.course))?;
@@ -235,7 +235,7 @@ pub fn correlate<'py>(
         *status = decision.status as i64;
         Ok(())
     };
-    release(py, cost, || for_each_row(outputs, cost, n_threads, || (), work))
+    release(py, cost, || for_each_row(outputs, cost, n_threads, || (), work))?
         .map_err(|failure| value_error(failure.error))?;
     Ok((scores, chosen, status))
 }
@@ -254,7 +254,7 @@ pub fn conformance<'py>(
     let route = &route.plan.route;
     let verdicts: Vec<_> = release(py, LEG_NS * seen.len() as f64, || {
         Monitor::follow(route, &seen, update_interval).collect()
-    });
+    })?;
     let number = |f: fn(&Verdict) -> f64| {
         let values = verdicts.iter().map(|verdict| verdict.as_ref().map_or(f64::NAN, f));
         array(py, &shape, values)
@@ -291,7 +291,7 @@ pub fn times_over<'py>(
             (0..count).map(|waypoint| history.time_over(route, waypoint, speed_change_sigma))
         });
         (over.collect(), histories.iter().map(SpeedHistory::speed).collect())
-    });
+    })?;
     let [time, time_sigma] = columns(py, &wide, &over, [|over| over.time, |over| over.sigma])?;
     let [speed, speed_sigma] = columns(py, &shape, &speeds, [|speed| speed.0, |speed| speed.1])?;
     Ok([time, time_sigma, speed, speed_sigma])

@@ -22,7 +22,7 @@ fn each<'py, const M: usize, const K: usize>(
         for (point, result) in rows.iter().zip(values.as_chunks_mut::<K>().0) {
             *result = work(*point);
         }
-    });
+    })?;
     Ok(out)
 }
 
@@ -154,7 +154,7 @@ impl Frame {
                     core::Frame::transform_covariance(&turn, own);
                 }
             }
-        });
+        })?;
         Ok((moved, turned))
     }
 }
@@ -234,7 +234,7 @@ pub fn plots_in_plane<'py>(
                 [seen.position[0], seen.position[1], a, b, c, d, e, f]
             });
         }
-    });
+    })?;
     Ok(out)
 }
 
@@ -260,6 +260,6 @@ pub fn plots_flattened<'py>(
         for (((plot, &k), &level), row) in plots.iter().zip(sensor).zip(&level).zip(rows) {
             *row = views[k as usize].flattened(*plot, level).unwrap_or([f64::NAN; 2]);
         }
-    });
+    })?;
     Ok(out)
 }

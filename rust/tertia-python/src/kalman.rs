@@ -53,7 +53,8 @@ pub fn consistency_bounds(
     count: usize,
     dimension: usize,
 ) -> PyResult<[f64; 2]> {
-    py.detach(|| kalman::consistency_bounds(probability, count, dimension)).map_err(value_error)
+    release(py, 1e4, || kalman::consistency_bounds(probability, count, dimension))?
+        .map_err(value_error)
 }
 
 /// A batch of series; `variance`, `dt` and `initial` (mean, then covariance row by row) may have a
@@ -133,7 +134,7 @@ pub fn filter_series<'py>(
         Row { steps, end: End::NONE }
     }));
     let cost = FILTER_NS * inputs.z.size();
-    release(py, cost, || series.filter(&mut rows, cost, n_threads))
+    release(py, cost, || series.filter(&mut rows, cost, n_threads))?
         .map_err(|failure| inputs.z.error(failure))?;
     let ends: Vec<End> = rows.into_iter().map(|row| row.end).collect();
     let last = |tail: usize, of: fn(&End) -> &[f64]| {
@@ -157,7 +158,7 @@ pub fn smooth_series<'py>(
     let (mut mean, mut covariance) = (new(3)?, new(6)?);
     let rows = mean.rows()?.zip(covariance.rows()?);
     let cost = SMOOTH_NS * inputs.z.size();
-    release(py, cost, || series.smooth(rows, cost, n_threads))
+    release(py, cost, || series.smooth(rows, cost, n_threads))?
         .map_err(|failure| inputs.z.error(failure))?;
     Ok((mean, covariance))
 }
@@ -182,9 +183,9 @@ pub fn fit_noise<'py>(
         kalman::require_plots(plots).map_err(|error| z.error(RowError { row, error }))?;
     }
     let recording = Recording { z: &z.values, steps: z.len(), dt: table(&dt), period };
-    let (fit, outlier) = py
-        .detach(|| kalman::fit_noise(&recording, outlier_gate, n_threads))
-        .map_err(value_error)?;
+    let (fit, outlier) =
+        release(py, f64::INFINITY, || kalman::fit_noise(&recording, outlier_gate, n_threads))?
+            .map_err(value_error)?;
     let limits = fit.limits.iter().map(|limit| limit.name()).collect();
     let NoiseFit { estimates, sigma, density_sigma, log_likelihood, count, .. } = fit;
     let found = (estimates, sigma, density_sigma, log_likelihood, count, limits);

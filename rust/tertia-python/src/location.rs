@@ -165,7 +165,7 @@ pub fn locate<'py>(
                 _ => {
                     locator.contradiction::<3>(&instants, &free, pooled, &mut Workspace::default())
                 }
-            })
+            })?
         };
         if contradiction.is_any() {
             contradiction.apply(sigmas.values.to_mut(), &free);
@@ -177,7 +177,7 @@ pub fn locate<'py>(
         locator = release(py, LOCATE_NS * rows.size(), || match d {
             2 => locator.of_batch::<2>(&instants, &mut Workspace::default()),
             _ => locator.of_batch::<3>(&instants, &mut Workspace::default()),
-        });
+        })?;
     }
     let size = location::BLOCK;
     let outputs = position
@@ -212,7 +212,7 @@ pub fn locate<'py>(
             }
             Ok(())
         })
-    });
+    })?;
     done.map_err(|failure| rows.error(failure))?;
     let found = fix_columns(py, rows.batch(), &fixes)?;
     let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;

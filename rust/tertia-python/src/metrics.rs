@@ -17,7 +17,7 @@ pub fn lasting<'py>(
     let (errors, gaps) = (errors.rows("errors", 1)?, gaps.rows("gaps", 0)?);
     let found = release(py, ROW_NS * errors.size(), || {
         metrics::lasting(&errors.values, errors.len(), &gaps.values)
-    })
+    })?
     .map_err(value_error)?;
     let shape = [found.probability.len(), POWERS.len()];
     let rows = array(py, &shape, found.rows_per_value.into_iter().flatten())?;

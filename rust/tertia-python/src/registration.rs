@@ -203,7 +203,7 @@ pub fn register_noise<'py>(
     let found = release(py, ROW_NS * track.len() as f64, || {
         let plots = (0..track.len()).map(plot).collect();
         core::noise(&core::lines(plots, azimuth_sigma, scan_period), &edges)
-    });
+    })?;
     let levels = |levels: &[[Level; 2]], shape: &[usize]| -> PyResult<Levels<'py>> {
         let of = |f: fn(&Level) -> f64| array(py, shape, levels.iter().flatten().map(f));
         Ok([of(|level| level.value)?, of(|level| level.sigma)?])
@@ -227,7 +227,7 @@ pub fn common_states<'py>(
     let counts = single.iter().map(|table| table.track_of_plot.len()).collect::<Vec<_>>();
     same_length(joint.track_of_plot.len(), &counts)?;
     let rows: usize = single.iter().map(|table| table.rows.len()).sum();
-    let found = release(py, ROW_NS * rows as f64, || core::common(&joint, &single, &scan_periods));
+    let found = release(py, ROW_NS * rows as f64, || core::common(&joint, &single, &scan_periods))?;
     let (m, k) = (found.time.len(), single.len());
     Ok((
         array(py, &[m], found.time)?,
@@ -262,7 +262,7 @@ pub fn register_errors<'py>(
     same_length(k, &[mean.len(), sigma.len(), start.len()])?;
     let found = release(py, BLOCK_NS * plots.len() as f64, || {
         core::register(&plots, &radars, [&mean, &sigma], &start)
-    });
+    })?;
     let order = ERRORS * k;
     Ok((
         [
@@ -289,7 +289,7 @@ pub fn register_start<'py>(
     let sigma = sigma.points::<ERRORS>("sigma", 1)?;
     same_length(radars.len(), &[sigma.len()])?;
     let tracks = tracks.read(radars.len())?;
-    let found = py.detach(|| core::start(&tracks, &radars, &sigma));
+    let found = release(py, f64::INFINITY, || core::start(&tracks, &radars, &sigma))?;
     let k = radars.len();
     let levels = [
         array(py, &[k, ERRORS], found.errors.into_flattened())?,
@@ -322,7 +322,7 @@ pub fn calibrate<'py>(
         azimuth: &azimuth.values,
         sigma,
     };
-    let found = py.detach(|| core::calibrate(&run, order));
+    let found = release(py, f64::INFINITY, || core::calibrate(&run, order))?;
     let size = found.mean.len();
     let covariance = found.covariance.as_slice().to_vec();
     Ok((
@@ -353,7 +353,7 @@ pub fn correct_states<'py>(
     let m = common.time.len();
     release(py, ROW_NS * factors.len() as f64, || {
         core::correct(&mut common, &positions, &errors, &factors);
-    });
+    })?;
     Ok([
         array(py, &[m, k, 4], common.state.into_flattened())?,
         array(py, &[m, k, 4, 4], common.covariance.into_flattened())?,

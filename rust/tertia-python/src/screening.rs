@@ -302,7 +302,7 @@ fn one_by_one<'py>(
         }
         Ok(())
     };
-    release(py, cost, || for_each_row(items, cost, None, || (), work))
+    release(py, cost, || for_each_row(items, cost, None, || (), work))?
         .map_err(|failure| value_error(failure.error))?;
     Ok(columns(py, &[x.len()], &results, [|r| r.0, |r| r.1])?.into())
 }

@@ -85,7 +85,7 @@ impl Flights {
                     Ok(())
                 },
             )
-        });
+        })?;
         done.map_err(|failure| value_error(failure.error))?;
         Ok(used.into_iter().max().unwrap_or(0))
     }
@@ -243,7 +243,7 @@ impl Traffic<'_> {
             velocity: &velocity,
             height: &height,
         };
-        Ok(release(py, cost, || work(&traffic)))
+        Ok(release(py, cost, || work(&traffic))?)
     }
 }
 

@@ -107,18 +107,30 @@ impl PlotTracker {
             if rows != "recording" {
                 return self.0.track(&plots, end, &mut statuses, &mut table, n_threads);
             }
+            let fresh = (self.0.tracker().plots() == 0).then(|| self.0.clone());
             self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
+            // the first plots were tracked before the noise was known
+            if let Some(again) = fresh.and_then(|fresh| fresh.knowing(&self.0)) {
+                (self.0, table) = (again, Table::new(true));
+                self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
+            }
             table.keep_confirmed(n_threads);
             Ok(())
-        })
+        })?
         .map_err(value_error)?;
         Ok((TrackColumns::new(table), codes(py, &statuses)?))
     }
 
     /// Noise of each radar over what it states.
     fn noise_factor<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let factors: Vec<f64> = self.0.noise_factors().collect();
+        let factors: Vec<f64> = self.0.tracker().noise_factors().collect();
         array(py, &[factors.len()], factors)
+    }
+
+    /// Standard deviations of range and azimuth as they were used last, (K, 2).
+    fn noise<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let noise = self.0.tracker().noise();
+        array(py, &[noise.len(), 2], noise.into_flattened())
     }
 
     /// Makes all rows final.
@@ -128,7 +140,7 @@ impl PlotTracker {
         n_threads: Threads,
     ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
         let mut table = Table::new(false);
-        release(py, f64::INFINITY, || self.0.finish(&mut table, n_threads));
+        release(py, f64::INFINITY, || self.0.finish(&mut table, n_threads))?;
         Ok((TrackColumns::new(table), codes(py, &[])?))
     }
 

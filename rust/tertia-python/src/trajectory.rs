@@ -2,7 +2,7 @@
 
 pub mod arrivals;
 
-use crate::arrays::{Array, Input, Marks, Threads, array, value_error};
+use crate::arrays::{Array, Input, Marks, Threads, array, release, value_error};
 use crate::location::fix_columns;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -109,10 +109,10 @@ pub fn reconstruct<'py>(
     if !shapes {
         return Err(PyValueError::new_err("the shapes do not fit together"));
     }
-    let found = py.detach(|| match d {
+    let found = release(py, f64::INFINITY, || match d {
         2 => steps.take::<2, 6>(&record),
         _ => steps.take::<3, 9>(&record),
-    });
+    })?;
     match found {
         Ok(found) => Reconstructed::new(py, found, n, d, k),
         Err(Failure::NotLocated(reasons)) => {

@@ -1,7 +1,7 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
-//! orthogonal polynomials, random effects, correlated noise, rows on threads.
+//! orthogonal polynomials, random effects, correlated noise, rows on threads, calls that stop.
 //!
-//! `error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, basis,
+//! `interrupt, error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, basis,
 //! batch <- effects, autoregression`
 
 // indices are those of the formulas
@@ -17,6 +17,7 @@ pub(crate) mod distribution;
 pub(crate) mod effects;
 pub(crate) mod error;
 pub(crate) mod exponential;
+pub mod interrupt;
 pub(crate) mod matrix;
 pub mod missing;
 pub(crate) mod moments;

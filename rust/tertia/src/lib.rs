@@ -102,4 +102,4 @@ pub mod weights;
 
 pub use base::error::{Error, Result};
 pub use base::moments::Moments;
-pub use base::{batch, missing};
+pub use base::{batch, interrupt, missing};

@@ -7,8 +7,8 @@
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
 //! association, motion <- settings <- plan, curve <- window <- filter <- resolution, sight; plan <- correlation;
-//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, extent, clutter, doubles, ended, azimuths <- resume <- share <- scan
-//! <- live <- control, health <- lag`; `kinematics, motion <- smooth` beside them.
+//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, extent, clutter, doubles, ended, azimuths, noise
+//! <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod association;
@@ -29,10 +29,11 @@ mod existence;
 mod extent;
 mod filter;
 mod follower;
+mod found;
 mod geometry;
-mod health;
 mod height;
 mod identity;
+mod kept;
 mod kinematics;
 mod lag;
 mod lean;
@@ -40,6 +41,7 @@ mod level;
 mod live;
 mod mht;
 mod motion;
+mod noise;
 mod plan;
 mod plans;
 mod plot;

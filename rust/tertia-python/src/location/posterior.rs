@@ -77,8 +77,10 @@ impl<'a> Batch<'a> {
             }
             Ok(())
         };
-        release(py, cost, || for_each_row(out.iter_mut().enumerate(), cost, n_threads, || (), work))
-            .map_err(|failure| self.values.error(failure))
+        release(py, cost, || {
+            for_each_row(out.iter_mut().enumerate(), cost, n_threads, || (), work)
+        })?
+        .map_err(|failure| self.values.error(failure))
     }
 }
 

@@ -120,7 +120,7 @@ impl<'a> Batch<'a> {
         };
         release(py, cost, || {
             for_each_row(found.iter_mut().enumerate(), cost, n_threads, || (), work)
-        })
+        })?
         .map_err(|failure| self.values.error(failure))?;
         Ok(found)
     }

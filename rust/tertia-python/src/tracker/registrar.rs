@@ -1,7 +1,7 @@
 //! The errors of radars, learned from tables of tracks.
 
 use super::{Columns, TrackColumns};
-use crate::arrays::{Array, Input, Integers, array};
+use crate::arrays::{Array, Input, Integers, array, release};
 use crate::registration::same_length;
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
@@ -49,8 +49,11 @@ impl Registrar {
         first: i64,
         table: &TrackColumns,
         track_of_plot: PyReadonlyArray1<'py, i64>,
+        noise: Input<'py>,
         time: f64,
     ) -> PyResult<(Integers<'py>, Array<'py>, Array<'py>)> {
+        let noise = noise.pairs("noise")?;
+        same_length(self.0.errors().len(), &[noise.len()])?;
         let plots = plots.read(&plots.time, self.0.errors().len())?;
         let updates = updates(py, table, &plots, first)?;
         // plots that no confirmed track has
@@ -66,7 +69,9 @@ impl Registrar {
         }
         let loose = loose.iter().enumerate().filter(|(_, loose)| **loose);
         let loose: Vec<Report> = loose.map(|(i, _)| report(&plots.get(i))).collect();
-        let Learnt { rows, tracks } = py.detach(|| self.0.learn(&updates, &loose, time));
+        let Learnt { rows, tracks } = release(py, 1e3 * updates.len() as f64, || {
+            self.0.learn(&updates, &loose, &noise, time)
+        })?;
         table.upper(py, "covariance", |values| {
             for (upper, (_, added)) in values.chunks_exact_mut(10).zip(&rows) {
                 for (place, &at) in UPPER.iter().enumerate().filter(|(n, _)| n / 4 <= n % 4) {

@@ -41,8 +41,9 @@ pub fn smooth_tracks<'py>(
     let plots: Vec<TrackPlot> = values.iter().zip(used).map(|(v, &used)| plot(v, used)).collect();
     let tracks: Vec<&[TrackPlot]> = first.windows(2).map(|w| &plots[w[0]..w[1]]).collect();
     let times = Times { given: time.numbers("time")?, every };
-    let rows =
-        release(py, plots.len() as f64 * PLOT_NS, || smooth(&movement, &tracks, &times, n_threads));
+    let rows = release(py, plots.len() as f64 * PLOT_NS, || {
+        smooth(&movement, &tracks, &times, n_threads)
+    })?;
     let count: usize = rows.iter().map(Vec::len).sum();
     let mut numbers = Vec::with_capacity(count * NUMBERS);
     let mut codes = Vec::with_capacity(count * 4);

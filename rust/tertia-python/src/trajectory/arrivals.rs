@@ -1,6 +1,6 @@
 //! Bindings of `tertia::trajectory::arrivals`.
 
-use crate::arrays::{Array, Input, array};
+use crate::arrays::{Array, Input, array, release};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::trajectory::arrivals::{
@@ -72,10 +72,10 @@ pub fn group_arrivals(
     if time.len() != sensor.len() || time.len() != identity.len() {
         return Err(PyValueError::new_err("the shapes do not fit together"));
     }
-    Ok(py.detach(|| {
+    release(py, f64::INFINITY, || {
         let alignment = align(&time, &sensor, &identity, k);
         group(&alignment, &time, &sensor, &identity, 0.0)
-    }))
+    })
 }
 
 /// Positions, clocks and the rest, from arrivals.
@@ -112,10 +112,10 @@ fn solved<'py, const D: usize>(
         identity: &recorded.identity,
         emission: recorded.emission.as_deref(),
     };
-    let found = py.detach(|| {
+    let found = release(py, f64::INFINITY, || {
         let row = arrange(&mut scene, &heard)?;
         Ok((row, solve(&scene)?))
-    });
+    })?;
     match found {
         Ok((row, solution)) => Solved::new::<D>(py, &scene, row, solution),
         Err(why) => {

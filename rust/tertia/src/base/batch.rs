@@ -4,11 +4,14 @@
 //! (about 50 µs each) pays where the work takes a millisecond or more.
 
 use crate::base::error::{Error, Result};
+use crate::base::interrupt::{Flag, flag, poll};
 use std::num::NonZero;
 use std::sync::Mutex;
 
 /// Work below this is done by the calling thread.
 const MIN_NANOSECONDS_TO_SHARE: f64 = 1e6;
+/// Work above this stops where its call is told to; less is done soon.
+const MIN_NANOSECONDS_TO_STOP: f64 = 1e8;
 /// More threads than cores of any machine today.
 const MAX_THREADS: usize = 256;
 /// Shares of the work per thread, so that a thread on a busy core does not delay the others.
@@ -34,7 +37,8 @@ fn threads(n_threads: Option<NonZero<usize>>, rows: usize, nanoseconds: f64) -> 
 }
 
 /// Calls `work` on every row, with one `state` per thread; returns the error of the lowest row
-/// that failed. `nanoseconds` is an estimate of the whole work on one thread.
+/// that failed. `nanoseconds` is an estimate of the whole work on one thread: where it is much, the call
+/// stops when it is told to.
 ///
 /// # Errors
 /// That of the first failing row, the same for any number of threads.
@@ -46,10 +50,18 @@ pub fn for_each_row<R: Send, S>(
     work: impl Fn(&mut S, R) -> Result<()> + Sync,
 ) -> std::result::Result<(), RowError> {
     let n_threads = threads(n_threads, rows.len(), nanoseconds);
+    let flag = flag().filter(|_| nanoseconds > MIN_NANOSECONDS_TO_STOP);
+    let stops = || flag.as_ref().is_some_and(Flag::is_set);
     if n_threads == 1 {
         let mut state = state();
         for (row, item) in rows.enumerate() {
+            if stops() {
+                break;
+            }
             work(&mut state, item).map_err(|error| RowError { row, error })?;
+        }
+        if stops() {
+            poll();
         }
         return Ok(());
     }
@@ -64,6 +76,9 @@ pub fn for_each_row<R: Send, S>(
                 return;
             }
             for (row, item) in items {
+                if stops() {
+                    return;
+                }
                 if let Err(error) = work(&mut state, item) {
                     let mut failure = lock(&failure);
                     if failure.as_ref().is_none_or(|first| row < first.row) {
@@ -84,6 +99,9 @@ pub fn for_each_row<R: Send, S>(
         }
         run();
     });
+    if stops() {
+        poll();
+    }
     match failure.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
         None => Ok(()),
         Some(first) => Err(first),

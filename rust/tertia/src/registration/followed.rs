@@ -55,6 +55,18 @@ impl Blocks {
     }
 }
 
+/// Noise with and without what is not known of the errors, where a tracker has used this: more is noise
+/// that it has found.
+pub(super) fn use_noise(applied: &mut [[[f64; 2]; 2]], used: &[[f64; 2]]) {
+    for ([wide, own], used) in applied.iter_mut().zip(used) {
+        for axis in 0..2 {
+            if used[axis] > wide[axis] {
+                (wide[axis], own[axis]) = (used[axis], used[axis]);
+            }
+        }
+    }
+}
+
 impl Followed {
     /// A track that begins with a row.
     pub fn new(time: f64) -> Self {

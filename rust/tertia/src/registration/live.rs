@@ -6,7 +6,7 @@
 
 use super::block::{Known, Unknowns};
 use super::exchange::{Learnt, Update};
-use super::followed::{Blocks, Followed};
+use super::followed::{self, Blocks, Followed};
 use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
 use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
 use super::vote::{suspects, vote};
@@ -191,9 +191,17 @@ impl Registrar {
         numbered(&self.sigma)
     }
 
-    /// Learns from the rows of tracks and from plots that no confirmed track has, until a time.
-    pub fn learn(&mut self, updates: &[Update], loose: &[Report], time: f64) -> Learnt {
-        let (applied, moved) = self.begin(updates, time);
+    /// Learns from the rows of tracks and from plots that no confirmed track has, until a time. `used` are the
+    /// standard deviations of range and azimuth of each radar that the tracks were made with.
+    pub fn learn(
+        &mut self,
+        updates: &[Update],
+        loose: &[Report],
+        used: &[[f64; 2]],
+        time: f64,
+    ) -> Learnt {
+        let (mut applied, moved) = self.begin(updates, time);
+        followed::use_noise(&mut applied, used);
         let (unknowns, errors) = (self.unknowns(), self.blocks());
         let rows = updates
             .iter()

@@ -3,6 +3,7 @@
 use super::block::{Block, Known, Unknowns};
 use super::sighting::{Errors, Report, Sighting};
 use crate::base::distribution::chi_square_upper;
+use crate::base::interrupt::poll;
 use crate::sensors::Radar;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -83,6 +84,7 @@ pub fn register(
         sums = Sums::new(order, radars.len());
         let mut known = Known::new(&covariance);
         for block in &blocks {
+            poll();
             sums.add(block, radars, &unknowns, &errors, &factor, &mut known);
         }
         let Some(cholesky) = sums.information.clone().cholesky() else { break };

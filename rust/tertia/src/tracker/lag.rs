@@ -5,12 +5,13 @@
 //! four instants of the lag; a late plot goes back to the last one before it.
 
 use super::control::{Command, Refusal};
-use super::health::{Health, Watched};
-use super::live::{Kept, Part, Tracker, WAITING};
+use super::kept::Kept;
+use super::live::{Part, Tracker, WAITING};
 use super::plot::{Plot, PlotStatus, Plots, keep_followed};
 use super::row::{Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
+use crate::base::interrupt::poll;
 use crate::base::state::{restored, saved};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
@@ -49,7 +50,6 @@ pub struct LagTracker {
     open: i64,
     /// Tracks with smaller numbers have them for good.
     numbered: u64,
-    health: Vec<Health>,
     /// The newest time, and that until which all is final.
     now: f64,
     closed: f64,
@@ -114,7 +114,6 @@ impl LagTracker {
         let (plots, may) = (tracker.plots() as f64, lag == 0.0 || tracker.time() == before);
         require("tracker", plots, may, "one that has had no plots, where there is a lag")?;
         let kept = VecDeque::from([(BEFORE_ALL, tracker.keep())]);
-        let health = vec![Health::default(); tracker.radars()];
         Ok(Self {
             tracker,
             lag,
@@ -125,7 +124,6 @@ impl LagTracker {
             shown: Vec::new(),
             open: BEFORE_ALL,
             numbered: 1,
-            health,
             now: before,
             closed: before,
             stray: before,
@@ -140,12 +138,6 @@ impl LagTracker {
     /// The same, to be changed; what is changed holds for plots that come later.
     pub fn tracker_mut(&mut self) -> &mut Tracker {
         &mut self.tracker
-    }
-
-    /// Noise of each radar over what it states, by its last thousand plots of confirmed tracks; nan
-    /// before there are enough.
-    pub fn noise_factors(&self) -> impl Iterator<Item = f64> {
-        self.health.iter().map(Health::noise_factor)
     }
 
     /// All that the tracker knows, to the last bit.
@@ -224,7 +216,6 @@ impl LagTracker {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<(), Error> {
         if self.lag == 0.0 {
-            let rows = &mut Watched { rows, health: &mut self.health };
             return self.tracker.track(plots, end, statuses, rows, n_threads);
         }
         self.tracker.check(plots, end)?;
@@ -233,6 +224,14 @@ impl LagTracker {
         self.run((&mut claims, first), self.step_of(self.now - self.lag), rows, n_threads);
         self.tell(&claims, statuses);
         Ok(())
+    }
+
+    /// The same with the noise that a later one has found; none where that is as stated.
+    #[must_use]
+    pub fn knowing(mut self, later: &Self) -> Option<Self> {
+        let differs = self.tracker.learn_noise(&later.tracker);
+        self.kept = VecDeque::from([(BEFORE_ALL, self.tracker.keep())]);
+        differs.then_some(self)
     }
 
     /// Processes a whole recording: all rows are final.
@@ -247,7 +246,6 @@ impl LagTracker {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<(), Error> {
         if self.lag == 0.0 {
-            let rows = &mut Watched { rows, health: &mut self.health };
             return self.tracker.track(plots, None, statuses, rows, n_threads);
         }
         self.tracker.check(plots, None)?;
@@ -357,6 +355,8 @@ impl LagTracker {
         let tentative = rows.wants(false);
         let mut sink = Sink { rows: Vec::new(), claims, first, tentative };
         while let Some(step) = self.next_step(next).filter(|step| *step < head) {
+            // the journal and the last copy tell all that a later call needs
+            poll();
             let until = (step + 1) as f64 * self.step();
             let hold = until - WAITING * self.tracker.period();
             self.process(&mut scan, step, [until, hold], &mut sink, n_threads);
@@ -442,8 +442,6 @@ impl LagTracker {
 
     /// Gives out the rows of steps that became final. Returns whether tracks have got their numbers.
     fn settle<R: Rows>(&mut self, final_steps: i64, rows: &mut R) -> bool {
-        let mut health = std::mem::take(&mut self.health);
-        let mut rows = Watched { rows, health: &mut health };
         let before = self.numbered;
         let count = self.steps.partition_point(|step| step.number < final_steps);
         for mut step in self.steps.drain(..count) {
@@ -451,7 +449,6 @@ impl LagTracker {
             step.rows.sort_by(Row::by_time);
             step.rows.iter().for_each(|row| rows.push(row));
         }
-        self.health = health;
         self.open = self.open.max(final_steps);
         self.numbered > before
     }

@@ -6,7 +6,7 @@ use super::clutter::Clutter;
 use super::doubles::Doubles;
 use super::ended::Ended;
 use super::level::Level;
-use super::plans::Plans;
+use super::noise::{Noise, assume, use_found};
 use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
 use super::row::{Row, Rows};
 use super::scan::{Scan, Sky};
@@ -14,6 +14,7 @@ use super::settings::Settings;
 use super::share::{SHARES_PER_THREAD, run};
 use super::track::Track;
 use crate::base::error::{Error, Result, require};
+use crate::base::interrupt::poll;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
@@ -43,38 +44,22 @@ pub struct Tracker {
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Clusters,
     /// Tracks that have ended and may be resumed.
-    ended: Ended,
-    clutter: Vec<Clutter>,
+    pub(super) ended: Ended,
+    pub(super) clutter: Vec<Clutter>,
     /// Heights of all plots so far.
-    level: Level,
-    doubles: Vec<Doubles>,
+    pub(super) level: Level,
+    pub(super) doubles: Vec<Doubles>,
+    pub(super) noise: Vec<Noise>,
     /// Time until which everything is processed.
-    time: f64,
-    next_number: u64,
+    pub(super) time: f64,
+    pub(super) next_number: u64,
     /// Plots given so far.
-    plots: usize,
+    pub(super) plots: usize,
     /// Time of a plot long after the others, perhaps from a wrong clock.
-    stray: f64,
+    pub(super) stray: f64,
     /// Plots that wait for others that compete with them.
-    waiting: Vec<Measured>,
-    azimuths: Azimuths,
-}
-
-/// What plots have made of a tracker.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Kept {
-    tracks: Vec<Track>,
-    clusters: Clusters,
-    ended: Ended,
-    plans: Plans,
-    clutter: Vec<Clutter>,
-    level: Level,
-    doubles: Vec<Doubles>,
-    time: f64,
-    next_number: u64,
-    stray: f64,
-    waiting: Vec<Measured>,
-    azimuths: Azimuths,
+    pub(super) waiting: Vec<Measured>,
+    pub(super) azimuths: Azimuths,
 }
 
 impl Tracker {
@@ -89,6 +74,7 @@ impl Tracker {
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
         let doubles = vec![Doubles::default(); settings.radars.len()];
+        let noise = settings.radars.iter().map(Noise::new).collect();
         let (clusters, azimuths) = (Clusters::default(), Azimuths::new(&settings));
         Ok(Self {
             settings,
@@ -96,6 +82,7 @@ impl Tracker {
             clusters,
             ended: Ended::default(),
             doubles,
+            noise,
             clutter,
             level,
             time,
@@ -105,35 +92,6 @@ impl Tracker {
             waiting,
             azimuths,
         })
-    }
-
-    /// A copy of what plots have made of it.
-    pub(super) fn keep(&self) -> Kept {
-        Kept {
-            tracks: self.tracks.clone(),
-            clusters: self.clusters.clone(),
-            ended: self.ended.clone(),
-            plans: self.settings.plans.clone(),
-            clutter: self.clutter.clone(),
-            level: self.level,
-            doubles: self.doubles.clone(),
-            time: self.time,
-            next_number: self.next_number,
-            stray: self.stray,
-            waiting: self.waiting.clone(),
-            azimuths: self.azimuths.clone(),
-        }
-    }
-
-    /// Goes back to such a copy.
-    pub(super) fn restore(&mut self, kept: Kept) {
-        let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
-        let Kept { time, next_number, stray, azimuths, .. } = kept;
-        (self.tracks, self.ended, self.waiting) = (tracks, ended, waiting);
-        (self.clutter, self.level, self.doubles) = (clutter, level, doubles);
-        (self.clusters, self.settings.plans) = (clusters, plans);
-        (self.time, self.next_number, self.stray) = (time, next_number, stray);
-        self.azimuths = azimuths;
     }
 
     /// Whether there are neither tracks nor plots that wait.
@@ -225,6 +183,7 @@ impl Tracker {
         for (sensor, clutter) in self.clutter.iter_mut().enumerate() {
             *clutter = Clutter::of(&self.settings, sensor);
         }
+        self.noise.iter_mut().for_each(Noise::restart);
         self.waiting.clear();
         self.azimuths.clear();
         self.level = Level::default();
@@ -265,6 +224,7 @@ impl Tracker {
         let mut rest = &order[..];
         let mut until = f64::NEG_INFINITY;
         while let Some(next) = rest.first().map(|p| p.0).or(self.waiting.first().map(|p| p.time)) {
+            poll();
             // with the plots that wait no more than a scan: no target is in it twice
             until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
             let (now, later) = rest.split_at(rest.partition_point(|(time, _)| *time < until));
@@ -293,6 +253,7 @@ impl Tracker {
         let threads = threads(n_threads, self.waiting.len() + now.len());
         self.finish(next.min(end), rows, threads);
         self.bury();
+        let assumed = use_found(&mut self.settings.radars, &mut self.noise);
         let stretches: Vec<f64> = self.settings.radars.iter().map(Radar::stretch).collect();
         let convert = |&(_, i): &(f64, usize)| {
             let plot = plots.get(i);
@@ -316,6 +277,7 @@ impl Tracker {
             ended: &mut self.ended,
             clutter: &mut self.clutter,
             doubles: &mut self.doubles,
+            noise: &mut self.noise,
             next_number: &mut self.next_number,
             rows,
             threads,
@@ -327,6 +289,7 @@ impl Tracker {
             self.azimuths.process(hold, tracks, rows, report);
         }
         self.finish(hold.min(end), rows, threads);
+        assume(&mut self.settings.radars, &assumed);
     }
 
     /// The first plot that waits.

@@ -9,6 +9,7 @@ use super::cluster::{Cells, Clusters};
 use super::clutter::Clutter;
 use super::doubles::{self, Doubles, Near};
 use super::ended::Ended;
+use super::noise::Noise;
 use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
 use super::row::{Row, Rows};
@@ -65,6 +66,7 @@ pub(super) struct Sky<'a, R> {
     pub ended: &'a mut Ended,
     pub clutter: &'a mut [Clutter],
     pub doubles: &'a mut [Doubles],
+    pub noise: &'a mut [Noise],
     pub next_number: &'a mut u64,
     pub rows: &'a mut R,
     pub threads: usize,
@@ -324,6 +326,10 @@ impl Scan {
             }
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
+            }
+            if row.is_some_and(|row| row.confirmed) {
+                let plot = &plots[given.plot as usize];
+                sky.noise[plot.radar].saw(track, plot, settings);
             }
             match row {
                 Some(row) if track != given.track => {

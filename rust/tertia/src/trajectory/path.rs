@@ -1,6 +1,7 @@
 //! Positions along time, smoothed: the quick smoother where it is exact, the other one elsewhere.
 
 use super::failure::Failure;
+use crate::base::interrupt::poll;
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
     JerkFit, Noise, Smoothed, Summary, Track, Workspace, likelihood, relative_error, search, smooth,
@@ -82,6 +83,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
 
     /// States, with covariances of the first components.
     pub fn smooth(&mut self, track: &Track<'_>, fit: JerkFit, components: usize) -> Path {
+        poll();
         let n = track.len();
         let mut mean = vec![f64::NAN; n * N];
         let mut covariance = vec![0.0; n * components * components];

@@ -1,0 +1,65 @@
+//! Copies of what plots have made of a tracker.
+
+use super::azimuths::Azimuths;
+use super::cluster::Clusters;
+use super::clutter::Clutter;
+use super::doubles::Doubles;
+use super::ended::Ended;
+use super::level::Level;
+use super::live::Tracker;
+use super::noise::Noise;
+use super::plans::Plans;
+use super::plot::Measured;
+use super::track::Track;
+use serde::{Deserialize, Serialize};
+
+/// What plots have made of a tracker.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Kept {
+    tracks: Vec<Track>,
+    clusters: Clusters,
+    ended: Ended,
+    plans: Plans,
+    clutter: Vec<Clutter>,
+    level: Level,
+    doubles: Vec<Doubles>,
+    noise: Vec<Noise>,
+    time: f64,
+    next_number: u64,
+    stray: f64,
+    waiting: Vec<Measured>,
+    azimuths: Azimuths,
+}
+
+impl Tracker {
+    /// A copy of what plots have made of it.
+    pub(super) fn keep(&self) -> Kept {
+        Kept {
+            tracks: self.tracks.clone(),
+            clusters: self.clusters.clone(),
+            ended: self.ended.clone(),
+            plans: self.settings.plans.clone(),
+            clutter: self.clutter.clone(),
+            level: self.level,
+            doubles: self.doubles.clone(),
+            noise: self.noise.clone(),
+            time: self.time,
+            next_number: self.next_number,
+            stray: self.stray,
+            waiting: self.waiting.clone(),
+            azimuths: self.azimuths.clone(),
+        }
+    }
+
+    /// Goes back to such a copy.
+    pub(super) fn restore(&mut self, kept: Kept) {
+        let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
+        let Kept { time, next_number, stray, noise, azimuths, .. } = kept;
+        (self.tracks, self.ended, self.waiting) = (tracks, ended, waiting);
+        (self.clutter, self.level, self.doubles) = (clutter, level, doubles);
+        self.noise = noise;
+        (self.clusters, self.settings.plans) = (clusters, plans);
+        (self.time, self.next_number, self.stray) = (time, next_number, stray);
+        self.azimuths = azimuths;
+    }
+}

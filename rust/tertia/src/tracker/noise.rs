@@ -1,0 +1,353 @@
+//! Whether the noise of a sensor is what it states, by the plots of its confirmed tracks alone.
+//!
+//! Third differences of four plots, scan by scan, are free of positions, velocities and constant
+//! accelerations; the median of their squares tells the noise, whatever outliers there are. Products of
+//! second differences, one and two scans apart, tell whether errors last: their contrast is free of
+//! accelerations too. Nothing depends on the filters, which the noise that is found changes.
+
+use super::plot::{Measured, Source};
+use super::settings::Settings;
+use crate::sensors::Radar;
+use serde::{Deserialize, Serialize};
+
+/// Differences over which noise is found, and before which nothing is told or used.
+const WINDOW: f64 = 4000.0;
+const ENOUGH: f64 = 100.0;
+/// Tracks of a sensor that are looked at.
+const TRACKS: u64 = 64;
+/// Median of a normal error squared, and the best step of its logarithm to either side.
+const MEDIAN: f64 = 0.454_936_423_119_572_7;
+const STEP: f64 = 2.33;
+/// Variances of third and second differences of independent errors.
+const THIRD: f64 = 20.0;
+const SECOND: f64 = 6.0;
+/// Second differences beyond so many sigmas count as that.
+const CLIP: f64 = 3.0;
+/// Standard deviations, times the root of the number of differences, of the logarithm of the variance and
+/// of the contrast where errors are independent and where they last (simulated: differences share plots).
+const SPREAD: f64 = 2.7;
+const CONTRAST: f64 = 3.5;
+const CONTRAST_LASTING: f64 = 2.6;
+/// Sigmas by which noise is larger than stated, and by which errors last, before that is used.
+const SURE: f64 = 2.0;
+const SURE_LASTING: f64 = 3.0;
+/// Share of an innovation by which a track usually moves: what noise that lasts does to it depends on that.
+const GAIN: f64 = 0.3;
+/// Noise over what is stated for which a recording is tracked again.
+const DIFFERENT: f64 = 1.1;
+/// Largest correlation from scan to scan.
+const MOST: f64 = 0.9;
+/// Two scans differ by less than this share.
+const EVEN: f64 = 0.1;
+
+/// The size of the errors in one coordinate: along or across the beam, or north or east.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Size {
+    count: f64,
+    /// Logarithm of the variance, relative to what is stated, as if errors were independent.
+    level: f64,
+}
+
+impl Size {
+    /// Sees a third difference, relative to what is stated.
+    fn saw(&mut self, third: f64) {
+        self.count = (self.count + 1.0).min(WINDOW);
+        // the first ones may be far off
+        let step = STEP / self.count.max(10.0);
+        let median = THIRD * MEDIAN * self.level.exp();
+        self.level += if third * third > median { step } else { -step };
+    }
+}
+
+/// How long errors last, from both coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Lasting {
+    count: f64,
+    /// Mean products of second differences none, one and two scans apart.
+    products: [f64; 3],
+}
+
+impl Lasting {
+    /// Sees second differences, the last first, relative to the size of the errors.
+    fn saw(&mut self, seconds: [f64; 3]) {
+        self.count = (self.count + 1.0).min(2.0 * WINDOW);
+        let last = seconds.map(|d| (d / SECOND.sqrt()).clamp(-CLIP, CLIP));
+        for (mean, other) in self.products.iter_mut().zip(last) {
+            *mean += (last[0] * other - *mean) / self.count;
+        }
+    }
+
+    /// Least and largest correlation from scan to scan; none where there may be none.
+    fn correlation(&self) -> Option<[f64; 2]> {
+        let root = self.count.sqrt();
+        let [zero, one, two] = self.products;
+        let contrast = (one - two) / (zero - two);
+        let is_sure = self.count > 2.0 * ENOUGH && contrast > SURE_LASTING * CONTRAST / root - 1.0;
+        let within = SURE * CONTRAST_LASTING / root;
+        is_sure.then(|| [-within, within].map(|off| correlation(contrast_of, contrast + off)))
+    }
+}
+
+/// Variance of noise that is independent from scan to scan and has the same effect on a track as the noise
+/// of this size, over the stated one: 1 unless it is surely more.
+fn factor(size: &Size, lasting: &Lasting) -> f64 {
+    let variance = size.level.exp();
+    match lasting.correlation() {
+        _ if size.count < ENOUGH => 1.0,
+        Some([least, most]) => {
+            // what is stated is believed as far as correlations allow
+            let own = correlation(|r| -third_of(r), -variance).clamp(least, most);
+            let kept = own * (1.0 - GAIN);
+            (variance / third_of(own) * (1.0 + kept) / (1.0 - kept)).max(1.0)
+        }
+        None => (variance * (-SURE * SPREAD / size.count.sqrt()).exp()).max(1.0),
+    }
+}
+
+/// Variance of third differences of errors with this correlation from scan to scan, over that of
+/// independent ones.
+fn third_of(r: f64) -> f64 {
+    (1.0 - r) * (10.0 - r * (5.0 - r)) / 10.0
+}
+
+/// Products of second differences one scan apart over those of none, each less those two apart.
+fn contrast_of(r: f64) -> f64 {
+    -(5.0 - r * (6.0 - r * (4.0 - r))) / (5.0 + r * (1.0 - r * (3.0 - r)))
+}
+
+/// The correlation for which an increasing function has this value.
+fn correlation(function: impl Fn(f64) -> f64, value: f64) -> f64 {
+    let (mut low, mut high) = (0.0, MOST);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if function(middle) < value { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// Plots of a track by one sensor, in scans one after the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Chain {
+    track: u64,
+    count: usize,
+    /// The last first.
+    times: [f64; 2],
+    positions: [[f64; 2]; 4],
+}
+
+/// The noise of one sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Noise {
+    /// Standard deviations of range and azimuth as stated.
+    stated: [f64; 2],
+    /// The same as they were used last.
+    pub used: [f64; 2],
+    sizes: [Size; 2],
+    lasting: Lasting,
+    chains: Vec<Chain>,
+}
+
+impl Noise {
+    pub fn new(radar: &Radar) -> Self {
+        let stated = [radar.range_sigma, radar.azimuth_sigma];
+        Self {
+            stated,
+            used: stated,
+            sizes: <[_; 2]>::default(),
+            lasting: Lasting::default(),
+            chains: Vec::new(),
+        }
+    }
+
+    /// Begins anew with what is known of the noise: plots that come belong to new tracks.
+    pub fn restart(&mut self) {
+        self.chains.clear();
+    }
+
+    /// Looks at a plot of a confirmed track.
+    pub fn saw(&mut self, track: u64, plot: &Measured, settings: &Settings) {
+        let place = (track % TRACKS) as usize;
+        let period = settings.radars[plot.radar].scan_period;
+        if self.chains.is_empty() {
+            self.chains = vec![Chain::default(); TRACKS as usize];
+        }
+        let chain = &mut self.chains[place];
+        let age = plot.time - chain.times[0];
+        if chain.track != track && chain.count > 0 && age >= 0.0 && age < 3.0 * period {
+            return;
+        }
+        let before = chain.times[0] - chain.times[1];
+        let even = age > 0.0 && (chain.count < 2 || (age - before).abs() < EVEN * before);
+        if chain.track != track || !even || age > 1.5 * period {
+            chain.count = 0;
+        }
+        let [a, b, c, d] = chain.positions;
+        let z = plot.position;
+        if chain.count >= 3 {
+            let (direction, sigmas) = axes(self.stated, plot, settings);
+            let second = |x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
+                let [east, north] = [0, 1].map(|i| x[i] - 2.0 * y[i] + z[i]);
+                let along = east * direction[0] + north * direction[1];
+                let across = east * direction[1] - north * direction[0];
+                [along / sigmas[0], across / sigmas[1]]
+            };
+            let seconds = [second(z, a, b), second(a, b, c), second(b, c, d)];
+            for (i, size) in self.sizes.iter_mut().enumerate() {
+                let own = seconds.map(|second| second[i]);
+                if own.iter().all(|d| d.is_finite()) {
+                    size.saw(own[0] - own[1]);
+                    if chain.count >= 4 {
+                        let root = (-0.5 * size.level).exp();
+                        self.lasting.saw(own.map(|second| second * root));
+                    }
+                }
+            }
+        }
+        *chain = Chain {
+            track,
+            count: chain.count + 1,
+            times: [plot.time, chain.times[0]],
+            positions: [z, a, b, c],
+        };
+    }
+
+    /// Whether tracks differ for it.
+    pub fn differs(&self) -> bool {
+        self.used.iter().zip(self.stated).any(|(used, stated)| *used > DIFFERENT * stated)
+    }
+
+    /// Noise over what is stated, of both coordinates together; nan before there are enough plots.
+    pub fn told(&self) -> f64 {
+        let [along, across] = self.sizes.map(|size| {
+            let (factor, own) = (factor(&size, &self.lasting), size.level.exp());
+            if factor > 1.0 { factor.max(own) } else { own }
+        });
+        let is_known = self.sizes[0].count >= ENOUGH;
+        if is_known { (along * across).powf(0.25) } else { f64::NAN }
+    }
+
+    /// Standard deviations of range and azimuth for tracking, where these are assumed.
+    pub fn use_with(&mut self, assumed: [f64; 2]) -> [f64; 2] {
+        self.used = [0, 1].map(|i| {
+            let factor = factor(&self.sizes[i], &self.lasting);
+            if factor > 1.0 { assumed[i].max(factor.sqrt() * self.stated[i]) } else { assumed[i] }
+        });
+        self.used
+    }
+}
+
+/// Gives radars the noise that was found; returns what was assumed before.
+pub(super) fn use_found(radars: &mut [Radar], noise: &mut [Noise]) -> Vec<[f64; 2]> {
+    let assumed: Vec<_> = radars.iter().map(|r| [r.range_sigma, r.azimuth_sigma]).collect();
+    let found: Vec<_> = noise.iter_mut().zip(&assumed).map(|(n, own)| n.use_with(*own)).collect();
+    assume(radars, &found);
+    assumed
+}
+
+/// Gives radars this noise.
+pub(super) fn assume(radars: &mut [Radar], sigmas: &[[f64; 2]]) {
+    for (radar, sigmas) in radars.iter_mut().zip(sigmas) {
+        [radar.range_sigma, radar.azimuth_sigma] = *sigmas;
+    }
+}
+
+/// A direction, and the standard deviations along and across it that are stated.
+fn axes(stated: [f64; 2], plot: &Measured, settings: &Settings) -> ([f64; 2], [f64; 2]) {
+    if let (true, Source::Placed(noise)) =
+        (settings.geometry(plot.radar).is_position(), plot.source)
+    {
+        return ([0.0, 1.0], [noise.yy.sqrt(), noise.xx.sqrt()]);
+    }
+    let origin = settings.radars[plot.radar].position;
+    let away = [0, 1].map(|i| plot.position[i] - origin[i]);
+    let distance = away[0].hypot(away[1]);
+    (away.map(|x| x / distance), [stated[0], stated[1] * distance])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+    use crate::base::random::Random;
+    use crate::tracker::{ImmModel, Motion};
+    use std::f64::consts::TAU;
+
+    /// The noise found of a radar that states 50 m and .001, by sixteen straight tracks.
+    fn found(noise: f64, correlation: f64, outliers: usize) -> Noise {
+        let radar = radar_of([50.0, 1e-3]);
+        let settings = Settings::new(vec![radar], Motion::Imm(ImmModel::default()));
+        let (mut found, mut random) = (Noise::new(&radar), Random::new(5));
+        let mut normal = || {
+            let (size, angle) = (1.0 - random.uniform(), TAU * random.uniform());
+            (-2.0 * size.ln()).sqrt() * angle.cos()
+        };
+        let fresh = (1.0 - correlation * correlation).sqrt();
+        for track in 1..17 {
+            let mut error = [normal(), normal()];
+            for scan in 0..300 {
+                error = error.map(|e| correlation * e + fresh * normal());
+                let far = if outliers > 0 && scan % outliers == 0 { 20.0 } else { 1.0 };
+                let time = 4.0 * f64::from(scan as u32);
+                // northwards: range north, azimuth east
+                let north = 60e3 + 3e3 * f64::from(track as u32) + 50.0 * time;
+                let off = error.map(|e| far * noise * e);
+                let position = [off[1] * 1e-3 * north, north + 50.0 * off[0]];
+                found.saw(track, &Measured { time, position, ..Measured::default() }, &settings);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn noise_is_found_whatever_outliers_there_are_and_used_where_it_is_more() {
+        let stated = [50.0, 1e-3];
+        assert_within(0.06, found(1.0, 0.0, 0).told(), 1.0);
+        assert_within(0.06, found(0.5, 0.0, 0).told(), 0.5);
+        assert_eq!(found(0.5, 0.0, 0).use_with(stated), stated);
+        let mut twice = found(2.0, 0.0, 0);
+        assert_within(0.1, twice.told(), 2.0);
+        let [range, azimuth] = twice.use_with(stated);
+        assert!((1.75..2.1).contains(&(range / 50.0)) && (1.75..2.1).contains(&(azimuth / 1e-3)));
+        assert!(twice.differs() && !found(1.0, 0.0, 0).differs());
+        // others may know that it is more
+        assert_eq!(twice.use_with([500.0, 1e-2]), [500.0, 1e-2]);
+        assert_within(0.5, found(1.0, 0.0, 12).told(), 1.2);
+        assert!(Noise::new(&radar_of(stated)).told().is_nan());
+    }
+
+    fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
+        Radar {
+            position: [0.0; 3],
+            range_sigma,
+            azimuth_sigma,
+            scan_period: 4.0,
+            max_range: f64::INFINITY,
+            detection_probability: 0.9,
+            resolution: None,
+        }
+    }
+
+    #[test]
+    fn errors_that_last_count_as_more_noise() {
+        // white noise of the same effect: the root of (1 + .49) / (1 - .49)
+        let mut lasting = found(1.0, 0.7, 0);
+        let [range, azimuth] = lasting.use_with([50.0, 1e-3]);
+        for factor in [range / 50.0, azimuth / 1e-3] {
+            assert!((1.4..2.2).contains(&factor), "{factor}");
+        }
+    }
+
+    #[test]
+    fn correlations_are_those_of_their_differences() {
+        for r in [0.1, 0.3, 0.7] {
+            // covariances of first-order errors, by differences
+            let c = |k: i32| {
+                let r = |lag: i32| f64::powi(r, lag.abs());
+                6.0 * r(k) - 4.0 * (r(k - 1) + r(k + 1)) + r(k - 2) + r(k + 2)
+            };
+            assert_within(1e-12, third_of(r), 2.0 * (c(0) - c(1)) / THIRD);
+            assert_within(1e-12, contrast_of(r), (c(1) - c(2)) / (c(0) - c(2)));
+            assert_within(1e-6, correlation(contrast_of, contrast_of(r)), r);
+        }
+    }
+}

@@ -1,0 +1,81 @@
+"""Ctrl-C stops long calls, within a second."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+# each says that it is ready, and then works for many seconds
+PRELUDE = """
+import numpy as np, sys
+def ready():
+    print("ready", flush=True)
+rng = np.random.default_rng(1)
+"""
+CALLS = {
+    "track": """
+from tertia.tracker import Plots, Radar, track
+radar = Radar(range_sigma=50.0, azimuth_sigma=1e-3, scan_period=4.0)
+n = 3_000_000
+plots = Plots(np.sort(rng.uniform(0, 4000.0, n)), rng.uniform(1e4, 2e5, n), rng.uniform(0, 6.28, n))
+ready()
+track(plots, [radar])
+""",
+    "locate": """
+from tertia.location import locate
+stations = rng.uniform(-1e4, 1e4, (12, 2))
+true = rng.uniform(-1e4, 1e4, (400_000, 1, 2))
+distance = np.hypot(*np.moveaxis(true - stations, -1, 0))
+distance = np.abs(distance + 5.0 * rng.standard_normal(distance.shape))
+distance[rng.random(distance.shape) < 0.2] += 1000.0
+ready()
+locate(stations, range=distance, range_sigma=5.0, n_threads=1)
+""",
+    "smooth_tracks": """
+from tertia.tracker import Plots, Radar, track, smooth_tracks
+radar = Radar(range_sigma=50.0, azimuth_sigma=1e-3, scan_period=4.0)
+time = np.repeat(4.0 * np.arange(200), 300)
+place = rng.uniform(-1e5, 1e5, (300, 2)) + 100.0 * time.reshape(200, 300, 1)
+azimuth = np.arctan2(*np.moveaxis(place, -1, 0)) + 1e-3 * rng.standard_normal((200, 300))
+distance = np.hypot(*np.moveaxis(place, -1, 0)) + 50.0 * rng.standard_normal((200, 300))
+plots = Plots(time, distance.ravel(), azimuth.ravel())
+table = track(plots, [radar])
+ready()
+smooth_tracks(plots, [radar], table, every=0.02)
+""",
+    "reconstruct": """
+from tertia.trajectory import Station, reconstruct
+stations = rng.uniform(-1e4, 1e4, (4, 2))
+sensors = [Station(place, range_sigma=5.0) for place in stations]
+n = 400_000
+time = np.arange(n) * 1.0
+true = np.stack([3e3 * np.sin(time / 300), 4e3 * np.cos(time / 400)], axis=-1)
+distance = np.hypot(*np.moveaxis(true[:, None] - stations, -1, 0))
+distance = np.abs(distance + 5.0 * rng.standard_normal(distance.shape))
+ready()
+reconstruct(sensors, time, range=distance)
+""",
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signal reaches a process alone")
+@pytest.mark.parametrize("name", CALLS)
+def test_a_long_call_is_stopped(name):
+    with subprocess.Popen(
+        [sys.executable, "-c", PRELUDE + CALLS[name]],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout.readline() == "ready\n", process.stderr.read()
+        time.sleep(2.0)
+        assert process.poll() is None
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60.0)
+        stopped = time.monotonic() - begin
+    assert "KeyboardInterrupt" in err
+    # a second where nothing else runs; test machines are busy
+    assert stopped < 5.0

@@ -1,0 +1,101 @@
+"""The tracker uses the noise that it finds; outliers are taken within the guard gate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracker.flights import RADAR, polar
+
+from tertia.tracker import Plots, Tracker, track
+
+SCANS, TARGETS = 150, 12
+
+
+def scene(noise=1.0, correlation=0.0, seed=1):
+    """Return plots of aircraft that fly straight, and where they are."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for k in range(TARGETS):
+        time = 4.0 * np.arange(SCANS) + 4.0 * k / TARGETS
+        course = rng.uniform(0, 2 * np.pi)
+        start = np.array([15e3 + 12e3 * (k % 4), 20e3 + 15e3 * (k // 4)])
+        position = start + np.outer(time, 60.0 * np.array([np.sin(course), np.cos(course)]))
+        distance, azimuth = polar(position)
+        error = rng.standard_normal((2, SCANS))
+        for i in range(1, SCANS):
+            error[:, i] = correlation * error[:, i - 1] + np.sqrt(1 - correlation**2) * error[:, i]
+        distance = distance + noise * RADAR.range_sigma * error[0]
+        azimuth = azimuth + noise * RADAR.azimuth_sigma * error[1]
+        parts.append((time, distance, azimuth, np.full(SCANS, k), position))
+    time, distance, azimuth, target, position = (
+        np.concatenate(one) for one in zip(*parts, strict=True)
+    )
+    return Plots(time, distance, azimuth), target, position
+
+
+def normalised(table, position):
+    rows = table[table.confirmed & (table.plot >= 0)]
+    off = rows.position - position[rows.plot]
+    inverse = np.linalg.inv(rows.covariance[:, :2, :2])
+    return np.einsum("ni,nij,nj->n", off, inverse, off) / 2
+
+
+@pytest.mark.parametrize(
+    ("options", "before", "most"),
+    [({"noise": 2.0}, 3.5, 1.5), ({"correlation": 0.7}, 1.9, 1.3), ({}, 1.1, 1.1)],
+)
+def test_a_recording_is_tracked_with_the_noise_that_it_has(options, before, most):
+    # `before` is what was reached with the noise that is stated
+    plots, _, position = scene(**options)
+    table = track(plots, [RADAR])
+    assert np.mean(normalised(table, position)) < most < before + 0.2
+    assert len(np.unique(table.track[table.confirmed])) == TARGETS
+
+
+def test_live_tracks_use_the_noise_as_soon_as_it_is_known():
+    plots, _, position = scene(noise=2.0)
+    tracker = Tracker([RADAR])
+    late = []
+    for begin in range(0, 4 * SCANS, 4):
+        now = np.flatnonzero((plots.time >= begin) & (plots.time < begin + 4))
+        rows = tracker.update(plots[now], time=begin + 4.0)
+        if begin >= 2 * SCANS:
+            late.append((rows, now))
+    assert tracker.noise_factor == pytest.approx(2.0, abs=0.3)
+    # plots are numbered in the order in which they were given
+    given = np.concatenate(
+        [np.flatnonzero((plots.time >= t) & (plots.time < t + 4)) for t in range(0, 4 * SCANS, 4)]
+    )
+    values = [normalised(rows, position[given]) for rows, _ in late]
+    assert np.mean(np.concatenate(values)) < 1.5
+
+
+def test_noise_as_stated_or_less_changes_nothing():
+    for noise in (1.0, 0.5):
+        plots, _, _ = scene(noise=noise)
+        live = Tracker([RADAR])
+        rows = live.update(plots)
+        alike = track(plots, [RADAR])
+        same = alike[alike.confirmed]
+        np.testing.assert_array_equal(rows.position[-50:], same.position[-50:])
+        assert live.noise_factor == pytest.approx(noise, rel=0.15)
+
+
+def test_a_small_guard_acceleration_takes_few_outliers():
+    count = error = 0
+    for seed in (1, 2):
+        plots, _, position = scene(seed=seed)
+        rng = np.random.default_rng(seed + 10)
+        far = rng.random(len(plots)) < 0.2
+        push = 20.0 * far * rng.standard_normal((2, len(plots)))
+        seen = rng.random(len(plots)) < 0.9
+        plots = replace(
+            plots,
+            range=np.abs(plots.range + push[0] * RADAR.range_sigma),
+            azimuth=plots.azimuth + push[1] * RADAR.azimuth_sigma,
+        )
+        table = track(plots[seen], [RADAR], guard_acceleration=2.0)
+        count += len(np.unique(table.track[table.confirmed]))
+        error += np.mean(normalised(table, position[seen]))
+    assert count <= 2 * TARGETS + 4
+    assert error / 2 < 2.0
