@@ -56,7 +56,9 @@ impl Radar {
         let squared = (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE);
         let up = if up.is_finite() { up * up } else { 0.0 };
         let range = self.range_sigma * self.range_sigma;
-        let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / squared.max(up);
+        // nearer than this, no plot is used
+        let ground = squared.max(LEAST_GROUND_SHARE * LEAST_GROUND_SHARE * (squared + up));
+        let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / ground;
         let across = self.azimuth_sigma * self.azimuth_sigma * squared;
         let share = 1.0 / squared;
         let (ee, en, nn) = (d[0] * d[0] * share, d[0] * d[1] * share, d[1] * d[1] * share);
