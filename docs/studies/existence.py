@@ -143,23 +143,27 @@ def stated(own: Scene) -> list[tuple[float, float]]:
 
 
 def calibration() -> str:
-    """Compare how likely tracks are of targets with how often they are."""
+    """Compare how likely tracks are of targets with how often they are; long stays, then short."""
     columns = []
-    for i, clutter in enumerate((5.0, 200.0)):
-        scenes = [
-            scene(p, clutter, 2 * SCANS, 3, i, j, long=True) for j, p in enumerate((0.9, 0.7))
-        ]
-        parts = [stated(own) for own in scenes]
-        columns.append(np.concatenate([np.reshape(part, (-1, 2)) for part in parts]))
+    for long in (True, False):
+        for i, clutter in enumerate((5.0, 200.0)):
+            scenes = [
+                scene(p, clutter, 2 * SCANS, 3, i, j, long=long) for j, p in enumerate((0.9, 0.7))
+            ]
+            parts = [stated(own) for own in scenes]
+            columns.append(np.concatenate([np.reshape(part, (-1, 2)) for part in parts]))
     rows = []
     for low, high in pairwise(EDGES):
         cells = []
-        for pairs in columns:
+        for k, pairs in enumerate(columns):
             own = pairs[(pairs[:, 0] > low) & (pairs[:, 0] <= high)]
             mean, share = np.mean(own, axis=0) if len(own) else (np.nan, np.nan)
-            cells += [f"{len(own)}", f"{mean:.3f}", f"{share:.3f}"]
+            known = [f"{len(own)}", f"{mean:.3f}", f"{share:.3f}"]
+            cells += known if k < 2 else known[::2]
         rows.append([f"{low:g} to {high:g}", *cells])
     head = ["stated"]
     for count in ("5", "200"):
         head += [f"rows, {count} false plots", "mean", "of targets"]
+    for count in ("5", "200"):
+        head += [f"rows, {STAY} scans, {count} false plots", "of targets"]
     return markdown(head, rows)

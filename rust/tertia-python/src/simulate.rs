@@ -243,7 +243,7 @@ impl Traffic<'_> {
             velocity: &velocity,
             height: &height,
         };
-        Ok(release(py, cost, || work(&traffic))?)
+        release(py, cost, || work(&traffic))
     }
 }
 

@@ -42,6 +42,7 @@ impl Registrar {
     /// Learns from a table of tracks and the plots that it is of, of which the first has this number,
     /// until a time; adds what is not known of the errors to the covariances, and moves the rows by what
     /// was learnt. Returns the same of the tracks: numbers, times, positions and velocities.
+    #[allow(clippy::too_many_arguments)] // those of the Python method
     fn learn<'py>(
         &mut self,
         py: Python<'py>,

@@ -120,7 +120,7 @@ fn a_clock_is_taken_out_by_steps() {
     let mut registrar = registrar();
     registrar.mean[CLOCK] = -25.0;
     for expected in [-1.0, -2.0, -2.5, -2.5] {
-        registrar.learn(&[], &[], 0.0);
+        registrar.learn(&[], &[], &[], 0.0);
         let [.., clock] = registrar.taken_out()[0];
         assert!((clock - expected).abs() < 1e-12, "{clock} {expected}");
         assert!((registrar.errors()[0][CLOCK] + 2.5).abs() < 1e-12);
