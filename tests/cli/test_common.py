@@ -101,7 +101,7 @@ def test_an_output_that_cannot_be_written() -> None:
 
 def test_completion(monkeypatch: pytest.MonkeyPatch) -> None:
     """A shell completes commands and options."""
-    for words, expected in (("tertia rep", ["report"]), ("tertia track --sen", ["--sensors"])):
+    for words, expected in (("tertia rep", ["report"]), ("tertia track --sens", ["--sensors"])):
         monkeypatch.setenv("_TERTIA_COMPLETE", "complete_bash")
         monkeypatch.setenv("COMP_WORDS", words)
         monkeypatch.setenv("COMP_CWORD", str(words.count(" ")))

@@ -182,7 +182,7 @@ def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: P
     assert len(np.unique(result.track)) >= 2
     assert frame.columns[:4] == ["time_s", "track", "sensor", "plot"]
     assert frame.columns[-5:] == ["identity", "plan", "conforms", "merged", "confirmed"]
-    assert frame.width == 4 + 8 + 6 + 2 + 3 + 6
+    assert frame.width == 4 + 8 + 6 + 2 + 4 + 6
     assert frame["time_s"].to_list() == result.time.tolist()
     assert_column(frame["identity"], np.where(result.identity < 0, NAN, result.identity))
     check(frame, result)

@@ -27,6 +27,7 @@ from tertia.tables._records import (
     source_of,
 )
 from tertia.weights import FusionLoss
+from tertia.weights._readers import LARGEST
 
 FUSED = "fused"
 _LOSSES = (1e-6, 1e6)
@@ -185,6 +186,10 @@ def _samples(
     for name, sample in samples.items():
         if len(sample) < 2:
             raise RecordError(f"sensor {name} has 1 measurement; its weight needs two at least")
+        large = np.any(np.abs(sample) > LARGEST, axis=0)
+        if np.any(large):
+            column = components[int(np.flatnonzero(large)[0])]
+            raise RecordError(f"sensor {name}: {column} has a number above {LARGEST:g}")
         same = np.all(sample == sample[:1], axis=0)
         if np.any(same):
             column = components[int(np.flatnonzero(same)[0])]

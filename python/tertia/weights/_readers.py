@@ -9,22 +9,22 @@ from tertia._arrays import FloatArray, finite, positive
 
 # squares of smaller sigmas, or of larger ones than its reciprocal, leave the range of doubles
 _SMALLEST_SIGMA = 1e-70
-_LARGEST = 1 / _SMALLEST_SIGMA
+LARGEST = 1 / _SMALLEST_SIGMA
 
 
 def moderate(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return finite numbers whose squares are finite, too."""
     array = finite(value, name)
-    if np.any(np.abs(array) > _LARGEST):
-        raise ValueError(f"{name} has a number above {_LARGEST}; change the unit")
+    if np.any(np.abs(array) > LARGEST):
+        raise ValueError(f"{name} has a number above {LARGEST}; change the unit")
     return array
 
 
 def deviation(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return standard deviations that can be squared."""
     array = positive(value, name)
-    if np.any((array < _SMALLEST_SIGMA) | (array > _LARGEST)):
-        limits = f"between {_SMALLEST_SIGMA} and {_LARGEST}"
+    if np.any((array < _SMALLEST_SIGMA) | (array > LARGEST)):
+        limits = f"between {_SMALLEST_SIGMA} and {LARGEST}"
         raise ValueError(f"{name} must be {limits} everywhere; change the unit")
     return array
 
