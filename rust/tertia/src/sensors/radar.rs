@@ -114,3 +114,30 @@ impl Radar {
         (position[0] - self.position[0]).hypot(position[1] - self.position[1])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_along_the_beam_grows_towards_the_zenith() {
+        let radar = Radar {
+            position: [0.0; 3],
+            range_sigma: 50.0,
+            azimuth_sigma: 1e-3,
+            scan_period: 4.0,
+            max_range: 1e5,
+            detection_probability: 0.9,
+            resolution: None,
+        };
+        for (ground, up) in [(9e3, 2e3), (9e3, 9e3), (3e3, 9e3), (500.0, 9e3)] {
+            let range = f64::hypot(ground, up);
+            let slope =
+                |dr: f64, dh: f64| ((range + dr).powi(2) - (up + dh).powi(2)).sqrt() - ground;
+            let (by_range, by_height) = (slope(1e-3, 0.0) / 1e-3, slope(0.0, 1e-3) / 1e-3);
+            let expected = (50.0 * by_range).powi(2) + (HEIGHT_SIGMA * by_height).powi(2);
+            let found = radar.noise_at([0.0, ground], up).yy;
+            assert!((found / expected - 1.0).abs() < 1e-4, "{ground} {up}: {found} {expected}");
+        }
+    }
+}
