@@ -11,6 +11,8 @@ pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
 pub(crate) use radar::HEIGHT_SIGMA;
 pub use radar::Radar;
+#[cfg(test)]
+pub(crate) use radar::radar_of;
 
 /// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, the
 /// differences of each station's range and that of the first, and arrivals: times of arrival, in

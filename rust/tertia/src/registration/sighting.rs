@@ -107,21 +107,14 @@ impl Sighting {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::sensors::radar_of;
 
     pub fn close(a: f64, b: f64) {
         assert!((a - b).abs() <= 1e-11 * b.abs().max(1e-3), "{a} {b}");
     }
 
     pub fn radar(position: [f64; 3], range_sigma: f64, azimuth_sigma_deg: f64) -> Radar {
-        Radar {
-            position,
-            range_sigma,
-            azimuth_sigma: azimuth_sigma_deg.to_radians(),
-            scan_period: 4.0,
-            max_range: f64::INFINITY,
-            detection_probability: 0.9,
-            resolution: None,
-        }
+        Radar { position, ..radar_of([range_sigma, azimuth_sigma_deg.to_radians()]) }
     }
 
     pub const PRIOR: Errors = [100.0, 1.0 / 1852.0, 1.745_329_251_994_329_5e-3, 0.1];

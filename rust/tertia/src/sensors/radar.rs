@@ -115,21 +115,27 @@ impl Radar {
     }
 }
 
+/// A radar at the origin with these standard deviations of range and azimuth, for tests.
+#[cfg(test)]
+pub(crate) fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
+    Radar {
+        position: [0.0; 3],
+        range_sigma,
+        azimuth_sigma,
+        scan_period: 4.0,
+        max_range: f64::INFINITY,
+        detection_probability: 0.9,
+        resolution: None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn noise_along_the_beam_grows_towards_the_zenith() {
-        let radar = Radar {
-            position: [0.0; 3],
-            range_sigma: 50.0,
-            azimuth_sigma: 1e-3,
-            scan_period: 4.0,
-            max_range: 1e5,
-            detection_probability: 0.9,
-            resolution: None,
-        };
+        let radar = radar_of([50.0, 1e-3]);
         for (ground, up) in [(9e3, 2e3), (9e3, 9e3), (3e3, 9e3), (500.0, 9e3)] {
             let range = f64::hypot(ground, up);
             let slope =

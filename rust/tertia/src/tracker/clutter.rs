@@ -94,18 +94,11 @@ impl Clutter {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
+    use crate::sensors::radar_of;
 
     #[test]
     fn a_plot_of_a_target_counts_as_if_it_had_never_been_counted() {
-        let radar = Radar {
-            position: [0.0; 3],
-            range_sigma: 50.0,
-            azimuth_sigma: 1e-3,
-            scan_period: 4.0,
-            max_range: 1e5,
-            detection_probability: 0.9,
-            resolution: None,
-        };
+        let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
         let counted = |plots: usize| {
             let mut clutter = Clutter::new(f64::NAN);
             clutter.count(plots, [0.0, 4.0], 4.0);

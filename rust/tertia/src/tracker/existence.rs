@@ -66,7 +66,7 @@ impl Existence {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
-    use crate::sensors::Radar;
+    use crate::sensors::{Radar, radar_of};
     use crate::tracker::Motion;
 
     /// A plot whose density is e^`ratio` times that of false plots, as a gain against a miss.
@@ -75,15 +75,7 @@ mod tests {
     }
 
     fn settings() -> Settings {
-        let radar = Radar {
-            position: [0.0; 3],
-            range_sigma: 50.0,
-            azimuth_sigma: 1e-3,
-            scan_period: 4.0,
-            max_range: 1e5,
-            detection_probability: 0.9,
-            resolution: None,
-        };
+        let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
         Settings::new(vec![radar], Motion::Cv(1.0))
     }
 

@@ -269,6 +269,7 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
     use crate::base::random::Random;
+    use crate::sensors::radar_of;
     use crate::tracker::{ImmModel, Motion};
     use std::f64::consts::TAU;
 
@@ -313,18 +314,6 @@ mod tests {
         assert_eq!(twice.use_with([500.0, 1e-2]), [500.0, 1e-2]);
         assert_within(0.5, found(1.0, 0.0, 12).told(), 1.2);
         assert!(Noise::new(&radar_of(stated)).told().is_nan());
-    }
-
-    fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
-        Radar {
-            position: [0.0; 3],
-            range_sigma,
-            azimuth_sigma,
-            scan_period: 4.0,
-            max_range: f64::INFINITY,
-            detection_probability: 0.9,
-            resolution: None,
-        }
     }
 
     #[test]

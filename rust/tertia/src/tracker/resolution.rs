@@ -216,6 +216,7 @@ impl Filter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensors::radar_of;
     use nalgebra::SVector;
 
     fn estimate(mean: [f64; 4]) -> Estimate<4> {
@@ -230,15 +231,8 @@ mod tests {
     /// A worked example: cell of 150 m and 1.4 degrees, 100 km away.
     #[test]
     fn two_targets_300_m_apart() {
-        let radar = Radar {
-            position: [0.0; 3],
-            range_sigma: 50.0,
-            azimuth_sigma: 0.08_f64.to_radians(),
-            scan_period: 4.0,
-            max_range: 2e5,
-            detection_probability: 0.9,
-            resolution: Some([150.0, 1.4_f64.to_radians()]),
-        };
+        let resolution = Some([150.0, 1.4_f64.to_radians()]);
+        let radar = Radar { resolution, ..radar_of([50.0, 0.08_f64.to_radians()]) };
         let (a, b) = (estimate([0.0, 1e5, 200.0, 0.0]), estimate([30.0, 100_300.0, 200.0, 3.0]));
         let r = radar.noise_at([0.0, 1e5], f64::NAN);
         assert!((r.xx - 19_495.5148663).abs() < 1e-6);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::base::checks::assert_within;
 use crate::base::plane::Plane;
-use crate::sensors::Radar;
+use crate::sensors::{Radar, radar_of};
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
 use crate::tracker::level::Level;
@@ -20,15 +20,7 @@ const PLOTS: [(f64, f64, usize); 3] = [(4.0, 830.0, 0), (6.0, 1160.0, 1), (8.0, 
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
 fn radar() -> Radar {
-    Radar {
-        position: [0.0; 3],
-        range_sigma: 50.0,
-        azimuth_sigma: 0.08_f64.to_radians(),
-        scan_period: 4.0,
-        max_range: 2e5,
-        detection_probability: 0.9,
-        resolution: None,
-    }
+    Radar { max_range: 2e5, ..radar_of([50.0, 0.08_f64.to_radians()]) }
 }
 
 fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {

@@ -1,17 +1,10 @@
 use super::*;
 use crate::base::checks::assert_within;
+use crate::sensors::radar_of;
 use crate::tracker::ImmModel;
 
 fn settings() -> Settings {
-    let radar = Radar {
-        position: [0.0; 3],
-        range_sigma: 50.0,
-        azimuth_sigma: 1e-3,
-        scan_period: 4.0,
-        max_range: 1e5,
-        detection_probability: 0.9,
-        resolution: None,
-    };
+    let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
     let near = Radar { max_range: 1e4, ..radar };
     Settings::new(vec![radar, near], Motion::Imm(ImmModel::default()))
 }

@@ -1,6 +1,6 @@
 //! A worked example: two crossing tracks, six scans.
 
-use crate::sensors::Radar;
+use crate::sensors::{Radar, radar_of};
 use crate::tracker::association::Association;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
@@ -25,15 +25,7 @@ const SCANS: [[[f64; 2]; 2]; 6] = [
 ];
 
 fn radar() -> Radar {
-    Radar {
-        position: [0.0; 3],
-        range_sigma: 50.0,
-        azimuth_sigma: 0.08_f64.to_radians(),
-        scan_period: 4.0,
-        max_range: 2e5,
-        detection_probability: 0.9,
-        resolution: None,
-    }
+    Radar { max_range: 2e5, ..radar_of([50.0, 0.08_f64.to_radians()]) }
 }
 
 fn plot(time: f64, [x, y]: [f64; 2]) -> Plot {
