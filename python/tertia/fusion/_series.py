@@ -39,7 +39,7 @@ FusionMethod: TypeAlias = Literal[
     "paper",
 ]
 
-Outage: TypeAlias = Literal["left-out", "printed"]
+Outage: TypeAlias = Literal["excluded", "printed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +119,7 @@ def fuse_series(
     threshold: float = 1.6,
     outlier_gate: float = 16.0,
     correlation_time: npt.ArrayLike | None = 0.0,
-    outage: Outage = "left-out",
+    outage: Outage = "excluded",
     third_filter: SingerModel | None = None,
     n_threads: int | None = None,
 ) -> FusedSeries:
@@ -172,8 +172,8 @@ def fuse_series(
         Time over which a radar's noise is correlated, `exp(-T / correlation_time)` between plots a
         time T apart: one for all radars, or one for each. None: found for each radar, as by
         `tertia.smoothing.smooth`. The covariance grows, the track is the same.
-    outage : {"left-out", "printed"}
-        For "paper", and only there: a radar without a plot is left out, or its correction is zero,
+    outage : {"excluded", "printed"}
+        For "paper", and only there: a radar without a plot is excluded, or its correction is zero,
         as in the source, which gives it all the weight.
     third_filter : SingerModel, optional
         For "paper", and only there: the fused angle is filtered again by this model, as in the
@@ -280,10 +280,10 @@ def fuse_series(
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
     """Fail where options of the paper's rule are wrong, or given for another one."""
     if outage not in get_args(Outage):
-        raise ValueError(f"outage is {outage!r}; it must be 'left-out' or 'printed'")
+        raise ValueError(f"outage is {outage!r}; it must be 'excluded' or 'printed'")
     if third_filter is not None:
         _require_model(third_filter)
-    if method != "paper" and (outage != "left-out" or third_filter is not None):
+    if method != "paper" and (outage != "excluded" or third_filter is not None):
         raise ValueError(f"outage and third_filter are for 'paper', method is {method!r}")
 
 
