@@ -31,6 +31,7 @@ from studies import (
     instant,
     location,
     location_arrivals,
+    misaligned,
     paper,
     positions,
     profiles,
@@ -185,7 +186,11 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "between": smooth_tracks.between,
         "recording": smooth_tracks.recording,
     },
-    "position-sensors.md": {"mixed": positions.mixed, "boats": boats.table},
+    "position-sensors.md": {
+        "mixed": positions.mixed,
+        "misaligned": misaligned.misaligned,
+        "boats": boats.table,
+    },
     "tracker.md": {
         "columns": tracker.columns,
         "conforming": tracker.conforming,

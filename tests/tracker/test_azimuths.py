@@ -270,7 +270,7 @@ def test_wrong_arguments():
         50.0, 14.0, 0.0, range_sigma=50.0, azimuth_sigma=0.001, scan_period=4.0
     )
     refused("frame", radar, CAMERA)
-    refused("radars alone", GPS, CAMERA, registration=True)
+    refused("no Radar", GPS, CAMERA, registration=True)
     tracker = Tracker([GPS, CAMERA])
     assert_refused(
         lambda: tracker.update(Plots([0.0], 5.0, 0.1, sensor=1)), ValueError, "plots.range[0]"

@@ -9,17 +9,17 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import FloatArray
-from tertia.sensors import Bias, Radar
+from tertia.sensors import Bias
 from tertia.sensors._sensors import own_biases
 from tertia.tracker import Plots, TrackTable
-from tertia.tracker._models import core_radar
 from tertia.tracker._registrar import target_plots
+from tertia.tracker._sensors import Sensor, core_sensors
 from tertia.tracker._start import bias_of, columns_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Systematic errors of K radars, how they were known before, and their noise.
+    """Systematic errors of K sensors, how they were known before, and their noise.
 
     `covariance` (4 K, 4 K) is of offset, gain, azimuth and time, radar by radar; `factor` (K, 2) is
     the noise over what was assumed, of as many redundant measurements as `redundancy`.
@@ -33,19 +33,19 @@ class Errors:
 
 
 def errors(
-    plots: Plots, tracks: TrackTable, radars: Sequence[Radar], prior: Bias, first: Bias
+    plots: Plots, tracks: TrackTable, sensors: Sequence[Sensor], prior: Bias, first: Bias
 ) -> Errors:
     """Return the errors that the plots of the tracks show, sought from the first ones on.
 
-    Of the prior only the standard deviations count; the means are those of the radars.
+    Of the prior only the standard deviations count; the means are those of the sensors.
     """
-    given = own_biases(radars)
+    given = own_biases(sensors)
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = plots[tracks.plot[rows]]
     columns = target_plots(own, tracks, rows)
     sigma = columns_of(prior, "_sigma")
     (value, covariance, factor, redundancy), _ = _core.register_errors(
-        columns, [core_radar(one) for one in radars], columns_of(given), sigma, columns_of(first)
+        columns, core_sensors(sensors, "cv")[0], columns_of(given), sigma, columns_of(first)
     )
     spread = np.sqrt(np.diagonal(covariance)).reshape(sigma.shape)
     return Errors(

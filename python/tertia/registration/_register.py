@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, instance, sequence_of
+from tertia._arrays import FloatArray, IntArray, instance
 from tertia.registration._errors import Errors, errors
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone
-from tertia.sensors import ByKind, Radar
+from tertia.sensors import ByKind, PositionSensor, Radar, Station
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
+from tertia.tracker._sensors import interval, sensors_of
 from tertia.tracker._start import columns_of, start
 
 # rounds of tracking, each with the noise found in the one before
@@ -43,7 +44,7 @@ class Rounds:
 
 def register(
     plots: Plots,
-    sensors: Sequence[Radar],
+    sensors: Sequence[Radar | PositionSensor],
     *,
     tracks: TrackTable | None = None,
     n_threads: int | None = None,
@@ -55,8 +56,9 @@ def register(
     ----------
     plots : Plots
         The plots of a recording, in any order.
-    sensors : sequence of K Radar
-        The radars.
+    sensors : sequence of K Radar or PositionSensor
+        The sensors. The positions of a `PositionSensor` have no systematic errors, but for the time
+        of its `bias`: they show those of the radars.
     tracks : TrackTable, optional
         Tracks from all plots and all radars; by default they are made here.
     n_threads : int, optional
@@ -114,9 +116,11 @@ def register(
     (198, 7)
     """
     instance(plots, "plots", Plots)
-    sites = list(sequence_of(sensors, Radar, "sensors"))
-    if not sites:
-        raise ValueError("sensors is empty; there must be one or more")
+    sites = [one for one in sensors_of(sensors) if not isinstance(one, Station)]
+    if len(sites) < len(sensors):
+        raise TypeError("sensors has a Station; registration takes Radar and PositionSensor")
+    if not any(isinstance(one, Radar) for one in sites):
+        raise ValueError("sensors has no Radar; there must be one or more")
     if tracks is not None:
         instance(tracks, "tracks", TrackTable)
         if len(tracks.track_of_plot) != len(plots):
@@ -129,26 +133,29 @@ def register(
 
 
 def rounds(
-    plots: Plots, radars: Sequence[Radar], run: Run, joint: TrackTable | None = None
+    plots: Plots,
+    given: Sequence[Radar | PositionSensor],
+    run: Run,
+    joint: TrackTable | None = None,
 ) -> Rounds:
-    """Register radars; return also the tracks of each radar alone."""
-    count, edges = len(radars), _edges(plots, max(radar.scan_period for radar in radars))
-    stated, found, sensors = [], [], []
-    levels, histories = np.empty((2, count, 2)), np.empty((2, count, len(edges) - 1, 2))
-    for k, given in enumerate(radars):
-        radar = given
-        for n in range(_ROUNDS):
-            table = alone(plots, [*radars[:k], radar, *radars[k + 1 :]], k, run)
+    """Register radars; return also the tracks of each sensor alone."""
+    count, edges = len(given), _edges(plots, max(map(interval, given)))
+    stated, found, sensors = [], [], list(given)
+    levels = np.full((2, count, 2), np.nan)
+    histories = np.full((2, count, len(edges) - 1, 2), np.nan)
+    for k, sensor in enumerate(given):
+        for n in range(_ROUNDS if isinstance(sensor, Radar) else 1):
+            table = alone(plots, sensors, k, run)
             if n == 0:
                 stated.append(table)
-            levels[:, k], histories[:, k] = _noise(table, plots, radar, edges)
-            radar = with_noise(radar, levels[0, k])
+            if isinstance(radar := sensors[k], Radar):
+                levels[:, k], histories[:, k] = _noise(table, plots, radar, edges)
+                sensors[k] = with_noise(radar, levels[0, k])
         found.append(table)
-        sensors.append(radar)
     known = _systematic(plots, sensors, run, joint, stated)
     # the noise of single radars, and what their plots are off together
     own = np.where(known.redundancy > _REDUNDANT, known.factor, 1.0)
-    noise = np.array([[radar.range_sigma, radar.azimuth_sigma] for radar in radars])
+    noise = _stated(given)
     factor, factor_sigma = levels * own / noise
     history, history_sigma = (
         over_time * own[:, np.newaxis] / noise[:, np.newaxis] for over_time in histories
@@ -161,16 +168,28 @@ def rounds(
         noise_factor_sigma=_by_kind(factor_sigma),
         history=NoiseHistory(edges, _by_kind(history), _by_kind(history_sigma)),
         sensors=tuple(
-            replace(with_noise(radar, levels[0, k] * own[k]), bias=known.bias[k])
-            for k, radar in enumerate(radars)
+            replace(with_noise(one, levels[0, k] * own[k]), bias=known.bias[k])
+            if isinstance(one, Radar)
+            else one
+            for k, one in enumerate(given)
         ),
     )
     return Rounds(registration, stated, found)
 
 
+def _stated(sensors: Sequence[Radar | PositionSensor]) -> FloatArray:
+    """Return the standard deviations of range and azimuth, (K, 2); inf where none are measured."""
+    return np.array(
+        [
+            [one.range_sigma, one.azimuth_sigma] if isinstance(one, Radar) else [np.inf, np.inf]
+            for one in sensors
+        ]
+    )
+
+
 def _systematic(
     plots: Plots,
-    sensors: Sequence[Radar],
+    sensors: Sequence[Radar | PositionSensor],
     run: Run,
     joint: TrackTable | None,
     alone: Sequence[TrackTable],
@@ -182,10 +201,14 @@ def _systematic(
     """
     prior = bias = start(alone, sensors)[0]
     projected = in_plane(plots, sensors)
-    noise = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])
+    noise = _stated(sensors)
     for _ in range(_ROUNDS):
         if joint is None:
-            joint = run(plots, [replace(one, bias=bias[k]) for k, one in enumerate(sensors)])
+            placed = [
+                replace(one, bias=bias[k]) if isinstance(one, Radar) else one
+                for k, one in enumerate(sensors)
+            ]
+            joint = run(plots, placed)
         known = errors(projected, joint, sensors, prior, bias)
         moved = columns_of(known.bias)[:, [0, 2]] - columns_of(bias)[:, [0, 2]]
         bias = known.bias

@@ -9,7 +9,7 @@ import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray
 from tertia._result import Result
-from tertia.sensors import Bias, ByKind, Radar
+from tertia.sensors import Bias, ByKind, PositionSensor, Radar
 from tertia.sensors._bias import KINDS
 
 
@@ -53,8 +53,8 @@ class Registration(Result):
         Standard deviations of the factors, likewise.
     history : NoiseHistory
         Noise over time.
-    sensors : tuple of K Radar
-        The radars with the estimated noise.
+    sensors : tuple of K Radar or PositionSensor
+        The sensors, radars with the estimated noise and bias.
     """
 
     _rows: ClassVar = "bias_range", 0
@@ -66,7 +66,7 @@ class Registration(Result):
     noise_factor: ByKind
     noise_factor_sigma: ByKind
     history: NoiseHistory
-    sensors: tuple[Radar, ...]
+    sensors: tuple[Radar | PositionSensor, ...]
 
     @property
     def observable(self) -> dict[str, BoolArray]:
@@ -82,6 +82,8 @@ class Registration(Result):
         bias, lines, seen = self.bias, [], self.observable
         units = {"range": (1.0, " m"), "azimuth": (180 / np.pi, "°"), "time": (1.0, " s")}
         for k, radar in enumerate(self.sensors):
+            if not isinstance(radar, Radar):
+                continue
             known = [
                 _text(getattr(bias, kind), getattr(bias, f"{kind}_sigma"), k, scale, unit)
                 for kind, (scale, unit) in units.items()

@@ -10,18 +10,17 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
-from tertia.sensors import Radar
+from tertia.sensors import PositionSensor, Radar
 from tertia.tracker import Plots, PlotStatus, TrackTable
 
-Run = Callable[[Plots, Sequence[Radar]], TrackTable]
+Run = Callable[[Plots, Sequence[Any]], TrackTable]
 
 
-def alone(plots: Plots, radars: Sequence[Radar], k: int, run: Run) -> TrackTable:
-    """Return the tracks of one radar, with plots and sensors numbered as in the whole recording."""
+def alone(plots: Plots, sensors: Sequence[Radar | PositionSensor], k: int, run: Run) -> TrackTable:
+    """Return the tracks of one sensor; plots and sensors keep their numbers in the recording."""
     own = np.flatnonzero(plots.sensor == k)
     part = plots[own]
-    mine = Plots(part.time, part.range, part.azimuth, height=part.height, identity=part.identity)
-    table = run(mine, [radars[k]])
+    table = run(part._replaced(sensor=np.zeros_like(part.sensor)), [sensors[k]])
     statuses = np.full(len(plots), int(PlotStatus.INVALID))
     statuses[own] = table.track_of_plot
     return replace(

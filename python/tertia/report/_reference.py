@@ -9,6 +9,7 @@ import numpy as np
 
 from tertia import metrics, tracker
 from tertia.registration import Registration
+from tertia.sensors import Radar
 from tertia.tracker import CvModel, ImmModel, Motion, Plots, TrackTable
 
 # a reference without plots of others for so long, in seconds, is none
@@ -45,9 +46,10 @@ def versus_others(
     smooth: Motion = "imm"
     if motion == "cv" or isinstance(motion, ImmModel | CvModel):
         smooth = motion
+    sensors = [one for one in registration.sensors if isinstance(one, Radar)]
     found = []
     for k, name in enumerate(radars):
-        others = tracker.smooth_tracks(plots, registration.sensors, joint, motion=smooth, exclude=k)
+        others = tracker.smooth_tracks(plots, sensors, joint, motion=smooth, exclude=k)
         others = others[(others.sensor == k) & (others.gap <= _MOST_GAP)]
         own = single[k][(single[k].plot >= 0) & single[k].confirmed]
         _, here, there = np.intersect1d(own.plot, others.plot, return_indices=True)

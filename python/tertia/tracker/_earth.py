@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -60,18 +60,32 @@ def positions(
     return places + offset, scaled @ scaled.swapaxes(1, 2)
 
 
-def in_plane(plots: Plots, sensors: Sequence[Radar]) -> Plots:
+def in_plane(plots: Plots, sensors: Sequence[Any]) -> Plots:
     """Return plots of radars on the earth as radars in a flat plane would measure them.
 
     The formulas of the flat plane take these to the exact positions. Plots without a height are at
     the mean level of those before them. A plot that is too near for its height is used without it,
-    unless it may be straight above the radar.
+    unless it may be straight above the radar. Plots of other sensors stay as they are.
     """
-    plane = plane_of(sensors)
+    radars = [one for one in sensors if isinstance(one, Radar)]
+    plane = plane_of(radars)
     unknown = (plots.sensor < 0) | (plots.sensor >= len(sensors))
     if plane is None or np.any(unknown):
         # of sensors that do not exist the core tells
         return plots
+    if len(radars) == len(sensors):
+        return _flattened(plots, radars, plane)
+    is_radar = np.array([isinstance(one, Radar) for one in sensors])
+    own, number = is_radar[plots.sensor], np.cumsum(is_radar) - 1
+    some = plots[own]
+    flat = _flattened(some._replaced(sensor=number[some.sensor]), radars, plane)
+    columns = {name: getattr(plots, name).copy() for name in ("range", "azimuth", "height")}
+    for name, column in columns.items():
+        column[own] = getattr(flat, name)
+    return plots._replaced(**columns)
+
+
+def _flattened(plots: Plots, sensors: Sequence[Radar], plane: SystemPlane) -> Plots:
     sites = _sites(sensors)
     up = plots.height - sites[plots.sensor, 2]
     sigma = np.array([one.range_sigma for one in sensors])[plots.sensor]

@@ -9,21 +9,20 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
-from tertia.sensors import Bias, Radar
+from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import in_plane
-from tertia.tracker._models import core_radar
 from tertia.tracker._plots import Plots
-from tertia.tracker._sensors import Sensor
+from tertia.tracker._sensors import Sensor, core_sensors, interval
 from tertia.tracker._start import bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
 
-# scans of the slowest radar in which errors far larger than expected are sought
+# scans of the slowest sensor in which errors far larger than expected are sought
 _SCANS = 7.0
 # targets of a radar that are enough for this
 _AMPLE = 250
 
-Alone = Callable[[Plots, Radar], TrackTable]
+Alone = Callable[[Plots, Radar | PositionSensor], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
@@ -36,40 +35,45 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
         "azimuth": plots.azimuth,
         "height": plots.height,
         "turn_probability": np.ascontiguousarray(tracks.turn_probability[rows]),
+        "position": plots.position,
+        "covariance": plots.covariance,
     }
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether there are several radars and nothing else, of which one may have errors."""
-    if not all(isinstance(one, Radar) for one in sensors):
-        return False
+    """Return whether a radar may have errors, and there is another sensor that knows places."""
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
-    unknown = columns_of(own_biases(sensors), "_sigma") > 0.0
-    return len(sensors) > 1 and not deviates and bool(np.any(unknown))
+    unknown = columns_of(own_biases(sensors), "_sigma").any(axis=1)
+    radar = np.array([isinstance(one, Radar) for one in sensors])
+    placing = sum(not isinstance(one, Station) for one in sensors)
+    return placing > 1 and not deviates and bool(np.any(unknown & radar))
 
 
 class Registrar:
     """Errors of radars as they are known after each scan.
 
+    Reported positions are exact but for their noise; azimuths alone say nothing.
+
     Attributes
     ----------
-    sensors : tuple of Radar
-        The radars.
+    sensors : tuple of Radar, PositionSensor or Station
+        The sensors.
     kept : list of Plots
         Plots of the last scans, while large errors are sought.
     """
 
-    def __init__(self, sensors: Sequence[Radar]) -> None:
+    def __init__(self, sensors: Sequence[Sensor]) -> None:
         self.sensors = tuple(sensors)
         self.kept: list[Plots] = []
         self._begin = self._due = np.nan
-        self._paired: BoolArray = np.zeros(len(sensors), dtype=bool)
+        # a station has no tracks of its own
+        self._paired: BoolArray = np.array([isinstance(one, Station) for one in sensors])
         self._start_from(own_biases(sensors))
 
     @property
     def period(self) -> float:
-        """Seconds of a scan of the slowest radar."""
-        return max(radar.scan_period for radar in self.sensors)
+        """Seconds of a scan of the slowest sensor."""
+        return max(map(interval, self.sensors))
 
     @property
     def bias(self) -> Bias:
@@ -141,7 +145,12 @@ class Registrar:
     def _vote(self, plots: Plots, alone: Alone) -> bool:
         """Start from the errors that these plots show, if they are large."""
         plots = _thinned(plots, len(self.sensors))
-        tables = [alone(plots[plots.sensor == k], one) for k, one in enumerate(self.sensors)]
+        tables = [
+            alone(plots[:0], PositionSensor())
+            if isinstance(one, Station)
+            else alone(plots[plots.sensor == k], one)
+            for k, one in enumerate(self.sensors)
+        ]
         found, paired = start(tables, self.sensors)
         limits = columns_of(own_biases(self.sensors), "_sigma")
         large = np.any(columns_of(found, "_sigma") > limits, axis=1)
@@ -153,7 +162,7 @@ class Registrar:
         return True
 
     def _start_from(self, bias: Bias) -> None:
-        radars = [core_radar(radar) for radar in self.sensors]
+        radars, _ = core_sensors(self.sensors, "cv")
         self._core = _core.Registrar(radars, columns_of(bias), columns_of(bias, "_sigma"))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -217,4 +226,13 @@ def _joined(parts: Sequence[Plots]) -> Plots:
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("time", "range", "azimuth", "sensor", "height", "identity")
     }
+    for name in ("position", "covariance", "sensor_position"):
+        given = [getattr(part, name) for part in parts]
+        shape = next((one.shape[1:] for one in given if one is not None), None)
+        if shape is not None:
+            rows = zip(given, parts, strict=True)
+            filled = [
+                np.full((len(part), *shape), np.nan) if one is None else one for one, part in rows
+            ]
+            columns[name] = np.concatenate(filled)
     return Plots(**columns)

@@ -37,12 +37,11 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
     return tuple(values)
 
 
-def radars_of(sensors: Sequence[Sensor]) -> list[Radar]:
-    """Return the sensors, which must all be radars, as registration needs them."""
-    found = [one for one in sensors if isinstance(one, Radar)]
-    if len(found) < len(sensors):
-        raise ValueError("registration is for radars alone; sensors has others")
-    return found
+def interval(sensor: Sensor) -> float:
+    """Return after how many seconds a sensor comes again to a target; 0 of one that may not."""
+    if isinstance(sensor, Station):
+        return 0.0
+    return sensor.scan_period if isinstance(sensor, Radar) else sensor.update_interval
 
 
 def core_sensors(

@@ -9,10 +9,10 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray
-from tertia.sensors import Bias, Radar
+from tertia.sensors import Bias
 from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
-from tertia.tracker._models import core_radar
+from tertia.tracker._sensors import Sensor, core_sensors, interval
 from tertia.tracker._table import TrackTable
 
 # a track says something for so many scan periods after its last plot
@@ -21,24 +21,24 @@ _AGE = 2.5
 _STRAIGHT, _TURN = 0.1, 3.0
 
 
-def start(alone: Sequence[TrackTable], radars: Sequence[Radar]) -> tuple[Bias, BoolArray]:
+def start(alone: Sequence[TrackTable], sensors: Sequence[Sensor]) -> tuple[Bias, BoolArray]:
     """Return errors from which to start, and how well they are known before.
 
-    The tracks of each radar alone are compared at the time at which most pairs can be. Returned is
-    also whether a radar has targets in common with others, (K,).
+    The tracks of each sensor alone are compared at the time at which most pairs can be. Returned is
+    also whether a sensor has targets in common with others, (K,).
     """
-    prior = own_biases(radars)
+    prior = own_biases(sensors)
     sigma = columns_of(prior, "_sigma")
     tables = [table[table.confirmed] for table in alone]
-    ages = [_AGE * radar.scan_period for radar in radars]
+    ages = [_AGE * interval(one) for one in sensors]
     time = _time_of_most_pairs(tables, ages)
     if time is None:
-        return prior, np.zeros(len(radars), dtype=bool)
+        return prior, np.zeros(len(sensors), dtype=bool)
     tracks = [
         _at(table, time, k, age) for k, (table, age) in enumerate(zip(tables, ages, strict=True))
     ]
     joined = {name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]}
-    (value, wide), paired = _core.register_start(joined, [core_radar(one) for one in radars], sigma)
+    (value, wide), paired = _core.register_start(joined, core_sensors(sensors, "cv")[0], sigma)
     return bias_of(columns_of(prior) + value, wide), np.array(paired)
 
 

@@ -23,13 +23,13 @@ from tertia._arrays import (
 )
 from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
-from tertia.sensors import Bias, Radar
+from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import Registrar, is_registrable, scans
-from tertia.tracker._sensors import Sensor, core_sensors, radars_of, sensors_of
+from tertia.tracker._sensors import Sensor, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
@@ -103,8 +103,9 @@ class Tracker:
         day.
     registration : bool, optional
         Whether to estimate the systematic errors of the radars while tracking, from targets that
-        several of them see, and to correct plots by them; by default where there are two radars or
-        more, and one that is not trusted (`bias=Bias()`). `bias` is what is known by now; what is
+        other radars see or other sensors report, and to correct plots by them; by default where
+        there are such sensors, and a radar that is not trusted (`bias=Bias()`). Positions of a
+        `PositionSensor` are taken to have no such errors. `bias` is what is known by now; what is
         not known is part of the covariances. Errors of several times the limits are found from the
         first seven scans; the tracks then start anew, with new numbers.
     n_threads : int, optional
@@ -211,7 +212,9 @@ class Tracker:
             raise ValueError(
                 "registration needs plots in order, and lag takes late ones; give one of them"
             )
-        self._registrar = Registrar(radars_of(self.sensors)) if registration else None
+        if registration and not any(isinstance(one, Radar) for one in self.sensors):
+            raise ValueError("registration is of radars, and sensors has no Radar")
+        self._registrar = Registrar(self.sensors) if registration else None
 
     @property
     def bias(self) -> Bias:
@@ -588,7 +591,7 @@ def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[Tr
     return tracker._track(plots, None, True), tracker.bias
 
 
-def _alone(plots: Plots, radar: Radar) -> TrackTable:
-    """Return the tracks of one radar."""
+def _alone(plots: Plots, sensor: Radar | PositionSensor) -> TrackTable:
+    """Return the tracks of one sensor."""
     own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
-    return track(own, [radar], motion="cv")
+    return track(own, [sensor], motion="cv")

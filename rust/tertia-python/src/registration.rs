@@ -6,7 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::registration::{
-    self as core, Alone, Common, ERRORS, Level, PolarPlot, Report, Row, TargetPlot,
+    self as core, Alone, Common, ERRORS, Level, Place, PolarPlot, Report, Row, TargetPlot,
 };
 
 /// Cost of a row of a table or an instant of a radar, for releasing the interpreter's lock.
@@ -64,6 +64,9 @@ pub struct TargetPlots<'py> {
     azimuth: Input<'py>,
     height: Input<'py>,
     turn_probability: Input<'py>,
+    /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
+    position: Option<Input<'py>>,
+    covariance: Option<Input<'py>>,
 }
 
 /// Tracks of single radars at one instant.
@@ -114,6 +117,7 @@ impl TargetPlots<'_> {
         same_length(sensor.len(), &columns.each_ref().map(Vec::len))?;
         same_length(sensor.len(), &[target.len()])?;
         let [time, range, azimuth, height, turning] = columns;
+        let places = self.places(sensor.len())?;
         let plot = |(i, &sensor): (usize, &i64)| {
             let report = Report {
                 radar: number(sensor, radars)?,
@@ -121,10 +125,28 @@ impl TargetPlots<'_> {
                 range: range[i],
                 azimuth: azimuth[i],
                 height: height[i],
+                place: places.as_ref().and_then(|places| places[i]),
             };
             Ok(TargetPlot { report, target: target[i], turn_probability: turning[i] })
         };
         sensor.iter().enumerate().map(plot).collect()
+    }
+}
+
+impl TargetPlots<'_> {
+    /// The positions of so many plots, of those that have one.
+    fn places(&self, count: usize) -> PyResult<Option<Vec<Option<Place>>>> {
+        let Some(position) = &self.position else { return Ok(None) };
+        let position = position.points::<2>("position", 1)?;
+        let covariance = match &self.covariance {
+            Some(covariance) => covariance.points::<4>("covariance", 2)?,
+            None => vec![[f64::NAN; 4]; count],
+        };
+        same_length(count, &[position.len(), covariance.len()])?;
+        let place = |(position, [xx, xy, _, yy]): ([f64; 2], [f64; 4])| {
+            position[0].is_finite().then_some(Place { position, covariance: [xx, xy, yy] })
+        };
+        Ok(Some(position.into_iter().zip(covariance).map(place).collect()))
     }
 }
 

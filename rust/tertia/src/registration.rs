@@ -40,5 +40,5 @@ pub use live::Registrar;
 pub use noise::{Level, Noise, noise, stretch_of};
 pub use recording::{Registered, TargetPlot, register};
 pub use row::{Row, Table};
-pub use sighting::{ERRORS, Errors, Report};
+pub use sighting::{ERRORS, Errors, Place, Report};
 pub use start::{Alone, Start, start};

@@ -8,8 +8,8 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tertia::registration::{self as core, ERRORS, Learnt, Report, TargetPlot, Update};
-use tertia::tracker::{Plot, Plots};
+use tertia::registration::{self as core, ERRORS, Learnt, Place, Report, TargetPlot, Update};
+use tertia::tracker::{Plane, Plot, Plots};
 
 /// The errors of radars, scan by scan.
 #[pyclass(module = "tertia._core")]
@@ -64,7 +64,7 @@ impl Registrar {
         let plot = table.integers(py, "plot")?;
         for (plot, update) in plot.iter().zip(&updates).filter(|(_, update)| update.confirmed) {
             let own = usize::try_from(plot - first).ok().and_then(|own| loose.get_mut(own));
-            if let (Some(own), true) = (own, update.plot.report.range.is_finite()) {
+            if let (Some(own), true) = (own, update.plot.report.is_seen()) {
                 *own = false;
             }
         }
@@ -145,10 +145,8 @@ fn updates(
     let row = |i: usize| {
         let own = usize::try_from(plot[i] - first).ok().filter(|&own| own < plots.len());
         let radar = sensor[i] as usize;
-        let report = own.map_or(
-            Report { radar, time: time[i], range: f64::NAN, azimuth: f64::NAN, height: f64::NAN },
-            |own| report(&plots.get(own)),
-        );
+        let report =
+            own.map_or(Report { time: time[i], ..missed(radar) }, |own| report(&plots.get(own)));
         let pair = |values: &[f64]| [values[2 * i], values[2 * i + 1]];
         let upper = &covariance[10 * i..][..10];
         let own = &spread[3 * i..][..3];
@@ -168,7 +166,18 @@ fn updates(
 /// Where the elements of a symmetric matrix of order 4 are in its upper half.
 const UPPER: [usize; 16] = [0, 1, 2, 3, 1, 4, 5, 6, 2, 5, 7, 8, 3, 6, 8, 9];
 
+/// What a radar reports of a target that it does not see.
+fn missed(radar: usize) -> Report {
+    let none = f64::NAN;
+    Report { radar, time: none, range: none, azimuth: none, height: none, place: None }
+}
+
 fn report(plot: &Plot) -> Report {
-    let Plot { time, range, azimuth, radar, height, .. } = *plot;
-    Report { radar, time, range, azimuth, height }
+    let Plot { time, range, azimuth, radar, height, report, .. } = *plot;
+    // nan where the sensor is a radar
+    let place = report.filter(|report| report.position[0].is_finite()).map(|report| {
+        let Plane { xx, xy, yy } = report.covariance;
+        Place { position: report.position, covariance: [xx, xy, yy] }
+    });
+    Report { radar, time, range, azimuth, height, place }
 }

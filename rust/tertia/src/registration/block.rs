@@ -325,7 +325,8 @@ mod tests {
         let sightings: Vec<Sighting> = (0..7)
             .map(|i| {
                 let (time, range, azimuth) = (times[i], ranges[i], azimuths[i]);
-                let plot = Report { radar: i % 2, time, range, azimuth, height: f64::NAN };
+                let plot =
+                    Report { radar: i % 2, time, range, azimuth, height: f64::NAN, place: None };
                 Sighting::new(&plot, f64::NAN, &radars[i % 2], [1.0; 2]).unwrap()
             })
             .collect();

@@ -277,7 +277,7 @@ impl Registrar {
     /// The blocks that end by a time.
     fn closed(&mut self, updates: &[Update], time: f64, longest: f64) -> Vec<Vec<TargetPlot>> {
         let mut closed = Vec::new();
-        let seen = |update: &&Update| update.confirmed && update.plot.report.range.is_finite();
+        let seen = |update: &&Update| update.confirmed && update.plot.report.is_seen();
         for update in updates.iter().filter(seen) {
             let plot = update.plot;
             if self.open.len() == OPEN && !self.open.contains_key(&plot.target) {
@@ -310,7 +310,7 @@ impl Registrar {
     /// Raises noise that has grown suddenly.
     fn watch(&mut self, update: &Update, seen: &Sighting) {
         let (plot, e) = (&update.plot, update.innovation);
-        if !update.confirmed || plot.turn_probability > TURNING || e[0].is_nan() {
+        if !update.confirmed || seen.is_placed || plot.turn_probability > TURNING || e[0].is_nan() {
             return;
         }
         let k = seen.radar;

@@ -20,6 +20,8 @@ const SIGNIFICANCE: f64 = 1e-3;
 /// Plots that may be left out of a block, and the standard deviations that they are off at least.
 const LEFT_OUT: usize = 2;
 const OUTLIER: f64 = 3.5;
+/// Seconds for which the errors of reported positions last.
+const LASTING: f64 = 300.0;
 /// Redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
@@ -158,7 +160,10 @@ impl Sums {
     }
 
     fn take(&mut self, block: &Block, sightings: &[Sighting], residuals: &[[f64; 2]]) {
-        for (one, (own, free)) in sightings.iter().zip(residuals.iter().zip(&block.redundancy)) {
+        // noise beside positions, which are wider than their own, would seem to be less than it is
+        let is_polar = sightings.iter().all(|one| !one.is_placed);
+        let parts = sightings.iter().zip(residuals.iter().zip(&block.redundancy));
+        for (one, (own, free)) in parts.filter(|_| is_polar) {
             for axis in 0..2 {
                 self.square[one.radar][axis] += own[axis] * own[axis];
                 self.redundancy[one.radar][axis] += free[axis];
@@ -261,7 +266,29 @@ fn sightings(
         })
         .collect();
     found.sort_by(|a, b| a.time.total_cmp(&b.time));
+    if found.iter().any(|one| one.is_placed) {
+        keep_middle(&mut found, radars);
+    }
     found
+}
+
+/// Keeps one of the positions that a sensor reports in a block, near its middle. Their errors last: those
+/// of all blocks of a target in `LASTING` say as much together as one.
+fn keep_middle(sightings: &mut Vec<Sighting>, radars: &[Radar]) {
+    let middle = f64::midpoint(sightings[0].time, sightings[sightings.len() - 1].time);
+    let wider = (LASTING / scans(radars)).max(1.0).sqrt();
+    let mut kept: Vec<Option<Sighting>> = vec![None; radars.len()];
+    for one in sightings.iter().filter(|one| one.is_placed) {
+        let nearest = kept[one.radar].map_or(f64::INFINITY, |kept| (kept.time - middle).abs());
+        if (one.time - middle).abs() < nearest {
+            let mut nearer = *one;
+            nearer.sigma = one.sigma.map(|own| wider * own);
+            kept[one.radar] = Some(nearer);
+        }
+    }
+    sightings.retain(|one| !one.is_placed);
+    sightings.extend(kept.into_iter().flatten());
+    sightings.sort_by(|a, b| a.time.total_cmp(&b.time));
 }
 
 /// The covariance of the errors of all radars, in their units.

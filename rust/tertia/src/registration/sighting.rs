@@ -9,6 +9,8 @@ pub const ERRORS: usize = 4;
 /// Which of them is the clock.
 pub(super) const CLOCK: usize = 3;
 
+/// Least variance of a position along an axis, in the mean of both.
+const THIN: f64 = 1e-9;
 /// Ground range over slant range below which the target is overhead.
 const OVERHEAD: f64 = 1e-3;
 
@@ -16,10 +18,19 @@ const OVERHEAD: f64 = 1e-3;
 /// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`.
 pub type Errors = [f64; ERRORS];
 
-/// A plot as a radar reports it.
+/// A position that a sensor reports, and its covariance: of east, of both, of north.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// East and north, metres.
+    pub position: [f64; 2],
+    /// Square metres; nan where it is that of the sensor.
+    pub covariance: [f64; 3],
+}
+
+/// A plot as a radar reports it, or a position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Which radar.
+    /// Which radar, or other sensor.
     pub radar: usize,
     /// Seconds.
     pub time: f64,
@@ -29,9 +40,16 @@ pub struct Report {
     pub azimuth: f64,
     /// Height above the plane in metres; nan where it is not known.
     pub height: f64,
+    /// Of a sensor that reports positions, instead of range and azimuth.
+    pub place: Option<Place>,
 }
 
 impl Report {
+    /// Whether something was measured.
+    pub fn is_seen(&self) -> bool {
+        self.range.is_finite() || self.place.is_some()
+    }
+
     /// The plot without these errors.
     pub fn corrected(&self, errors: &Errors) -> Self {
         let [offset, gain, azimuth, clock] = *errors;
@@ -47,6 +65,8 @@ impl Report {
 /// A plot in the plane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighting {
+    /// Whether its sensor reports positions, whose noise is that of the report.
+    pub is_placed: bool,
     pub radar: usize,
     pub time: f64,
     pub position: Vector2<f64>,
@@ -66,6 +86,9 @@ impl Sighting {
     /// overhead.
     /// `factor` multiplies the standard deviations that the radar states.
     pub fn new(plot: &Report, height: f64, radar: &Radar, factor: [f64; 2]) -> Option<Self> {
+        if let Some(place) = &plot.place {
+            return Some(Self::placed(plot, place, radar.range_sigma));
+        }
         let up = if height.is_finite() { height - radar.position[2] } else { 0.0 };
         let squared = plot.range * plot.range - up * up;
         if plot.range.is_nan() || plot.range <= 0.0 || squared <= (OVERHEAD * plot.range).powi(2) {
@@ -74,6 +97,7 @@ impl Sighting {
         let ground = squared.sqrt();
         let (sine, cosine) = plot.azimuth.sin_cos();
         let mut seen = Self {
+            is_placed: false,
             radar: plot.radar,
             time: plot.time,
             position: Vector2::new(
@@ -90,8 +114,33 @@ impl Sighting {
         Some(seen)
     }
 
+    /// Of a position: its axes are those of its covariance, or any where its sensor has this one of
+    /// each coordinate.
+    fn placed(plot: &Report, place: &Place, sigma: f64) -> Self {
+        let known = !place.covariance[0].is_nan();
+        let [east, both, north] =
+            if known { place.covariance } else { [sigma * sigma, 0.0, sigma * sigma] };
+        let (middle, half) = (0.5 * (east + north), 0.5 * (east - north));
+        let spread = half.hypot(both);
+        let (sine, cosine) = (0.5 * both.atan2(half)).sin_cos();
+        Self {
+            is_placed: true,
+            radar: plot.radar,
+            time: plot.time,
+            position: place.position.into(),
+            axes: [Vector2::new(cosine, sine), Vector2::new(sine, -cosine)],
+            sigma: [middle + spread, (middle - spread).max(THIN * middle)].map(f64::sqrt),
+            range: 0.0,
+            ground: 1.0,
+            tilt: 0.0,
+        }
+    }
+
     /// Standard deviations along and across where those of range (m) and azimuth (rad) are these.
     pub fn noise(&self, [range, azimuth]: [f64; 2]) -> [f64; 2] {
+        if self.is_placed {
+            return self.sigma;
+        }
         let along = range * self.range / self.ground;
         [(along * along + self.tilt * self.tilt).sqrt(), azimuth * self.ground]
     }
@@ -122,8 +171,8 @@ pub(super) mod tests {
     #[test]
     fn errors_are_removed() {
         let (radar, time, range, azimuth, height) = (0, 100.0, 80150.0, 1.2, f64::NAN);
-        let found =
-            Report { radar, time, range, azimuth, height }.corrected(&[150.0, 5e-4, 0.002, 0.1]);
+        let found = Report { radar, time, range, azimuth, height, place: None }
+            .corrected(&[150.0, 5e-4, 0.002, 0.1]);
         close(found.time, 99.9);
         close(found.range, 79960.01999001);
         close(found.azimuth, 1.198);
@@ -132,7 +181,8 @@ pub(super) mod tests {
     #[test]
     fn a_plot_and_what_errors_do_to_it() {
         let radar = radar([6e4, 0.0, 100.0], 70.0, 0.12);
-        let plot = Report { radar: 1, time: 0.0, range: 5e4, azimuth: 5.5, height: 8e3 };
+        let plot =
+            Report { radar: 1, time: 0.0, range: 5e4, azimuth: 5.5, height: 8e3, place: None };
         let seen = Sighting::new(&plot, plot.height, &radar, [1.0; 2]).unwrap();
         close(seen.position[0], 25166.09437027);
         close(seen.position[1], 34988.41263303);
@@ -149,5 +199,31 @@ pub(super) mod tests {
             }
         }
         assert!(Sighting::new(&plot, 51e3, &radar, [1.0; 2]).is_none());
+    }
+
+    #[test]
+    fn a_reported_position() {
+        let radar = radar([0.0; 3], 30.0, 0.1);
+        let position = [4e3, -2e3];
+        let report = |covariance| Report {
+            radar: 0,
+            time: 0.0,
+            range: f64::NAN,
+            azimuth: f64::NAN,
+            height: f64::NAN,
+            place: Some(Place { position, covariance }),
+        };
+        let seen =
+            Sighting::new(&report([500.0, 200.0, 300.0]), f64::NAN, &radar, [7.0; 2]).unwrap();
+        assert_eq!(seen.position, Vector2::from(position));
+        assert_eq!(seen.noise([1.0, 1.0]), seen.sigma);
+        let [u, v] = seen.axes;
+        let [a, b] = seen.sigma.map(|sigma| sigma * sigma);
+        close(a * u[0] * u[0] + b * v[0] * v[0], 500.0);
+        close(a * u[0] * u[1] + b * v[0] * v[1], 200.0);
+        close(a * u[1] * u[1] + b * v[1] * v[1], 300.0);
+        let stated = Sighting::new(&report([f64::NAN; 3]), f64::NAN, &radar, [1.0; 2]).unwrap();
+        close(stated.sigma[0], 30.0);
+        close(stated.sigma[1], 30.0);
     }
 }

@@ -134,7 +134,14 @@ mod tests {
             tracks.push(track);
             if i as usize >= seen {
                 let (range, azimuth) = (range + 100.0, azimuth + 0.5_f64.to_radians());
-                loose.push(Report { radar: 0, time: 39.5, range, azimuth, height: f64::NAN });
+                loose.push(Report {
+                    radar: 0,
+                    time: 39.5,
+                    range,
+                    azimuth,
+                    height: f64::NAN,
+                    place: None,
+                });
             }
         }
         (tracks, loose)

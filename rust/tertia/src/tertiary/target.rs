@@ -32,6 +32,7 @@ impl Tracklet {
             range: dx.hypot(dy).hypot(row.above(radar)),
             azimuth: dx.atan2(dy),
             height: row.height,
+            place: None,
         };
         Self { report, turn_probability: row.turning(), own }
     }

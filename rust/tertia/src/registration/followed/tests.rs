@@ -10,7 +10,14 @@ const WIDE: [f64; 2] = [130.0, 110.0];
 /// says that it has too much.
 fn filtered(steps: usize) -> (Matrix4<f64>, Matrix4<f64>, Followed) {
     let (radar, period, push) = (radar([0.0; 3], 50.0, 0.08), 4.0, 0.5);
-    let report = |azimuth| Report { radar: 0, time: 0.0, range: 5e4, azimuth, height: f64::NAN };
+    let report = |azimuth| Report {
+        radar: 0,
+        time: 0.0,
+        range: 5e4,
+        azimuth,
+        height: f64::NAN,
+        place: None,
+    };
     let mut f = Matrix4::identity();
     (f[(0, 2)], f[(1, 3)]) = (period, period);
     let (h, unknowns) = (Matrix4x2::identity(), std::array::from_fn(|j| Some((j, PRIOR[j]))));
@@ -93,7 +100,8 @@ fn a_track_moves_with_the_errors() {
 #[test]
 fn no_gain_goes_beyond_the_plot() {
     let radar = radar([0.0; 3], 50.0, 0.08);
-    let report = Report { radar: 0, time: 0.0, range: 5e4, azimuth: 0.0, height: f64::NAN };
+    let report =
+        Report { radar: 0, time: 0.0, range: 5e4, azimuth: 0.0, height: f64::NAN, place: None };
     let seen = Sighting::new(&report, 0.0, &radar, [1.0; 2]).unwrap();
     let covariance = std::array::from_fn(|i| if i % 5 == 0 { 1e6 } else { 0.0 });
     let unknowns = std::array::from_fn(|j| Some((j, PRIOR[j])));

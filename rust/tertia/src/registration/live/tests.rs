@@ -12,7 +12,7 @@ fn what_the_errors_add_to_a_track() {
     registrar.covariance = 0.09 * DMatrix::identity(4, 4);
     let (radar, time, range, height) = (0, 4.0, 5e4, f64::NAN);
     let azimuth = 30_000_f64.atan2(40_000.0);
-    let report = Report { radar, time, range, azimuth, height };
+    let report = Report { radar, time, range, azimuth, height, place: None };
     let velocity = [180.0, 90.0];
     // half of what the errors do to the plot
     let seen = Sighting::new(&report, height, &registrar.radars[0], [1.0; 2]).unwrap();
@@ -96,7 +96,8 @@ fn a_vote_throws_open_blocks_away() {
     for i in 0..10 {
         let (azimuth, range) = (0.5 + 0.1 * f64::from(i), 4e4 + 3e3 * f64::from(i));
         let position = [range * azimuth.sin(), range * azimuth.cos()];
-        let report = |time, azimuth| Report { radar, time, range, azimuth, height: f64::NAN };
+        let report =
+            |time, azimuth| Report { radar, time, range, azimuth, height: f64::NAN, place: None };
         let mut track = Followed::new(35.0);
         track.see(35.0, radar, position, velocity);
         let plot =

@@ -1,0 +1,144 @@
+"""Radars that are registered by sensors of positions, while tracking and from a recording."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from tertia import simulate
+from tertia.geo import SystemPlane
+from tertia.metrics import nees
+from tertia.registration import register
+from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
+from tertia.tracker import Plots, Tracker
+
+ADSB = PositionSensor(position_sigma=25.0)
+BIAS = Bias(range=200.0, azimuth=0.3, degrees=True)
+NUMBERS = {"range_sigma": 50.0, "azimuth_sigma": 0.0014, "scan_period": 4.0}
+FLAT = Radar([-5e4, 0.0], **NUMBERS)
+ROUND = SystemPlane(50.0, 14.0).radar(50.2, 13.6, 300.0, **NUMBERS)
+TARGETS = 20
+
+
+def recording(radar, seed=1, lasting=0.0):
+    """Plots of a radar with errors and reports of three targets in four, their targets and truth.
+
+    The share `lasting` of the variance of the reports is one error of a target.
+    """
+    random = np.random.default_rng([58, seed])
+    traffic = simulate.dense_traffic(
+        TARGETS, area=(1e5, 1e5), turning_share=0.0, duration=240.0, rng=seed
+    )
+    record = simulate.radar_plots(traffic, [radar], bias=BIAS, rng=seed + 50)
+    time = np.arange(0.3, 239.0, 1.0)
+    target = np.repeat(np.arange(15), len(time))
+    time = np.tile(time, 15)
+    constant = random.normal(0.0, 25.0 * np.sqrt(lasting), (TARGETS, 2))[target]
+    noise = random.normal(0.0, 25.0 * np.sqrt(1.0 - lasting), (len(time), 2))
+    seen, none = record.plots, np.full(len(time), np.nan)
+    plots = Plots(
+        np.append(seen.time, time),
+        np.append(seen.range, none),
+        np.append(seen.azimuth, none),
+        sensor=np.append(seen.sensor, np.ones(len(time), np.int64)),
+        height=np.append(seen.height, none),
+        position=np.concatenate(
+            [np.full((len(seen), 2), np.nan), traffic.at(target, time)[0] + constant + noise]
+        ),
+    )
+    order = np.argsort(plots.time)
+    return traffic, plots[order], np.append(record.target, target)[order]
+
+
+def followed(tracker, plots, begin=0.0, end=240.0):
+    """The tables of scans of four seconds."""
+    tables = []
+    for start in np.arange(begin, end, 4.0):
+        now = (plots.time >= start) & (plots.time < start + 4.0)
+        tables.append(tracker.update(plots[now], time=start + 4.0))
+    return tables
+
+
+def off(bias):
+    """Errors of range and azimuth over their sigmas, and these over the limits."""
+    found = []
+    for kind in ("range", "azimuth"):
+        value, sigma = (np.atleast_1d(getattr(bias, kind + end))[0] for end in ("", "_sigma"))
+        limit = getattr(RADAR_LIMITS, f"{kind}_sigma")
+        found.append([(value - getattr(BIAS, kind)) / sigma, sigma / limit])
+    return np.array(found).T
+
+
+@pytest.mark.parametrize("radar", [FLAT, ROUND], ids=["flat", "round"])
+def test_one_radar_is_registered(radar):
+    traffic, plots, target = recording(radar)
+    tracker = Tracker([radar, ADSB])
+    tables = followed(tracker, plots)
+    distance, sigma = off(tracker.bias)
+    assert np.all(np.abs(distance) < 3.5)
+    assert np.all(sigma < 0.25)
+    assert tracker.bias.range[1] == tracker.bias.range_sigma[1] == 0.0
+    late = tables[30:]
+    assert len(np.unique(np.concatenate([table.track for table in late]))) == TARGETS
+    squares = []
+    for table in late:
+        hit = (table.plot >= 0) & (target[table.plot] >= 0)
+        truth = traffic.at(target[table.plot[hit]], table.time[hit])[0]
+        squares.append(nees(table.position[hit] - truth, table.covariance[hit, :2, :2]))
+    # straight flights and a tracker that expects turns
+    assert 0.5 < np.mean(np.concatenate(squares)) / 2.0 < 1.1
+
+
+def test_without_registration_every_aircraft_has_two_tracks():
+    _, plots, _ = recording(FLAT)
+    tables = followed(Tracker([FLAT, ADSB], registration=False), plots)
+    assert len(np.unique(np.concatenate([table.track for table in tables[30:]]))) > 30
+
+
+def test_errors_of_reports_that_last_are_not_certain():
+    distances = []
+    for seed in range(6):
+        _, plots, _ = recording(FLAT, seed=seed, lasting=1.0)
+        tracker = Tracker([FLAT, ADSB])
+        followed(tracker, plots)
+        distances.append(off(tracker.bias)[0])
+    assert np.sqrt(np.mean(np.square(distances))) < 1.5
+
+
+def test_a_recording_is_registered():
+    _, plots, _ = recording(FLAT)
+    found = register(plots, [FLAT, ADSB])
+    distance, sigma = off(found.bias)
+    assert np.all(np.abs(distance) < 3.5)
+    assert np.all(sigma < 0.25)
+    assert found.observable["range"].tolist() == [True, False]
+    factor = found.noise_factor.range
+    assert 0.85 < factor[0] < 1.15
+    assert np.isnan(factor[1])
+    assert found.sensors[1] is ADSB
+    assert "bias" in repr(found)
+
+
+def test_a_camera_beside_changes_nothing():
+    _, plots, _ = recording(FLAT)
+    camera = Station([0.0, 0.0], azimuth_sigma=0.002)
+    alone, both = Tracker([FLAT, ADSB]), Tracker([FLAT, ADSB, camera])
+    followed(alone, plots)
+    followed(both, plots)
+    assert np.array_equal(alone.bias.azimuth, both.bias.azimuth[:2])
+
+
+def test_one_camera_beside_a_radar_registers_nothing():
+    tracker = Tracker([FLAT, Station([0.0, 0.0], azimuth_sigma=0.002)])
+    assert tracker.bias.range_sigma[0] == RADAR_LIMITS.range_sigma
+    assert tracker._registrar is None
+
+
+def test_a_saved_tracker_goes_on():
+    _, plots, _ = recording(FLAT)
+    tracker = Tracker([FLAT, ADSB])
+    followed(tracker, plots, end=60.0)
+    again = pickle.loads(pickle.dumps(tracker))
+    tables = [followed(one, plots, begin=60.0, end=120.0)[-1] for one in (tracker, again)]
+    assert np.array_equal(tables[0].covariance, tables[1].covariance)
+    assert np.array_equal(tracker.bias.range, again.bias.range)
