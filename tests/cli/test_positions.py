@@ -9,7 +9,7 @@ from terminal import run
 
 from tertia import tables
 from tertia.geo import SystemPlane
-from tertia.sensors import Bias, PositionSensor, Radar
+from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tracker import Plots, track
 
 SENSORS = """
@@ -109,6 +109,66 @@ def test_latitudes_and_longitudes_are_in_the_plane_of_the_radars() -> None:
     found = tables.track(earth, sensors=[radar, ITEMS[1]])
     wanted = tables.track(frame, sensors=ITEMS)
     np.testing.assert_allclose(found["east_m"], wanted["east_m"], atol=1e-5)
+
+
+CAMERA = """
+[[station]]
+name = "camera"
+{place}
+azimuth_sigma_deg = 0.05
+
+[[station]]
+name = "without azimuths"
+east_m = 0.0
+north_m = 0.0
+"""
+
+
+def with_camera() -> pl.DataFrame:
+    """Return the same with azimuths of a camera at (5, -2) km."""
+    time = np.arange(20.0, 60.0)
+    azimuth = np.degrees(np.arctan2(200.0 * time - 5e3, 7000.0 + 50.0 * time))
+    seen = pl.DataFrame({"time_s": time, "sensor": ["camera"] * 40, "azimuth_deg": azimuth})
+    return pl.concat([reports(), seen], how="diagonal")
+
+
+def test_azimuths_of_stations(tmp_path: Path) -> None:
+    frame = with_camera()
+    frame.write_csv(tmp_path / "plots.csv")
+    place = CAMERA.format(place="east_m = 5000.0\nnorth_m = -2000.0")
+    (tmp_path / "sensors.toml").write_text(SENSORS + place)
+    output = tmp_path / "tracks.csv"
+    options = ("--sensors", tmp_path / "sensors.toml", "--output", output)
+    done = run("track", tmp_path / "plots.csv", *options)
+    assert done.code == 0, done.err
+    camera = Station([5e3, -2e3], azimuth_sigma=0.05, degrees=True, name="camera")
+    wanted = tables.track(frame, sensors=[*ITEMS, camera])
+    found = pl.read_csv(output)
+    assert (found["sensor"] == "camera").sum() > 30
+    np.testing.assert_allclose(found["east_m"], wanted["east_m"], rtol=1e-12)
+
+
+def test_stations_on_the_earth_are_in_the_plane_of_the_radars(tmp_path: Path) -> None:
+    plane = SystemPlane(50.0, 14.0)
+    latitude, longitude, _ = plane.to_geodetic(np.array([5e3, -2e3, 0.0]))
+    west = plane.to_geodetic(np.array([*PLACE, 0.0]))
+    on_earth = SENSORS.replace(
+        "east_m = -70000.0\nnorth_m = 0.0", f"latitude_deg = {west[0]}\nlongitude_deg = {west[1]}"
+    )
+    place = CAMERA.format(place=f"latitude_deg = {latitude}\nlongitude_deg = {longitude}")
+    origin = "[origin]\nlatitude_deg = 50.0\nlongitude_deg = 14.0\n"
+    (tmp_path / "sensors.toml").write_text(origin + on_earth + place)
+    with_camera().with_columns(height_m=0.0).write_csv(tmp_path / "plots.csv")
+    output = tmp_path / "tracks.csv"
+    for more in ((), ("--flat",)):
+        options = ("--sensors", tmp_path / "sensors.toml", "--output", output, *more)
+        done = run("track", tmp_path / "plots.csv", *options)
+        assert done.code == 0, done.err
+        found = pl.read_csv(output)
+        seen = found.filter(pl.col("sensor") == "camera")
+        assert seen.height > 25
+        # the origin of a flat earth is that of the file, too
+        np.testing.assert_allclose(seen["east_m"], 200.0 * seen["time_s"], atol=40.0)
 
 
 @pytest.mark.parametrize(

@@ -252,6 +252,47 @@ def test_an_azimuth_a_little_late_counts_as_of_its_time():
     assert np.sqrt(np.mean(np.square(error))) < 1.15 * np.sqrt(np.mean(np.square(best)))
 
 
+def test_a_camera_on_the_earth_narrows_the_tracks_of_a_radar():
+    plane = SystemPlane(50.0, 14.0)
+    radar = plane.radar(
+        50.0, 12.0, 0.0, range_sigma=50.0, azimuth_sigma=0.002, scan_period=4.0, bias=Bias()
+    )
+    # 200 km east of the centre true north is 2 degrees off the north of the plane
+    camera = plane.station(50.05, 16.8, 200.0, azimuth_sigma=5e-4)
+    time = np.arange(0.0, 120.0, 4.0)
+    latitude, longitude = 50.4 + 0.0 * time, 16.5 + 0.0025 * time
+    random = np.random.default_rng(3)
+    columns = []
+    for site in (radar.site, plane.site(camera.position)):
+        seen = [
+            site.geodetic_to_polar(*place, 9e3) for place in zip(latitude, longitude, strict=True)
+        ]
+        columns.append(np.transpose(seen))
+    (distance, azimuth, _), (_, sight, _) = columns
+    distance = distance + random.normal(0.0, 50.0, len(time))
+    azimuth = azimuth + random.normal(0.0, 0.002, len(time))
+    sight = sight + random.normal(0.0, 5e-4, len(time))
+    alone = Plots(time, distance, azimuth, height=9e3)
+    both = Plots(
+        np.append(time, time),
+        np.append(distance, np.full(len(time), np.nan)),
+        np.append(azimuth, sight),
+        sensor=np.repeat([0, 1], len(time)),
+        height=np.append(np.full(len(time), 9e3), np.full(len(time), np.nan)),
+    )
+    errors = []
+    for plots, sensors in ((alone, [radar]), (both, [radar, camera])):
+        table = track(plots, sensors, motion=CvModel(0.01))
+        assert len(np.unique(table.track)) == 1
+        last = table[table.time > 80.0]
+        place = plane.to_local(50.4, 16.5 + 0.0025 * last.time, 9e3)
+        off = last.position - np.asarray(place)[:, :2]
+        assert np.mean(nees(off, last.covariance[:, :2, :2])) / 2.0 < 2.0
+        errors.append((np.sqrt(np.mean(off**2)), np.sqrt(np.mean(last.covariance[:, 0, 0]))))
+    assert errors[1][1] < 0.6 * errors[0][1]
+    assert errors[1][0] < errors[0][0]
+
+
 def test_wrong_arguments():
     def refused(match, *sensors, **options):
         assert_refused(lambda: Tracker([*sensors], **options), ValueError, match)
@@ -266,10 +307,6 @@ def test_wrong_arguments():
     refused("motion", GPS, CAMERA, motion=WindowModel())
     for bias in (Bias(azimuth_sigma=0.1), Bias(time_sigma=None), Bias(deviation_order=1)):
         refused("bias", GPS, Station([0.0, 0.0], azimuth_sigma=0.1, bias=bias))
-    radar = SystemPlane(50.0, 14.0).radar(
-        50.0, 14.0, 0.0, range_sigma=50.0, azimuth_sigma=0.001, scan_period=4.0
-    )
-    refused("frame", radar, CAMERA)
     refused("no Radar", GPS, CAMERA, registration=True)
     tracker = Tracker([GPS, CAMERA])
     assert_refused(

@@ -15,7 +15,7 @@ from tertia.geo._arrays import (
 )
 from tertia.geo._frame import Frame
 from tertia.geo._local import LocalFrame
-from tertia.sensors import Radar
+from tertia.sensors import Radar, Station
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -133,6 +133,52 @@ class SystemPlane(Frame):
         array([18602., 11155.,   380.])
         """
         return Radar(self.to_local(latitude, longitude, height), frame=self, **properties)
+
+    def station(
+        self,
+        latitude: float,
+        longitude: float,
+        height: float = 0.0,
+        *,
+        azimuth_sigma: float | None = None,
+        name: str | None = None,
+    ) -> Station:
+        """Return a station at a place, for azimuths in the tracks of this plane.
+
+        Parameters
+        ----------
+        latitude, longitude : float
+            Degrees.
+        height : float
+            Metres above the ellipsoid.
+        azimuth_sigma : float, optional
+            Standard deviation of its azimuths in radians.
+        name : str, optional
+            Its label in plots.
+
+        Returns
+        -------
+        Station
+            Its azimuths are relative to true north. Lines of sight are straight in the plane, which
+            is .01 degrees off at 100 km.
+
+        Raises
+        ------
+        ValueError, TypeError
+            As for `Station`.
+
+        Examples
+        --------
+        >>> from tertia.geo import SystemPlane
+        >>> camera = SystemPlane(50.0, 14.0).station(50.1, 14.26, 380.0, azimuth_sigma=1e-3)
+        >>> camera.position.round()
+        array([18602., 11155.,   380.])
+        """
+        place = finite(self.to_local(latitude, longitude, height), "position")
+        _, convergence = self.scale_and_convergence(place)
+        cosine, sine = np.cos(convergence), np.sin(convergence)
+        axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return Station(place, azimuth_sigma=azimuth_sigma, axes=axes, name=name)
 
     def site(self, position: npt.ArrayLike) -> LocalFrame:
         """Return the local frame of a place in the plane, as the position of a radar is.

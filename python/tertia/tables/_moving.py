@@ -52,7 +52,7 @@ def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]
         found[:, 0] = given
         found[there, 1:] = np.eye(d)
     elif there.any() and sensors.frame is not None:
-        one = sensors.frame.station(*given[there].T)  # type: ignore[union-attr]
+        one = sensors.frame.station(*given[there].T)
         found[there, 0] = one.position[:, :d]
         axes = np.broadcast_to(np.asarray(one.axes), (int(there.sum()), 3, 3))
         found[there, 1:] = in_the_plane(axes) if d == 2 else axes

@@ -187,16 +187,18 @@ def radars(
     return Sensors(items, norths, np.full(len(items), np.nan), frame, file)
 
 
-def with_position_sensors(
+def with_others(
     found: Sensors[Any] | None,
-    rows: Sequence[Row],
+    position_sensors: Sequence[Row],
+    stations: Sequence[Row],
     *,
     origin: Row | None = None,
     file: str = "the table",
 ) -> Sensors[Any]:
-    """Return radars, if there are any, and the sensors of positions that rows describe.
+    """Return radars, if there are any, and other sensors that rows describe.
 
-    Without radars, latitudes and longitudes need the `origin`.
+    Without radars, latitudes and longitudes need the `origin`. Stations are taken for their
+    azimuths; those without an `azimuth_sigma_deg` are left out.
     """
     if found is None:
         frame = None
@@ -204,28 +206,48 @@ def with_position_sensors(
             centre = _Cells(origin, "the origin", file)
             frame = SystemPlane(*(centre.required(column) for column in GEODETIC[:2]))
         found = Sensors[Any]([], np.zeros(0), np.zeros(0), frame, file)
-    items = list(found.items)
-    for name, row in _named(rows, "position sensor", file).items():
+    others: list[PositionSensor | Station] = []
+    rows = _named(position_sensors, "position sensor", file) if position_sensors else {}
+    for name, row in rows.items():
         cells, options = _Cells(row, name, file), {}
-        if name in found.names:
-            raise cells.error(f"there are two sensors {name}")
         for key, column in _POSITION_SENSOR.items():
             value = cells.number(column)
             if value is not None:
                 options[key] = value
         bias = _bias(cells)
         try:
-            items.append(PositionSensor(name=name, bias=bias, **options))
+            others.append(PositionSensor(name=name, bias=bias, **options))
         except ValueError as error:
             raise cells.error(f"{name}: {error}") from None
-    count = len(items) - len(found.items)
-    return Sensors(
-        items,
-        np.concatenate([found.norths, np.zeros(count)]),
-        np.full(len(items), np.nan),
-        found.frame,
-        file,
-    )
+    for name, row in (_named(stations, "station", file) if stations else {}).items():
+        cells = _Cells(row, name, file)
+        if cells.sigma(_STATION["azimuth_sigma"][0]) is not None:
+            others.append(_for_azimuths(cells, found.frame))
+    items = [*found.items, *others]
+    if twice := {one.name for one in others if [other.name for other in items].count(one.name) > 1}:
+        raise RecordError(f"there are two sensors {min(map(str, twice))}", file=file)
+    north, none = np.zeros(len(others)), np.full(len(items), np.nan)
+    return Sensors(items, np.concatenate([found.norths, north]), none, found.frame, file)
+
+
+def _for_azimuths(cells: _Cells, frame: LocalFrame | SystemPlane | None) -> Station:
+    """Return a station with its place in the plane of radars, and its azimuths alone."""
+    column, unit = _STATION["azimuth_sigma"]
+    options: dict[str, Any] = {"azimuth_sigma": cells.required(column) * unit}
+    bias = _bias(cells)
+    if bias is not None:
+        # what is not stated is none: the tracker estimates no errors of a station
+        kinds = ("azimuth", "time")
+        options["bias"] = Bias(**{kind: getattr(bias, kind) for kind in kinds})
+    if not _are_geodetic([cells], None, cells.file):
+        return cells.made(Station, _coordinates([cells], LOCAL)[0][:2], options)
+    place = [cells.required(column) for column in GEODETIC[:2]]
+    place.append(cells.number(GEODETIC[2]) or 0.0)
+    if frame is None:
+        raise cells.error(f"{cells.name} has {GEODETIC[0]}, and the radars have none")
+    station = frame.station(*place)
+    options["axes"] = in_the_plane(np.asarray(station.axes)[np.newaxis])[0]
+    return cells.made(Station, station.position[:2], options)
 
 
 def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:

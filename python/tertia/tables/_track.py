@@ -253,7 +253,8 @@ def recording_of(
 ) -> Recording:
     """Return the plots of a table or of files."""
     radars: Sensors[Any] = sensors_of(sensors)
-    schema = REPORTS if np.any(reporting(radars)) else PLOTS
+    alike = all(isinstance(one, Radar) for one in radars.items)
+    schema = PLOTS if alike else REPORTS
     records = read(source, schema, columns=columns, sensors=radars.names)
     clock = Clock.of(records.rows["time"], midnight=True)
     identity = records.column.get("identity", "identity")

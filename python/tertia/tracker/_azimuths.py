@@ -10,13 +10,12 @@ import numpy as np
 from tertia.sensors import Station
 
 if TYPE_CHECKING:
-    from tertia.geo import SystemPlane
     from tertia.tracker._plots import Plots
 
 _OTHERS = ("range_sigma", "elevation_sigma", "arrival_time_sigma")
 
 
-def check_station(station: Station, name: str, plane: SystemPlane | None) -> None:
+def check_station(station: Station, name: str) -> None:
     """Fail unless the tracker can use all that a station says of its azimuths."""
     if station.azimuth_sigma is None:
         raise ValueError(f"{name}.azimuth_sigma is None; the tracker needs that of a Station")
@@ -33,8 +32,6 @@ def check_station(station: Station, name: str, plane: SystemPlane | None) -> Non
         )
     if station.position_sigma > 0.0:
         raise ValueError(f"{name}.position_sigma is {station.position_sigma:g}; it must be 0 here")
-    if plane is not None:
-        raise ValueError(f"{name} is a Station, and the radars have a frame; it must be None")
     bias = station.bias
     if bias is None:
         return

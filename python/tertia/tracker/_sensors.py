@@ -28,12 +28,12 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
         instance(value, f"sensors[{i}]", Radar, PositionSensor, Station)
     if not values:
         raise ValueError("sensors is empty; there must be at least one")
-    plane = plane_of([one for one in values if isinstance(one, Radar)])
+    plane_of([one for one in values if isinstance(one, Radar)])
     stations = {i: one for i, one in enumerate(values) if isinstance(one, Station)}
     if len(stations) == len(values):
         raise ValueError("sensors has a Station alone; azimuths without ranges begin no tracks")
     for i, station in stations.items():
-        check_station(station, f"sensors[{i}]", plane)
+        check_station(station, f"sensors[{i}]")
     return tuple(values)
 
 

@@ -24,7 +24,7 @@ from tertia.tables._sensors import (
     Sensors,
     radars,
     stations,
-    with_position_sensors,
+    with_others,
 )
 
 if TYPE_CHECKING:
@@ -199,13 +199,15 @@ def _is_object(line: bytes) -> bool:
 
 
 def read_sensors(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Any]:
-    """Return the radars of a sensors file, as `read_radars`, and its sensors of positions."""
-    reports, origin = _described(path, _REPORTS) if path.suffix.lower() == ".toml" else ([], None)
-    if not reports:
+    """Return the radars of a sensors file, as `read_radars`, and its other sensors."""
+    if path.suffix.lower() != ".toml":
         return read_radars(path, source, flat=flat)
+    (reports, origin), (stations, _) = (_described(path, noun) for noun in (_REPORTS, "station"))
     some = _described(path, "radar")[0]
+    if not reports and (not stations or not some):
+        return read_radars(path, source, flat=flat)
     found = read_radars(path, source, flat=flat, alone=False) if some else None
-    return with_position_sensors(found, reports, origin=origin, file=str(path))
+    return with_others(found, reports, stations, origin=origin, file=str(path))
 
 
 def read_radars(
