@@ -23,6 +23,8 @@ ERRORS = ("range", "range_gain", "azimuth", "time")
 ALIGNED = repetitions(3)
 LIVE, AIRCRAFT = repetitions(10), 20
 PERIODS = ((0.0, 60.0), (60.0, 180.0), (180.0, 300.0), (300.0, 600.0), (600.0, 900.0))
+# scans of the slowest radar before which a tracker that registers gives no rows
+FIRST_SCANS = 3.0
 # a row farther from its target is of another one, metres
 ASTRAY = 2000.0
 AZIMUTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0)
@@ -172,6 +174,7 @@ def followed(
     error = position - place[row]
     used = confirmed & (row >= 0) & (record.target[row] >= 0)
     used &= np.hypot(*error.T) < ASTRAY
+    used &= time >= FIRST_SCANS * max(radar.scan_period for radar in radars)
     cells = []
     for low, high in PERIODS:
         now = used & (time >= low) & (time < high)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from studies.pages import markdown, repetitions
+from studies.registration import FIRST_SCANS
 from tertia import simulate
 from tertia._arrays import FloatArray
 from tertia.metrics import nees
@@ -50,6 +51,7 @@ def _followed(scene: simulate.Scene, way: str) -> tuple[FloatArray, int, int]:
     place, _, _ = scene.traffic._state(np.maximum(of, 0), time)
     error = position - place
     used = confirmed & (of >= 0) & (np.hypot(*error.T) < ASTRAY)
+    used &= time >= FIRST_SCANS * max(radar.scan_period for radar in radars)
     cells = []
     for low, high in PERIODS:
         now = used & (time >= low) & (time < high)

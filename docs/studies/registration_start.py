@@ -18,8 +18,6 @@ PLACES = ((-5e4, 0.0), (5e4, 0.0), (0.0, 6e4))
 AZIMUTHS, RANGES = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0), (0.0, 300.0, 500.0)
 # with replies, false plots a scan
 KINDS = ((True, 0.0), (False, 0.0), (False, 20.0))
-# scans in which a tracker seeks large errors, and until its new tracks are confirmed; seconds
-SOUGHT, CONFIRMED = 7, 3
 # when errors change, and how long recordings last; seconds
 CHANGE, DURATION, LONG = 150.0, 300.0, 600.0
 CHANGES: tuple[tuple[str, dict[str, float]], ...] = (
@@ -106,13 +104,11 @@ def _cell(counts: Sequence[tuple[int, int, int]]) -> str:
 
 
 def _ways(record: simulate.RadarPlots, count: int) -> list[tuple[int, int, int]]:
-    """Return the counts as they are, of a recording, and scan by scan after the search."""
+    """Return the counts as they are, of a recording, and scan by scan from the first row on."""
     plots, target = record.plots, record.target
-    slowest = 3.0 + count
-    begin = np.min(plots.time) + (SOUGHT + CONFIRMED) * slowest
-    later = [one for one in followed(plots, count)[1] if len(one) and np.min(one.time) > begin]
+    live = followed(plots, count)[1]
     plain = track(plots, radars(count), registration=False)
-    return [_counted(tables, target) for tables in ([plain], [track(plots, radars(count))], later)]
+    return [_counted(tables, target) for tables in ([plain], [track(plots, radars(count))], live)]
 
 
 def grid() -> str:

@@ -186,17 +186,35 @@ def test_a_sudden_change_beyond_the_gates_is_found(beyond):
     assert len(np.unique(np.concatenate([table.track for table in tables]))) <= 21
 
 
-def test_new_tracks_after_the_start_have_new_numbers():
-    plots = recording(6, Bias(azimuth=[0.0, 0.5], degrees=True))
+def few(plots, target):
+    """The plots of two aircraft more than a chain of pairs needs."""
+    return plots[np.isin(target, np.unique(target[target >= 0])[:5])]
+
+
+@pytest.mark.parametrize("seed", [6, 7, 8])
+def test_no_aircraft_has_two_tracks_from_the_first_row_on(seed):
+    plots = recording(seed, Bias(azimuth=[0.0, 0.5], degrees=True))
     _, tables = followed(plots)
-    before = np.unique(np.concatenate([table.track for table in tables[:6]]))
-    after = np.unique(np.concatenate([table.track for table in tables[9:]]))
-    assert len(before) >= 20
-    assert not np.intersect1d(before, after).size
+    begin = min(np.min(table.time) for table in tables if len(table))
+    assert 11.0 < begin - plots.time[0] < 20.0
+    assert len(np.unique(np.concatenate([table.track for table in tables]))) == 20
     # plots keep their numbers
     for table in tables[9:]:
         seen = table.plot >= 0
         np.testing.assert_allclose(plots.time[table.plot[seen]], table.time[seen], atol=0.3)
+
+
+def test_new_tracks_after_the_start_have_new_numbers():
+    # too few aircraft for three scans
+    traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=6)
+    bias = Bias(azimuth=[0.0, 0.5], degrees=True)
+    record = simulate.radar_plots(traffic, RADARS, bias=bias, rng=56)
+    _, tables = followed(few(record.plots, record.target))
+    before = np.unique(np.concatenate([table.track for table in tables[:8]]))
+    after = np.unique(np.concatenate([table.track for table in tables[10:]]))
+    assert len(before) >= 5
+    assert len(after) == 5
+    assert not np.intersect1d(before, after).size
 
 
 def test_a_recording_in_any_order():

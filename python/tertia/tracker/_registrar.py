@@ -17,12 +17,18 @@ from tertia.tracker._sensors import Sensor, core_sensors, interval
 from tertia.tracker._start import bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
 
-# scans of the slowest sensor in which errors far larger than expected are sought
+# scans of the slowest radar after which errors far larger than expected are sought at first, with
+# tracks of two plots, if radars have so many targets in common; standard deviations of the prior
+# beyond which they are taken out then; scans after which they are sought with tracks of three plots
+_FIRST_SCANS = 3.0
+_FIRST_PAIRS = 6
+_FAR = 2.5
 _SCANS = 7.0
 # targets of a radar that are enough for this
 _AMPLE = 250
 
-Alone = Callable[[Plots, Radar | PositionSensor], TrackTable]
+# tracks of the plots of one sensor that have so many
+Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
@@ -65,9 +71,10 @@ class Registrar:
     def __init__(self, sensors: Sequence[Sensor]) -> None:
         self.sensors = tuple(sensors)
         self.kept: list[Plots] = []
-        self._begin = self._due = np.nan
+        self._begin, self._due = np.nan, np.inf
         # a station has no tracks of its own
         self._paired: BoolArray = np.array([isinstance(one, Station) for one in sensors])
+        self._compared = False
         self._start_from(own_biases(sensors))
 
     @property
@@ -108,27 +115,42 @@ class Registrar:
         flat = in_plane(_with_heights(plots, first, tracks), self.sensors)
         return self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, noise, time)
 
+    @property
+    def _first(self) -> float:
+        """Seconds after which the sensors are compared at first."""
+        radars = [one for one in self.sensors if isinstance(one, Radar)]
+        return _FIRST_SCANS * max(radar.scan_period for radar in radars)
+
+    @property
+    def is_first(self) -> bool:
+        """Whether the radars were not yet compared, so that two tracks may be one aircraft."""
+        return not self._due > self._begin + self._first
+
     def search(self, plots: Plots, time: float, alone: Alone) -> bool:
-        """Seek large errors in the first scans; return whether there are, and so to start anew.
+        """Seek large errors in the first scans; return whether tracks are to start anew.
 
         Then `kept` are the plots from which on. What is found comes from the tracks of each radar
-        alone; it is sought again later where radars have no targets in common yet.
+        alone; it is sought again later where radars have no targets in common yet, or few scans
+        showed no large errors. Tracks go on where they were of all radars before.
         """
         if self._paired.all():
             return False
-        span = _SCANS * self.period
-        if np.isnan(self._begin):
-            self._begin, self._due = time, time + span
-        self.kept = [one for one in self.kept if np.max(one.time) > time - span]
-        if len(plots) and np.any(np.isfinite(plots.time)):
+        known = plots.time[np.isfinite(plots.time)]
+        if np.isnan(self._begin) and len(known):
+            self._begin = float(np.min(known))
+            self._due = self._begin + self._first
+        self.kept = [one for one in self.kept if np.max(one.time) > time - _SCANS * self.period]
+        if len(known):
             self.kept.append(plots)
         if time < self._due or not self.kept:
             return False
-        self._due = self._begin + 2.0 * (self._due - self._begin)
-        found = self._vote(_joined(self.kept), alone)
+        is_first, later = self.is_first, 2.0 * (self._due - self._begin)
+        span = max(_SCANS * self.period, self._due - self._begin)
+        self._due = self._begin + (span if is_first else later)
+        found = self._vote(_joined(self.kept), alone, is_first=is_first)
         if np.all(self._paired) and not found:
             self.kept = []
-        return found
+        return found and (is_first or not self._compared)
 
     def search_recording(self, plots: Plots, alone: Alone) -> None:
         """Seek large errors in the first scans in which radars have targets in common."""
@@ -142,24 +164,36 @@ class Registrar:
             self._vote(plots[within], alone)
             due *= 2.0
 
-    def _vote(self, plots: Plots, alone: Alone) -> bool:
-        """Start from the errors that these plots show, if they are large."""
+    def _vote(self, plots: Plots, alone: Alone, *, is_first: bool = False) -> bool:
+        """Start from the errors that these plots show, if they are large.
+
+        The first scans say so of several targets only, and not that there are none.
+        """
         plots = _thinned(plots, len(self.sensors))
+        count = 2 if is_first else 3
         tables = [
-            alone(plots[:0], PositionSensor())
+            alone(plots[:0], PositionSensor(), count)
             if isinstance(one, Station)
-            else alone(plots[plots.sensor == k], one)
+            else alone(plots[plots.sensor == k], one, count)
             for k, one in enumerate(self.sensors)
         ]
-        found, paired = start(tables, self.sensors)
-        limits = columns_of(own_biases(self.sensors), "_sigma")
-        large = np.any(columns_of(found, "_sigma") > limits, axis=1)
-        new = bool(np.any(paired & ~self._paired))
+        found, known, pairs = start(tables, self.sensors)
+        prior = own_biases(self.sensors)
+        limits, wide = columns_of(prior, "_sigma"), columns_of(found, "_sigma")
+        large = np.any(wide > limits, axis=1)
+        paired = pairs >= (_FIRST_PAIRS if is_first else 1)
+        if is_first:
+            self._compared = bool(np.all(paired | self._paired))
+            off = np.abs(columns_of(found) - columns_of(prior))
+            is_new = bool(np.any(paired & np.any(off > _FAR * limits, axis=1)))
+            paired &= bool(np.any(large))
+        else:
+            is_new = bool(np.any(paired & ~self._paired) and np.any(large))
         self._paired = self._paired | paired
-        if not (new and np.any(large)):
-            return False
-        self._start_from(found)
-        return True
+        if is_new:
+            # the plots are taken again: what they say must not count twice
+            self._start_from(bias_of(columns_of(found), np.minimum(wide, np.hypot(limits, known))))
+        return is_new
 
     def _start_from(self, bias: Bias) -> None:
         radars, _ = core_sensors(self.sensors, "cv")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias
 from tertia.sensors._bias import KINDS
 from tertia.sensors._sensors import own_biases
@@ -21,11 +21,14 @@ _AGE = 2.5
 _STRAIGHT, _TURN = 0.1, 3.0
 
 
-def start(alone: Sequence[TrackTable], sensors: Sequence[Sensor]) -> tuple[Bias, BoolArray]:
+def start(
+    alone: Sequence[TrackTable], sensors: Sequence[Sensor]
+) -> tuple[Bias, FloatArray, IntArray]:
     """Return errors from which to start, and how well they are known before.
 
-    The tracks of each sensor alone are compared at the time at which most pairs can be. Returned is
-    also whether a sensor has targets in common with others, (K,).
+    The tracks of each sensor alone are compared at the time at which most pairs can be. Returned are
+    also how well they are known after that, (K, 4), and how many targets a sensor has in common with
+    others, (K,).
     """
     prior = own_biases(sensors)
     sigma = columns_of(prior, "_sigma")
@@ -33,13 +36,15 @@ def start(alone: Sequence[TrackTable], sensors: Sequence[Sensor]) -> tuple[Bias,
     ages = [_AGE * interval(one) for one in sensors]
     time = _time_of_most_pairs(tables, ages)
     if time is None:
-        return prior, np.zeros(len(sensors), dtype=bool)
+        return prior, sigma, np.zeros(len(sensors), dtype=np.int64)
     tracks = [
         _at(table, time, k, age) for k, (table, age) in enumerate(zip(tables, ages, strict=True))
     ]
     joined = {name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]}
-    (value, wide), paired = _core.register_start(joined, core_sensors(sensors, "cv")[0], sigma)
-    return bias_of(columns_of(prior) + value, wide), np.array(paired)
+    (value, wide, after), paired = _core.register_start(
+        joined, core_sensors(sensors, "cv")[0], sigma
+    )
+    return bias_of(columns_of(prior) + value, wide), after, np.array(paired, dtype=np.int64)
 
 
 def columns_of(bias: Bias, suffix: str = "") -> FloatArray:

@@ -107,7 +107,8 @@ class Tracker:
         there are such sensors, and a radar that is not trusted (`bias=Bias()`). Positions of a
         `PositionSensor` are taken to have no such errors. `bias` is what is known by now; what is
         not known is part of the covariances. Errors of several times the limits are found from the
-        first seven scans; the tracks then start anew, with new numbers.
+        first three scans, before which there are no rows, or seven scans; the tracks then start
+        anew, with new numbers.
     n_threads : int, optional
         Threads to use for scans of more than a thousand plots per thread; by default all cores. The
         tracks are the same to the last bit.
@@ -304,6 +305,9 @@ class Tracker:
                 self._core.restart(sum(map(len, registrar.kept)))
                 for again in registrar.kept:
                     table = self._learned(registrar, again, None, rows)
+            if registrar.is_first and not recording:
+                none = self._scan(plots[:0], None, rows)._columns
+                return TrackTable._of(none, table.track_of_plot)
             return table
 
         if len(parts) == 1 and not recording:
@@ -591,7 +595,7 @@ def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[Tr
     return tracker._track(plots, None, True), tracker.bias
 
 
-def _alone(plots: Plots, sensor: Radar | PositionSensor) -> TrackTable:
-    """Return the tracks of one sensor."""
+def _alone(plots: Plots, sensor: Radar | PositionSensor, count: int) -> TrackTable:
+    """Return the tracks of one sensor that have so many plots."""
     own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
-    return track(own, [sensor], motion="cv")
+    return track(own, [sensor], motion="cv", confirmation=(count, count + 1))

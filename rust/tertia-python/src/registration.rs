@@ -298,15 +298,15 @@ pub fn register_errors<'py>(
     ))
 }
 
-/// Errors (K, 4) from which a registration starts, the standard deviations of its prior, and whether
-/// each radar has targets in common with others.
+/// Errors (K, 4) from which a registration starts, the standard deviations of its prior and of the
+/// errors, and how many targets each radar has in common with others.
 #[pyfunction]
 pub fn register_start<'py>(
     py: Python<'py>,
     tracks: LoneTracks<'py>,
     radars: Vec<PyRef<'py, Radar>>,
     sigma: Input<'py>,
-) -> PyResult<(Levels<'py>, Vec<bool>)> {
+) -> PyResult<([Array<'py>; 3], Vec<usize>)> {
     let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
     let sigma = sigma.points::<ERRORS>("sigma", 1)?;
     same_length(radars.len(), &[sigma.len()])?;
@@ -316,6 +316,7 @@ pub fn register_start<'py>(
     let levels = [
         array(py, &[k, ERRORS], found.errors.into_flattened())?,
         array(py, &[k, ERRORS], found.prior.into_flattened())?,
+        array(py, &[k, ERRORS], found.sigma.into_flattened())?,
     ];
     Ok((levels, found.paired))
 }

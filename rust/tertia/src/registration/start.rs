@@ -61,8 +61,10 @@ pub struct Start {
     pub errors: Vec<Errors>,
     /// Standard deviations of the prior: those given, wider for a radar that has large errors.
     pub prior: Vec<Errors>,
-    /// Whether each radar has targets in common with others.
-    pub paired: Vec<bool>,
+    /// Those of the errors.
+    pub sigma: Vec<Errors>,
+    /// Pairs of tracks that each radar has in common with others.
+    pub paired: Vec<usize>,
 }
 
 /// A pair of tracks of two radars.
@@ -103,40 +105,47 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     let hypotheses = std::iter::once((0.0, vec![false; count]))
         .chain((0..count).map(|k| (ONE, (0..count).map(|i| i == k).collect())))
         .chain([(ALL, vec![true; count])]);
-    let (_, large, errors) = hypotheses
+    let (_, large, errors, variances) = hypotheses
         .map(|(odds, large)| {
             let sigma = |i: usize| if large[i / ERRORS] { WIDE[i % ERRORS] } else { 1.0 };
-            let (evidence, mean) = evidence(&information, &score, sigma);
-            (odds + evidence, large, mean)
+            let (evidence, mean, variances) = evidence(&information, &score, sigma);
+            (odds + evidence, large, mean, variances)
         })
         .max_by(|a, b| a.0.total_cmp(&b.0))
-        .unwrap_or((0.0, vec![false; count], DVector::zeros(order)));
+        .unwrap_or((0.0, vec![false; count], DVector::zeros(order), DVector::zeros(order)));
     let value = |k: usize, j: usize| errors[ERRORS * k + j] * prior[k][j];
     let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { WIDE[j] } else { 1.0 };
+    let known = |k: usize, j: usize| prior[k][j] * variances[ERRORS * k + j].sqrt();
     let of = |track: usize, k: usize| tracks[track].radar == k;
-    let paired = |k| pairs.iter().any(|pair| of(pair.first, k) || of(pair.second, k));
+    let paired = |k| pairs.iter().filter(|pair| of(pair.first, k) || of(pair.second, k)).count();
     Start {
         paired: (0..count).map(paired).collect(),
         errors: (0..count).map(|k| std::array::from_fn(|j| value(k, j))).collect(),
         prior: (0..count).map(|k| std::array::from_fn(|j| sigma(k, j))).collect(),
+        sigma: (0..count).map(|k| std::array::from_fn(|j| known(k, j))).collect(),
     }
 }
 
-/// Logarithm of the evidence of errors with these standard deviations, and their mean.
+/// Logarithm of the evidence of errors with these standard deviations, their mean, and the variances
+/// that are left.
 fn evidence(
     information: &DMatrix<f64>,
     score: &DVector<f64>,
     sigma: impl Fn(usize) -> f64,
-) -> (f64, DVector<f64>) {
+) -> (f64, DVector<f64>, DVector<f64>) {
     let n = score.len();
     let u = DVector::from_fn(n, |i, _| sigma(i) * score[i]);
     let m = DMatrix::from_fn(n, n, |i, j| {
         f64::from(u8::from(i == j)) + sigma(i) * information[(i, j)] * sigma(j)
     });
-    let Some(cholesky) = m.cholesky() else { return (f64::NEG_INFINITY, DVector::zeros(n)) };
+    let Some(cholesky) = m.cholesky() else {
+        return (f64::NEG_INFINITY, DVector::zeros(n), DVector::zeros(n));
+    };
     let solved = cholesky.solve(&u);
     let value = 0.5 * u.dot(&solved) - cholesky.l_dirty().diagonal().map(f64::ln).sum();
-    (value, DVector::from_fn(n, |i, _| sigma(i) * solved[i]))
+    let left = cholesky.inverse();
+    let variances = DVector::from_fn(n, |i, _| sigma(i).powi(2) * left[(i, i)]);
+    (value, DVector::from_fn(n, |i, _| sigma(i) * solved[i]), variances)
 }
 
 /// The pairs of tracks of one target, radar by radar, the one with most tracks first.
