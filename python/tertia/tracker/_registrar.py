@@ -145,8 +145,7 @@ class Registrar:
         if time < self._due or not self.kept:
             return False
         is_first, later = self.is_first, 2.0 * (self._due - self._begin)
-        span = max(_SCANS * self.period, self._due - self._begin)
-        self._due = self._begin + (span if is_first else later)
+        self._due = self._begin + (_SCANS * self.period if is_first else later)
         found = self._vote(_joined(self.kept), alone, is_first=is_first)
         if np.all(self._paired) and not found:
             self.kept = []

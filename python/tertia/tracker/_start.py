@@ -26,9 +26,9 @@ def start(
 ) -> tuple[Bias, FloatArray, IntArray]:
     """Return errors from which to start, and how well they are known before.
 
-    The tracks of each sensor alone are compared at the time at which most pairs can be. Returned are
-    also how well they are known after that, (K, 4), and how many targets a sensor has in common with
-    others, (K,).
+    The tracks of each sensor alone are compared at the time at which most pairs can be. Returned
+    are also how well they are known after that, (K, 4), and how many targets a sensor has in common
+    with others, (K,).
     """
     prior = own_biases(sensors)
     sigma = columns_of(prior, "_sigma")
