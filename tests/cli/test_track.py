@@ -2,6 +2,7 @@
 
 import datetime
 import inspect
+import io
 import json
 import os
 import re
@@ -374,6 +375,32 @@ def test_of_several_columns_the_one_that_is_named_counts(
     assert "mode_3a" in tracks(path, "--sensors", radars, folder=tmp_path).columns
     named = ("--column", "identity=identity")
     assert "identity" in tracks(path, "--sensors", radars, *named, folder=tmp_path).columns
+
+
+def test_replies_are_those_of_the_last_plot_that_has_them(
+    write: Write, radars: Path, tmp_path: Path
+) -> None:
+    """Callsigns come once in a while; the stream writes the same as the command."""
+    rows = [
+        line + (",4204.0" if n % 3 else ",") + (f",KLM{line.split(',')[-1]}" if n % 5 == 0 else ",")
+        for n, line in enumerate(lines())
+    ]
+    path = write(rows, HEAD + ",mode_3a,callsign")
+    named = ("--column", "identity=identity", "--registration", "off")
+    found = tracks(path, "--sensors", radars, *named, folder=tmp_path)
+    assert set(found["mode_3a"].drop_nulls()) == {"4204"}
+    done = run(path, "--stream", "--sensors", radars, *named)
+    assert done.code == 0, done.err
+    streamed = pl.read_csv(io.StringIO(done.out), schema_overrides={"mode_3a": pl.String})
+    assert streamed.columns == found.columns
+    for table in (found, streamed):
+        known = table.drop_nulls(["callsign", "identity"])
+        assert (known["callsign"] == "KLM" + known["identity"].cast(pl.String)).all()
+        assert known.height > 0.3 * table.height
+        for _, own in table.sort("time_s").group_by("track"):
+            # once it is known it stays
+            last = own["callsign"].drop_nulls().len()
+            assert last == 0 or own["callsign"][-last:].null_count() == 0
 
 
 def test_files_are_stacked_and_a_single_radar_needs_no_column(

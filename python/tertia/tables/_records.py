@@ -275,12 +275,11 @@ def _called(
             raise ColumnError(
                 f"columns has {name!r}; it must be one of {', '.join([*known, *by])}", column=name
             )
-    needed = [
-        called.get(name, name)
-        for one in schema.values()
-        for name in one.columns
-        if one.required or name in called
-    ] + [called.get(name, name) for name in by]
+    # a column may hold several quantities
+    used = dict.fromkeys(
+        name for one in schema.values() for name in one.columns if one.required or name in called
+    )
+    needed = [called.get(name, name) for name in [*used, *by]]
     for at, name in enumerate(needed):
         if name in needed[:at]:
             raise ColumnError(f"the column {name} is given for two purposes", column=name)

@@ -31,6 +31,7 @@ from tertia.tables._records import (
     read,
     source_of,
 )
+from tertia.tables._replies import REPLIES, Columns, Replies, of_plots, replies_of
 from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
@@ -44,6 +45,7 @@ PLOTS: Schema = {
     "sensor": SENSOR,
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
     "identity": Field("identity", IDENTITIES),
+    **REPLIES,
 }
 # plots, and reports of positions with their standard deviations
 REPORTS: Schema = {
@@ -79,12 +81,13 @@ _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Plots, their radars, the kind of their times, and the column of their identities."""
+    """Plots, their radars, the kind of their times, the column of their identities, and replies."""
 
     plots: Plots
     sensors: Sensors[Any]
     clock: Clock
     identity: str
+    replies: Columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +103,9 @@ class Tracking:
     @property
     def rows(self) -> pl.DataFrame:
         """The rows of the tracks, with the columns of files."""
-        of = self.recording
-        return track_rows(self.table, of.clock, of.identity, of.sensors, self.plans)
+        of, table = self.recording, self.table
+        replies = Replies().known(table.time, table.track, of_plots(of.replies, table.plot))
+        return track_rows(table, of.clock, of.identity, of.sensors, self.plans, replies=replies)
 
     @property
     def refused(self) -> dict[str, int]:
@@ -197,9 +201,10 @@ def track(
         One row per plot, in any order: `time_s` (seconds, or dates with time), `range_m` or
         `range_nm`, and `azimuth_deg`; `sensor`, its name, if there are several; and, if known,
         `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
-        `identity`. Reports of a `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and
-        `longitude_deg` where radars are on the earth, instead of range and azimuth; and, if known,
-        `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
+        `identity`, of which the first one there is tells targets apart; and `callsign`. Reports of
+        a `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and `longitude_deg` where
+        radars are on the earth, instead of range and azimuth; and, if known, `east_sigma_m`,
+        `north_sigma_m` and `covariance_east_north_m2`.
     sensors : sequence of Radar or PositionSensor
         The sensors. A sensor without a name has its index as name.
     columns : mapping of str to str, optional
@@ -216,9 +221,9 @@ def track(
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
         `track`, `sensor`, `plot` (its index), position and velocity with their covariance,
         `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`,
-        `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, `plan`,
-        `conforms`, `merged` and `confirmed`; null where
-        nothing is known.
+        `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, the last `mode_3a`
+        and `callsign` where plots have them, `plan`, `conforms`, `merged` and `confirmed`; null
+        where nothing is known.
 
     Raises
     ------
@@ -258,7 +263,9 @@ def recording_of(
     records = read(source, schema, columns=columns, sensors=radars.names)
     clock = Clock.of(records.rows["time"], midnight=True)
     identity = records.column.get("identity", "identity")
-    return Recording(plots_of(records.rows, clock, radars), radars, clock, identity)
+    names = [name for name in REPLIES if name in records.column and name != identity]
+    replies = replies_of(records.rows, names)
+    return Recording(plots_of(records.rows, clock, radars), radars, clock, identity, replies)
 
 
 def reporting(sensors: Sensors[Any]) -> BoolArray:
@@ -328,6 +335,8 @@ def track_rows(
     identity: str,
     sensors: Sensors[Radar],
     plans: Sequence[FlightPlan],
+    *,
+    replies: Columns,
 ) -> pl.DataFrame:
     """Return one row per row of the track table; unknown values are null."""
     followed = table.plan >= 0
@@ -348,6 +357,7 @@ def track_rows(
             "height_m": known(table.height),
             "vertical_rate_m_s": known(table.vertical_rate),
             identity: identity_texts(table.identity, identity),
+            **replies,
             "plan": named(table.plan, plan_names(plans)),
             "conforms": known(table.conforms, followed),
             "merged": table.merged,

@@ -14,6 +14,7 @@ from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
 from tertia.io import read_asterix
 from tertia.sensors import Radar
 from tertia.tables._records import Part, Reader
+from tertia.tables._replies import REPLIES
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS
@@ -46,6 +47,11 @@ class Datagrams:
         """The name of the column of identities."""
         return self._identity or "identity"
 
+    @property
+    def replies(self) -> list[str]:
+        """The names of the columns of other replies."""
+        return [name for name in REPLIES if name != self._identity]
+
     def of(self, packets: Sequence[bytes]) -> pl.DataFrame:
         """Return the plots of packets by the schema, `row` counted from the first of all."""
         try:
@@ -68,7 +74,8 @@ class Datagrams:
 
     def _read(self, plots: pl.DataFrame) -> pl.DataFrame:
         if "sensor" in plots.columns:
-            plots = plots.drop(one for one in IDENTITIES if one != self._identity)
+            # the code may be a reply beside the address
+            plots = plots.drop("icao_address") if self._identity == "mode_3a" else plots
         reader = Reader(Part(plots, self.name), PLOTS, self._columns, self.sensors.names)
         rows = reader.rows()
         if self.clock is None and plots.height:

@@ -25,6 +25,7 @@ from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, not
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
 from tertia.tables._records import Part, Reader, doubt_unit
+from tertia.tables._replies import REPLIES, Columns, Replies, of_plots, replies_of
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS, plots_of, track_rows
@@ -143,6 +144,11 @@ class _Plots:
         called = self._chosen.get("identity")
         names = (name for name in PLOTS["identity"].columns)
         return next((n for n in names if self._columns.get(n, n) == called), "identity")
+
+    @property
+    def replies(self) -> list[str]:
+        """The names of the columns of other replies."""
+        return [name for name in REPLIES if name in self._chosen and name != self.identity]
 
     def of(self, lines: Sequence[bytes]) -> pl.DataFrame:
         """Return the plots of lines by the schema, `row` counted from the first of all."""
@@ -301,25 +307,28 @@ def _text(value: object) -> str | None:
     return None if value is None else str(int(value) if whole else value)  # type: ignore[call-overload]
 
 
-class _Numbers:
-    """Numbers in the stream of the plots that were tracked, by their index.
+class _Arrived:
+    """Plots that were tracked, by their index: their numbers in the stream, and replies.
 
     Without a lag only those of the last call are asked for.
     """
 
     def __init__(self, kept: int) -> None:
-        self._known = np.zeros(0, dtype=np.int64)
+        self._known = pl.DataFrame()
         self._first, self._kept = 0, kept
 
-    def add(self, numbers: IntArray) -> None:
-        """Add the numbers of the next plots."""
-        old = max(len(self._known) - self._kept, 0)
-        self._known = np.concatenate([self._known[old:], numbers])
+    def add(self, plots: pl.DataFrame) -> None:
+        """Add the next plots, whose number is `row`."""
+        rows = plots.select("row", **replies_of(plots, list(REPLIES)))
+        old = max(self._known.height - self._kept, 0)
+        self._known = pl.concat([self._known[old:], rows]) if self._known.height else rows
         self._first += old
 
-    def of(self, plot: IntArray) -> IntArray:
-        """Return the numbers of plots; -1 for a missed detection."""
-        return np.append(self._known, -1)[np.where(plot < self._first, -1, plot - self._first)]
+    def of(self, plot: IntArray) -> tuple[IntArray, Columns]:
+        """Return numbers, -1 for a missed detection, and replies, null there."""
+        found = dict(of_plots(self._known.to_dict(), plot - self._first))
+        numbers = found.pop("row", pl.Series([], dtype=pl.Int64))
+        return numbers.fill_null(-1).to_numpy(), found
 
 
 class _Stream:
@@ -347,8 +356,10 @@ class _Stream:
         self._oldest = max(*periods, self._lag)
         self._gathered: list[pl.DataFrame] = []
         self._since = 0.0
-        self._ready: list[TrackTable] = []
-        self._numbers = _Numbers(_REMEMBERED if tracker.lag else 0)
+        self._ready: list[tuple[TrackTable, Columns]] = []
+        self._arrived = _Arrived(_REMEMBERED if tracker.lag else 0)
+        self._replies = Replies()
+        self._named: list[str] | None = None
         self._statuses: Counter[int] = Counter()
 
     @property
@@ -434,23 +445,29 @@ class _Stream:
         rows = pl.concat(gathered)
         table = self._tracker.update(plots_of(rows, clock, self._plots.sensors))
         self._statuses.update(table.track_of_plot[table.track_of_plot < 0].tolist())
-        self._numbers.add(rows["row"].to_numpy())
+        self._arrived.add(rows)
         self._show(table)
-        if sum(map(len, self._ready)) >= _WRITTEN:
+        if sum(len(table) for table, _ in self._ready) >= _WRITTEN:
             self._write()
 
     def _show(self, table: TrackTable) -> None:
         """Add rows to those that are ready, with the numbers of plots in the stream."""
-        self._ready.append(replace(table, plot=self._numbers.of(table.plot)))
+        numbers, replies = self._arrived.of(table.plot)
+        self._ready.append((replace(table, plot=numbers), replies))
 
     def _write(self) -> None:
         """Write the rows that are ready."""
         ready, self._ready = self._ready, []
         if not ready:
             return
-        table, plots = TrackTable.join(ready), self._plots
+        table, plots = TrackTable.join([table for table, _ in ready]), self._plots
         clock = plots.clock or Clock(pl.Float64())
-        rows = track_rows(table, clock, plots.identity, plots.sensors, self._plans)
+        if self._named is None:
+            # a header cannot change
+            self._named = plots.replies
+        own = {name: pl.concat([replies[name] for _, replies in ready]) for name in self._named}
+        known = self._replies.known(table.time, table.track, own)
+        rows = track_rows(table, clock, plots.identity, plots.sensors, self._plans, replies=known)
         if self._lag:
             rows = rows.with_columns(pl.Series("final", table.final))
         self._out.write(rows, plots.kind)
