@@ -393,11 +393,11 @@ def test_replies_are_those_of_the_last_plot_that_has_them(
     assert done.code == 0, done.err
     streamed = pl.read_csv(io.StringIO(done.out), schema_overrides={"mode_3a": pl.String})
     assert streamed.columns == found.columns
-    for table in (found, streamed):
-        known = table.drop_nulls(["callsign", "identity"])
+    for written in (found, streamed):
+        known = written.drop_nulls(["callsign", "identity"])
         assert (known["callsign"] == "KLM" + known["identity"].cast(pl.String)).all()
-        assert known.height > 0.3 * table.height
-        for _, own in table.sort("time_s").group_by("track"):
+        assert known.height > 0.3 * written.height
+        for _, own in written.sort("time_s").group_by("track"):
             # once it is known it stays
             last = own["callsign"].drop_nulls().len()
             assert last == 0 or own["callsign"][-last:].null_count() == 0
