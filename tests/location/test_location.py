@@ -678,6 +678,22 @@ class TestAccuracyMap:
         np.testing.assert_allclose(only.covariance, ranges.covariance, rtol=1e-6)
         np.testing.assert_allclose(only.dop, ranges.dop, rtol=1e-6)
 
+    def test_systematic_errors_are_in_it(self):
+        bias = Bias(azimuth_sigma=[0.01, 0.0, 0.02], range_sigma=4.0 * np.ones(3))
+        stations = [
+            Station(p, range_sigma=3.0, azimuth_sigma=0.005, bias=bias[k])
+            for k, p in enumerate(np.asarray(TRIO)[:, :2])
+        ]
+        truth = reference.predict(np.array([700.0, 300.0]), np.asarray(TRIO)[:, :2])
+        exact = {kind: truth[kind] for kind in ("range", "azimuth")}
+        found = accuracy_map(stations, [700.0, 300.0])
+        fix = locate(stations, **exact, method="least-squares")
+        np.testing.assert_allclose(found.covariance, fix.covariance, rtol=1e-6)
+        trusted = accuracy_map(stations, [700.0, 300.0], bias=Bias())
+        assert found.drms > 1.4 * trusted.drms
+        with pytest.raises(ValueError, match="bias is that of 2 sensors"):
+            accuracy_map(stations, [700.0, 300.0], bias=bias[:2])
+
     def test_undetermined(self):
         found = accuracy_map(SQUARE[:2], [[500, 0], [0, 0], [500, 500]], azimuth_sigma=0.01)
         np.testing.assert_array_equal(np.isinf(found.drms), [True, True, False])

@@ -13,8 +13,9 @@ from tertia import _core
 from tertia._arrays import FloatArray, finite, listed, positive_number, scalar_or_array, threads
 from tertia._result import Result
 from tertia.location._arrivals import LIGHT
+from tertia.location._bias import given_biases
 from tertia.location._readers import correlation_of, deviations
-from tertia.sensors import Kind, Station
+from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import KINDS
 from tertia.sensors._sensors import stack_stations, survey_sigmas
 
@@ -64,6 +65,7 @@ def accuracy_map(
     elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
     arrival_time_sigma: npt.ArrayLike | None = None,
+    bias: Bias | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
     degrees: bool = False,
@@ -86,6 +88,9 @@ def accuracy_map(
         Standard deviations of range differences.
     arrival_time_sigma : array_like of shape (K,), optional
         Standard deviations of times of arrival in seconds.
+    bias : Bias, optional
+        Systematic errors of all stations, or of each, (K,), in place of those of the stations. What
+        is stated of their sigmas adds to the random errors; nothing can be estimated here.
     range_difference_correlation, propagation_speed : float
         See `locate`.
     degrees : bool
@@ -135,6 +140,7 @@ def accuracy_map(
             strict=True,
         )
     )
+    biases = given_biases(bias, stations, k)
     speed = positive_number(propagation_speed, "propagation_speed")
     sigmas = np.full((1, len(KINDS), k), np.nan)
     for kind in _chosen(kinds, given, own):
@@ -143,6 +149,7 @@ def accuracy_map(
             raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must have no batch")
         if kinds is not None and np.all(np.isnan(sigma)):
             raise ValueError(f"{kind}_sigma is missing")
+        sigma = biases.widened(kind, sigma)
         first = int(kind == "range_difference")
         sigmas[0, KINDS.index(kind), first:] = sigma * (speed if kind == "arrival_time" else 1.0)
     if d == 2 and not np.all(np.isnan(sigmas[0, 2])):
