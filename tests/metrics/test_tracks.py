@@ -8,6 +8,7 @@ from checks import INF, NAN, rng
 
 from tertia import metrics
 from tertia.metrics import Truth, indicators, match_tracks, track_errors
+from tertia.metrics._evaluation import Rows, judge
 
 
 class TestTrackErrors:
@@ -229,9 +230,32 @@ class TestTruth:
         assert np.isnan(truth.course([-1], [0])).all()
         assert np.isnan(truth.at([-1], [0])).all()
 
+    def test_its_own_errors_are_part_of_the_nees(self):
+        path = [(0, (0, 0)), (10, (0, 100)), (20, (100, 100))]
+        spread = np.array([[[400.0, 0.0], [0.0, 100.0]], np.diag([100.0, 400.0]), np.eye(2)])
+        truth = Truth(
+            [20, 0, 10], [7] * 3, [path[k][1] for k in (2, 0, 1)], covariance=spread[[2, 0, 1]]
+        )
+        np.testing.assert_allclose(truth.covariance, spread)
+        found = truth.covariance_at(0, [0, 5, 10, 21])
+        np.testing.assert_allclose(found[1], np.diag([250.0, 250.0]))
+        assert np.isnan(found[3]).all()
+        assert not Truth([0], [7], [[0, 0]]).covariance_at(0, [0]).any()
+        rows = Rows(
+            np.array([0.0, 5.0]), np.array([1, 1]), np.array([0, 0]),
+            np.array([[20.0, 10.0], [0.0, 65.0]]),
+            np.zeros((2, 2)), np.broadcast_to(np.diag([16.0, 16.0]), (2, 2, 2)),
+            np.ones(2, bool),
+        )  # fmt: skip
+        expected = [400 / 416 + 100 / 116, 15.0**2 / 266]
+        np.testing.assert_allclose(judge(rows, truth, (5.0, 5.0), 500.0).nees, expected)
+
     @pytest.mark.parametrize(
         ("change", "kind", "message"),
         [
+            ({"covariance": np.eye(3)}, ValueError, r"covariance has shape \(3, 3\)"),
+            ({"covariance": [[1, 2], [0, 1]]}, ValueError, "covariance is not symmetric"),
+            ({"covariance": -np.eye(2)}, ValueError, "covariance is not positive"),
             ({"target": [1, 2]}, ValueError, r"target has shape \(2,\)"),
             ({"target": [5.0] * 4}, TypeError, "target has dtype float64"),
             ({"target": [5, 5, 5, 5]}, ValueError, r"target 5 has two positions at 0\.0"),

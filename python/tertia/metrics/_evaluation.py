@@ -133,7 +133,8 @@ def judge(
     along, across = metrics.track_errors(matching.error, course)
     nees = None
     if updates.covariance is not None:
-        nees = np.asarray(metrics.nees(matching.error, updates.covariance))
+        own = truth.covariance_at(matching.target, updates.time)[:, :2, :2]
+        nees = np.asarray(metrics.nees(matching.error, updates.covariance + own))
     instants, parts = gospa(rows, truth, periods, distance)
     return Judged(rows, truth, found, np.asarray(along), np.asarray(across), nees, instants, parts)
 

@@ -27,12 +27,16 @@ class Truth:
         Identifiers of the targets: integers or strings.
     position : array_like of shape (L, m)
         Positions in metres, m = 2 or 3.
+    covariance : array_like of shape (m, m) or (L, m, m), optional
+        Covariances of their own errors, where positions are only nearly true, as those of GPS are.
 
     Attributes
     ----------
     time : ndarray of shape (L,)
     position : ndarray of shape (L, m)
         Sorted by target and time.
+    covariance : ndarray of shape (L, m, m) or None
+        Likewise.
     target : ndarray of int, shape (L,)
         Index into `targets`.
     targets : ndarray of shape (K,)
@@ -61,6 +65,7 @@ class Truth:
     time: FloatArray
     target: IntArray
     position: FloatArray
+    covariance: FloatArray | None
     targets: npt.NDArray[Any]
     first: FloatArray
     last: FloatArray
@@ -68,7 +73,14 @@ class Truth:
     _ranks: FloatArray = field(repr=False)
     _keys: IntArray = field(repr=False)
 
-    def __init__(self, time: npt.ArrayLike, target: npt.ArrayLike, position: npt.ArrayLike) -> None:
+    def __init__(
+        self,
+        time: npt.ArrayLike,
+        target: npt.ArrayLike,
+        position: npt.ArrayLike,
+        *,
+        covariance: npt.ArrayLike | None = None,
+    ) -> None:
         times, labels, points = rows(time, target, position, "", "target")
         if len(times) == 0:
             raise ValueError("time is empty; there must be a target")
@@ -85,6 +97,7 @@ class Truth:
             "time": times,
             "target": index.astype(np.int64),
             "position": points[order],
+            "covariance": None if covariance is None else _spread(covariance, points.shape)[order],
             "targets": targets,
             "first": times[starts],
             "last": times[np.append(starts[1:], len(index)) - 1],
@@ -131,8 +144,26 @@ class Truth:
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there = self.present(k, when)
         found = np.full((*k.shape, self.position.shape[1]), np.nan)
-        found[there] = self._between(k[there], when[there])
+        found[there] = self._between(self.position, k[there], when[there])
         return found
+
+    def covariance_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
+        """Return covariances of the positions at times; arguments as for `at`.
+
+        Returns
+        -------
+        ndarray of shape (..., m, m)
+            Square metres, interpolated linearly, as errors of the truth last; zero where no
+            covariance was given, nan where a target is absent.
+        """
+        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
+        there, m = self.present(k, when), self.position.shape[1]
+        found = np.full((*k.shape, m * m), np.nan)
+        found[there] = 0.0
+        if self.covariance is not None:
+            flat = self.covariance.reshape(-1, m * m)
+            found[there] = self._between(flat, k[there], when[there])
+        return found.reshape(*k.shape, m, m)
 
     def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
         """Return courses in radians clockwise from north; arguments as for `at`.
@@ -148,14 +179,28 @@ class Truth:
                 found[own] = np.arctan2(*(np.interp(when[own], times, v) for v in velocity))
         return found
 
-    def _between(self, target: IntArray, time: FloatArray) -> FloatArray:
+    def _between(self, rows: FloatArray, target: IntArray, time: FloatArray) -> FloatArray:
         rank = np.searchsorted(self._ranks, time, side="right")
         before = np.searchsorted(self._keys, target * (len(self._ranks) + 1) + rank, "right") - 1
         after = np.where(self.time[before] < time, before + 1, before)
         span = np.where(after > before, self.time[after] - self.time[before], 1.0)
         share = ((time - self.time[before]) / span)[..., np.newaxis]
-        step = self.position[after] - self.position[before]
-        return np.asarray(self.position[before] + share * step)
+        return np.asarray(rows[before] + share * (rows[after] - rows[before]))
+
+
+def _spread(covariance: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return a covariance for each position, checked."""
+    given, (count, m) = finite(covariance, "covariance"), shape
+    if given.shape not in {(m, m), (count, m, m)}:
+        raise ValueError(
+            f"covariance has shape {given.shape}; it must be ({m}, {m}) or ({count}, {m}, {m})"
+        )
+    if not np.allclose(given, np.swapaxes(given, -1, -2)):
+        raise ValueError("covariance is not symmetric")
+    least = np.linalg.eigvalsh(given)[..., 0]
+    if np.any(least < -1e-10 * np.abs(np.trace(given, axis1=-2, axis2=-1))):
+        raise ValueError("covariance is not positive: it has a negative eigenvalue")
+    return np.broadcast_to(given, (count, m, m))
 
 
 def rows(

@@ -202,6 +202,7 @@ def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
             found[name] = metrics.audit(
                 matching.error,
                 updates.covariance,
+                truth_covariance=one.truth.covariance_at(matching.target, updates.time)[:, :2, :2],
                 time=updates.time,
                 groups=matching.target,
             )

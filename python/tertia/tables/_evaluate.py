@@ -56,9 +56,11 @@ _TARGET: Schema = {
     "time": TIME,
     "target": Field("name", {"target": 1.0, "track": 1.0}, required=True, whole=True),
 }
-TRUTH: Schema = {**_TARGET, **_PLACE}
+_SIGMA = {name: number(name, positive=True) for name in _SPREAD[:2]}
+TRUTH: Schema = {**_TARGET, **_PLACE, **_SIGMA}
 _TRUTH_ON_EARTH: Schema = {
     **_TARGET,
+    **_SIGMA,
     **{name: number(name, required=True, whole=True) for name in GEODETIC[:2]},
     GEODETIC[2]: number(GEODETIC[2]),
 }
@@ -228,7 +230,11 @@ def _truth(records: Records, clock: Clock, origin: tuple[float, float] | None) -
     else:
         positions = _in_the_plane(rows, records.source, origin)
     kept, names = new.to_numpy(), rows["target"].to_numpy().astype(str)
-    return Truth(clock.seconds(rows["time"])[kept], names[kept], positions[kept])
+    sigma = rows.select(_SPREAD[:2]).to_numpy()[kept]
+    covariance = np.nan_to_num(sigma)[:, :, np.newaxis] ** 2 * np.eye(2)
+    return Truth(
+        clock.seconds(rows["time"])[kept], names[kept], positions[kept], covariance=covariance
+    )
 
 
 def _in_the_plane(
