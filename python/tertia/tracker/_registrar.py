@@ -69,6 +69,8 @@ class Registrar:
     """
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
+        if not any(isinstance(one, Radar) for one in sensors):
+            raise ValueError("registration is of radars, and sensors has no Radar")
         self.sensors = tuple(sensors)
         self.kept: list[Plots] = []
         self._begin, self._due = np.nan, np.inf

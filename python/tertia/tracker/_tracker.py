@@ -213,8 +213,6 @@ class Tracker:
             raise ValueError(
                 "registration needs plots in order, and lag takes late ones; give one of them"
             )
-        if registration and not any(isinstance(one, Radar) for one in self.sensors):
-            raise ValueError("registration is of radars, and sensors has no Radar")
         self._registrar = Registrar(self.sensors) if registration else None
 
     @property
