@@ -37,11 +37,11 @@ class Scene:
     target: IntArray
 
 
-def scene(seed: int, radars: int, *, errors: bool, lasting: float | None) -> Scene:
+def scene(seed: int, radars: int, *, errors: bool, lasting: float | None, late: float) -> Scene:
     """Simulate so many radars, with systematic errors or without, and ADS-B.
 
     Of the variance of its reports the share `lasting` is one error of a target for all the time.
-    None: there is no ADS-B.
+    None: there is no ADS-B. Its times are `late` by so many seconds.
     """
     random = np.random.default_rng([57, seed])
     traffic = simulate.dense_traffic(
@@ -64,7 +64,7 @@ def scene(seed: int, radars: int, *, errors: bool, lasting: float | None) -> Sce
     time, target, position = time[here], target[here], position[here]
     seen, none = record.plots, np.full(len(time), np.nan)
     plots = Plots(
-        np.append(seen.time, time),
+        np.append(seen.time, time + late),
         np.append(seen.range, none),
         np.append(seen.azimuth, none),
         sensor=np.append(seen.sensor, np.full(len(time), radars)),
@@ -106,15 +106,18 @@ def misaligned() -> str:
     """Return how many tracks there are, how good, and how far off the errors found are."""
     rows = []
     cases = [
-        ("two radars", 2, None, True),
-        ("two radars, ADS-B", 2, 0.0, True),
-        ("one radar, ADS-B", 1, 0.0, True),
-        ("two radars without errors, ADS-B", 2, 0.0, False),
-        ("two radars, ADS-B whose errors last", 2, 1.0, True),
+        ("two radars", 2, None, True, 0.0),
+        ("two radars, ADS-B", 2, 0.0, True, 0.0),
+        ("one radar, ADS-B", 1, 0.0, True, 0.0),
+        ("two radars without errors, ADS-B", 2, 0.0, False, 0.0),
+        ("two radars, ADS-B .4 s late", 2, 0.0, True, 0.4),
+        ("two radars, ADS-B whose errors last", 2, 1.0, True, 0.0),
     ]
-    for (name, radars, lasting, errors), registration in product(cases, (None, False)):
+    for (name, radars, lasting, errors, late), registration in product(cases, (None, False)):
         found = [
-            followed(scene(seed, radars, errors=errors, lasting=lasting), radars, registration)
+            followed(
+                scene(seed, radars, errors=errors, lasting=lasting, late=late), radars, registration
+            )
             for seed in range(SCENES)
         ]
         error = np.concatenate([one[1] for one in found])

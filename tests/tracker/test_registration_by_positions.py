@@ -12,7 +12,7 @@ from tertia.registration import register
 from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
 from tertia.tracker import Plots, Tracker
 
-ADSB = PositionSensor(position_sigma=25.0)
+ADSB = PositionSensor(position_sigma=25.0, bias=Bias())
 BIAS = Bias(range=200.0, azimuth=0.3, degrees=True)
 NUMBERS = {"range_sigma": 50.0, "azimuth_sigma": 0.0014, "scan_period": 4.0}
 FLAT = Radar([-5e4, 0.0], **NUMBERS)
@@ -87,6 +87,30 @@ def test_one_radar_is_registered(radar):
         squares.append(nees(table.position[hit] - truth, table.covariance[hit, :2, :2]))
     # straight flights and a tracker that expects turns
     assert 0.5 < np.mean(np.concatenate(squares)) / 2.0 < 1.1
+
+
+def test_reports_that_are_late():
+    traffic, plots, target = recording(FLAT, seed=3)
+    late = plots._replaced(time=plots.time + 0.3 * (plots.sensor == 1))
+    order = np.argsort(late.time)
+    plots, target = late[order], target[order]
+    off_by = {}
+    for name, bias in (("found", None), ("trusted", Bias())):
+        tracker = Tracker([FLAT, PositionSensor(position_sigma=25.0, bias=bias)])
+        tables = followed(tracker, plots)[30:]
+        errors, squares = [], []
+        for table in tables:
+            hit = (table.plot >= 0) & (target[table.plot] >= 0)
+            error = table.position[hit] - traffic.at(target[table.plot[hit]], table.time[hit])[0]
+            # that of a flight may end before its last report
+            known = np.isfinite(error).all(axis=1)
+            errors.append(error[known])
+            squares.append(nees(error[known], table.covariance[hit, :2, :2][known]))
+        off_by[name] = np.sqrt(np.mean(np.concatenate(errors) ** 2))
+        if bias is None:
+            assert abs(tracker.bias.time[1] - 0.3) < 3.0 * tracker.bias.time_sigma[1]
+            assert np.mean(np.concatenate(squares)) / 2.0 < 1.5
+    assert off_by["found"] < 0.5 * off_by["trusted"]
 
 
 def test_without_registration_every_aircraft_has_two_tracks():

@@ -57,8 +57,8 @@ def register(
     plots : Plots
         The plots of a recording, in any order.
     sensors : sequence of K Radar or PositionSensor
-        The sensors. The positions of a `PositionSensor` have no systematic errors, but for the time
-        of its `bias`: they show those of the radars.
+        The sensors. The positions of a `PositionSensor` are late, at most: they show the errors of
+        the radars.
     tracks : TrackTable, optional
         Tracks from all plots and all radars; by default they are made here.
     n_threads : int, optional

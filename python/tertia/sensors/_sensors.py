@@ -34,6 +34,8 @@ _ORTHONORMAL = 1e-9
 
 # a radar's beam is narrow: beyond this sigma its plots would lie along arcs
 _WIDEST_BEAM = 0.5
+# in seconds; ADS-B may be up to .4 s late (DO-260B; George, Tuladhar and Sivananthan 2020)
+_LATENCY_SIGMA = 0.2
 # in seconds; a target is expected in every scan, so that shorter ones take for ever
 _FASTEST_SCAN = 1e-3
 
@@ -308,10 +310,17 @@ def stack_stations(
 
 
 def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
-    """Return the systematic errors of sensors, (K,), as known; of radars else within the limits."""
-    given = [Bias() if s.bias is None and not isinstance(s, Radar) else s.bias for s in sensors]
+    """Return the systematic errors of sensors, (K,), as known; else within their limits."""
+    given = [_bias_of(sensor) for sensor in sensors]
     columns: dict[str, Any] = {kind: [_error(bias, kind) for bias in given] for kind in ERRORS}
     return Bias(**columns)
+
+
+def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
+    """Return the bias of a sensor; None: that of a radar within the limits."""
+    if sensor.bias is not None or isinstance(sensor, Radar):
+        return sensor.bias
+    return Bias(time_sigma=_LATENCY_SIGMA if isinstance(sensor, PositionSensor) else 0.0)
 
 
 def _error(bias: Bias | None, kind: str) -> float:

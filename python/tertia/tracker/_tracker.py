@@ -105,7 +105,7 @@ class Tracker:
         Whether to estimate the systematic errors of the radars while tracking, from targets that
         other radars see or other sensors report, and to correct plots by them; by default where
         there are such sensors, and a radar that is not trusted (`bias=Bias()`). Positions of a
-        `PositionSensor` are taken to have no such errors. `bias` is what is known by now; what is
+        `PositionSensor` are late, at most. `bias` is what is known by now; what is
         not known is part of the covariances. Errors of several times the limits are found from the
         first three scans, before which there are no rows, or seven scans; the tracks then start
         anew, with new numbers.
