@@ -148,6 +148,28 @@ def test_azimuths_of_stations(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["east_m"], wanted["east_m"], rtol=1e-12)
 
 
+def test_a_stream_of_all_sensors(tmp_path: Path) -> None:
+    frame = with_camera().sort("time_s")
+    place = CAMERA.format(place="east_m = 5000.0\nnorth_m = -2000.0")
+    (tmp_path / "sensors.toml").write_text(SENSORS + place)
+    output = tmp_path / "tracks.csv"
+    for name in ("plots.csv", "plots.jsonl"):
+        path = tmp_path / name
+        (frame.write_csv if path.suffix == ".csv" else frame.write_ndjson)(path)
+        options = ("--sensors", tmp_path / "sensors.toml")
+        assert run("track", path, *options, "--output", output).code == 0
+        # all at once, when it ends
+        done = run("track", path, *options, "--stream", "--latency", "1000", "--rows", "csv")
+        assert done.code == 0, done.err
+        found = pl.read_csv(done.out.encode())
+        wanted = pl.read_csv(output).filter("confirmed")
+        assert found.height == wanted.height > 100
+        order = ["time_s", "sensor"]
+        np.testing.assert_allclose(
+            found.sort(order)["east_m"], wanted.sort(order)["east_m"], rtol=1e-12
+        )
+
+
 def test_stations_on_the_earth_are_in_the_plane_of_the_radars(tmp_path: Path) -> None:
     plane = SystemPlane(50.0, 14.0)
     latitude, longitude, _ = plane.to_geodetic(np.array([5e3, -2e3, 0.0]))

@@ -36,6 +36,7 @@ from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
+from tertia.tracker._sensors import Sensor
 from tertia.tracker._tracker import tracked
 
 PLOTS: Schema = {
@@ -188,7 +189,7 @@ class Tracking:
 def track(
     table: Table,
     *,
-    sensors: Sequence[Radar | PositionSensor] | Sensors[Any],
+    sensors: Sequence[Sensor] | Sensors[Any],
     columns: Mapping[str, str] | None = None,
     plans: Sequence[FlightPlan] = (),
     **options: Any,
@@ -205,7 +206,7 @@ def track(
         a `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and `longitude_deg` where
         radars are on the earth, instead of range and azimuth; and, if known, `east_sigma_m`,
         `north_sigma_m` and `covariance_east_north_m2`.
-    sensors : sequence of Radar or PositionSensor
+    sensors : sequence of Radar, PositionSensor or Station
         The sensors. A sensor without a name has its index as name.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
@@ -253,19 +254,22 @@ def track(
 
 def recording_of(
     source: Source,
-    sensors: Sequence[Radar | PositionSensor] | Sensors[Any],
+    sensors: Sequence[Sensor] | Sensors[Any],
     columns: Mapping[str, str] | None = None,
 ) -> Recording:
     """Return the plots of a table or of files."""
     radars: Sensors[Any] = sensors_of(sensors)
-    alike = all(isinstance(one, Radar) for one in radars.items)
-    schema = PLOTS if alike else REPORTS
-    records = read(source, schema, columns=columns, sensors=radars.names)
+    records = read(source, schema_of(radars), columns=columns, sensors=radars.names)
     clock = Clock.of(records.rows["time"], midnight=True)
     identity = records.column.get("identity", "identity")
     names = [name for name in REPLIES if name in records.column and name != identity]
     replies = replies_of(records.rows, names)
     return Recording(plots_of(records.rows, clock, radars), radars, clock, identity, replies)
+
+
+def schema_of(sensors: Sensors[Any]) -> Schema:
+    """Return what rows of plots of these sensors hold."""
+    return PLOTS if all(isinstance(one, Radar) for one in sensors.items) else REPORTS
 
 
 def reporting(sensors: Sensors[Any]) -> BoolArray:

@@ -28,8 +28,9 @@ from tertia.tables._records import Part, Reader, doubt_unit
 from tertia.tables._replies import REPLIES, Columns, Replies, of_plots, replies_of
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
-from tertia.tables._track import PLOTS, plots_of, track_rows
+from tertia.tables._track import plots_of, schema_of, track_rows
 from tertia.tracker import PlotStatus, Tracker, TrackTable
+from tertia.tracker._sensors import interval
 
 Rows: TypeAlias = Literal["csv", "jsonl"]
 Cells: TypeAlias = Mapping[str, Any]
@@ -126,12 +127,12 @@ class _Plots:
         self.clock: Clock | None = None
         self.kind: Rows | None = None
         self.line = self.row = self.bad = 0
-        self._columns = columns
+        self._columns, self._schema = columns, schema_of(sensors)
         # how the columns of each quantity may be called here, those first that are given
         self._choices = {
             quantity: [columns[name] for name in one.columns if name in columns]
             or [columns.get(name, name) for name in one.columns]
-            for quantity, one in PLOTS.items()
+            for quantity, one in self._schema.items()
         }
         self._chosen: dict[str, str] = {}
         self._header: list[str] | None = None
@@ -142,7 +143,7 @@ class _Plots:
     def identity(self) -> str:
         """The name of the column of identities."""
         called = self._chosen.get("identity")
-        names = (name for name in PLOTS["identity"].columns)
+        names = (name for name in self._schema["identity"].columns)
         return next((n for n in names if self._columns.get(n, n) == called), "identity")
 
     @property
@@ -161,7 +162,8 @@ class _Plots:
         good = [{} if isinstance(one, str) else one for one in found]
         self._choose(good)
         for at, cells in enumerate(good):
-            if at not in problems and self._chosen.get("range") not in cells:
+            needed = self._schema["range"].required
+            if needed and at not in problems and self._chosen.get("range") not in cells:
                 problems[at] = f"there is no {' or '.join(self._choices['range'])}"
         text = pl.DataFrame(
             {name: [_text(cells.get(name)) for cells in good] for name in self._chosen.values()},
@@ -211,7 +213,7 @@ class _Plots:
         standard = {part.column(name): name for name in looked_for if part.has(name)}
         self._header = [standard.get(name, name) for name in self._header]
         part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
-        Reader(part, PLOTS, self._columns, self.sensors.names).rows()
+        Reader(part, self._schema, self._columns, self.sensors.names).rows()
         for quantity, choices in self._choices.items():
             there = [name for name in choices if name in self._header]
             if there:
@@ -232,7 +234,7 @@ class _Plots:
             choices[0]
             for quantity, choices in self._choices.items()
             if quantity not in self._chosen
-            and (PLOTS[quantity].required or (quantity == "sensor" and len(names) > 1))
+            and (self._schema[quantity].required or (quantity == "sensor" and len(names) > 1))
         ]
         text = text.with_columns(pl.lit(None, pl.String).alias(name) for name in absent)
         called = {name: one for name, one in self._columns.items() if one in text.columns}
@@ -240,7 +242,7 @@ class _Plots:
             self._learn_times(text, called, problems)
         like = None if self.clock is None else self.clock.dtype
         part = self._part(text)
-        return Reader(part, PLOTS, called, names, like=like, problems=problems).rows()
+        return Reader(part, self._schema, called, names, like=like, problems=problems).rows()
 
     def _part(self, text: pl.DataFrame) -> Part:
         return Part(text, self.name, time_format=TIME_FORMAT.get())
@@ -252,7 +254,7 @@ class _Plots:
         column = text[self._choices["time"][0]]
         for at in range(len(column)):
             wrong: dict[int, str] = {}
-            reader = Reader(self._part(text), PLOTS, called, problems=wrong)
+            reader = Reader(self._part(text), self._schema, called, problems=wrong)
             moment = reader.times(column[at : at + 1])
             if at not in problems and not wrong and moment.null_count() == 0:
                 self.clock = Clock.of(moment, midnight=True)
@@ -270,7 +272,8 @@ class _Plots:
         for quantity in ("azimuth", "range", "height"):
             called = self._chosen.get(quantity)
             if called is not None and called in texts.columns:
-                names = (n for n in PLOTS[quantity].columns if self._columns.get(n, n) == called)
+                columns = self._schema[quantity].columns
+                names = (n for n in columns if self._columns.get(n, n) == called)
                 doubt_unit(next(names), texts[called].cast(pl.Float64, strict=False))
 
     def end(self) -> None:
@@ -348,7 +351,7 @@ class _Stream:
         latency: float | None,
         out: _RowWriter | TrackSender,
     ) -> None:
-        periods = [radar.scan_period for radar in plots.sensors.items]
+        periods = [period for one in plots.sensors.items if (period := interval(one)) > 0]
         self._tracker, self._plots, self._out = tracker, plots, out
         self._plans, self._control = plans, control
         self._latency = _USUAL_LATENCY * min(periods) if latency is None else latency

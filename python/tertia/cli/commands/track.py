@@ -186,7 +186,8 @@ def track(
         if udp is not None and (given or control):
             fail("--udp takes no file and no --control", WRONG_USAGE)
         source = streams.source(given) if udp is None else udp
-        radars = _trusting(read.read_radars(sensors, flat=flat), trusted)
+        described = read.read_sensors if udp is None else read.read_radars
+        radars = _trusting(described(sensors, flat=flat), trusted)
         filed = read.read_plans(plans, place, radars, fixes=fixes, airways=airways)
         frame = read.plan_frame(place, radars)
         if udp is not None:

@@ -219,7 +219,7 @@ def read_radars(
     """
     rows, origin = _described(path, "radar")
     if alone and path.suffix.lower() == ".toml" and _described(path, _REPORTS)[0]:
-        fail(f"{path} has [[{_REPORTS}]] tables: they are for `tertia track`, without --stream")
+        fail(f"{path} has [[{_REPORTS}]] tables: they are for `tertia track`, without --udp")
     # the first recording counts
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
     sensors = radars(rows, origin=origin, file=str(path), found=found or None, flat=flat)
