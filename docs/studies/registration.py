@@ -174,7 +174,8 @@ def followed(
     error = position - place[row]
     used = confirmed & (row >= 0) & (record.target[row] >= 0)
     used &= np.hypot(*error.T) < ASTRAY
-    used &= time >= FIRST_SCANS * max(radar.scan_period for radar in radars)
+    slowest = max(radar.scan_period for radar in radars)
+    used &= time >= np.min(plots.time) + FIRST_SCANS * slowest
     cells = []
     for low, high in PERIODS:
         now = used & (time >= low) & (time < high)

@@ -51,7 +51,8 @@ def _followed(scene: simulate.Scene, way: str) -> tuple[FloatArray, int, int]:
     place, _, _ = scene.traffic._state(np.maximum(of, 0), time)
     error = position - place
     used = confirmed & (of >= 0) & (np.hypot(*error.T) < ASTRAY)
-    used &= time >= FIRST_SCANS * max(radar.scan_period for radar in radars)
+    slowest = max(radar.scan_period for radar in radars)
+    used &= time >= np.min(plots.time) + FIRST_SCANS * slowest
     cells = []
     for low, high in PERIODS:
         now = used & (time >= low) & (time < high)
@@ -66,10 +67,10 @@ def table() -> str:
     """Return RMSE and NEES of tracks as they are, with errors that are known, and registered."""
     scenes = [simulate.scene(rng=1 + seed) for seed in range(SEEDS)]
     found = {way: [_followed(scene, way) for scene in scenes] for way in WAYS}
-    best = np.mean([cells[:, 0] for cells, _, _ in found["known"]], axis=0)
+    best = np.nanmean([cells[:, 0] for cells, _, _ in found["known"]], axis=0)
     rows = []
     for way, runs in found.items():
-        cells = np.mean([one for one, _, _ in runs], axis=0)
+        cells = np.nanmean([one for one, _, _ in runs], axis=0)
         ratio = np.sqrt(cells[:, 0] / best)
         of_periods = [f"{a:.3f}, {b:.2f}" for a, b in zip(ratio, cells[:, 1], strict=True)]
         tracks = f"{np.mean([one[1] for one in runs]):.1f}"

@@ -2,12 +2,17 @@
 //! its covariance.
 
 use super::sighting::{ERRORS, Errors, Sighting};
-use crate::base::small::Factor;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 /// Halves of what the noise adds to a covariance that are tried.
 const HALVINGS: usize = 8;
+
+/// Share of a variance that the components before must leave in a regular matrix.
+const REGULAR: f64 = 1e-12;
+
+/// By which the errors of a plot along east and north change position and velocity.
+pub(super) type Gain = [[f64; 4]; 2];
 
 /// By each error of one radar, in units of the prior: position and velocity, or the errors of another.
 type Part = [[f64; 4]; ERRORS];
@@ -86,7 +91,7 @@ impl Followed {
         velocity: [f64; 2],
         unknowns: &[Option<(usize, f64)>; ERRORS],
     ) {
-        let all = [[1.0, 0.0], [0.0, 1.0], [0.0; 2], [0.0; 2]];
+        let all = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]];
         self.update(seen.radar, &all, &displaced(seen, velocity, unknowns));
         let [u, v] = seen.axes;
         let wider = [0, 1].map(|axis| 1.0 - (own[axis] / sigma[axis]).powi(2));
@@ -125,6 +130,7 @@ impl Followed {
     }
 
     /// Moves on to the time of a row.
+    #[inline(always)]
     pub fn advance(&mut self, time: f64) {
         let ahead = (time - self.row_time).max(0.0);
         for (_, _, part) in &mut self.parts {
@@ -133,18 +139,23 @@ impl Followed {
                 *north += ahead * *north_rate;
             }
         }
-        for _ in 0..2 {
-            for i in 0..2 {
-                let rate = self.excess[2 + i];
-                for (place, rate) in self.excess[i].iter_mut().zip(rate) {
-                    *place += ahead * rate;
-                }
+        let excess = &mut self.excess;
+        for i in 0..2 {
+            for j in 0..2 {
+                let (both, rates) = (excess[i][2 + j] + excess[j][2 + i], excess[2 + i][2 + j]);
+                excess[i][j] += ahead * (both + ahead * rates);
             }
-            self.excess = turned(&self.excess);
+        }
+        for i in 0..2 {
+            for j in 0..2 {
+                excess[i][2 + j] += ahead * excess[2 + i][2 + j];
+                excess[2 + j][i] = excess[i][2 + j];
+            }
         }
         self.row_time = time;
     }
 
+    #[inline(always)]
     /// A plot has updated the track, whose covariance (row by row) and velocity are these now. The
     /// radar may have such errors; `sigma` is the noise with which the gain was made, and `own` that
     /// of the plot.
@@ -159,75 +170,69 @@ impl Followed {
         let ([u, v], weights) = (seen.axes, sigma.map(|sigma| 1.0 / (sigma * sigma)));
         let weight = |i: usize, j: usize| weights[0] * u[i] * u[j] + weights[1] * v[i] * v[j];
         let (east, both, north) = (weight(0, 0), weight(0, 1), weight(1, 1));
-        let mut gain: [[f64; 2]; 4] = std::array::from_fn(|i| {
-            let [a, b] = [covariance[4 * i], covariance[4 * i + 1]];
-            [a * east + b * both, a * both + b * north]
-        });
+        let [a, b] = [0, 4].map(|row| std::array::from_fn::<f64, 4, _>(|i| covariance[row + i]));
+        let mut gain: Gain = [
+            std::array::from_fn(|i| a[i] * east + b[i] * both),
+            std::array::from_fn(|i| a[i] * both + b[i] * north),
+        ];
         // that of a filter of several models is of no one gain; a track goes to a plot at most
         let middle = 0.5 * (gain[0][0] + gain[1][1]);
         let determinant = gain[0][0] * gain[1][1] - gain[0][1] * gain[1][0];
         let most = middle + (middle * middle - determinant).max(0.0).sqrt();
         if most > 1.0 {
-            gain = gain.map(|row| row.map(|value| value / most));
+            gain = gain.map(|column| column.map(|value| value / most));
         }
         for (own, sigma) in own.into_iter().zip(sigma) {
             self.share = self.share.min((own / sigma).powi(2));
         }
         let wider = [0, 1].map(|axis| sigma[axis] * sigma[axis] - own[axis] * own[axis]);
-        self.exceed(&gain, |i, j| wider[0] * u[i] * u[j] + wider[1] * v[i] * v[j]);
+        let wide = |i: usize, j: usize| wider[0] * u[i] * u[j] + wider[1] * v[i] * v[j];
+        self.exceed(&gain, [wide(0, 0), wide(0, 1), wide(1, 1)]);
         let own = displaced(seen, velocity, unknowns);
         self.update(seen.radar, &gain, &own);
     }
 
     /// A plot of a radar, that a unit of each of its errors moves by `own`, updates the track with
     /// `gain`.
-    pub fn update(&mut self, radar: usize, gain: &[[f64; 2]; 4], own: &[[f64; 2]; ERRORS]) {
+    #[inline(always)]
+    pub fn update(&mut self, radar: usize, [east, north]: &Gain, own: &[[f64; 2]; ERRORS]) {
         self.part(radar);
         for (k, _, part) in &mut self.parts {
-            for (row, own) in part.iter_mut().zip(own) {
-                let mut moved = [-row[0], -row[1]];
-                if *k == radar {
-                    moved[0] += own[0];
-                    moved[1] += own[1];
-                }
-                for (value, gain) in row.iter_mut().zip(gain) {
-                    *value += gain[0] * moved[0] + gain[1] * moved[1];
-                }
+            let seen = if *k == radar { own } else { &[[0.0; 2]; ERRORS] };
+            for (row, own) in part.iter_mut().zip(seen) {
+                let moved = [own[0] - row[0], own[1] - row[1]];
+                *row = std::array::from_fn(|i| row[i] + (east[i] * moved[0] + north[i] * moved[1]));
             }
         }
     }
 
-    /// A plot whose noise is taken to be larger than it is updates the track with `gain`.
-    fn exceed(&mut self, gain: &[[f64; 2]; 4], wider: impl Fn(usize, usize) -> f64) {
-        for _ in 0..2 {
-            let [east, north, ..] = self.excess;
-            for (row, gain) in self.excess.iter_mut().zip(gain) {
-                for (j, value) in row.iter_mut().enumerate() {
-                    *value -= gain[0] * east[j] + gain[1] * north[j];
-                }
-            }
-            self.excess = turned(&self.excess);
-        }
+    /// A plot whose noise is taken to be larger than it is, by variances along east, both and north,
+    /// updates the track with `gain`.
+    #[inline(always)]
+    fn exceed(&mut self, gain: &Gain, [xx, xy, yy]: [f64; 3]) {
+        let [east, north] = gain;
+        let [a, b, ..] = self.excess;
+        let (xx, xy, yy) = (a[0] + xx, a[1] + xy, b[1] + yy);
         for (i, row) in self.excess.iter_mut().enumerate() {
-            for (j, value) in row.iter_mut().enumerate() {
-                for a in 0..2 {
-                    for b in 0..2 {
-                        *value += gain[i][a] * wider(a, b) * gain[j][b];
-                    }
-                }
-            }
+            let along = east[i] * xx + north[i] * xy - a[i];
+            let across = east[i] * xy + north[i] * yy - b[i];
+            *row = std::array::from_fn(|j| {
+                let before = east[i] * a[j] + north[i] * b[j];
+                row[j] + (along * east[j] + across * north[j] - before)
+            });
         }
     }
 
     /// Leaves of the covariance of a row (row by row) at least half the share that the noise itself has: a
     /// filter of several models has no one gain, so that more may seem to be in excess.
+    #[inline(always)]
     pub fn limit(&mut self, covariance: &[f64; 16]) {
         let most = 1.0 - 0.5 * self.share;
         for _ in 0..HALVINGS {
             let left: [[f64; 4]; 4] = std::array::from_fn(|i| {
                 std::array::from_fn(|j| most * covariance[4 * i + j] - self.excess[i][j])
             });
-            if Factor::try_new(&left, 0.0).is_some() {
+            if is_regular(left) {
                 return;
             }
             self.excess = self.excess.map(|row| row.map(|value| 0.5 * value));
@@ -237,16 +242,20 @@ impl Followed {
 
     /// What the errors add to its covariance, row by row: what they do to the track, without the noise
     /// that stood for them in the filter. Cost O(R²) for R radars that see it.
+    #[inline(always)]
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
         for (n, (k, _, part)) in self.parts.iter().enumerate() {
             // half of the diagonal block, and the whole of those above it
-            let mut product = plus([[0.0; 4]; ERRORS], errors.of(*k, *k), part);
+            let mut product = [[0.0; 4]; ERRORS];
+            add_product(&mut product, errors.of(*k, *k), part);
             product.as_flattened_mut().iter_mut().for_each(|value| *value *= 0.5);
             for (other, _, second) in &self.parts[n + 1..] {
-                product = plus(product, errors.of(*k, *other), second);
+                add_product(&mut product, errors.of(*k, *other), second);
             }
-            sum = plus(sum, &turned(part), &product);
+            for (i, sum) in sum.iter_mut().enumerate() {
+                *sum = combined(*sum, &part.map(|row| row[i]), &product);
+            }
         }
         std::array::from_fn(|n| {
             let (i, j) = (n / 4, n % 4);
@@ -256,6 +265,7 @@ impl Followed {
 
     /// By how much it moves when the errors of the radars are found to be larger by this, in units of
     /// the prior.
+    #[inline(always)]
     pub fn moved(&self, by: &[Errors]) -> [f64; 4] {
         let mut sum = [0.0; 4];
         for (k, _, part) in &self.parts {
@@ -278,8 +288,23 @@ impl Followed {
     }
 }
 
-fn turned(matrix: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
-    std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
+/// Whether a symmetric matrix is definite.
+#[inline(always)]
+fn is_regular(mut a: [[f64; 4]; 4]) -> bool {
+    let variances = [a[0][0], a[1][1], a[2][2], a[3][3]];
+    for k in 0..4 {
+        let (pivot, own) = (a[k][k], a[k]);
+        if pivot.is_nan() || pivot <= REGULAR * variances[k].abs() {
+            return false;
+        }
+        for i in k + 1..4 {
+            let share = own[i] / pivot;
+            for j in i..4 {
+                a[i][j] -= share * own[j];
+            }
+        }
+    }
+    true
 }
 
 /// By how much a unit of each error moves a plot.
@@ -297,16 +322,20 @@ fn displaced(
 }
 
 /// `sum + a b`
-#[inline]
-fn plus(mut sum: Part, a: &Part, b: &Part) -> Part {
-    for i in 0..4 {
-        for k in 0..4 {
-            for j in 0..4 {
-                sum[i][j] += a[i][k] * b[k][j];
-            }
-        }
+#[inline(always)]
+fn add_product(sum: &mut Part, a: &Part, b: &Part) {
+    for (sum, a) in sum.iter_mut().zip(a) {
+        *sum = combined(*sum, a, b);
     }
-    sum
+}
+
+/// `sum + a b`, written so that compilers make it of vectors.
+#[inline(always)]
+fn combined(sum: [f64; 4], a: &[f64; ERRORS], b: &Part) -> [f64; 4] {
+    let plus = |sum: [f64; 4], a: f64, b: &[f64; 4]| {
+        [sum[0] + a * b[0], sum[1] + a * b[1], sum[2] + a * b[2], sum[3] + a * b[3]]
+    };
+    plus(plus(plus(plus(sum, a[0], &b[0]), a[1], &b[1]), a[2], &b[2]), a[3], &b[3])
 }
 
 #[cfg(test)]

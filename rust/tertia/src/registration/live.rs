@@ -14,6 +14,8 @@ use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use pulp::Arch;
+use rows::Rows;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -37,7 +39,7 @@ const FAR: f64 = 80e3;
 /// Speed at which an unknown clock does, m/s.
 const SPEED: f64 = 200.0;
 /// Blocks that are open at once at most: so many targets are enough.
-const OPEN: usize = 64;
+const OPEN: usize = 32;
 /// Redundant measurements that noise is worth that has grown suddenly.
 const GROWN: f64 = 20.0;
 /// Probability of a turn from which on innovations say nothing of noise.
@@ -203,13 +205,14 @@ impl Registrar {
         let (mut applied, moved) = self.begin(updates, time);
         followed::use_noise(&mut applied, used);
         let (unknowns, errors) = (self.unknowns(), self.blocks());
-        let rows = updates
-            .iter()
-            .map(|update| {
-                let track = self.carry(update, &applied, &unknowns);
-                (track.moved(&moved), track.added(&errors))
-            })
-            .collect();
+        let rows = Arch::new().dispatch(Rows {
+            registrar: self,
+            updates,
+            applied: &applied,
+            unknowns: &unknowns,
+            moved: &moved,
+            errors: &errors,
+        });
         let mut tracks = Vec::new();
         for (number, track) in &mut self.tracks {
             let by = track.moved(&moved);
@@ -451,6 +454,7 @@ impl Registrar {
     }
 
     /// Follows a row of a track: its gains carry the errors of the radars on.
+    #[inline(always)]
     fn carry(
         &mut self,
         update: &Update,
@@ -463,9 +467,11 @@ impl Registrar {
         if let Some(seen) = &seen {
             self.watch(update, seen);
         }
-        let first = !self.tracks.contains_key(&update.plot.target);
-        let begin = || Followed::new(report.time);
-        let track = self.tracks.entry(update.plot.target).or_insert_with(begin);
+        let mut first = false;
+        let track = self.tracks.entry(update.plot.target).or_insert_with(|| {
+            first = true;
+            Followed::new(report.time)
+        });
         track.advance(report.time);
         if let Some(seen) = seen {
             let (velocity, own) = (update.velocity, &unknowns[report.radar]);
@@ -486,5 +492,6 @@ impl Registrar {
     }
 }
 
+mod rows;
 #[cfg(test)]
 mod tests;

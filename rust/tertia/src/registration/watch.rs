@@ -6,22 +6,23 @@
 
 use crate::base::angle::median;
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 /// Innovations that are watched, and standard errors of their mean square that are too many.
 const WATCHED: usize = 20;
 const ERRORS: f64 = 4.5;
+/// Innovations from one look to the next.
+const STEP: usize = 4;
 
 /// The last innovations of a radar along one axis, in standard deviations, and their variance over that
 /// of the noise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Watch(VecDeque<(f64, f64)>);
+pub(super) struct Watch(Vec<(f64, f64)>);
 
 impl Watch {
     /// Takes an innovation with this variance, of which the noise has this one. Returns by how much
     /// the variance of the noise must grow, if so; then it begins anew.
     pub fn see(&mut self, innovation: f64, variance: f64, noise: f64) -> Option<f64> {
-        self.0.push_back((innovation / variance.sqrt(), variance / noise));
+        self.0.push((innovation / variance.sqrt(), variance / noise));
         if self.0.len() < WATCHED {
             return None;
         }
@@ -32,7 +33,7 @@ impl Watch {
             .iter()
             .fold((0.0, 0.0), |(sum, squares), (value, _)| (sum + value, squares + value * value));
         if 2.0 * (squares - sum * sum / count) < (count - 1.0) * most() {
-            self.0.pop_front();
+            self.0.drain(..STEP);
             return None;
         }
         let mut values: Vec<f64> = self.0.iter().map(|(value, _)| *value).collect();
@@ -46,7 +47,7 @@ impl Watch {
             self.0.clear();
             return Some(1.0 + (mean - 1.0) * share);
         }
-        self.0.pop_front();
+        self.0.drain(..STEP);
         None
     }
 }

@@ -91,7 +91,7 @@ fn a_covariance_keeps_the_share_of_the_noise() {
 fn a_track_moves_with_the_errors() {
     let mut track = Followed::new(0.0);
     let own = [[100.0, 0.0], [0.0, 50.0], [0.0; 2], [0.0; 2]];
-    track.update(1, &[[0.5, 0.0], [0.0, 0.5], [0.1, 0.0], [0.0, 0.1]], &own);
+    track.update(1, &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
     let by = [[9.0; ERRORS], [2.0, -1.0, 7.0, 7.0]];
     // an offset that is larger was in the place
     assert_eq!(track.moved(&by), [-100.0, 25.0, -20.0, 5.0]);

@@ -23,7 +23,7 @@ fn what_the_errors_add_to_a_track() {
         [0.5 * own[0], 0.5 * own[1]]
     });
     let mut track = Followed::new(0.0);
-    track.update(0, &[[1.0, 0.0], [0.0, 1.0], [0.0; 2], [0.0; 2]], &half);
+    track.update(0, &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], &half);
     registrar.tracks.insert(1, track);
     // the predicted covariance, corrected by the plot
     let mut p = Matrix4::from_diagonal(&[900.0, 1600.0, 25.0, 25.0].into());
