@@ -66,7 +66,10 @@ def require_parity(found, plots, radar, acceleration, begin):
     units = sigma[:, :, np.newaxis] * sigma[:, np.newaxis]
     zeros, tolerance = np.zeros_like(mean), tolerances.PLOTS
     np.testing.assert_allclose((state - mean) / sigma, zeros, rtol=0, atol=tolerance)
-    np.testing.assert_allclose(rows.covariance / units, expected / units, rtol=0, atol=tolerance)
+    more = (rows.covariance - expected) / units
+    # a plot in the guard gate may be an outlier too, which the reference does not know
+    np.testing.assert_allclose(more[~guarded], 0.0, rtol=0, atol=tolerance)
+    assert np.all(np.linalg.eigvalsh(more[guarded]) > -0.05)
     np.testing.assert_allclose(rows.turn_probability, turns, rtol=0, atol=tolerance)
     return rows, guarded
 

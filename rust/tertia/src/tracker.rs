@@ -42,6 +42,7 @@ mod live;
 mod mht;
 mod motion;
 mod noise;
+mod outliers;
 mod plan;
 mod plans;
 mod plot;

@@ -9,8 +9,10 @@ use std::f64::consts::TAU;
 
 /// Scans of a target over which the share is averaged.
 const MEMORY: f64 = 1000.0;
-/// Plots of targets, as if so many had been seen alone.
-const ALONE: f64 = 50.0;
+/// Plots of targets, as if so many had been seen before, and the second plots among them: without these
+/// every second plot of the first scans would begin a track.
+const BEFORE: f64 = 50.0;
+const SECONDS_BEFORE: f64 = 10.0;
 /// Share from which second plots are left out before tracks look for plots, and how many it takes to
 /// know it: targets close together make a few until all have a track.
 const OFTEN: f64 = 0.05;
@@ -32,12 +34,12 @@ pub(super) struct Doubles {
 impl Doubles {
     /// Share of the plots of targets that have a second one.
     fn share(&self) -> f64 {
-        self.seconds / (self.targets + ALONE)
+        (self.seconds + SECONDS_BEFORE) / (self.targets + BEFORE)
     }
 
     /// Whether there are many.
     fn is_often(&self) -> bool {
-        self.share() > OFTEN && self.seconds > ENOUGH
+        self.seconds > ENOUGH && self.seconds > OFTEN * (self.targets + BEFORE)
     }
 
     fn count(&mut self, targets: f64, seconds: f64) {
@@ -113,7 +115,7 @@ impl<'a> Pairs<'a> {
 }
 
 /// For each plot that confirmed tracks have left, the density of second plots there, per square metre and
-/// scan, and whether it is near a plot of a target. Cost O(plots).
+/// scan: of the plots of those tracks, and of earlier ones that have none. Cost O(plots).
 pub(super) fn find(
     Near { grid, plots, left_out }: Near<'_>,
     (taken, deferred): (&[bool], &[bool]),
@@ -142,13 +144,13 @@ pub(super) fn find(
         pairs.each(grid, plots, |k, d| {
             if is_taken(k) {
                 nearest = f64::min(nearest, d);
+            }
+            if d < NEAR && (is_taken(k) || k < i && !taken[k] && !deferred[k]) {
                 density += (-0.5 * d).exp() / scale;
             }
         });
-        if nearest < NEAR {
-            count.1 += 1.0;
-            found[i] = density;
-        }
+        count.1 += f64::from(u8::from(nearest < NEAR));
+        found[i] = density;
     }
     for (doubles, (targets, seconds)) in doubles.iter_mut().zip(counts) {
         doubles.count(targets, seconds);

@@ -5,6 +5,7 @@
 //! second differences, one and two scans apart, tell whether errors last: their contrast is free of
 //! accelerations too. Nothing depends on the filters, which the noise that is found changes.
 
+use super::outliers::Outliers;
 use super::plot::{Measured, Source};
 use super::settings::Settings;
 use crate::sensors::Radar;
@@ -144,6 +145,7 @@ pub(super) struct Noise {
     pub used: [f64; 2],
     sizes: [Size; 2],
     lasting: Lasting,
+    pub outliers: Outliers,
     chains: Vec<Chain>,
 }
 
@@ -155,6 +157,7 @@ impl Noise {
             used: stated,
             sizes: <[_; 2]>::default(),
             lasting: Lasting::default(),
+            outliers: Outliers::default(),
             chains: Vec::new(),
         }
     }
@@ -166,6 +169,7 @@ impl Noise {
 
     /// Looks at a plot of a confirmed track.
     pub fn saw(&mut self, track: u64, plot: &Measured, settings: &Settings) {
+        self.outliers.saw();
         let place = (track % TRACKS) as usize;
         let period = settings.radars[plot.radar].scan_period;
         if self.chains.is_empty() {

@@ -10,6 +10,7 @@ use super::clutter::Clutter;
 use super::doubles::{self, Doubles, Near};
 use super::ended::Ended;
 use super::noise::Noise;
+use super::outliers;
 use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
 use super::row::{Row, Rows};
@@ -54,6 +55,8 @@ pub(super) struct Scan {
     places: Vec<u32>,
     /// The density of second plots of targets where each plot is.
     doubled: Vec<f64>,
+    /// The same with outliers.
+    others: Vec<f64>,
     shares: Shares,
 }
 
@@ -90,6 +93,9 @@ impl Scan {
         let near = Near { grid, plots: all, left_out };
         let used = (&self.taken[..], &self.deferred[..]);
         doubles::find(near, used, sky.doubles, sky.settings, &mut self.doubled);
+        self.others.clone_from(&self.doubled);
+        let tracks = (&mut sky.tracks[..], sky.settings);
+        outliers::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
             if !self.begin(sky, hold, &mut report) {
@@ -180,6 +186,9 @@ impl Scan {
                     for leaf in track.alternatives() {
                         share.find_more(&leaf.track, times, settings, around, spread, free);
                     }
+                    if let Some(state) = track.forked() {
+                        share.find_more(state, times, settings, around, spread, free);
+                    }
                     share.claim(first + index, plots);
                 }
             }
@@ -266,7 +275,7 @@ impl Scan {
         if self.claims.is_empty() {
             return false;
         }
-        let Self { plots, taken, deferred, claims, claimed, places, doubled, shares, .. } = self;
+        let Self { plots, taken, deferred, claims, claimed, places, others, shares, .. } = self;
         // tracks by component
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -288,7 +297,8 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter) = (sky.settings, &*sky.clutter);
-        let view = View { plots, claimed, deferred, doubled, settings, clutter, cells };
+        let noise = &*sky.noise;
+        let view = View { plots, claimed, deferred, others, settings, clutter, noise, cells };
         let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
@@ -323,6 +333,12 @@ impl Scan {
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
                 advanced = true;
                 report(plots[given.plot as usize].index, PlotStatus::Track(track));
+            }
+            if let Some(radar) = given.outlier {
+                sky.noise[radar].outliers.took();
+            }
+            if let Some(stray) = given.stray {
+                sky.noise[stray.radar()].outliers.strayed(&stray);
             }
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
@@ -372,7 +388,12 @@ impl Scan {
                 now[i] = true;
             }
             self.taken[i] = true;
-            let track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
+            // where there are more of other plots, more false tracks begin
+            let false_plots = false_plots * (1.0 + (self.others[i] - self.doubled[i]) / density);
+            let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
+            if sky.noise[plot.radar].outliers.are_many() {
+                track.require_more();
+            }
             *sky.next_number += 1;
             let is_double = self.doubled[i] > density;
             self.unused[plot.radar] += usize::from(!is_double);

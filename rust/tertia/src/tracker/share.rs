@@ -3,6 +3,8 @@
 use super::claim::{Claim, Spread, reach};
 use super::cluster::{Cells, Cluster};
 use super::clutter::Clutter;
+use super::noise::Noise;
+use super::outliers::Stray;
 use super::plot::Measured;
 use super::row::Row;
 use super::settings::Settings;
@@ -27,6 +29,10 @@ pub(super) struct Given {
     pub track: u64,
     /// Radar and time of the first plot of a track that is confirmed by this one.
     pub begun: Option<(usize, f64)>,
+    /// Radar of a plot before that was an outlier, as this one shows.
+    pub outlier: Option<usize>,
+    /// Another one that was no plot of the track.
+    pub stray: Option<Stray>,
     /// Index of the row, if there is one.
     row: u32,
 }
@@ -39,10 +45,11 @@ pub(super) struct View<'a> {
     pub claimed: &'a [u32],
     /// Which plots wait.
     pub deferred: &'a [bool],
-    /// The density of second plots of targets where each plot is.
-    pub doubled: &'a [f64],
+    /// The density of second plots of targets, and of outliers, where each plot is.
+    pub others: &'a [f64],
     pub settings: &'a Settings,
     pub clutter: &'a [Clutter],
+    pub noise: &'a [Noise],
     /// Clusters of tracks whose states depend on one another.
     pub cells: &'a Cells,
 }
@@ -169,10 +176,11 @@ impl Share {
             };
             track.predict(plots[first as usize].time, settings.pace(radar), settings);
             for &plot in wanted {
-                if track.tree.is_some() && !track.is_due(&plots[plot as usize], station) {
+                let is_sure = track.tree.is_none() && track.forked().is_none();
+                if !is_sure && !track.is_due(&plots[plot as usize], station) {
                     continue;
                 }
-                let Some(gain) = track.score(&plots[plot as usize], odds, settings) else {
+                let Some(gain) = track.best_score(&plots[plot as usize], odds, settings) else {
                     continue;
                 };
                 let column = self.columns.iter().position(|&c| c == plot);
@@ -220,7 +228,7 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, doubled, clutter, .. }: View<'_>,
+        View { plots, settings, others, clutter, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         let mut own = 0;
@@ -233,12 +241,14 @@ impl Share {
             let measured = &plots[plot as usize];
             let track = &mut *tracks[claim.track as usize];
             let radar = &settings.radars[measured.radar];
+            let stray = track.gone_on(measured, settings);
+            let outlier = track.decide(measured, settings);
             if track.is_due(measured, radar) {
                 let taken = |pair: &&Pair| self.columns[pair.column as usize] == plot;
                 let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
                 let others =
-                    if confirmed { 0.0 } else { (1.0 + doubled[plot as usize] / density).ln() };
+                    if confirmed { 0.0 } else { (1.0 + others[plot as usize] / density).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
                 track.credit(gain, others, measured.radar, settings);
             }
@@ -247,13 +257,13 @@ impl Share {
             let begun = (!confirmed && track.is_confirmed())
                 .then_some((track.first.radar, track.first.time));
             let place = group[0].rank + claim.rank;
-            self.give(place, plot, track, measured, with_row, begun);
+            self.give(place, plot, track, measured, with_row, (begun, outlier, stray));
         }
     }
 
     /// Tracks without a plot take the likeliest remaining one in the guard gate.
     pub fn guard(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
-        let View { plots, claimed, deferred, settings, clutter, .. } = view;
+        let View { plots, claimed, deferred, settings, clutter, noise, .. } = view;
         for row in 0..group.len() {
             if self.choice[row].is_some() || self.settled[row] {
                 continue;
@@ -274,13 +284,16 @@ impl Share {
             let Some((gain, plot, probability)) = best.filter(|best| best.0 > 0.0) else {
                 continue;
             };
-            self.choice[row] = Some(plot);
             let measured = &plots[plot as usize];
-            let gain = track.evidence_of(measured, gain, density, settings);
-            track.credit(gain, 0.0, radar, settings);
-            track.take_guarded(measured, probability, settings);
+            let evidence = track.evidence_of(measured, gain, density, settings);
+            let outliers = &noise[radar].outliers;
+            if !track.take_or_fork(measured, (gain, odds, probability), outliers, settings) {
+                continue;
+            }
+            self.choice[row] = Some(plot);
+            track.credit(evidence, 0.0, radar, settings);
             let place = group[0].rank + claim.rank + group.len() as u32;
-            self.give(place, plot, track, measured, true, None);
+            self.give(place, plot, track, measured, true, (None, None, None));
         }
     }
 
@@ -291,13 +304,13 @@ impl Share {
         track: &Track,
         measured: &Measured,
         with_row: bool,
-        begun: Option<(usize, f64)>,
+        (begun, outlier, stray): (Option<(usize, f64)>, Option<usize>, Option<Stray>),
     ) {
         let row = if with_row { self.rows.len() as u32 } else { NOTHING };
         if with_row {
             self.rows.push(Row::of(track, measured.radar, Some(measured.index)));
         }
-        self.given.push(Given { place, plot, track: track.number, begun, row });
+        self.given.push(Given { place, plot, track: track.number, begun, outlier, stray, row });
     }
 
     /// Clears the results.

@@ -10,6 +10,7 @@ use super::height::Vertical;
 use super::identity::Identity;
 use super::lean::Lean;
 use super::motion::Motion;
+use super::outliers::Stray;
 use super::plan::Guide;
 use super::plot::Measured;
 use super::settings::{Confirmation, MAX_DELAY, Settings};
@@ -18,9 +19,11 @@ use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
 use crate::sensors::Radar;
+use fork::Fork;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
+mod fork;
 mod levelled;
 mod life;
 mod merged;
@@ -43,9 +46,6 @@ const IDENTITIES: f64 = 4096.0;
 const MODEL_ACCELERATION: f64 = 3.0;
 /// Scans in which at most one false track is confirmed.
 const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
-/// Probability that a target accelerates so much that the guard gate is needed.
-const UNNOTICED: f64 = 0.05;
-
 /// Whether a track is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Stage {
@@ -54,6 +54,8 @@ pub(super) enum Stage {
     Tentative {
         hits: usize,
         misses: usize,
+        /// Plots that it takes to confirm it.
+        plots: usize,
         evidence: f64,
         /// Odds of a target below which it is given up.
         least: f64,
@@ -97,6 +99,10 @@ pub(super) struct Track {
     emergencies: u8,
     /// The states that it may have instead.
     pub tree: Option<Box<Tree<Self>>>,
+    /// The one that it may have instead, until the next plot.
+    fork: Option<Box<Fork>>,
+    /// A plot that may have been of the target, since its last one.
+    pub stray: Option<Stray>,
 }
 
 impl Track {
@@ -119,6 +125,7 @@ impl Track {
             stage: Stage::Tentative {
                 hits: 0,
                 misses: 0,
+                plots: settings.confirmation.plots(),
                 evidence: -(SCANS_PER_FALSE_TRACK * false_plots.max(1.0)).ln(),
                 least: existence.hopeless(),
             },
@@ -140,9 +147,18 @@ impl Track {
             suspended: false,
             emergencies: 0,
             tree: None,
+            fork: None,
+            stray: None,
         };
         track.take(plot, settings);
         track
+    }
+
+    /// Requires one more plot: one of them may be far from the target.
+    pub fn require_more(&mut self) {
+        if let Stage::Tentative { plots, .. } = &mut self.stage {
+            *plots += 1;
+        }
     }
 
     pub fn is_confirmed(&self) -> bool {
@@ -184,6 +200,9 @@ impl Track {
             }
             self.time = time;
             self.estimate = self.filter.estimate();
+            if let Some(fork) = &mut self.fork {
+                fork.state.predict(time, period, settings);
+            }
         }
     }
 
@@ -222,40 +241,6 @@ impl Track {
         let here = self.brought_here(plot, settings);
         let (density, _) = self.density(here.position, here.covariance());
         settings.odds(plot.radar, others) + (density * self.also(plot, settings)).ln()
-    }
-
-    /// As `score`, in the guard gate: either the target has accelerated since it was last seen, with the
-    /// probability that is returned, or the plot has a large error.
-    pub fn guarded_score(
-        &self,
-        plot: &Measured,
-        odds: f64,
-        settings: &Settings,
-    ) -> Option<(f64, f64)> {
-        let here = self.brought_here(plot, settings);
-        let (z, r) = (here.position, here.covariance());
-        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
-        let (sigma, gap) = self.unnoticed(settings);
-        let wide = (0.5 * sigma * gap * gap).powi(2);
-        let wide = Plane { xx: wide, xy: 0.0, yy: wide };
-        if let Association::Paper(q) = settings.association {
-            // always widened
-            let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
-            return Some((score + self.also(plot, settings).ln(), 1.0));
-        }
-        let s = self.estimate.position_covariance().plus(r).plus(wide);
-        let d = s.inverse().form(y);
-        if d > settings.guard {
-            return None;
-        }
-        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
-        let straight = self.density(z, r).0.ln();
-        // the window of the paper is always widened
-        let always = matches!(settings.motion, Motion::Window(_));
-        let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
-        let probability = 1.0 - 1.0 / (1.0 + ratio);
-        let density = accelerated - probability.ln();
-        Some((odds + density + self.also(plot, settings).ln(), probability))
     }
 
     /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
@@ -305,14 +290,6 @@ impl Track {
             _ => 1.0,
         };
         height * identity
-    }
-
-    /// Corrects by a plot for which the target accelerated with this probability.
-    pub fn take_guarded(&mut self, plot: &Measured, probability: f64, settings: &Settings) {
-        let (sigma, gap) = self.unnoticed(settings);
-        self.filter.widen(sigma, gap, probability);
-        self.estimate = self.filter.estimate();
-        self.correct(plot, settings);
     }
 
     /// Corrects by a plot.
@@ -366,6 +343,7 @@ impl Track {
     /// Links it to a plan, by hand or because it flies that.
     pub fn correlate(&mut self, plan: usize, settings: &Settings, by_hand: bool) {
         let leg = settings.plans[plan].route.project(self.estimate.position()).leg;
+        self.fork = None;
         self.filter.set_guide(Some(Guide::new(plan, leg, settings.flown_probability)));
         self.filter.suspend_plan(self.suspended);
         if by_hand {
@@ -445,14 +423,14 @@ impl Track {
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
         self.set_due(settings);
-        if let Stage::Tentative { hits, evidence, .. } = &mut self.stage {
+        if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
             let is_likely = match settings.confirmation {
                 _ if matches!(settings.association, Association::Paper(_)) => true,
                 Confirmation::Plots(..) => *evidence >= 0.0,
                 Confirmation::Existence(least) => self.existence.probability() >= least,
             };
-            if *hits >= settings.confirmation.plots() && is_likely {
+            if *hits >= *plots && is_likely {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }

@@ -357,7 +357,14 @@ impl Share {
             let place = group[0].rank + claim.rank + after as u32;
             let measured = &view.plots[plot as usize];
             debug_assert_eq!(measured.radar, radar);
-            self.give(place, plot, track, measured, with_rows || track.is_confirmed(), None);
+            self.give(
+                place,
+                plot,
+                track,
+                measured,
+                with_rows || track.is_confirmed(),
+                (None, None, None),
+            );
         }
         if varies.contains(&false) {
             cluster.keep(&varies);

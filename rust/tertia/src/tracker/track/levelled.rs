@@ -56,12 +56,15 @@ impl Track {
         }
     }
 
-    /// The estimate, with what is uncertain in it because the height is.
+    /// The estimate, with what is uncertain in it because the height is, or what the target does.
     pub fn widened(&self) -> Estimate<4> {
-        let Some((lean, vertical)) = self.lean.as_ref().zip(self.vertical) else {
-            return self.estimate;
+        let own = match self.lean.as_ref().zip(self.vertical) {
+            Some((lean, vertical)) => {
+                lean.widened(&self.estimate, vertical.at(self.time).height_variance())
+            }
+            None => self.estimate,
         };
-        lean.widened(&self.estimate, vertical.at(self.time).height_variance())
+        self.fork.as_ref().map_or(own, |fork| fork.widened(&own))
     }
 
     /// The plot moved to the time of the estimate; for a late plot its noise includes the error of the
@@ -141,6 +144,9 @@ impl Track {
         self.estimate = self.filter.estimate();
         for other in self.tree.iter_mut().flat_map(|tree| &mut tree.others) {
             other.track.shift(time, [x, y, vx, vy]);
+        }
+        if let Some(fork) = &mut self.fork {
+            fork.state.shift(time, [x, y, vx, vy]);
         }
     }
 

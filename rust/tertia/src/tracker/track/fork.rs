@@ -1,0 +1,189 @@
+//! A plot far from where it was expected: the target has accelerated, or the plot is an outlier. The next
+//! plot decides, as it is nearer to what follows from one of them.
+
+use super::Track;
+use crate::base::plane::Plane;
+use crate::tracker::association::{Association, paper_score};
+use crate::tracker::estimate::Estimate;
+use crate::tracker::motion::Motion;
+use crate::tracker::outliers::{Outliers, Stray};
+use crate::tracker::plot::Measured;
+use crate::tracker::settings::Settings;
+use serde::{Deserialize, Serialize};
+
+/// Probability that a target accelerates so much that the guard gate is needed.
+const UNNOTICED: f64 = 0.05;
+
+/// Distance squared within which the next plot is then, in 90 % of all cases, and by how much more likely it
+/// is, as a logarithm.
+const NEAR: f64 = 4.6;
+const SURE: f64 = 4.6;
+
+/// What the target does if it is not what is shown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(in crate::tracker) struct Fork {
+    pub state: Track,
+    /// Logarithm of its odds; a few plots would make up for any.
+    log_odds: f64,
+    /// Whether the plot is an outlier then, and its radar.
+    is_outlier: bool,
+    radar: usize,
+}
+
+impl Fork {
+    /// An estimate with the covariance of both, about what is shown.
+    pub fn widened(&self, shown: &Estimate<4>) -> Estimate<4> {
+        let other = &self.state.estimate;
+        let p = 1.0 / (1.0 + (-self.log_odds).exp());
+        let apart = other.mean - shown.mean;
+        let spread = other.covariance + apart * apart.transpose();
+        Estimate { mean: shown.mean, covariance: shown.covariance * (1.0 - p) + spread * p }
+    }
+}
+
+impl Track {
+    /// As `score`, in the guard gate: either the target has accelerated since it was last seen, with the
+    /// probability that is returned, or the plot has a large error.
+    pub fn guarded_score(
+        &self,
+        plot: &Measured,
+        odds: f64,
+        settings: &Settings,
+    ) -> Option<(f64, f64)> {
+        let here = self.brought_here(plot, settings);
+        let (z, r) = (here.position, here.covariance());
+        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
+        let (sigma, gap) = self.unnoticed(settings);
+        let wide = (0.5 * sigma * gap * gap).powi(2);
+        let wide = Plane { xx: wide, xy: 0.0, yy: wide };
+        if let Association::Paper(q) = settings.association {
+            // always widened
+            let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
+            return Some((score + self.also(plot, settings).ln(), 1.0));
+        }
+        let s = self.estimate.position_covariance().plus(r).plus(wide);
+        let d = s.inverse().form(y);
+        if d > settings.guard {
+            return None;
+        }
+        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
+        let straight = self.density(z, r).0.ln();
+        // the window of the paper is always widened
+        let always = matches!(settings.motion, Motion::Window(_));
+        let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
+        let probability = 1.0 - 1.0 / (1.0 + ratio);
+        let density = accelerated - probability.ln();
+        Some((odds + density + self.also(plot, settings).ln(), probability))
+    }
+
+    /// Corrects by a plot for which the target accelerated with this probability.
+    pub fn take_guarded(&mut self, plot: &Measured, probability: f64, settings: &Settings) {
+        let (sigma, gap) = self.unnoticed(settings);
+        self.filter.widen(sigma, gap, probability);
+        self.estimate = self.filter.estimate();
+        self.correct(plot, settings);
+    }
+
+    /// Whether a choice may be left to the next plot. Hypotheses do that by themselves, the methods of the
+    /// paper decide at once, and plans are not to be found and lost with states.
+    fn may_fork(&self, settings: &Settings) -> bool {
+        settings.limits().is_none()
+            && !matches!(settings.association, Association::Paper(_))
+            && !matches!(settings.motion, Motion::Window(_))
+            && self.plan().is_none()
+    }
+
+    /// Logarithm of the odds that a plot is an outlier, where so large a share of a radar's plots is, against
+    /// an acceleration that has this `gain`.
+    fn outlier_odds(
+        &self,
+        plot: &Measured,
+        (gain, odds): (f64, f64),
+        outliers: &Outliers,
+        settings: &Settings,
+    ) -> f64 {
+        let here = self.brought_here(plot, settings);
+        let (z, s) = (here.position, self.estimate.position_covariance().plus(here.covariance()));
+        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
+        let density = outliers.density(s.inverse().form(y), s.determinant());
+        odds + (density * self.also(plot, settings)).ln() - gain
+    }
+
+    /// Takes a plot of the guard gate that has this gain, with the odds of its radar, by an acceleration with
+    /// this probability; unless it is more likely that it is one of the outliers that have this share among
+    /// the plots of the radar. Returns whether it is taken.
+    pub fn take_or_fork(
+        &mut self,
+        plot: &Measured,
+        (gain, odds, probability): (f64, f64, f64),
+        outliers: &Outliers,
+        settings: &Settings,
+    ) -> bool {
+        if !self.may_fork(settings) {
+            self.take_guarded(plot, probability, settings);
+            return true;
+        }
+        self.stray = None;
+        let log_odds = self.outlier_odds(plot, (gain, odds), outliers, settings);
+        let is_taken = log_odds < 0.0;
+        let before = self.fork.take();
+        let mut state = self.clone();
+        let accelerated = if is_taken { &mut *self } else { &mut state };
+        accelerated.take_guarded(plot, probability, settings);
+        let fork = Fork {
+            state,
+            log_odds: (-log_odds.abs()).max(-SURE),
+            is_outlier: is_taken,
+            radar: plot.radar,
+        };
+        // what was before two far plots is kept, if both may be outliers
+        let both = before.filter(|one| is_taken && one.is_outlier).map(|mut one| {
+            let more = one.state.outlier_odds(plot, (gain, odds), outliers, settings);
+            one.log_odds = (one.log_odds + more).max(-SURE);
+            one
+        });
+        self.fork = Some(both.unwrap_or(Box::new(fork)));
+        is_taken
+    }
+
+    /// Whether a plot is where it is in most cases.
+    fn expects(&self, plot: &Measured, settings: &Settings) -> bool {
+        let here = self.brought_here(plot, settings);
+        self.density(here.position, here.covariance()).1 < NEAR
+    }
+
+    /// A plot that was far from the target, which has gone on as before, as this one shows.
+    pub fn gone_on(&mut self, plot: &Measured, settings: &Settings) -> Option<Stray> {
+        self.stray.take().filter(|_| self.expects(plot, settings))
+    }
+
+    /// Decides by the next plot which of the two it was. Returns the radar if it was an outlier for sure: a
+    /// target that moves as no model does is not where it was expected either.
+    pub fn decide(&mut self, plot: &Measured, settings: &Settings) -> Option<usize> {
+        let Fork { state, log_odds, is_outlier, radar } = *self.fork.take()?;
+        let score = |track: &Self| track.score(plot, 0.0, settings).unwrap_or(f64::NEG_INFINITY);
+        let [own, other] = [score(self), score(&state) + log_odds];
+        let is_other = other > own;
+        let right = if is_other { &state } else { &*self };
+        let is_sure = right.expects(plot, settings) && (own - other).abs() > SURE;
+        if is_other && is_sure {
+            (self.filter, self.estimate) = (state.filter, state.estimate);
+            (self.vertical, self.lean, self.seen) = (state.vertical, state.lean, state.seen);
+        }
+        (is_sure && is_outlier == is_other).then_some(radar)
+    }
+
+    /// What the target may do instead.
+    pub fn forked(&self) -> Option<&Self> {
+        self.fork.as_deref().map(|fork| &fork.state)
+    }
+
+    /// The larger of the scores of a plot.
+    #[inline]
+    pub fn best_score(&self, plot: &Measured, odds: f64, settings: &Settings) -> Option<f64> {
+        let own = self.score(plot, odds, settings);
+        let Some(fork) = self.fork.as_deref() else { return own };
+        let other = fork.state.score(plot, odds, settings).map(|score| score + fork.log_odds);
+        own.into_iter().chain(other).max_by(f64::total_cmp)
+    }
+}
