@@ -211,7 +211,7 @@ def test_frames(frame: Callable[[bytes], bytes], header: bytes, save: Save) -> N
     [
         (b"", "plots.ast is empty"),
         (b"time_s,range_m\n1,2\n", "byte 0: there is no data block of ASTERIX, but 74696d655f732c"),
-        (flight()[:2], "byte 0: the last data block is cut off; no other record can be decoded"),
+        (flight()[:2], "byte 0: the data block is cut off, .*; no other record can be decoded"),
         (flight() + b"\x30\x00\x02", "byte 841: there is no data block"),
         (b"\xff\x00\x10" + flight(), "byte 0: there is no data block"),
         (
@@ -231,8 +231,14 @@ BROKEN = reference.block(48, reference.plot(RADAR, 1, 1, 1), reference.plot(RADA
 @pytest.mark.parametrize(
     ("contents", "plots", "place"),
     [
-        (flight()[:-1], 38, "byte 800: the last data block is cut off"),
-        (flight() + b"\xff\x00\x10", 40, "byte 841: the last data block is cut off"),
+        (flight()[:-1], 38, "byte 800: the data block is cut off"),
+        (flight() + b"\xff\x00\x10", 40, "byte 841: the data block is cut off"),
+        # a length of a data block that is damaged takes the rest of the file with it
+        (
+            flight()[:801] + b"\xff" + flight()[802:],
+            38,
+            "byte 800: the data block is cut off, or its length is damaged: of 65321 bytes 41",
+        ),
         (BROKEN + flight(), 41, "byte 14: a record of category 48 is damaged"),
     ],
 )

@@ -75,16 +75,20 @@ class Reader:
         if not begun:
             stop = 0
         if stop < len(contents):
-            length = int.from_bytes(contents[stop + 1 : stop + _HEADER], "big")
+            length = max(int.from_bytes(contents[stop + 1 : stop + _HEADER], "big"), _HEADER)
             place = f"{self.path}, {where}byte {stop}"
             left = len(contents) - stop
-            if not (begun or contents[stop] in KNOWN) or left >= max(length, _HEADER):
+            if not (begun or contents[stop] in KNOWN) or left >= length:
                 there = contents[stop : stop + 8].hex()
                 raise ValueError(
                     f"{place}: there is no data block of ASTERIX, but {there}; the file is "
                     "damaged, or in another format"
                 )
-            self._damage(1, f"{place}: the last data block is cut off")
+            self._damage(
+                1,
+                f"{place}: the data block is cut off, or its length is damaged: of {length} bytes "
+                f"{left} are there, which are left out",
+            )
         self._collect(contents, where, found)
 
     def _collect(self, contents: bytes, where: str, found: Any) -> None:
