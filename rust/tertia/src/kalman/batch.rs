@@ -121,6 +121,13 @@ pub struct Row<'a> {
     pub end: End,
 }
 
+/// Memory that a thread uses again.
+#[derive(Default)]
+struct Buffers {
+    transitions: Vec<Transition>,
+    kept: Vec<f64>,
+}
+
 /// What all series of a batch may have in common.
 struct Common {
     filter: Option<Filter>,
@@ -172,10 +179,10 @@ impl<'a> Batch<'a> {
         let blocks = rows.chunks_mut(LANES).enumerate();
         let mut failed = vec![0; blocks.len()];
         let blocks = blocks.zip(&mut failed);
-        let run = |buffer: &mut Vec<_>, ((block, rows), failed): ((usize, &mut [Row<'_>]), _)| {
-            self.filter_rows(&common, block * LANES, rows, buffer, failed)
+        let run = |buffers: &mut Buffers, ((block, rows), failed): ((usize, &mut [Row<'_>]), _)| {
+            self.filter_rows(&common, block * LANES, rows, buffers, failed)
         };
-        for_each_row(blocks, nanoseconds, n_threads, Vec::new, run)
+        for_each_row(blocks, nanoseconds, n_threads, Buffers::default, run)
             .map_err(|error| RowError { row: failed[error.row], ..error })
     }
 
@@ -270,18 +277,19 @@ impl<'a> Batch<'a> {
         common: &Common,
         first: usize,
         rows: &mut [Row<'_>],
-        buffer: &mut Vec<Transition>,
+        buffers: &mut Buffers,
         failed: &mut usize,
     ) -> Result<()> {
         if let Some(transition) = self.shared_transitions()
             && rows.len() >= FEWEST_LANES
-            && self.filter_block(common, transition, first, rows, failed)?
+            && self.filter_block(common, transition, first, rows, &mut buffers.kept, failed)?
         {
             return Ok(());
         }
         for (i, row) in rows.iter_mut().enumerate() {
             *failed = first + i;
-            let series = self.series(first + i, self.transitions(first + i, buffer)?)?;
+            let transitions = self.transitions(first + i, &mut buffers.transitions)?;
+            let series = self.series(first + i, transitions)?;
             let filter = common.filter.map_or_else(|| self.start(first + i), Ok)?;
             row.end = End::new(&series.fill(filter, &mut row.steps), self.period);
         }
@@ -295,6 +303,7 @@ impl<'a> Batch<'a> {
         transition: PerStep<'_, Transition>,
         first: usize,
         rows: &mut [Row<'_>],
+        kept: &mut Vec<f64>,
         failed: &mut usize,
     ) -> Result<bool> {
         let mut series = Vec::with_capacity(LANES);
@@ -307,7 +316,7 @@ impl<'a> Batch<'a> {
             filters.push(common.filter.map_or_else(|| self.start(first + i), Ok)?);
         }
         let mut out: Vec<_> = rows.iter_mut().map(|row| &mut row.steps).collect();
-        let summaries = run_block(&series, &filters, common.gains.as_ref(), &mut out);
+        let summaries = run_block(&series, &filters, common.gains.as_ref(), &mut out, kept);
         let Some(summaries) = summaries else { return Ok(false) };
         for (row, summary) in rows.iter_mut().zip(&summaries) {
             row.end = End::new(summary, self.period);

@@ -1,7 +1,7 @@
 //! Several series side by side, one in each lane of a vector: what a step costs is shared.
 
 use super::filter::Filter;
-use super::kept::{Kept, TILE};
+use super::kept::{Kept, RUN, TILE, rooms};
 use super::model::Transition;
 use super::series::{LARGEST, PRODUCTS, PerStep, Series, Summary, VARIANCES, log_likelihood};
 use super::shared::Gains;
@@ -22,14 +22,17 @@ pub(super) fn run_block(
     filters: &[Filter],
     gains: Option<&Gains>,
     out: &mut [&mut Steps<'_>],
+    buffer: &mut Vec<f64>,
 ) -> Option<Vec<Summary>> {
     let n = series.first()?.z.len();
     let start = series.iter().zip(filters).map(|(series, filter)| known_from(series, filter));
     let start = start.max().filter(|&start| start < n)?;
     let gained = gains.and_then(|gains| {
-        Arch::new().dispatch(Run { series, filters, gains: Some(gains), start, out: &mut *out })
+        let (gains, out, buffer) = (Some(gains), &mut *out, &mut *buffer);
+        Arch::new().dispatch(Run { series, filters, gains, start, out, buffer })
     });
-    gained.or_else(|| Arch::new().dispatch(Run { series, filters, gains: None, start, out }))
+    gained
+        .or_else(|| Arch::new().dispatch(Run { series, filters, gains: None, start, out, buffer }))
 }
 
 /// The step by which the state of a series is known.
@@ -47,6 +50,7 @@ struct Run<'a, 'b, 'c, 'd> {
     gains: Option<&'a Gains>,
     start: usize,
     out: &'b mut [&'c mut Steps<'d>],
+    buffer: &'b mut Vec<f64>,
 }
 
 impl WithSimd for Run<'_, '_, '_, '_> {
@@ -54,7 +58,7 @@ impl WithSimd for Run<'_, '_, '_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { series, filters, gains, start, out } = self;
+        let Self { series, filters, gains, start, out, buffer } = self;
         let n = series[0].z.len();
         let mut summaries = Vec::with_capacity(series.len());
         for ((series, filter), out) in series.iter().zip(filters).zip(&mut *out) {
@@ -64,24 +68,39 @@ impl WithSimd for Run<'_, '_, '_, '_> {
         for summaries in summaries.chunks(S::F64_LANES) {
             vectors.push(Carried::new(simd, summaries, gains.is_some())?);
         }
-        let all = !out[0].is_empty();
+        let mut widths = out[0].widths();
+        if gains.is_some() {
+            // they are the same for all series
+            (widths[1], widths[3]) = (0, 0);
+        }
+        let mut kept = rooms(buffer, out.len(), widths);
+        let all = !kept.is_empty();
         let mut tile = Tile::new(series, summaries[0].filter.period());
-        let whole = start + (n - start) / TILE * TILE;
-        for from in (start..whole).step_by(TILE) {
-            tile.gather::<TILE>(series, from);
-            match (gains, all) {
-                (Some(gains), _) => tile.share::<S, TILE>(simd, gains, &mut vectors, out),
-                (None, false) => tile.run::<S, TILE, false>(simd, &mut vectors, out),
-                (None, true) => tile.run::<S, TILE, true>(simd, &mut vectors, out),
+        for first in (start..n).step_by(RUN) {
+            let end = n.min(first + RUN);
+            let whole = first + (end - first) / TILE * TILE;
+            for from in (first..whole).step_by(TILE) {
+                tile.gather::<TILE>(series, from, first);
+                match (gains, all) {
+                    (Some(gains), _) => tile.share::<S, TILE>(simd, gains, &mut vectors, &mut kept),
+                    (None, false) => tile.run::<S, TILE, false>(simd, &mut vectors, &mut kept),
+                    (None, true) => tile.run::<S, TILE, true>(simd, &mut vectors, &mut kept),
+                }
+            }
+            for from in whole..end {
+                tile.gather::<1>(series, from, first);
+                match (gains, all) {
+                    (Some(gains), _) => tile.share::<S, 1>(simd, gains, &mut vectors, &mut kept),
+                    (None, false) => tile.run::<S, 1, false>(simd, &mut vectors, &mut kept),
+                    (None, true) => tile.run::<S, 1, true>(simd, &mut vectors, &mut kept),
+                }
+            }
+            for (out, kept) in out.iter_mut().zip(&kept) {
+                out.take(first, end - first, kept);
             }
         }
-        for from in whole..n {
-            tile.gather::<1>(series, from);
-            match (gains, all) {
-                (Some(gains), _) => tile.share::<S, 1>(simd, gains, &mut vectors, out),
-                (None, false) => tile.run::<S, 1, false>(simd, &mut vectors, out),
-                (None, true) => tile.run::<S, 1, true>(simd, &mut vectors, out),
-            }
+        if let Some(gains) = gains {
+            out.iter_mut().for_each(|out| gains.put(start, out));
         }
         let groups = summaries.chunks_mut(S::F64_LANES).zip(series.chunks(S::F64_LANES));
         for (carried, (summaries, series)) in vectors.iter().zip(groups) {
@@ -202,7 +221,9 @@ struct Tile<'a> {
     r: [[f64; TILE]; LANES],
     transition: PerStep<'a, Transition>,
     period: Option<f64>,
+    /// The first of its steps, and of those that are kept together.
     from: usize,
+    first: usize,
 }
 
 /// F and Q of a step in all lanes.
@@ -217,13 +238,13 @@ impl<'a> Tile<'a> {
             }
         }
         let transition = series[0].transition;
-        Self { z: [[f64::NAN; TILE]; LANES], r, transition, period, from: 0 }
+        Self { z: [[f64::NAN; TILE]; LANES], r, transition, period, from: 0, first: 0 }
     }
 
     /// Reads the plots of the next N steps, and the variances of their noise.
     #[inline(always)]
-    fn gather<const N: usize>(&mut self, series: &[Series<'_>], from: usize) {
-        self.from = from;
+    fn gather<const N: usize>(&mut self, series: &[Series<'_>], from: usize, first: usize) {
+        (self.from, self.first) = (from, first);
         for ((z, r), series) in self.z.iter_mut().zip(&mut self.r).zip(series) {
             z[..N].copy_from_slice(&series.z[from..][..N]);
             if let PerStep::Each(each) = series.variance {
@@ -239,7 +260,7 @@ impl<'a> Tile<'a> {
         &self,
         simd: S,
         vectors: &mut [Carried<S>],
-        out: &mut [&mut Steps<'_>],
+        out: &mut [Steps<'_>],
     ) {
         let (zero, one) = (Vector::splat(simd, 0.0), Vector::splat(simd, 1.0));
         let nan = Vector::splat(simd, f64::NAN);
@@ -283,7 +304,7 @@ impl<'a> Tile<'a> {
             c.multiply(simd, variances);
             if ALL {
                 let lanes = at * S::F64_LANES..out.len().min((at + 1) * S::F64_LANES);
-                kept.keep::<N>(simd, self.from, self.period, &mut out[lanes]);
+                kept.keep::<N>(simd, self.from - self.first, self.period, &mut out[lanes]);
             }
         }
     }
@@ -308,9 +329,8 @@ impl<'a> Tile<'a> {
         simd: S,
         gains: &Gains,
         vectors: &mut [Carried<S>],
-        out: &mut [&mut Steps<'_>],
+        out: &mut [Steps<'_>],
     ) {
-        let all = !out[0].is_empty();
         let transitions = self.transitions::<S, N>(simd);
         let zero = Vector::splat(simd, 0.0);
         let mut gain = [[zero; 4]; N];
@@ -333,9 +353,9 @@ impl<'a> Tile<'a> {
                 kept.value[i] = value;
             }
             (carried.mean, carried.squares) = ([x0, x1, x2], squares);
-            if all {
+            if !out.is_empty() {
                 let lanes = at * S::F64_LANES..out.len().min((at + 1) * S::F64_LANES);
-                kept.keep_shared::<N>(simd, self.from, self.period, gains, &mut out[lanes]);
+                kept.keep::<N>(simd, self.from - self.first, self.period, &mut out[lanes]);
             }
         }
     }

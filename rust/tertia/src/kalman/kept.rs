@@ -1,6 +1,5 @@
 //! States of series side by side, from the lanes of vectors into the rows of each series.
 
-use super::shared::Gains;
 use super::state::wrapped;
 use super::steps::Steps;
 use crate::base::vector::{Vector, WIDEST};
@@ -8,6 +7,31 @@ use pulp::Simd;
 
 /// Steps whose plots are read and whose states are written at once.
 pub(super) const TILE: usize = 4;
+
+/// Steps that are gathered in the cache before each series' room gets its own: memory is slow where
+/// few numbers go to each of many places in turn. With 11 numbers a step, an odd number of cache
+/// lines.
+pub(super) const RUN: usize = 56;
+
+/// Room for [`RUN`] steps of `count` series, with so many means, covariances, innovations and their
+/// variances a step; `buffer` keeps it.
+pub(super) fn rooms(buffer: &mut Vec<f64>, count: usize, widths: [usize; 4]) -> Vec<Steps<'_>> {
+    let sizes = widths.map(|width| width * RUN);
+    let size = sizes.iter().sum::<usize>();
+    if size == 0 {
+        return Vec::new();
+    }
+    if buffer.len() < count * size {
+        buffer.resize(count * size, 0.0);
+    }
+    let split = |room| {
+        let (mean, room) = <[f64]>::split_at_mut(room, sizes[0]);
+        let (covariance, room) = room.split_at_mut(sizes[1]);
+        let (innovation, variance) = room.split_at_mut(sizes[2]);
+        Steps { mean, covariance, innovation, variance }
+    };
+    buffer.chunks_exact_mut(size).take(count).map(split).collect()
+}
 
 /// The states of a vector's lanes after each step of a tile, and their innovations.
 pub(super) struct Kept<S: Simd> {
@@ -36,10 +60,15 @@ impl<S: Simd> Kept<S> {
         simd: S,
         from: usize,
         period: Option<f64>,
-        out: &mut [&mut Steps<'_>],
+        out: &mut [Steps<'_>],
     ) {
         self.keep_means::<N>(simd, from, period, out);
-        self.keep_innovations::<N>(simd, from, out);
+        if !out[0].innovation.is_empty() {
+            let rows = Rows::<1>::new(simd, &self.value);
+            for (l, out) in out.iter_mut().enumerate() {
+                rows.write(l, &mut out.innovation[from..][..N]);
+            }
+        }
         if !out[0].covariance.is_empty() {
             let rows = Rows::<6>::new(simd, self.covariance.as_flattened());
             for (l, out) in out.iter_mut().enumerate() {
@@ -54,48 +83,13 @@ impl<S: Simd> Kept<S> {
         }
     }
 
-    /// Writes means and innovations, and what all series have in common.
-    #[inline(always)]
-    pub fn keep_shared<const N: usize>(
-        &self,
-        simd: S,
-        from: usize,
-        period: Option<f64>,
-        gains: &Gains,
-        out: &mut [&mut Steps<'_>],
-    ) {
-        self.keep_means::<N>(simd, from, period, out);
-        self.keep_innovations::<N>(simd, from, out);
-        let to = from + N;
-        let covariance = gains.covariance[from..to].as_flattened();
-        for out in out {
-            if let Some(room) = out.variance.get_mut(from..to) {
-                room.copy_from_slice(&gains.variance[from..to]);
-            }
-            if let Some(room) = out.covariance.get_mut(6 * from..6 * to) {
-                room.copy_from_slice(covariance);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn keep_innovations<const N: usize>(&self, simd: S, from: usize, out: &mut [&mut Steps<'_>]) {
-        if out[0].innovation.is_empty() {
-            return;
-        }
-        let rows = Rows::<1>::new(simd, &self.value);
-        for (l, out) in out.iter_mut().enumerate() {
-            rows.write(l, &mut out.innovation[from..][..N]);
-        }
-    }
-
     #[inline(always)]
     fn keep_means<const N: usize>(
         &self,
         simd: S,
         from: usize,
         period: Option<f64>,
-        out: &mut [&mut Steps<'_>],
+        out: &mut [Steps<'_>],
     ) {
         if out[0].mean.is_empty() {
             return;

@@ -5,6 +5,7 @@ use super::model::{Singer, Transition};
 use super::state::{Innovation, State, residual};
 use super::steps::Steps;
 use crate::base::error::{Error, Result, require, require_each};
+use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
 /// A covariance that changes by less in a step has converged.
@@ -161,7 +162,7 @@ struct Likelihood {
 impl Likelihood {
     #[inline(always)]
     fn add(&mut self, innovation: Innovation) {
-        self.squares += innovation.value * innovation.value / innovation.variance;
+        self.squares += innovation.value * innovation.value * (1.0 / innovation.variance);
         self.product *= innovation.variance;
         self.count += 1;
         if !PRODUCTS.contains(&self.product) {
@@ -188,11 +189,28 @@ pub(super) fn log_likelihood(squares: f64, logarithms: f64, count: usize) -> f64
     0.0 - 0.5 * (squares + logarithms + count as f64 * TAU.ln())
 }
 
+/// [`Series::fill`] with the instructions of this machine: more registers.
+struct Fill<'a, 'b, 'c> {
+    series: &'a Series<'a>,
+    filter: Filter,
+    out: &'b mut Steps<'c>,
+}
+
+impl WithSimd for Fill<'_, '_, '_> {
+    type Output = Summary;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Summary {
+        let Self { series, filter, out } = self;
+        let period = filter.period();
+        series.run(filter, |step, state, new| out.put(step, state, new, period))
+    }
+}
+
 impl Series<'_> {
     /// Runs `filter` along the series and keeps what `out` has room for. Cost O(steps).
     pub fn fill(&self, filter: Filter, out: &mut Steps<'_>) -> Summary {
-        let period = filter.period();
-        self.run(filter, |step, state, new| out.put(step, state, new, period))
+        Arch::new().dispatch(Fill { series: self, filter, out })
     }
 
     /// Runs `filter` from before the first plot to after the last, and shows every step's state
@@ -250,6 +268,15 @@ impl Series<'_> {
         self.z.iter().rposition(|z| !z.is_nan()).map(|step| self.variance.at(step))
     }
 
+    /// The step after a plot; any after the last.
+    #[inline(always)]
+    fn transition_after(&self, step: usize) -> &Transition {
+        match &self.transition {
+            PerStep::Constant(transition) => transition,
+            PerStep::Each(each) => each.get(step).unwrap_or(&Transition::NONE),
+        }
+    }
+
     /// Goes on from the `state` after the step before `step` for as long as the covariance can be
     /// kept as it is; returns the step where that ends.
     #[inline(always)]
@@ -266,9 +293,10 @@ impl Series<'_> {
             (PerStep::Constant(_), PerStep::Constant(transition)) => Some(transition),
             _ => None,
         };
+        let mut predicted = state.predicted(self.transition.get(step - 1));
         while step < self.z.len() {
             let (z, r) = (self.z[step], self.variance.at(step));
-            let predicted = state.predicted(&self.transition.at(step - 1));
+            let next = self.transition_after(step);
             let missing = z.is_nan();
             if predicted.needs_factors(noise) || (!missing && predicted.needs_factors(r)) {
                 break;
@@ -277,6 +305,7 @@ impl Series<'_> {
                 previous = [f64::NAN; 6];
                 state = predicted;
                 sink(step, &state, Innovation::NONE);
+                predicted = state.predicted(next);
                 step += 1;
                 continue;
             }
@@ -285,12 +314,22 @@ impl Series<'_> {
             sink(step, &updated, innovation);
             (state, noise) = (updated, r);
             step += 1;
-            let Some(transition) = constant else { continue };
-            if is_close(previous, state.covariance) {
-                let gain = Converged::new(&predicted, innovation.variance, transition);
-                step = gain.run(self.z, step, filter.period(), &mut state, likelihood, sink);
+            if let Some(transition) = constant {
+                if is_close(previous, state.covariance) {
+                    let gain = Converged::new(&predicted, innovation.variance, transition);
+                    step = gain.run(self.z, step, filter.period(), &mut state, likelihood, sink);
+                    predicted = state.predicted(next);
+                    continue;
+                }
+                previous = state.covariance;
             }
-            previous = state.covariance;
+            // without noise of the motion the rounding of all steps adds up: the form with least
+            predicted = if next.q[5] > 0.0 {
+                let covariance = predicted.covariance_after(r, next);
+                State { mean: next.mean(state.mean), covariance }
+            } else {
+                state.predicted(next)
+            };
         }
         filter.set(state, noise);
         step

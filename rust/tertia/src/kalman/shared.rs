@@ -2,6 +2,7 @@
 
 use super::filter::Filter;
 use super::series::Series;
+use super::steps::Steps;
 
 /// Gain, innovation variance and covariance after each step of series that miss no plot and have
 /// the same noise, steps and start.
@@ -38,5 +39,15 @@ impl Gains {
             *total = sum;
         }
         gains
+    }
+
+    /// Keeps what all series have in common from step `start` on, as far as there is room.
+    pub fn put(&self, start: usize, out: &mut Steps<'_>) {
+        if let Some(room) = out.variance.get_mut(start..) {
+            room.copy_from_slice(&self.variance[start..]);
+        }
+        if let Some(room) = out.covariance.get_mut(6 * start..) {
+            room.copy_from_slice(self.covariance[start..].as_flattened());
+        }
     }
 }

@@ -64,6 +64,30 @@ impl State {
         }
     }
 
+    /// `F P F^T + Q` for the covariance P after the update of this prior with a plot of variance r.
+    ///
+    /// P is linear in 1/S, so that nearly everything is computed while the division goes on.
+    #[inline(always)]
+    pub(super) fn covariance_after(&self, r: f64, transition: &Transition) -> [f64; 6] {
+        let ([f01, f02, f12, f22], q) = (transition.f, &transition.q);
+        let [p00, p01, p02, p11, p12, p22] = self.covariance;
+        let s = 1.0 / (p00 + r);
+        // F A F^T + Q, where A is P⁻ without its first row and column
+        let (a01, a02) = (f01 * p11 + f02 * p12, f01 * p12 + f02 * p22);
+        let (a11, a12) = (p11 + f12 * p12, p12 + f12 * p22);
+        // F (P − A) F^T S, with g = F [0, P⁻_01, P⁻_02]
+        let [g0, g1, g2] = [f01 * p01 + f02 * p02, p01 + f12 * p02, f22 * p02];
+        let rest = r - g0;
+        [
+            f01 * a01 + f02 * a02 + q[0] + (r * (p00 + g0) + g0 * rest) * s,
+            a01 + f12 * a02 + q[1] + g1 * rest * s,
+            f22 * a02 + q[2] + g2 * rest * s,
+            a11 + f12 * a12 + q[3] - g1 * g1 * s,
+            f22 * a12 + q[4] - g1 * g2 * s,
+            f22 * f22 * p22 + q[5] - g2 * g2 * s,
+        ]
+    }
+
     /// Whether an update with a plot of variance r would leave few digits of the covariance.
     #[inline(always)]
     pub(crate) fn needs_factors(&self, r: f64) -> bool {

@@ -16,11 +16,32 @@ pub struct Steps<'a> {
 }
 
 impl Steps<'_> {
-    /// Whether nothing is wanted.
-    #[inline(always)]
-    pub(super) fn is_empty(&self) -> bool {
-        let rooms = [&self.mean, &self.covariance, &self.innovation, &self.variance];
-        rooms.iter().all(|room| room.is_empty())
+    /// Numbers of a step in each room; 0 where they are not wanted.
+    pub(super) fn widths(&self) -> [usize; 4] {
+        let width = |room: &[f64], width| if room.is_empty() { 0 } else { width };
+        [
+            width(self.mean, 3),
+            width(self.covariance, 6),
+            width(self.innovation, 1),
+            width(self.variance, 1),
+        ]
+    }
+
+    /// Takes over the first `count` steps of `others` as those from `from` on, as far as there is
+    /// room.
+    pub(super) fn take(&mut self, from: usize, count: usize, others: &Steps<'_>) {
+        let pairs = [
+            (&mut self.mean, &others.mean, 3),
+            (&mut self.covariance, &others.covariance, 6),
+            (&mut self.innovation, &others.innovation, 1),
+            (&mut self.variance, &others.variance, 1),
+        ];
+        for (room, values, width) in pairs {
+            let room = room.get_mut(width * from..width * (from + count));
+            if let (Some(room), Some(values)) = (room, values.get(..width * count)) {
+                room.copy_from_slice(values);
+            }
+        }
     }
 
     /// Keeps a step's state, with its angle in [0, period).
