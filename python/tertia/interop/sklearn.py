@@ -170,7 +170,7 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
 
 
 class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
-    """Detects rows with a single outlier or part of a burst in at least one column.
+    """Detects rows that contain a single outlier or belong to a burst in at least one column.
 
     Rows must be in time order. Like `LocalOutlierFactor`, it judges only the rows it is fitted to.
 

@@ -97,7 +97,7 @@ def read_fpl(
     taxi_time: float = 900.0,
     identity: Literal["icao_address", "mode_3a"] = "icao_address",
 ) -> list[FiledPlan]:
-    """Read flight plans from ICAO messages, (FPL-...).
+    """Read flight plans from ICAO FPL messages.
 
     Parameters
     ----------

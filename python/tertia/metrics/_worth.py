@@ -99,7 +99,7 @@ class Record:
         return self._worth(inside.astype(np.float64), ())
 
     def of_score(self, score: FloatArray) -> Worth:
-        """Return what it is worth for the mean of what is linear in the errors."""
+        """Return the effective number for the mean of a quantity that is linear in the errors."""
         return self._worth(score, (_OF_RANKS, _OF_RANKS))
 
     def _worth(self, values: FloatArray, weights: tuple[FloatArray, ...]) -> Worth:

@@ -245,8 +245,8 @@ def read(
 ) -> Records:
     """Read records by their schema; `columns` maps standard names to those of a table.
 
-    If the names of `sensors` are given, the quantity `sensor` is their index. `results` are names
-    that columns of `by` must not have.
+    If the names of `sensors` are given, the quantity `sensor` is their index. Columns of `by`
+    must not have the names in `results`.
     """
     called = _called(schema, columns, by, results)
     readers = [Reader(part, schema, called, sensors) for part in source]

@@ -1,4 +1,4 @@
-"""Tracks of the plots of radars, by all of them."""
+"""Smoothed tracks from tables of radar plots."""
 
 from __future__ import annotations
 
