@@ -487,7 +487,9 @@ def test_a_sky_without_targets(write: Write, radars: Path, tmp_path: Path) -> No
         path, "--sensors", radars, "--output", tmp_path / "o.csv", "--plot", tmp_path / "p.svg"
     )
     assert done.code == 0
-    assert done.err == "no track was confirmed\n"
+    assert done.err.startswith("no track was confirmed: too few plots")
+    assert "--max-speed" in done.err
+    assert done.err.count("\n") == 1
     assert pl.read_csv(tmp_path / "o.csv").height == 0
 
 

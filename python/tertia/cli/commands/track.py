@@ -272,7 +272,7 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
     rate = summary["plot_count"] / summary["tracking_s"]
     typer.echo(f"  {rate:,.0f} plots tracked per second")
     if not tracks:
-        note("no track was confirmed")
+        note("no track was confirmed: too few plots of a target, or it is faster than --max-speed")
 
 
 def _lines(tracking: Tracking) -> list[maps.Feature | None]:
