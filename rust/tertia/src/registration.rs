@@ -17,6 +17,7 @@
 
 mod block;
 mod calibration;
+mod change;
 mod common;
 mod correction;
 mod exchange;

@@ -5,6 +5,7 @@
 //! but the blocks.
 
 use super::block::{Known, Unknowns};
+use super::change::{Scan, changed};
 use super::exchange::{Learnt, Update};
 use super::followed::{self, Blocks, Followed};
 use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
@@ -14,8 +15,7 @@ use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
-use pulp::Arch;
-use rows::Rows;
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -27,11 +27,9 @@ const WANDER: f64 = 0.2;
 const WANDER_TIME: f64 = 600.0;
 /// Redundant measurements that the noise is known by at most.
 const MEMORY: f64 = 150.0;
-/// Seconds in which a sudden change is sought, its size in standard deviations of the prior, and the
-/// odds that it needs.
+/// Seconds in which a sudden change is sought, and its size in standard deviations of the prior.
 const CHANGE_TIME: f64 = 30.0;
 const CHANGE: f64 = 3.0;
-const ODDS: f64 = 1e6;
 /// Variance of the errors of a radar, in that of the prior, that a vote leaves.
 const VOTED: f64 = 0.5;
 /// Distance at which an unknown gain counts as noise of the range, m.
@@ -46,17 +44,6 @@ const GROWN: f64 = 20.0;
 const TURNING: f64 = 0.3;
 /// Scans of the slowest radar after which a track is forgotten.
 const FORGOTTEN: f64 = 10.0;
-
-/// What one scan said of the errors, and what was known before it.
-#[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
-struct Scan {
-    time: f64,
-    information: DMatrix<f64>,
-    /// About errors of zero.
-    score: DVector<f64>,
-    mean: DVector<f64>,
-    covariance: DMatrix<f64>,
-}
 
 /// The errors of radars as far as they are known.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
@@ -414,33 +401,11 @@ impl Registrar {
         }
     }
 
-    /// Whether the errors of one radar have changed within the last scans.
+    /// Learns the errors of a radar anew that have changed within the last scans.
     fn find_change(&mut self, time: f64) {
-        let order = self.mean.len();
         let mut own: Vec<Vec<usize>> = vec![Vec::new(); self.radars.len()];
         for_each(&self.unknowns(), |k, _, column, _| own[k].push(column));
-        let (mut information, mut score) = (DMatrix::zeros(order, order), DVector::zeros(order));
-        let mut best: Option<(f64, usize, usize)> = None;
-        for (i, scan) in self.recent.iter().enumerate().rev() {
-            information += &scan.information;
-            score += &scan.score;
-            let off = &score - &information * &scan.mean;
-            let sum = DMatrix::identity(order, order) + &information * &scan.covariance;
-            let Some(inverse) = sum.try_inverse() else { continue };
-            let (g, t) = (&inverse * off, &inverse * &information);
-            for (k, columns) in own.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
-                let g = DVector::from_iterator(columns.len(), columns.iter().map(|&c| g[c]));
-                let t = t.select_rows(columns).select_columns(columns);
-                let jump = CHANGE * CHANGE;
-                let m = DMatrix::identity(columns.len(), columns.len()) + jump * t;
-                let Some(inverse) = m.clone().try_inverse() else { continue };
-                let odds = 0.5 * jump * g.dot(&(inverse * &g)) - 0.5 * m.determinant().ln();
-                if odds > ODDS.ln() && best.is_none_or(|(most, ..)| odds > most) {
-                    best = Some((odds, i, k));
-                }
-            }
-        }
-        let Some((_, from, radar)) = best else { return };
+        let Some((from, radar)) = changed(&self.recent, &own, CHANGE) else { return };
         let scans = std::mem::take(&mut self.recent);
         self.mean = scans[from].mean.clone();
         self.covariance = scans[from].covariance.clone();
@@ -492,6 +457,30 @@ impl Registrar {
     }
 }
 
-mod rows;
+/// The rows of a scan, one after the other.
+struct Rows<'a> {
+    registrar: &'a mut Registrar,
+    updates: &'a [Update],
+    applied: &'a [[[f64; 2]; 2]],
+    unknowns: &'a Unknowns,
+    moved: &'a [Errors],
+    errors: &'a Blocks,
+}
+
+impl WithSimd for Rows<'_> {
+    /// By how much each row moves, and what the errors add to its covariance.
+    type Output = Vec<([f64; 4], [f64; 16])>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let mut rows = Vec::with_capacity(self.updates.len());
+        for update in self.updates {
+            let track = self.registrar.carry(update, self.applied, self.unknowns);
+            rows.push((track.moved(self.moved), track.added(self.errors)));
+        }
+        rows
+    }
+}
+
 #[cfg(test)]
 mod tests;
