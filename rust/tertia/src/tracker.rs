@@ -7,8 +7,8 @@
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
 //! association, motion <- settings <- plan, curve <- window <- filter <- resolution, sight; plan <- correlation;
-//! height, identity, beams, filter, correlation, tree <- track <- cluster, row, claim, extent, clutter, doubles, ended, azimuths, noise
-//! <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
+//! height, identity, beams, filter, correlation, tree, outliers <- track <- cluster, row, claim, extent, clutter, doubles, ended, azimuths;
+//! outliers <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
 mod association;
@@ -54,6 +54,7 @@ mod settings;
 mod share;
 mod sight;
 mod smooth;
+mod strays;
 mod table;
 mod track;
 mod tree;

@@ -10,12 +10,12 @@ use super::clutter::Clutter;
 use super::doubles::{self, Doubles, Near};
 use super::ended::Ended;
 use super::noise::Noise;
-use super::outliers;
 use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
 use super::row::{Row, Rows};
 use super::settings::Settings;
 use super::share::{Share, Shares, View};
+use super::strays;
 use super::track::Track;
 use crate::association::Grid;
 
@@ -95,7 +95,7 @@ impl Scan {
         doubles::find(near, used, sky.doubles, sky.settings, &mut self.doubled);
         self.others.clone_from(&self.doubled);
         let tracks = (&mut sky.tracks[..], sky.settings);
-        outliers::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
+        strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
             if !self.begin(sky, hold, &mut report) {
@@ -338,7 +338,7 @@ impl Scan {
                 sky.noise[radar].outliers.took();
             }
             if let Some(stray) = given.stray {
-                sky.noise[stray.radar()].outliers.strayed(&stray);
+                sky.noise[stray.radar].outliers.strayed(&stray);
             }
             if let Some((radar, time)) = given.begun {
                 sky.clutter[radar].discount(time, settings.radars[radar].scan_period);

@@ -19,7 +19,6 @@ use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
 use crate::sensors::Radar;
-use fork::Fork;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
@@ -103,6 +102,17 @@ pub(super) struct Track {
     fork: Option<Box<Fork>>,
     /// A plot that may have been of the target, since its last one.
     pub stray: Option<Stray>,
+}
+
+/// What the target does if it is not what is shown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Fork {
+    pub state: Track,
+    /// Logarithm of its odds; a few plots would make up for any.
+    log_odds: f64,
+    /// Whether the plot is an outlier then, and its radar.
+    is_outlier: bool,
+    radar: usize,
 }
 
 impl Track {

@@ -1,7 +1,7 @@
 //! A plot far from where it was expected: the target has accelerated, or the plot is an outlier. The next
 //! plot decides, as it is nearer to what follows from one of them.
 
-use super::Track;
+use super::{Fork, Track};
 use crate::base::plane::Plane;
 use crate::tracker::association::{Association, paper_score};
 use crate::tracker::estimate::Estimate;
@@ -9,7 +9,6 @@ use crate::tracker::motion::Motion;
 use crate::tracker::outliers::{Outliers, Stray};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
-use serde::{Deserialize, Serialize};
 
 /// Probability that a target accelerates so much that the guard gate is needed.
 const UNNOTICED: f64 = 0.05;
@@ -18,17 +17,6 @@ const UNNOTICED: f64 = 0.05;
 /// is, as a logarithm.
 const NEAR: f64 = 4.6;
 const SURE: f64 = 4.6;
-
-/// What the target does if it is not what is shown.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::tracker) struct Fork {
-    pub state: Track,
-    /// Logarithm of its odds; a few plots would make up for any.
-    log_odds: f64,
-    /// Whether the plot is an outlier then, and its radar.
-    is_outlier: bool,
-    radar: usize,
-}
 
 impl Fork {
     /// An estimate with the covariance of both, about what is shown.
