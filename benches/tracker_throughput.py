@@ -72,7 +72,7 @@ def peak():
 CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
 
 
-def measure(path, aircraft, runs, n_threads, now):
+def measure(path, aircraft, runs, now, options):
     """Print seconds of a recording, of the same scan by scan, and megabytes."""
     columns = dict(np.load(path))
     plots = Plots(**columns)
@@ -80,14 +80,14 @@ def measure(path, aircraft, runs, n_threads, now):
     whole, scans = [], []
     for _ in range(runs):
         begin = now()
-        rows = len(track(plots, radars, n_threads=n_threads))
+        rows = len(track(plots, radars, **options))
         whole.append(now() - begin)
         assert rows > aircraft
     memory = peak() - before
     steps = np.searchsorted(plots.time, np.arange(PERIOD, plots.time[-1] + PERIOD, PERIOD))
     pieces = [plots[slice(*ends)] for ends in zip([0, *steps[:-1]], steps, strict=True)]
     for _ in range(runs):
-        tracker, begin = Tracker(radars, n_threads=n_threads), now()
+        tracker, begin = Tracker(radars, **options), now()
         for piece in pieces:
             tracker.update(piece)
         scans.append(now() - begin)
@@ -102,11 +102,14 @@ def main():
     parser.add_argument("--duration", type=float, default=48.0, help="seconds")
     parser.add_argument("--runs", type=int, default=2)
     parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: of all threads")
+    parser.add_argument("--no-registration", action="store_true", help="take errors as known")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.measure:
         now = CLOCKS[chosen.clock]
-        return measure(chosen.measure, *chosen.aircraft, chosen.runs, *chosen.threads, now)
+        options = {"n_threads": chosen.threads[0]}
+        options |= {"registration": False} if chosen.no_registration else {}
+        return measure(chosen.measure, *chosen.aircraft, chosen.runs, now, options)
     print("| aircraft | plots | threads | recording, plots/s | scan by scan, plots/s | MB |")
     print("| --- | --- | --- | --- | --- | --- |")
     costs = {}
@@ -120,6 +123,7 @@ def main():
                 command = [sys.executable, __file__, "--measure", str(path), "--runs"]
                 command += [str(chosen.runs), "--aircraft", str(aircraft)]
                 command += ["--threads", str(n_threads), "--clock", chosen.clock]
+                command += ["--no-registration"] if chosen.no_registration else []
                 printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
                 count, whole, scans, memory = (float(word) for word in printed.split())
                 costs[n_threads, aircraft] = whole / count, scans / count

@@ -134,6 +134,8 @@ struct Chain {
     /// The last first.
     times: [f64; 2],
     positions: [[f64; 2]; 4],
+    /// Whether heights are those of the tracks: the places of plots with their own are others.
+    is_slant: bool,
 }
 
 /// The noise of one sensor.
@@ -182,7 +184,8 @@ impl Noise {
         }
         let before = chain.times[0] - chain.times[1];
         let even = age > 0.0 && (chain.count < 2 || (age - before).abs() < EVEN * before);
-        if chain.track != track || !even || age > 1.5 * period {
+        let is_slant = matches!(plot.source, Source::Slant { .. });
+        if chain.track != track || !even || age > 1.5 * period || is_slant != chain.is_slant {
             chain.count = 0;
         }
         let [a, b, c, d] = chain.positions;
@@ -212,6 +215,7 @@ impl Noise {
             count: chain.count + 1,
             times: [plot.time, chain.times[0]],
             positions: [z, a, b, c],
+            is_slant,
         };
     }
 
