@@ -118,5 +118,5 @@ def test_plots_that_now_and_then_lack_a_height_are_no_noise():
         tracker = Tracker(radars)
         tracker.update(record.plots)
         factors.append(tracker.noise_factor)
-    # with heights and without in one chain of plots: 1.2
-    assert np.mean(factors) < 1.06
+    # with both kinds in one chain of plots: 1.5
+    assert np.mean(factors) < 1.1
