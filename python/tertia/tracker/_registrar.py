@@ -58,7 +58,7 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
 class Registrar:
     """Errors of radars as they are known after each scan.
 
-    Reported positions are exact but for their noise; azimuths alone say nothing.
+    Reported positions have noise and may be late; azimuths alone say nothing.
 
     Attributes
     ----------
